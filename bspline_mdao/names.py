@@ -1,0 +1,19 @@
+"""Names of all variables that cross a component boundary.
+
+Each is a flat vector of length ``3 n`` with x, y and z interleaved, in metres, as in MPhys, ADflow and DAFoam.
+"""
+
+GRID_INITIAL = "grid_initial"
+"""Nodes of the baseline grid: blocks in file order, each in C order of ``(i, j, k)``."""
+
+GRID = "grid"
+"""Nodes of the regenerated grid, in the order of `GRID_INITIAL`."""
+
+CONTROL_POINTS_INITIAL = "control_points_initial"
+"""Control points fitted to the baseline grid, each shared one once."""
+
+CONTROL_POINTS = "control_points"
+"""Control points after movement, in the order of `CONTROL_POINTS_INITIAL`."""
+
+SURFACE_CONTROL_POINTS = "surface_control_points"
+"""The control points on the design surface."""
