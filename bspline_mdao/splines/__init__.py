@@ -1,0 +1,1 @@
+"""B-spline curves, surfaces and volumes with curved knots."""
