@@ -148,18 +148,26 @@ def basis_jets_at(T, order, s, xi, out, work):
     for r in range(1, order):
         saved[:] = 0.0
         for m in range(r):
-            a, b = T[s + 1 - r + m], T[s + 1 + m]
-            width[:] = b - a
-            left[:] = -a
-            left[0] += xi
-            left[1:2] += 1.0
-            right[:] = width - left
+            _interval_jets(T[s + 1 - r + m], T[s + 1 + m], xi, left, right, width)
             jet_quotient(out[m], width, out[m])
             jet_product(right, out[m], right)
             jet_product(left, out[m], left)
-            out[m] = saved + right
-            saved[:] = left
+            for n in range(saved.size):
+                out[m, n] = saved[n] + right[n]
+                saved[n] = left[n]
         out[r] = saved
+
+
+@njit(cache=True, error_model="numpy")
+def _interval_jets(a, b, xi, left, right, width):
+    """Write the jets of ``xi - a``, ``b - xi`` and ``b - a``."""
+    for n in range(width.size):
+        left[n], right[n], width[n] = -a[n], b[n], b[n] - a[n]
+    left[0] += xi
+    right[0] -= xi
+    if width.size > 1:
+        left[1] += 1.0
+        right[1] -= 1.0
 
 
 @njit(cache=True, error_model="numpy")

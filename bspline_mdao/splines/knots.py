@@ -331,19 +331,20 @@ def _check_open(knots: np.ndarray, order: int, n_dimensions: int, multiplicity: 
         raise InputError("knots: a value is not finite; give numbers from 0 to 1")
     if (knots[..., :order] != 0).any() or (knots[..., n_control:] != 1).any():
         raise InputError(f"knots: they are not open; the first {order} must be 0 and the last {order} must be 1")
-    _check_inner(knots[..., order - 1 : n_control + 1], order, multiplicity)
+    _check_increasing(knots, order, n_control, multiplicity)
 
 
-def _check_inner(breaks: np.ndarray, order: int, multiplicity: int):
-    """Check inner knots that are given with one end knot (0, 1) at either side."""
-    is_bad = np.diff(breaks) < 0
-    rise = breaks[..., multiplicity:] - breaks[..., :-multiplicity]
-    is_bad[..., : rise.shape[-1]] |= rise <= 0
-    ends = (breaks[..., 1:2] <= 0) | (breaks[..., -2:-1] >= 1)
-    if breaks.shape[-1] > 2 and (is_bad.any() or ends.any()):
-        where = np.argwhere(is_bad)
-        number = order + int(where[0, -1]) if len(where) else order
-        repeats = "strictly" if multiplicity == 1 else f"with at most {multiplicity} equal"
+def _check_increasing(knots: np.ndarray, order: int, n_control: int, multiplicity: int):
+    """Check that no knot falls and no more than `multiplicity` inner ones are equal."""
+    falls = np.argwhere(np.diff(knots) < 0)
+    if len(falls):
+        i = falls[0, -1] + 1
+        raise InputError(f"knots: knot {i + 1} is below knot {i}; make the inner knots increase from 0 to 1")
+    first = order - multiplicity
+    repeats = np.argwhere(knots[..., order : n_control + multiplicity] <= knots[..., first:n_control])
+    if len(repeats):
+        i = first + repeats[0, -1] + 1
         raise InputError(
-            f"knots: inner knots do not increase after knot {number}; make them increase {repeats} from 0 to 1"
+            f"knots: knots {i} to {i + multiplicity} are equal; inner knots lie between 0 and 1 and at most "
+            f"{multiplicity} may be equal"
         )

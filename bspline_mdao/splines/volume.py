@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from .basis import basis_jets
+from .basis import basis, basis_jets
 from .jets import JET_SIZES, jet_product
 from .knots import ConstantKnots, Knots
 
@@ -88,7 +88,7 @@ def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray)
     >>> evaluate(bezier, np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]])[:, None, None], np.array([[0.5, 0.0, 0.0]]))
     array([[1., 1.]])
     """
-    return _evaluate_jets(volume, control_points, parameters, 0)[..., 0]
+    return _evaluate(volume, control_points, parameters, 0)[..., 0]
 
 
 def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -108,7 +108,7 @@ def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: n
     InputError
         If an array has the wrong shape.
     """
-    return _evaluate_jets(volume, control_points, parameters, 1)[..., 1:4]
+    return _evaluate(volume, control_points, parameters, 1)[..., 1:4]
 
 
 def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -129,37 +129,53 @@ def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np
     InputError
         If an array has the wrong shape, or knots come without second derivatives.
     """
-    return _evaluate_jets(volume, control_points, parameters, 2)[..., 4:]
+    return _evaluate(volume, control_points, parameters, 2)[..., 4:]
 
 
-def _evaluate_jets(volume: Volume, control_points, parameters, degree: int) -> np.ndarray:
+def _evaluate(volume: Volume, control_points, parameters, degree: int) -> np.ndarray:
     """Jets of the points in the parameters, shape (n, d, size)."""
     control_points = np.ascontiguousarray(control_points, dtype=float)
     parameters = np.ascontiguousarray(parameters, dtype=float)
     if control_points.ndim != 4 or control_points.shape[:3] != volume.n_control:
-        raise InputError(
-            f"volume: control points of shape {control_points.shape}; give shape {(*volume.n_control, 'd')}"
-        )
+        raise InputError(f"volume: control points of shape {control_points.shape}; give {(*volume.n_control, 'd')}")
     if parameters.ndim != 2 or parameters.shape[1] != 3:
         raise InputError(f"volume: parameters of shape {parameters.shape}; give shape (n, 3)")
-    out = np.zeros((len(parameters), control_points.shape[3], JET_SIZES[degree]))
+    points = np.zeros((len(parameters), control_points.shape[3], JET_SIZES[degree]))
+    contract = _contract_jets if degree else _contract
     for start in range(0, len(parameters), _CHUNK):
         chunk = slice(start, start + _CHUNK)
-        spans, jets = zip(*[_direction_jets(volume.knots[d], d, parameters[chunk], degree) for d in range(3)])
-        _contract(control_points, *spans, *jets, out[chunk])
-    return out
+        spans, bases = zip(*[_direction_basis(volume.knots[d], d, parameters[chunk], degree) for d in range(3)])
+        contract(control_points, *spans, *bases, points[chunk])
+    return points
 
 
-def _direction_jets(knots: Knots, d: int, parameters: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Spans and basis jets of direction ``d``, the jets in (xi, eta, zeta)."""
+def _direction_basis(knots: Knots, d: int, parameters: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Spans of direction ``d``, and its basis functions as values (degree 0) or as jets in (xi, eta, zeta)."""
     xi, s, t = (parameters[:, (d + offset) % 3] for offset in range(3))
+    if degree == 0:
+        return basis(knots, xi, s, t)
     spans, jets = basis_jets(knots, xi, s, t, degree)
     return spans, np.ascontiguousarray(jets[..., _JET_ORDERS[d, : JET_SIZES[degree]]])
 
 
 @njit(cache=True, error_model="numpy")
-def _contract(B, spans_0, spans_1, spans_2, jets_0, jets_1, jets_2, out):
-    """Add the triple sum of Eq. (3) to ``out``, all in jet arithmetic."""
+def _contract(B, spans_0, spans_1, spans_2, values_0, values_1, values_2, out):
+    """Add the triple sum of Eq. (3) to ``out``, shape (n, d, 1)."""
+    p_0, p_1, p_2 = values_0.shape[1], values_1.shape[1], values_2.shape[1]
+    for q in range(out.shape[0]):
+        i, j, k = spans_0[q] - p_0 + 1, spans_1[q] - p_1 + 1, spans_2[q] - p_2 + 1
+        for a in range(p_0):
+            for b in range(p_1):
+                product_01 = values_0[q, a] * values_1[q, b]
+                for c in range(p_2):
+                    product = product_01 * values_2[q, c]
+                    for x in range(out.shape[1]):
+                        out[q, x, 0] += B[i + a, j + b, k + c, x] * product
+
+
+@njit(cache=True, error_model="numpy")
+def _contract_jets(B, spans_0, spans_1, spans_2, jets_0, jets_1, jets_2, out):
+    """Add the same sum in jet arithmetic to ``out``, shape (n, d, size)."""
     product_01, product = np.empty(out.shape[2]), np.empty(out.shape[2])
     p_0, p_1, p_2 = jets_0.shape[1], jets_1.shape[1], jets_2.shape[1]
     for q in range(out.shape[0]):
