@@ -17,7 +17,7 @@ JET_SIZES = (1, 4, 10)
 """Length of a jet of degree 0, 1 and 2."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def jet_product(a, b, out):
     """Write the jet of ``a b`` to ``out``, which may be ``a`` or ``b`` (so the highest derivatives go first)."""
     if out.size > 4:
@@ -32,7 +32,7 @@ def jet_product(a, b, out):
     out[0] = a[0] * b[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def jet_quotient(a, b, out):
     """Write the jet of ``a / b`` to ``out``, which may be ``a``: Leibniz' rule for ``out b = a``, solved."""
     reciprocal = 1.0 / b[0]

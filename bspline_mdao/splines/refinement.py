@@ -1,0 +1,165 @@
+"""Knot insertion and order elevation of constant knots: more control points, the same geometry.
+
+Both are one idea. The control points of a spline of order p are the values of its *blossom*, the symmetric function
+``f(x_1, .., x_{p-1})`` that is affine in each argument and equals the spline's polynomial for equal arguments: control
+point ``i`` is ``f(T_{i+1}, .., T_{i+p-1})``. On other knots, the control points are the values of the same blossom at
+other arguments. The blossom of a basis function is the de Boor triangle with one argument in each step.
+
+References
+----------
+L. Ramshaw, Blossoms are polar forms, *Computer Aided Geometric Design* 6, 1989.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from .basis import find_span
+from .knots import ConstantKnots
+from .volume import Volume
+
+
+def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new_knots):
+    """Insert knots in one direction of a volume, whose geometry does not change.
+
+    Parameters
+    ----------
+    volume : Volume
+        A volume with constant knots in this direction; the others may be curved.
+    control_points : ndarray, shape (N0, N1, N2, d)
+        Its control points.
+    direction : int
+        0, 1 or 2.
+    new_knots : array_like, shape (m,)
+        Values to add, repeated for a higher multiplicity.
+
+    Returns
+    -------
+    volume : Volume
+        The volume with ``m`` more knots.
+    control_points : ndarray
+        Its control points, ``m`` more in this direction.
+
+    Raises
+    ------
+    InputError
+        If the knots are not constant, or the new ones are outside (0, 1) or would be too many of one value.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> line = Volume.of(ConstantKnots.uniform(n_control=2, order=2))
+    >>> finer, points = insert_knots(line, np.array([0.0, 8.0]).reshape(2, 1, 1, 1), 0, [0.25])
+    >>> points.ravel()
+    array([0., 2., 8.])
+    """
+    old = _constant_knots(volume, direction)
+    new = ConstantKnots(np.sort(np.concatenate([old.knots, np.atleast_1d(new_knots)])), old.order)
+    return _on_new_knots(volume, control_points, direction, new, insertion_matrix(old, new))
+
+
+def elevate_order(volume: Volume, control_points: np.ndarray, direction: int):
+    """Raise the order in one direction of a volume by one; geometry and continuity do not change.
+
+    Parameters
+    ----------
+    volume, control_points, direction
+        As for `insert_knots`.
+
+    Returns
+    -------
+    volume : Volume
+        The volume of higher order; each distinct knot is repeated once more.
+    control_points : ndarray
+        Its control points.
+
+    Raises
+    ------
+    InputError
+        If the knots are not constant, or the order is 1 with inner knots (jumps cannot be kept).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> line = Volume.of(ConstantKnots.uniform(n_control=2, order=2))
+    >>> parabola, points = elevate_order(line, np.array([0.0, 8.0]).reshape(2, 1, 1, 1), 0)
+    >>> points.ravel()
+    array([0., 4., 8.])
+    """
+    old = _constant_knots(volume, direction)
+    new = ConstantKnots(np.sort(np.concatenate([old.knots, np.unique(old.knots)])), old.order + 1)
+    return _on_new_knots(volume, control_points, direction, new, elevation_matrix(old, new))
+
+
+def insertion_matrix(old: ConstantKnots, new: ConstantKnots) -> np.ndarray:
+    """Matrix that takes control points to those on a finer knot vector of the same order.
+
+    Parameters
+    ----------
+    old, new : ConstantKnots
+        Every knot of the old ones is one of the new ones.
+
+    Returns
+    -------
+    ndarray, shape (new N, old N)
+        Its rows are non-negative and sum to one: control points are only ever averaged.
+    """
+    p = old.order
+    return np.array([_blossom(old, new.knots[i], new.knots[i + 1 : i + p]) for i in range(new.n_control)])
+
+
+def elevation_matrix(old: ConstantKnots, new: ConstantKnots) -> np.ndarray:
+    """Matrix that takes control points to those of the order above.
+
+    The blossom of the higher order is the mean of the lower one over all ways to leave out one argument.
+
+    Parameters
+    ----------
+    old, new : ConstantKnots
+        The new ones hold each distinct knot of the old ones once more, and are one order higher.
+
+    Returns
+    -------
+    ndarray, shape (new N, old N)
+        Its rows sum to one.
+    """
+    p = old.order
+    rows = np.zeros((new.n_control, old.n_control))
+    for i, row in enumerate(rows):
+        arguments = new.knots[i + 1 : i + p + 1]
+        for left_out in range(p):
+            row += _blossom(old, new.knots[i], np.delete(arguments, left_out)) / p
+    return rows
+
+
+def _blossom(knots: ConstantKnots, xi: float, arguments: np.ndarray) -> np.ndarray:
+    """Blossoms of all basis functions, shape (N,), on the span that holds ``xi``, at ``p - 1`` ascending arguments."""
+    T, p = knots.knots, knots.order
+    s = find_span(T, p, knots.n_control, xi)
+    values = np.ones(1)
+    for r, argument in enumerate(arguments, start=1):
+        a, b = T[s + 1 - r : s + 1], T[s + 1 : s + 1 + r]
+        share = (argument - a) / (b - a) * values
+        values = np.append(values - share, 0.0) + np.append(0.0, share)
+    row = np.zeros(knots.n_control)
+    row[s + 1 - p : s + 1] = values
+    return row
+
+
+def _constant_knots(volume: Volume, direction: int) -> ConstantKnots:
+    knots = volume.knots[direction]
+    if not isinstance(knots, ConstantKnots):
+        raise InputError(
+            f"refinement: the knots of direction {direction + 1} are curved, so no new control points keep the "
+            f"geometry; refine a direction with constant knots"
+        )
+    return knots
+
+
+def _on_new_knots(volume: Volume, control_points, direction: int, new: ConstantKnots, matrix: np.ndarray):
+    knots = volume.knots[:direction] + (new,) + volume.knots[direction + 1 :]
+    moved = np.moveaxis(np.tensordot(matrix, control_points, axes=(1, direction)), 0, direction)
+    return replace(volume, knots=knots), moved
