@@ -1,0 +1,147 @@
+"""Faces of blocks as surfaces of quads, and the parts of them that have collapsed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .index_space import Window
+from .rectangles import Rectangle, decompose
+
+
+@dataclass(frozen=True)
+class Face:
+    """One face of a block with the points on which its nodes lie.
+
+    The face of a block that is one node deep is a line: its quads are then segments, flat in one tangent direction.
+
+    Parameters
+    ----------
+    window : Window
+        The whole face.
+    normal : int
+        The direction in which the face is flat.
+    is_high : bool
+        Whether it is the high end of that direction.
+    ids : ndarray of int, shape (n, m)
+        Point of each node, over the tangent directions in ascending order.
+    """
+
+    window: Window
+    normal: int
+    is_high: bool
+    ids: np.ndarray
+
+    @property
+    def tangents(self) -> tuple[int, int]:
+        """The two directions of the block that run in the face, ascending."""
+        return tuple(d for d in range(3) if d != self.normal)
+
+    @property
+    def n_quads(self) -> tuple[int, int]:
+        """Number of quads in each tangent direction; one where the face is one node wide."""
+        return tuple(max(n - 1, 1) for n in self.ids.shape)
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the face is one node wide."""
+        return 1 in self.ids.shape
+
+    def quads(self) -> np.ndarray:
+        """Points at the corners of each quad, shape (n_quads, 4), corner p + 2 q at the end p, q of the tangents."""
+        ends = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None), slice(None)) for n in self.ids.shape]
+        corners = [self.ids[ends[0][p], ends[1][q]] for q in range(2) for p in range(2)]
+        return np.stack(corners, axis=-1).reshape(-1, 4)
+
+    def part(self, rectangle: Rectangle) -> Window:
+        """The window that covers a rectangle of quads."""
+        lo, hi = list(self.window.lo), list(self.window.hi)
+        for d, n, start, end in zip(self.tangents, self.ids.shape, rectangle.lo, rectangle.hi):
+            lo[d], hi[d] = start, min(end + 1, n - 1)
+        return Window(self.window.block, tuple(lo), tuple(hi))
+
+    def covered(self, window: Window) -> np.ndarray:
+        """Mask of the quads that a window covers, shape `n_quads`."""
+        mask = np.zeros(self.n_quads, dtype=bool)
+        if window.block == self.window.block and _holds(window, self.normal, self.window.lo[self.normal]):
+            mask[
+                tuple(
+                    slice(window.lo[d], max(window.hi[d], window.lo[d] + (n == 1)))
+                    for d, n in zip(self.tangents, self.ids.shape)
+                )
+            ] = True
+        return mask
+
+
+def _holds(window: Window, d: int, index: int) -> bool:
+    """Whether a window is flat in direction d at ``index``."""
+    return window.lo[d] == window.hi[d] == index
+
+
+def block_faces(ids: Sequence[np.ndarray]) -> list[Face]:
+    """All faces of all blocks, from the points of their nodes; those of a block one node deep are its lines."""
+    faces = []
+    for block, block_ids in enumerate(ids):
+        whole = Window.whole(block, block_ids.shape)
+        for number in range(6):
+            d, side = divmod(number, 2)
+            if block_ids.shape[d] > 1:
+                surface = np.moveaxis(block_ids, d, 0)[-side]
+                faces.append(Face(whole.face(number), d, bool(side), surface))
+    return faces
+
+
+def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
+    """Face windows, and edge windows beside them, of zero extent, with the directions in which they have none."""
+    found: dict[Window, tuple[int, ...]] = {}
+    for face in faces:
+        for axis, d in enumerate(face.tangents):
+            for window in _collapsed_faces(face, axis):
+                found[window] = tuple(sorted({*found.get(window, ()), d}))
+    for face in faces:
+        for axis, d in enumerate(face.tangents):
+            for window in _collapsed_edges(face, axis):
+                if not any(_covers(other, window) and d in directions for other, directions in found.items()):
+                    found[window] = (d,)
+    return found
+
+
+def _collapsed_quads(face: Face, axis: int) -> np.ndarray:
+    """Mask of the quads without extent along one tangent axis."""
+    lines = _zero_edges(face, axis)
+    return lines[:, :-1] & lines[:, 1:] if lines.shape[1] > 1 else lines
+
+
+def _zero_edges(face: Face, axis: int) -> np.ndarray:
+    """Mask of the cell edges along one tangent axis, that axis first, whose ends are one point."""
+    ids = np.moveaxis(face.ids, axis, 0)
+    return ids[1:] == ids[:-1]
+
+
+def _collapsed_faces(face: Face, axis: int) -> list[Window]:
+    if face.ids.shape[axis] == 1:
+        return []
+    mask = np.moveaxis(_collapsed_quads(face, axis), 0, axis)
+    return [face.part(rectangle) for rectangle in decompose(mask)]
+
+
+def _collapsed_edges(face: Face, axis: int) -> list[Window]:
+    """Lines of zero length along one tangent axis that are not part of a collapsed face."""
+    other = face.tangents[1 - axis]
+    windows = []
+    for q in np.flatnonzero(_zero_edges(face, axis).any(axis=0)):
+        for rectangle in decompose(_zero_edges(face, axis)[:, [q]]):
+            lo, hi = list(face.window.lo), list(face.window.hi)
+            d = face.tangents[axis]
+            lo[d], hi[d] = rectangle.lo[0], rectangle.hi[0] + 1
+            lo[other] = hi[other] = int(q)
+            windows.append(Window(face.window.block, tuple(lo), tuple(hi)))
+    return windows
+
+
+def _covers(outer: Window, inner: Window) -> bool:
+    return outer.block == inner.block and all(
+        a <= c and d <= b for a, b, c, d in zip(outer.lo, outer.hi, inner.lo, inner.hi)
+    )

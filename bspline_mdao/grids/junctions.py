@@ -1,0 +1,160 @@
+"""Links between segments that share only an edge or a corner.
+
+Coincidence alone does not make two points one: the two sides of a zero-thickness plate coincide, and stay apart except
+where a chain of interfaces around the plate joins them. So edges, and then corners, are linked by coincidence only
+where no two of those that coincide lie on faces kept apart by declaration and are still apart once all interfaces
+count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from .entities import Collapse, Link, Section
+from .faces import block_faces
+from .index_space import Orientation, Window
+from .matching import Quads
+from .sharing import section_rows, shared_ids
+
+
+@dataclass(frozen=True)
+class Junction:
+    """An edge or a corner of a segment.
+
+    Parameters
+    ----------
+    segment : int
+        Segment number.
+    section : tuple of (int or None)
+        The edge or corner.
+    points : ndarray of int, shape (n,)
+        Points on which its nodes lie.
+    shared : ndarray of int, shape (n,)
+        Numbers of its nodes, shared ones alike, by the links known so far.
+    is_reversed : bool
+        Whether an edge is listed from its high end, so that coincident edges list alike.
+    """
+
+    segment: int
+    section: Section
+    points: np.ndarray
+    shared: np.ndarray
+    is_reversed: bool
+
+
+def junction_links(
+    shapes,
+    segments: Sequence[Window],
+    links: Sequence[Link],
+    collapses: Sequence[Collapse],
+    quads: Quads,
+    kept_apart: np.ndarray,
+    ids: Sequence[np.ndarray],
+) -> list[Link]:
+    """Links between coincident edges, then between coincident corners, that no chain of links joins yet.
+
+    Parameters
+    ----------
+    shapes : sequence of (int, int, int)
+        Number of nodes of each block.
+    segments, links, collapses
+        Segments, and the links between their faces.
+    quads, kept_apart
+        Quads of all faces and the pairs of them that coincide but are kept apart by declaration.
+    ids : sequence of ndarray
+        Point of each face node of each block.
+    """
+    found: list[Link] = []
+    corners = _apart_corners(shapes, quads, kept_apart)
+    for n_free in (1, 0):
+        shared = _shared_rows(shapes, segments, [*links, *found], collapses)
+        groups = _coincident_junctions(shapes, segments, ids, shared, n_free)
+        apart = _apart_pairs(shared[corners])
+        found += [link for group in groups for link in _group_links(group, apart)]
+    return found
+
+
+def _shared_rows(shapes, segments, links, collapses) -> np.ndarray:
+    """Number of each node of the grid by the links between segments, shape (n_nodes,)."""
+    starts = _starts(shapes)
+    shared = np.empty(starts[-1], dtype=np.int64)
+    for segment, ids in zip(segments, shared_ids([segment.shape for segment in segments], links, collapses)):
+        shared[_rows(shapes, starts, segment)] = ids
+    return shared
+
+
+def _starts(shapes) -> np.ndarray:
+    return np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
+
+
+def _rows(shapes, starts, window: Window) -> np.ndarray:
+    """Rows of the nodes of a window among all nodes of the grid."""
+    return section_rows(shapes[window.block], (None, None, None), starts[window.block])[window.slices]
+
+
+def _apart_corners(shapes, quads: Quads, kept_apart: np.ndarray) -> np.ndarray:
+    """Rows of the nodes that coincide at the corners of quads kept apart, shape (n, 2)."""
+    starts = _starts(shapes)
+    rows = Quads.of(block_faces([_rows(shapes, starts, Window.whole(b, shape)) for b, shape in enumerate(shapes)]))
+    order = np.argsort(quads.corners[kept_apart], axis=2, kind="stable")
+    return np.take_along_axis(rows.corners[kept_apart], order, axis=2).transpose(0, 2, 1).reshape(-1, 2)
+
+
+def _apart_pairs(shared: np.ndarray) -> set[tuple[int, int]]:
+    """Pairs of numbers, the lower first, that must not become one."""
+    pairs = np.unique(np.sort(shared[shared[:, 0] != shared[:, 1]], axis=1), axis=0)
+    return set(map(tuple, pairs.tolist()))
+
+
+def _coincident_junctions(shapes, segments, ids, shared, n_free: int) -> list[list[Junction]]:
+    """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
+    groups: dict[bytes, dict[bytes, Junction]] = {}
+    for number, section in _sections(segments, n_free):
+        junction = _junction(shapes, segments[number], number, section, ids, shared)
+        if junction.points.min() >= 0 and (n_free == 0 or np.ptp(junction.points) > 0):
+            groups.setdefault(junction.points.tobytes(), {}).setdefault(junction.shared.tobytes(), junction)
+    return [list(group.values()) for group in groups.values() if len(group) > 1]
+
+
+def _sections(segments: Sequence[Window], n_free: int) -> Iterator[tuple[int, Section]]:
+    """All edges (one free direction) or all corners (none) of all segments."""
+    for number, segment in enumerate(segments):
+        ends = [(0, -1) if n > 1 else (0,) for n in segment.shape]
+        for free in [(d,) for d in range(3) if segment.shape[d] > 1] if n_free else [()]:
+            for section in product(*((None,) if d in free else ends[d] for d in range(3))):
+                yield number, section
+
+
+def _junction(shapes, segment: Window, number: int, section: Section, ids, shared) -> Junction:
+    nodes = tuple(
+        slice(lo, hi + 1) if end is None else (hi if end else lo)
+        for lo, hi, end in zip(segment.lo, segment.hi, section)
+    )
+    points = np.atleast_1d(ids[segment.block][nodes])
+    local = shared[_starts(shapes)[segment.block] :][: np.prod(shapes[segment.block])].reshape(shapes[segment.block])
+    numbers = np.atleast_1d(local[nodes])
+    is_reversed = points.tolist() > points[::-1].tolist()
+    step = -1 if is_reversed else 1
+    return Junction(number, section, points[::step], numbers[::step], is_reversed)
+
+
+def _group_links(group: Sequence[Junction], apart: set[tuple[int, int]]) -> list[Link]:
+    """Links from the first of coincident junctions to the others, none where two are kept apart."""
+    for a, b in combinations(group, 2):
+        if not apart.isdisjoint(zip(np.minimum(a.shared, b.shared).tolist(), np.maximum(a.shared, b.shared).tolist())):
+            return []
+    return [_junction_link(group[0], other) for other in group[1:]]
+
+
+def _junction_link(a: Junction, b: Junction) -> Link:
+    """The link of two coincident junctions: the free direction along the free one, the others in order."""
+    a_order, b_order = (sorted(range(3), key=lambda d: j.section[d] is not None) for j in (a, b))
+    perm, flip = [0, 0, 0], [False] * 3
+    for d, p in zip(a_order, b_order):
+        perm[d] = p
+    flip[a_order[0]] = a.is_reversed != b.is_reversed
+    return Link(a.segment, a.section, b.segment, b.section, Orientation(tuple(perm), tuple(flip)))

@@ -1,0 +1,199 @@
+"""Segments: blocks cut so that interfaces, patches and collapsed windows cover whole faces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise, product
+
+import numpy as np
+
+from .entities import Collapse, Interface, Link, Section
+from .index_space import Orientation, Window
+
+MAX_SEGMENTS = 64
+"""Most segments of one block; interfaces and windows that would need more are not cut out."""
+
+Cuts = list[tuple[set[int], set[int], set[int]]]
+
+
+def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]):
+    """Indices at which to cut every block, carried through interfaces until nothing changes.
+
+    Where a block would fall into more than `MAX_SEGMENTS`, the smallest interface or window that does not cover a
+    whole face (those at that block first) is given up.
+
+    Returns
+    -------
+    cuts : list of tuple of set of int
+        For each block and direction, with both ends.
+    given_up : list of (Interface or Window)
+        What is not cut out.
+    """
+    wanted, given_up = [*interfaces, *windows], []
+    while True:
+        cuts, crowded = _spread_cuts(shapes, wanted)
+        if crowded is None:
+            return cuts, given_up
+        partial = [item for item in wanted if any(_cuts_block(shapes, window) for window in _windows(item))]
+        worst = min(partial, key=lambda item: _priority(item, crowded))
+        wanted = [item for item in wanted if item is not worst]
+        given_up.append(worst)
+
+
+def cut_blocks(cuts: Cuts) -> list[Window]:
+    """The segments of all blocks: blocks in order, each in C order."""
+    segments = []
+    for block, directions in enumerate(cuts):
+        intervals = [list(pairwise(sorted(cut))) if len(cut) > 1 else [(0, 0)] for cut in directions]
+        for spans in product(*intervals):
+            segments.append(Window(block, *zip(*spans)))
+    return segments
+
+
+def cut_links(segments: Sequence[Window]) -> list[Link]:
+    """Links between the neighbours on both sides of every cut plane."""
+    at = {(segment.block, segment.lo): number for number, segment in enumerate(segments)}
+    links = []
+    for number, segment in enumerate(segments):
+        for d in range(3):
+            lo = segment.lo[:d] + (segment.hi[d],) + segment.lo[d + 1 :]
+            if segment.hi[d] > segment.lo[d] and (segment.block, lo) in at:
+                links.append(Link(number, _end(d, -1), at[segment.block, lo], _end(d, 0), Orientation()))
+    return links
+
+
+def interface_links(shapes, segments: Sequence[Window], interfaces: Sequence[Interface]) -> list[Link]:
+    """Links between the segment faces of every interface."""
+    faces = {
+        segment.face(face): (number, _end(face // 2, -(face % 2)))
+        for number, segment in enumerate(segments)
+        for face in range(6)
+        if shapes[segment.block][face // 2] > 1
+    }
+    links = []
+    for interface in interfaces:
+        for window, (a, a_section) in faces.items():
+            if contains(interface.a, window) and _is_outer(shapes, segments[a], a_section):
+                b, b_section = faces[carry(interface, window)]
+                links.append(Link(a, a_section, b, b_section, interface.orientation))
+    return links
+
+
+def collapses(segments: Sequence[Window], windows: dict[Window, tuple[int, ...]]) -> list[Collapse]:
+    """Sections of segments that lie in collapsed windows."""
+    found = {}
+    for window, directions in windows.items():
+        for number, segment in enumerate(segments):
+            section = section_in(segment, window)
+            if section is not None:
+                found.update({Collapse(number, section, d): None for d in directions if section[d] is None})
+    return list(found)
+
+
+def section_in(segment: Window, window: Window) -> Section | None:
+    """The section of a segment that lies in a window; None if they do not meet or meet in part of a section."""
+    section = []
+    for d in range(3):
+        lo, hi = max(segment.lo[d], window.lo[d]), min(segment.hi[d], window.hi[d])
+        if segment.block != window.block or lo > hi:
+            return None
+        if (lo, hi) == (segment.lo[d], segment.hi[d]):
+            section.append(None)
+        elif lo == hi and lo in (segment.lo[d], segment.hi[d]):
+            section.append(0 if lo == segment.lo[d] else -1)
+        else:
+            return None
+    return tuple(section)
+
+
+def contains(outer: Window, inner: Window) -> bool:
+    """Whether a window lies in another."""
+    return outer.block == inner.block and all(
+        a <= c and d <= b for a, b, c, d in zip(outer.lo, outer.hi, inner.lo, inner.hi)
+    )
+
+
+def carry(interface: Interface, window: Window) -> Window:
+    """The part of side b of an interface that meets a part of side a."""
+    lo, hi = [0, 0, 0], [0, 0, 0]
+    for d, (p, flip) in enumerate(zip(interface.orientation.perm, interface.orientation.flip)):
+        ends = sorted(_carried(interface, d, p, flip, index) for index in (window.lo[d], window.hi[d]))
+        lo[p], hi[p] = ends
+    return Window(interface.b.block, tuple(lo), tuple(hi))
+
+
+def reverse(interface: Interface) -> Interface:
+    """The same interface with its sides exchanged."""
+    return Interface(interface.b, interface.a, interface.orientation.inverse())
+
+
+def _carried(interface: Interface, d: int, p: int, flip: bool, index: int) -> int:
+    """Index along direction p of block b that meets ``index`` along direction d of block a."""
+    if flip:
+        return interface.b.hi[p] - (index - interface.a.lo[d])
+    return interface.b.lo[p] + (index - interface.a.lo[d])
+
+
+def _end(d: int, end: int) -> Section:
+    """The face section at one end of a direction."""
+    return tuple(end if direction == d else None for direction in range(3))
+
+
+def _is_outer(shapes, segment: Window, section: Section) -> bool:
+    """Whether a face section of a segment lies on a face of its block."""
+    d = next(d for d in range(3) if section[d] is not None)
+    return segment.lo[d] == 0 if section[d] == 0 else segment.hi[d] == shapes[segment.block][d] - 1
+
+
+def _windows(item: Interface | Window) -> tuple[Window, ...]:
+    return (item.a, item.b) if isinstance(item, Interface) else (item,)
+
+
+def _cuts_block(shapes, window: Window) -> bool:
+    """Whether a window has an end inside its block."""
+    ends = zip(window.lo, window.hi, shapes[window.block])
+    return any(index not in (0, n - 1) for lo, hi, n in ends for index in (lo, hi))
+
+
+def _priority(item: Interface | Window, block: int):
+    """Order in which to give up what cannot be cut out: at the crowded block first, small before large."""
+    windows = _windows(item)
+    return all(window.block != block for window in windows), np.prod(windows[0].shape), windows[0].block, windows[0].lo
+
+
+def _spread_cuts(shapes, wanted: Sequence[Interface | Window]):
+    """Cuts that the wanted interfaces and windows need, and the first block with too many segments, if any."""
+    cuts: Cuts = [tuple({0, n - 1} for n in shape) for shape in shapes]
+    for window in (window for item in wanted for window in _windows(item)):
+        for d in range(3):
+            cuts[window.block][d].update((window.lo[d], window.hi[d]))
+    sides = [side for item in wanted if isinstance(item, Interface) for side in (item, reverse(item))]
+    is_changed = True
+    while is_changed:
+        crowded = _crowded(cuts)
+        if crowded is not None:
+            return cuts, crowded
+        is_changed = any([_carry_cuts(cuts, side) for side in sides])
+    return cuts, None
+
+
+def _carry_cuts(cuts: Cuts, interface: Interface) -> bool:
+    """Carry the cuts of side a over to side b; whether anything is new."""
+    is_changed = False
+    for d, (p, flip) in enumerate(zip(interface.orientation.perm, interface.orientation.flip)):
+        if interface.a.lo[d] == interface.a.hi[d]:
+            continue
+        there = cuts[interface.b.block][p]
+        inside = [c for c in cuts[interface.a.block][d] if interface.a.lo[d] < c < interface.a.hi[d]]
+        carried = {_carried(interface, d, p, flip, c) for c in inside}
+        is_changed |= not carried <= there
+        there |= carried
+    return is_changed
+
+
+def _crowded(cuts: Cuts) -> int | None:
+    """The first block cut into too many segments."""
+    for block, directions in enumerate(cuts):
+        if np.prod([max(len(cut) - 1, 1) for cut in directions]) > MAX_SEGMENTS:
+            return block
+    return None

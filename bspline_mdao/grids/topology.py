@@ -1,0 +1,207 @@
+"""The topology of a multi-block grid, found from coincident nodes.
+
+Interfaces are windows of faces that lie on the same points in any orientation; what is declared as a patch is never
+part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and the *links*
+between segments say which faces, edges and corners are one. A topology is found once and holds for every later shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from .coincidence import Coincidence, find_coincidence
+from .entities import BoundaryFace, Collapse, Interface, Link, NearMiss
+from .faces import Face, block_faces, collapsed_windows
+from .index_space import Window
+from .junctions import junction_links
+from .matching import Matches, Quads, find_interfaces, find_regions, match_quads
+from .multiblock import Grid, Patch
+from .rectangles import decompose
+from .segments import collapses, cut_blocks, cut_links, find_cuts, interface_links
+from .sharing import shared_ids
+
+__all__ = ["BoundaryFace", "Collapse", "Interface", "Link", "NearMiss", "Topology", "describe", "find_topology"]
+
+
+@dataclass(frozen=True)
+class Topology:
+    """How the blocks of a grid hang together.
+
+    Parameters
+    ----------
+    source : str
+        Where the grid came from, for messages.
+    shapes : tuple of (int, int, int)
+        Number of nodes of each block.
+    interfaces : tuple of Interface
+        Pairs of face windows that coincide.
+    boundary : tuple of BoundaryFace
+        Declared patches, and what else is neither interface nor collapsed.
+    collapsed : tuple of Window
+        Faces and edges, or windows of them, of zero extent in at least one direction.
+    near_misses : tuple of NearMiss
+        Pairs of face windows that nearly coincide.
+    segments : tuple of Window
+        Parts of blocks, one spline volume each: whole blocks unless cut.
+    links : tuple of Link
+        Faces, edges and corners of segments that are one.
+    collapses : tuple of Collapse
+        Sections of segments of zero extent.
+    warnings : tuple of str
+        What could not be used, one line each.
+    """
+
+    source: str
+    shapes: tuple[tuple[int, int, int], ...]
+    interfaces: tuple[Interface, ...]
+    boundary: tuple[BoundaryFace, ...]
+    collapsed: tuple[Window, ...]
+    near_misses: tuple[NearMiss, ...]
+    segments: tuple[Window, ...]
+    links: tuple[Link, ...]
+    collapses: tuple[Collapse, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all blocks."""
+        return sum(int(np.prod(shape)) for shape in self.shapes)
+
+    @property
+    def segment_names(self) -> tuple[str, ...]:
+        """Names of the segments for messages: the block, and the index range where a block is cut."""
+        return tuple(_segment_name(segment, self.shapes[segment.block]) for segment in self.segments)
+
+    def node_ids(self) -> list[np.ndarray]:
+        """Number of each node of each segment, shared nodes alike (see `shared_ids`)."""
+        return shared_ids([segment.shape for segment in self.segments], self.links, self.collapses, self.segment_names)
+
+
+def find_topology(grid: Grid) -> Topology:
+    """Find the topology of a grid.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid; its patches count as declared.
+
+    Raises
+    ------
+    InputError
+        If a node is not finite, or a patch does not lie on a face of a block of the grid.
+    """
+    _check(grid)
+    coincidence = find_coincidence([block.nodes for block in grid.blocks])
+    faces = block_faces(coincidence.ids)
+    quads = Quads.of(faces)
+    declared = [window for patch in grid.patches for window in patch.windows]
+    is_declared = _covered(faces, declared)
+    matches = match_quads(quads, is_declared)
+    interfaces = find_interfaces(faces, quads, find_regions(quads, matches.pairs))
+    collapsed = collapsed_windows(faces)
+    cuts, given_up = find_cuts(grid.shapes, interfaces, [*declared, *collapsed])
+    kept = [interface for interface in interfaces if interface not in given_up]
+    is_matched = _covered(faces, [window for interface in kept for window in (interface.a, interface.b)])
+    segments = cut_blocks(cuts)
+    links = [*cut_links(segments), *interface_links(grid.shapes, segments, kept)]
+    merged = collapses(segments, {window: d for window, d in collapsed.items() if window not in given_up})
+    links += junction_links(grid.shapes, segments, links, merged, quads, matches.kept_apart, coincidence.ids)
+    return Topology(
+        source=grid.source,
+        shapes=grid.shapes,
+        interfaces=tuple(kept),
+        boundary=_boundary(grid.patches, faces, is_declared | is_matched | quads.is_degenerate),
+        collapsed=tuple(collapsed),
+        near_misses=_near_misses(grid, coincidence, is_declared | is_matched | quads.is_degenerate),
+        segments=tuple(segments),
+        links=tuple(links),
+        collapses=tuple(merged),
+        warnings=_warnings(faces, quads, matches, given_up),
+    )
+
+
+def _check(grid: Grid) -> None:
+    """Refuse nodes that are not finite and patches that lie elsewhere."""
+    for number, block in enumerate(grid.blocks, start=1):
+        if not np.isfinite(block.nodes).all():
+            i, j, k = np.argwhere(~np.isfinite(block.nodes).all(axis=-1))[0] + 1
+            raise InputError(f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k})")
+    for patch, window in ((patch, window) for patch in grid.patches for window in patch.windows):
+        if not 0 <= window.block < len(grid.blocks):
+            raise InputError(f"{grid.source}: patch {patch.name} names block {window.block + 1} of {len(grid.blocks)}")
+        if not _is_on_face(window, grid.shapes[window.block]):
+            lo, hi = (tuple(i + 1 for i in end) for end in (window.lo, window.hi))
+            raise InputError(
+                f"{grid.source}: patch {patch.name}: {lo} to {hi} is not on a face of block {window.block + 1}"
+            )
+
+
+def _is_on_face(window: Window, shape) -> bool:
+    is_inside = all(0 <= lo <= hi < n for lo, hi, n in zip(window.lo, window.hi, shape))
+    return is_inside and any(lo == hi and lo in (0, n - 1) for lo, hi, n in zip(window.lo, window.hi, shape))
+
+
+def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
+    """Mask of the quads of all faces that lie in one of the windows."""
+    masks = [np.zeros(face.n_quads, dtype=bool) for face in faces]
+    for window in windows:
+        for face, mask in zip(faces, masks):
+            if face.window.block == window.block:
+                mask |= face.covered(window)
+    return np.concatenate([mask.ravel() for mask in masks])
+
+
+def _boundary(patches: Sequence[Patch], faces: Sequence[Face], is_taken: np.ndarray) -> tuple[BoundaryFace, ...]:
+    """Declared face windows, and rectangles of the quads that are neither declared nor matched nor collapsed."""
+    found = [BoundaryFace(window, patch.name, patch.kind) for patch in patches for window in patch.windows]
+    ends = np.cumsum([face.n_quads[0] * face.n_quads[1] for face in faces])
+    for face, taken in zip(faces, np.split(is_taken, ends[:-1])):
+        found += [BoundaryFace(face.part(rectangle)) for rectangle in decompose(~taken.reshape(face.n_quads))]
+    return tuple(found)
+
+
+def _near_misses(grid: Grid, coincidence: Coincidence, is_taken: np.ndarray) -> tuple[NearMiss, ...]:
+    """Interfaces that there would be with a tolerance of near misses."""
+    faces = block_faces(coincidence.near_ids)
+    quads = Quads.of(faces)
+    quads.is_degenerate[is_taken] = True
+    pairs = match_quads(quads, np.zeros_like(is_taken)).pairs
+    return tuple(
+        _near_miss(grid, coincidence, interface)
+        for interface in find_interfaces(faces, quads, find_regions(quads, pairs))
+    )
+
+
+def _near_miss(grid: Grid, coincidence: Coincidence, interface: Interface) -> NearMiss:
+    a, b = interface.a, interface.b
+    there = interface.orientation.apply(grid.blocks[b.block].nodes[b.slices])
+    gaps = np.linalg.norm(grid.blocks[a.block].nodes[a.slices] - there, axis=-1)
+    worst = np.unravel_index(np.argmax(gaps), gaps.shape)
+    return NearMiss(a, b, float(gaps[worst]), float(coincidence.spacing[a.block][a.slices][worst]))
+
+
+def _warnings(faces: Sequence[Face], quads: Quads, matches: Matches, given_up) -> tuple[str, ...]:
+    """What the topology leaves out, one line each."""
+    lines = []
+    for number in np.unique(quads.face[matches.crowded]):
+        lines.append(f"{describe(faces[number].window)} coincides with two or more others: taken as boundary")
+    for item in given_up:
+        windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
+        lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments: taken as boundary")
+    return tuple(lines)
+
+
+def describe(window: Window) -> str:
+    """Name a window for a message: block and index ranges, from 1."""
+    ranges = (f"{lo + 1}" if lo == hi else f"{lo + 1}-{hi + 1}" for lo, hi in zip(window.lo, window.hi))
+    return f"block {window.block + 1} ({', '.join(ranges)})"
+
+
+def _segment_name(segment: Window, shape) -> str:
+    if segment == Window.whole(segment.block, shape):
+        return f"block {segment.block + 1}"
+    return describe(segment)
