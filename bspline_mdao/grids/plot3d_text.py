@@ -1,0 +1,150 @@
+"""Numbers as Fortran's list-directed statements read and write them."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from itertools import zip_longest
+
+import numpy as np
+
+from ..errors import InputError
+
+__all__ = ["format_numbers", "is_text", "parse_numbers"]
+
+_SEPARATORS = b" \t\r\n,;\x0b\x0c"
+_NUMBERS = b"0123456789+-.eEdDqQ*" + b"nNaAiIfFtTyY"
+_PLAIN = bytes.maketrans(b",;DdQq*", b"  EEEE ")
+_LOST_EXPONENT = re.compile(rb"([0-9.])([+-])")
+
+_FREE_EXPANSION = 2**23
+_EXPANSION_PER_BYTE = 1000
+"""Repeats may give ``2**23 + 1000 len(text)`` numbers: more than a grid needs, little enough for memory."""
+
+
+def is_text(data: bytes) -> bool:
+    """Whether the beginning of a file is text rather than binary numbers."""
+    return not data[:1024].translate(None, bytes(range(32, 127)) + b"\t\r\n\x0b\x0c")
+
+
+def parse_numbers(data: bytes, source: str) -> np.ndarray:
+    """Read all numbers of a list-directed text.
+
+    Blanks, line ends, commas and semicolons separate; ``3*0.5`` repeats; ``1.5D-3``, ``1.5Q-3`` and ``1.5-103`` are
+    exponents.
+
+    Parameters
+    ----------
+    data : bytes
+        The text.
+    source : str
+        Its name, for messages.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        The numbers; NaN and infinities are kept.
+
+    Raises
+    ------
+    InputError
+        When something in it is not a number, a repeat has no value, or repeats ask for more than memory should hold.
+    """
+    data = data.rstrip(b"\x00\x1a")
+    if data.translate(None, _SEPARATORS + _NUMBERS):
+        raise _not_a_number(data, source)
+    plain = data.translate(_PLAIN)
+    if _LOST_EXPONENT.search(plain):
+        plain = _LOST_EXPONENT.sub(rb"\1E\2", plain)
+        data = _LOST_EXPONENT.sub(rb"\1E\2", data)
+    starts = _token_starts(plain)
+    values = _parse_plain(plain)
+    if len(values) != len(starts):
+        raise _not_a_number(data, source)
+    return _repeat(values, starts, data, source) if b"*" in data else values
+
+
+def _token_starts(plain: bytes) -> np.ndarray:
+    """Positions at which a number begins."""
+    is_token = np.frombuffer(plain, np.uint8) > ord(" ")
+    begins = is_token.copy()
+    begins[1:] &= ~is_token[:-1]
+    return np.flatnonzero(begins)
+
+
+def _parse_plain(plain: bytes) -> np.ndarray:
+    """Numbers of a text separated by blanks; fewer than there are where one cannot be read."""
+    if not plain.strip():
+        return np.empty(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # the caller sees unread tokens by their number
+        try:
+            return np.fromstring(plain, dtype=np.float64, sep=" ")
+        except ValueError:
+            return np.empty(0)
+
+
+def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str) -> np.ndarray:
+    """Expand ``n*value``."""
+    stars = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("*"))
+    counts_at = np.searchsorted(starts, stars) - 1
+    values_at = counts_at + 1
+    is_whole = (counts_at >= 0) & (values_at < len(starts))
+    is_whole &= starts[np.minimum(values_at, len(starts) - 1)] == stars + 1
+    is_whole[1:] &= counts_at[1:] > values_at[:-1]
+    is_whole &= _is_count(values[counts_at])
+    if not is_whole.all():
+        line = data.count(b"\n", 0, int(stars[np.argmin(is_whole)])) + 1
+        raise InputError(f"{source}: line {line}: '*' is not a repeat like 3*0.5; write the value out")
+    counts = np.ones(len(values))
+    counts[values_at] = values[counts_at]
+    counts[counts_at] = 0
+    if counts.sum() > _FREE_EXPANSION + _EXPANSION_PER_BYTE * len(data):
+        raise InputError(f"{source}: repeats give {counts.sum():.3g} numbers, which no grid of this size needs")
+    return np.repeat(values, counts.astype(np.int64))
+
+
+def _is_count(values: np.ndarray) -> np.ndarray:
+    return (values >= 1) & (values < 2**53) & (np.floor(values) == values)
+
+
+def _not_a_number(data: bytes, source: str) -> InputError:
+    """Name the first token that Python cannot read either."""
+    for number, line in enumerate(data.splitlines(), 1):
+        for token in re.split(rb"[\s,;]+", line):
+            if token and not _is_number(token):
+                shown = token[:24].decode("ascii", "backslashreplace")
+                return InputError(f"{source}: line {number}: '{shown}' is not a number; is this an ASCII PLOT3D grid?")
+    return InputError(f"{source}: holds text that is not a list of numbers; is this an ASCII PLOT3D grid?")
+
+
+def _is_number(token: bytes) -> bool:
+    value = re.sub(rb"^\d+\*", b"", token).translate(_PLAIN)
+    try:
+        float(_LOST_EXPONENT.sub(rb"\1E\2", value))
+    except ValueError:
+        return False
+    return b"_" not in token
+
+
+def format_numbers(values: np.ndarray, per_line: int = 4) -> Iterator[bytes]:
+    """Write numbers as text that gives exactly the same numbers when read.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Integers or reals.
+    per_line : int
+        Numbers on a line; Fortran readers dislike very long lines.
+
+    Yields
+    ------
+    bytes
+        Whole lines, about a megabyte at a time.
+    """
+    chunk = 2**14 * per_line
+    for start in range(0, len(values), chunk):
+        tokens = map(repr, values[start : start + chunk].tolist())
+        lines = map(" ".join, zip_longest(*[tokens] * per_line, fillvalue=""))
+        yield ("\n".join(lines).rstrip(" ") + "\n").encode("ascii")
