@@ -1,9 +1,11 @@
 """B-spline basis functions, Eqs. (2) and (4): values and derivatives in the parameter and in the knots.
 
-The basis is evaluated by the de Boor triangle, which never divides by the width of an empty interval. On the span
-``T[s] <= xi < T[s+1]`` (numbered from 0) only the ``p`` functions ``s-p+1 .. s`` differ from zero, and they depend on
-the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` alone. The first and last span continue beyond the ends of the
-parameter range, so that ``xi = 1``, and a parameter that round-off has carried out of [0, 1], need no special care.
+On the span ``T[s] <= xi < T[s+1]`` (numbered from 0) only the ``p`` functions ``s-p+1 .. s`` differ from zero, and they
+depend on the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` alone. They are found by the de Boor triangle: from one
+order to the next each function passes the share ``(xi - a) / (b - a)`` of its value, [a, b] being its interval, to its
+right-hand neighbour and keeps the rest. So no interval is empty, the sum stays one, and at an end of the parameter
+range the end function is one to the last bit. The first and the last span continue beyond the ends, so that ``xi = 1``,
+and a parameter that round-off has carried out of [0, 1], need no special care.
 
 The functions with an ``out`` argument are called from other numba kernels, once per point; the ones without it take
 arrays of points and an object of `bspline_mdao.splines.knots`.
@@ -67,13 +69,13 @@ def basis_values(T, order, s, xi, out):
 @njit(cache=True, error_model="numpy")
 def _raise_order(T, first, r, xi, values):
     """Take the ``r`` functions of order ``r`` on a span to the ``r + 1`` of order ``r + 1``, in place."""
-    saved = 0.0
+    received = 0.0
     for m in range(r):
         a, b = T[first + m], T[first + m + r]
-        ratio = values[m] / (b - a)
-        values[m] = saved + (b - xi) * ratio
-        saved = (xi - a) * ratio
-    values[r] = saved
+        passed = (xi - a) / (b - a) * values[m]
+        values[m] += received - passed
+        received = passed
+    values[r] = received
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,26 +107,27 @@ def basis_jacobian(T, order, s, xi, out):
 @njit(cache=True, error_model="numpy")
 def _raise_order_knot_derivative(T, first, r, xi, knot, out, column):
     """`_raise_order` of column 0, differentiated in ``T[knot]``; the derivatives are in ``out[:, column]``."""
-    saved = 0.0
+    received = 0.0
     for m in range(r):
         a, b = T[first + m], T[first + m + r]
         d_a, d_b = 1.0 * (knot == first + m), 1.0 * (knot == first + m + r)
-        ratio = out[m, 0] / (b - a)
-        d_ratio = (out[m, column] + ratio * (d_a - d_b)) / (b - a)
-        out[m, column] = saved + (b - xi) * d_ratio + d_b * ratio
-        saved = (xi - a) * d_ratio - d_a * ratio
-    out[r, column] = saved
+        share = (xi - a) / (b - a)
+        d_share = (share * (d_a - d_b) - d_a) / (b - a)
+        passed = share * out[m, column] + d_share * out[m, 0]
+        out[m, column] += received - passed
+        received = passed
+    out[r, column] = received
 
 
 @njit(cache=True, error_model="numpy")
 def _raise_order_derivative(T, first, r, values):
     """Take the functions of order ``r`` to the derivatives of those of order ``r + 1`` in the parameter, in place."""
-    saved = 0.0
+    received = 0.0
     for m in range(r):
-        ratio = r * values[m] / (T[first + m + r] - T[first + m])
-        values[m] = saved - ratio
-        saved = ratio
-    values[r] = saved
+        passed = r * values[m] / (T[first + m + r] - T[first + m])
+        values[m] = received - passed
+        received = passed
+    values[r] = received
 
 
 @njit(cache=True, error_model="numpy")
@@ -139,35 +142,32 @@ def basis_jets_at(T, order, s, xi, out, work):
         As for `basis_values`.
     out : ndarray, shape (>= p, n)
         Receives the jets of ``N_{s-p+1} .. N_s``, Eq. (4).
-    work : ndarray, shape (4, n)
+    work : ndarray, shape (3, n)
         Scratch.
     """
-    left, right, width, saved = work[0], work[1], work[2], work[3]
+    passed, width, received = work[0], work[1], work[2]
     out[0] = 0.0
     out[0, 0] = 1.0
     for r in range(1, order):
-        saved[:] = 0.0
+        received[:] = 0.0
         for m in range(r):
-            _interval_jets(T[s + 1 - r + m], T[s + 1 + m], xi, left, right, width)
-            jet_quotient(out[m], width, out[m])
-            jet_product(right, out[m], right)
-            jet_product(left, out[m], left)
-            for n in range(saved.size):
-                out[m, n] = saved[n] + right[n]
-                saved[n] = left[n]
-        out[r] = saved
+            _interval_jets(T[s + 1 - r + m], T[s + 1 + m], xi, passed, width)
+            jet_quotient(passed, width, passed)
+            jet_product(passed, out[m], passed)
+            for n in range(received.size):
+                out[m, n] += received[n] - passed[n]
+                received[n] = passed[n]
+        out[r] = received
 
 
 @njit(cache=True, error_model="numpy")
-def _interval_jets(a, b, xi, left, right, width):
-    """Write the jets of ``xi - a``, ``b - xi`` and ``b - a``."""
+def _interval_jets(a, b, xi, left, width):
+    """Write the jets of ``xi - a`` and ``b - a``."""
     for n in range(width.size):
-        left[n], right[n], width[n] = -a[n], b[n], b[n] - a[n]
+        left[n], width[n] = -a[n], b[n] - a[n]
     left[0] += xi
-    right[0] -= xi
     if width.size > 1:
         left[1] += 1.0
-        right[1] -= 1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -189,7 +189,7 @@ def _basis_jacobians(T, order, xi, spans, jacobians):
 @njit(cache=True, error_model="numpy")
 def _basis_jets(T, order, xi, spans, jets):
     n_control = T.shape[1] - order
-    work = np.empty((4, T.shape[2]))
+    work = np.empty((3, T.shape[2]))
     for q in range(xi.size):
         spans[q] = find_span(T[q, :, 0], order, n_control, xi[q])
         basis_jets_at(T[q], order, spans[q], xi[q], jets[q], work)

@@ -106,16 +106,11 @@ def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
 
 
 def _invert(curve: Curve, x: np.ndarray) -> np.ndarray:
-    """Solve ``curve(xi) = x`` of a monotone curve by Newton's method, with bisection where it leaves the bracket."""
+    """Solve ``curve(xi) = x`` of a monotone curve by bisection, which kinks and flat stretches do not disturb."""
     low, high = np.zeros_like(x), np.ones_like(x)
     sign = np.sign(curve.control_points[-1, 0] - curve.control_points[0, 0])
-    xi = np.linspace(0.0, 1.0, x.size)
-    for _ in range(60):  # enough for bisection alone
-        error = curve(xi)[:, 0] - x
-        is_beyond = sign * error > 0
-        low, high = np.where(is_beyond, low, xi), np.where(is_beyond, xi, high)
-        newton = xi - error / curve.derivative(xi)[:, 0]
-        previous, xi = xi, np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        if np.abs(xi - previous).max() <= np.finfo(float).eps:
-            break
-    return xi
+    for _ in range(np.finfo(float).nmant + 2):
+        middle = 0.5 * (low + high)
+        is_beyond = sign * (curve(middle)[:, 0] - x) > 0
+        low, high = np.where(is_beyond, low, middle), np.where(is_beyond, middle, high)
+    return 0.5 * (low + high)

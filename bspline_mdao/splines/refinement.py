@@ -142,8 +142,8 @@ def _blossom(knots: ConstantKnots, xi: float, arguments: np.ndarray) -> np.ndarr
     values = np.ones(1)
     for r, argument in enumerate(arguments, start=1):
         a, b = T[s + 1 - r : s + 1], T[s + 1 : s + 1 + r]
-        share = (argument - a) / (b - a) * values
-        values = np.append(values - share, 0.0) + np.append(0.0, share)
+        passed = (argument - a) / (b - a) * values
+        values = np.append(values - passed, 0.0) + np.append(0.0, passed)
     row = np.zeros(knots.n_control)
     row[s + 1 - p : s + 1] = values
     return row
