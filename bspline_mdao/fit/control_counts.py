@@ -1,0 +1,175 @@
+"""How many control points, and of which order, each direction of each segment gets.
+
+Directions that interfaces join form a class (`bspline_mdao.grids.sharing.direction_classes`); a class has one number of
+control points and one order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..grids.index_space import FACE_NAMES
+from ..grids.sharing import direction_classes
+from ..grids.topology import Topology
+
+NODES_PER_SPAN = 4
+"""Cells along a knot span where the number of control points is chosen from the grid."""
+
+FEW_PLANES = 6
+"""A direction with no more nodes than this keeps one control point per node."""
+
+
+@dataclass(frozen=True)
+class ControlCounts:
+    """Numbers of control points and orders.
+
+    Parameters
+    ----------
+    n_control, orders : ndarray of int, shape (n_segments, 3)
+        Of each direction of each segment.
+    warnings : tuple of str
+        Where an order was lowered.
+    """
+
+    n_control: np.ndarray
+    orders: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What one segment direction asks for; a firm wish comes from the user and is not a share of a cut block's."""
+
+    count: int
+    order: int
+    is_firm: bool
+
+
+def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
+    """Numbers of control points and orders of all segments, equal on both sides of every interface.
+
+    Parameters
+    ----------
+    topology : Topology
+        Segments and their links.
+    n_control : None, triple of int or sequence of triples, optional
+        Control points of every block, or of each block. Segments of a cut block share the block's number in proportion
+        to their cells. None: about one span to four cells; a direction of up to six nodes keeps them all.
+    order : int, triple of int or sequence of triples
+        Order p, for all directions, per direction, or per block and direction; lowered where a direction has fewer
+        control points.
+
+    Returns
+    -------
+    ControlCounts
+
+    Raises
+    ------
+    InputError
+        If numbers do not fit the blocks or each other.
+    """
+    orders = _per_block(order, topology, "order")
+    counts = None if n_control is None else _per_block(n_control, topology, "n_control")
+    wishes = [[_wish(topology, s, d, counts, orders) for d in range(3)] for s in range(len(topology.segments))]
+    classes = direction_classes(topology)
+    n_result, p_result = np.empty_like(classes), np.empty_like(classes)
+    for number in range(classes.max() + 1):
+        members = [tuple(m) for m in np.argwhere(classes == number)]
+        n_result[classes == number], p_result[classes == number] = _agree(topology, members, wishes)
+    return ControlCounts(n_result, p_result, tuple(_lowered(topology, orders, p_result)))
+
+
+def _per_block(value, topology: Topology, name: str) -> np.ndarray:
+    """Spread a number, a triple or one triple per block to an array of shape (n_blocks, 3)."""
+    n_blocks = len(topology.shapes)
+    try:
+        array = np.asarray(value)
+        if array.ndim == 2 and len(array) != n_blocks:
+            raise ValueError
+        array = np.broadcast_to(array, (n_blocks, 3))
+    except ValueError:
+        raise InputError(
+            f"{topology.source}: {name} = {value} does not fit {n_blocks} blocks; give three numbers, or three for each"
+        ) from None
+    if not np.issubdtype(array.dtype, np.integer) or array.min() < 1:
+        raise InputError(f"{topology.source}: {name} = {value}; give whole numbers of at least 1")
+    return array
+
+
+def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
+    window = topology.segments[segment]
+    n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
+    order = int(orders[window.block, d])
+    if counts is None:
+        count = _sound_count(n_nodes, order)
+        return _Wish(count, min(order, count), False)
+    whole = int(counts[window.block, d])
+    if whole > n_block or (n_block > 1 and whole == 1):
+        raise InputError(
+            f"{topology.source}: block {window.block + 1} has {n_block} nodes in direction {'ijk'[d]} and cannot have "
+            f"{whole} control points; give {min(2, n_block)} to {n_block}"
+        )
+    if n_nodes == n_block:
+        return _Wish(whole, min(order, whole), True)
+    n_spans = max(round((whole + 1 - order) * (n_nodes - 1) / (n_block - 1)), 1)
+    count = min(n_spans + order - 1, n_nodes)
+    return _Wish(count, min(order, count), False)
+
+
+def _sound_count(n_nodes: int, order: int) -> int:
+    """Control points of a direction with so many nodes."""
+    if n_nodes <= FEW_PLANES:
+        return n_nodes
+    return min(max(round((n_nodes - 1) / NODES_PER_SPAN) + order - 2, order + 1), n_nodes)
+
+
+def _agree(topology: Topology, members: Sequence[tuple[int, int]], wishes) -> tuple[int, int]:
+    """Settle the number of control points and the order of a class: what is firm wins, otherwise the largest."""
+    firm = [m for m in members if wishes[m[0]][m[1]].is_firm]
+    asked = [wishes[s][d] for s, d in firm or members]
+    for member, wish in zip(firm, asked):
+        if (wish.count, wish.order) != (asked[0].count, asked[0].order):
+            raise _disagreement(topology, firm[0], asked[0], member, wish)
+    return max(w.count for w in asked), max(w.order for w in asked)
+
+
+def _disagreement(topology: Topology, first, first_wish: _Wish, other, other_wish: _Wish) -> InputError:
+    """Name two blocks whose directions interfaces join and which ask for different numbers."""
+    texts = []
+    for (segment, d), wish in ((first, first_wish), (other, other_wish)):
+        block = topology.segments[segment].block
+        faces = _faces_along(topology, segment, d)
+        texts.append(f"block {block + 1} has {wish.count} of order {wish.order} in {'ijk'[d]} (on {faces})")
+    return InputError(
+        f"{topology.source}: numbers of control points disagree along interfaces: {' and '.join(texts)}; "
+        f"give both the same"
+    )
+
+
+def _faces_along(topology: Topology, segment: int, d: int) -> str:
+    """Names of the linked faces of a segment that hold direction ``d``."""
+    names = set()
+    for link in topology.links:
+        for s, section in ((link.a, link.a_section), (link.b, link.b_section)):
+            flat = [e for e in range(3) if section[e] is not None]
+            if s == segment and d not in flat and len(flat) == 1:
+                names.add(FACE_NAMES[2 * flat[0] + (section[flat[0]] == -1)])
+    return ", ".join(sorted(names)) or "an edge"
+
+
+def _lowered(topology: Topology, orders: np.ndarray, result: np.ndarray) -> Iterator[str]:
+    """Tell in one line where a direction of several nodes got a lower order than asked for."""
+    lowest: dict[tuple[int, int], int] = {}
+    for window, row in zip(topology.segments, result):
+        for d in range(3):
+            if window.shape[d] > 1 and row[d] < orders[window.block, d]:
+                key = (window.block, d)
+                lowest[key] = min(int(row[d]), lowest.get(key, int(row[d])))
+    if lowest:
+        places = [f"block {block + 1} {'ijk'[d]} (order {order})" for (block, d), order in lowest.items()]
+        shown = ", ".join(places[:4]) + (", ..." if len(places) > 4 else "")
+        yield f"fewer control points than the order in {len(places)} directions, where the order is lowered: {shown}"

@@ -1,0 +1,150 @@
+"""Parameter correction: alternate between least squares and moving the parameters of the nodes, section II.D.
+
+References
+----------
+J. Hoschek, "Intrinsic parametrization for approximation", Computer Aided Geometric Design 5, 1988.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..grids.entities import Section
+from ..grids.index_space import Orientation
+from .entities import Entity, inner_slices, sections_of, source_rows, whole_slices
+from .projection import project
+
+if TYPE_CHECKING:
+    from .fitting import FitProblem, Progress, Solution
+
+STEPS = 3
+"""Gauss-Newton steps in each cycle."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Follower:
+    """A section of a segment that is the same as an entity of another and takes over its parameters."""
+
+    entity: Entity
+    segment: int
+    section: Section
+    orientation: Orientation
+
+
+def correct_parameters(
+    problem: FitProblem,
+    parameters: Sequence[np.ndarray],
+    nodes: np.ndarray,
+    solution: Solution,
+    cycles: int,
+    progress: Progress,
+) -> tuple[list[np.ndarray], Solution]:
+    """Correct the parameters of a fit; knots stay as they are.
+
+    Each cycle moves the parameters of edges, faces and interiors towards the closest points and solves the least
+    squares anew; a cycle that does not lower the RMS error ends the correction. The last word is a move of parameters,
+    which lowers the distance of every node or leaves it. A node that segments share is moved by the one that fits it;
+    the others take over its parameters.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        The fit.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    nodes : ndarray, shape (n_nodes, 3)
+        The grid (m).
+    solution : Solution
+        The fit for these parameters.
+    cycles : int
+        Number of cycles, at least 1.
+    progress : callable
+        See `bspline_mdao.fit.fitting.fit_grid`.
+
+    Returns
+    -------
+    parameters : list of ndarray
+        The new parameters.
+    solution : Solution
+        The fit for them.
+    """
+    from .fitting import solve_fit
+
+    followers = _find_followers(problem)
+    best = _move(problem, followers, parameters, nodes, solution)
+    for cycle in range(cycles):
+        progress(cycle / cycles, "parameter correction")
+        moved, _ = best
+        refitted = solve_fit(problem, moved, nodes)
+        trial = _move(problem, followers, moved, nodes, refitted)
+        if not _square(nodes, trial[1]) < _square(nodes, best[1]):
+            break
+        best = trial
+    return best
+
+
+def _square(nodes: np.ndarray, solution: Solution) -> float:
+    return float(((nodes - solution.fitted) ** 2).sum())
+
+
+def _move(problem: FitProblem, followers, parameters, nodes, solution: Solution) -> tuple[list[np.ndarray], Solution]:
+    """Move the parameters of all entities for fixed control points."""
+    parameters, fitted = [array.copy() for array in parameters], solution.fitted.copy()
+    nets = problem.mesh.nets(solution.control_points)
+    for entity in problem.entities:
+        if any(entity.is_free):
+            section, s = parameters[entity.segment][whole_slices(entity.section)], entity.segment
+            moved, points = project(
+                problem.mesh.volumes[s], nets[s], section, entity.is_free, nodes[entity.rows], STEPS
+            )
+            section[...] = moved
+            fitted[entity.rows] = points
+    for follower in followers:
+        _take_over(follower, parameters)
+    copies = problem.sharing.copies
+    fitted[copies[:, 0]] = fitted[copies[:, 1]]
+    return parameters, replace(solution, fitted=fitted)
+
+
+def _take_over(follower: _Follower, parameters) -> None:
+    """Give a follower the parameters of its entity, turned to its own directions."""
+    entity, orientation = follower.entity, follower.orientation
+    source = parameters[entity.segment][entity.inner]
+    target = orientation.apply(parameters[follower.segment][inner_slices(follower.section)])
+    for d in np.flatnonzero(entity.is_free):
+        values = source[..., d]
+        target[..., orientation.perm[d]] = 1 - values if orientation.flip[d] else values
+
+
+def _find_followers(problem: FitProblem) -> list[_Follower]:
+    """All edges and faces that coincide with an entity of their kind elsewhere."""
+    source = source_rows(problem.sharing)
+    rows = [source[r] for r in problem.sharing.rows]
+    owners = {int(e.rows.min()): e for e in problem.entities if 1 <= sum(e.is_free) <= 2 and e.rows.size}
+    followers = []
+    for segment, n_free in product(range(len(rows)), (1, 2)):
+        for section in sections_of(rows[segment].shape, n_free):
+            inner = rows[segment][inner_slices(section)]
+            owner = owners.get(int(inner.min())) if inner.size else None
+            if owner is None or (owner.segment, owner.section) == (segment, section):
+                continue
+            whole = rows[owner.segment][whole_slices(owner.section)]
+            orientation = _orientation(whole, rows[segment][whole_slices(section)])
+            if orientation is not None:
+                followers.append(_Follower(owner, segment, section, orientation))
+    return followers
+
+
+def _orientation(first: np.ndarray, second: np.ndarray) -> Orientation | None:
+    """Orientation that makes two arrays of node numbers equal."""
+    for perm in permutations(range(3)):
+        for flip in product((False, True), repeat=3):
+            orientation = Orientation(perm, flip)
+            if np.array_equal(orientation.apply(second), first):
+                return orientation
+    return None

@@ -1,0 +1,135 @@
+"""The corners, edges, faces and interiors of all segments in the order in which they are fitted, section II.D.
+
+Every node and every control point belongs to exactly one entity; an entity that several segments share belongs to the
+first of them. Where a section coincides with an earlier one (an interface, a collapsed face) it is not an entity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ..grids.entities import Section
+from ..grids.index_space import FACE_NAMES
+from ..grids.sharing import NodeSharing
+
+_KINDS = ("corner", "edge", "face", "interior")
+
+
+@dataclass(frozen=True, eq=False)
+class Entity:
+    """A corner, edge, face or interior with the nodes and control points that it owns.
+
+    Parameters
+    ----------
+    segment : int
+        Number of the segment.
+    section : tuple of (int or None)
+        Ends at which it lies; None in its free directions.
+    rows : ndarray of int, shape (n,)
+        Rows of its inner nodes in the grid vector, in C order.
+    control_ids : ndarray of int, shape (M0, M1, M2)
+        Ids of all control points of the section, its boundary included; ``M = 1`` in a direction that is not free.
+    unknown_ids : ndarray of int, shape (n_columns,)
+        Ids of the control points that it solves for.
+    columns : ndarray of int, shape (M0 M1 M2,)
+        Place in ``unknown_ids`` of each control point of the section; -1 for those known before.
+    """
+
+    segment: int
+    section: Section
+    rows: np.ndarray
+    control_ids: np.ndarray
+    unknown_ids: np.ndarray
+    columns: np.ndarray
+
+    @property
+    def is_free(self) -> tuple[bool, bool, bool]:
+        """The directions in which it extends."""
+        return tuple(end is None for end in self.section)
+
+    @property
+    def inner(self) -> tuple[slice, slice, slice]:
+        """Slices that cut its inner nodes out of the segment's arrays."""
+        return inner_slices(self.section)
+
+    @property
+    def kind(self) -> str:
+        """One of corner, edge, face and interior."""
+        return _KINDS[sum(self.is_free)]
+
+    def describe(self, names) -> str:
+        """Human name; ``names`` are those of the segments."""
+        ends = [FACE_NAMES[2 * d + (end == -1)] for d, end in enumerate(self.section) if end is not None]
+        return " ".join([names[self.segment], self.kind, *ends])
+
+
+def inner_slices(section: Section) -> tuple[slice, slice, slice]:
+    """Slices of the inner points of a section."""
+    return tuple(slice(1, -1) if end is None else slice(end, end + 1 or None) for end in section)
+
+
+def whole_slices(section: Section) -> tuple[slice, slice, slice]:
+    """Slices of all points of a section."""
+    return tuple(slice(None) if end is None else slice(end, end + 1 or None) for end in section)
+
+
+def source_rows(sharing: NodeSharing) -> np.ndarray:
+    """Row that stands for each row of the grid vector: its own, or that of the node that it is a copy of."""
+    source = np.arange(1 + max(int(rows.max()) for rows in sharing.rows))
+    source[sharing.copies[:, 0]] = sharing.copies[:, 1]
+    return source
+
+
+def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) -> Iterator[Entity]:
+    """Corners, then edges, faces and interiors, each with what no earlier entity holds.
+
+    Parameters
+    ----------
+    control_ids : sequence of ndarray of int
+        Control point ids of every segment.
+    sharing : NodeSharing
+        Which nodes are one.
+    n_control_points : int
+        Number of unique control points.
+
+    Yields
+    ------
+    Entity
+    """
+    source = source_rows(sharing)
+    is_known, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(len(source), dtype=bool)
+    for n_free in range(4):
+        for segment, (ids, rows) in enumerate(zip(control_ids, sharing.rows)):
+            for section in sections_of(rows.shape, n_free):
+                inner_rows = source[rows[inner_slices(section)].ravel()]
+                own_ids = ids[whole_slices(section)]
+                if is_seen[inner_rows].all() and is_known[own_ids].all():
+                    continue
+                unknown_ids, columns = _number_unknowns(own_ids, is_known)
+                is_seen[inner_rows] = True
+                is_known[unknown_ids] = True
+                yield Entity(segment, section, inner_rows, own_ids, unknown_ids, columns)
+
+
+def sections_of(shape, n_free: int) -> list[Section]:
+    """Sections with a number of free directions; a direction of one node has one end and is never free."""
+    ends = [(0,) if n == 1 else (0, None, -1) for n in shape]
+    return [section for section in product(*ends) if section.count(None) == n_free]
+
+
+def _number_unknowns(control_ids: np.ndarray, is_known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unknown control points, the longest direction outermost so that the band of the Gram matrix is narrow."""
+    axes = np.argsort([-n for n in control_ids.shape], kind="stable")
+    places = np.arange(control_ids.size).reshape(control_ids.shape).transpose(axes).ravel()
+    places = places[~is_known[control_ids.ravel()[places]]]
+    unique_ids, first, inverse = np.unique(control_ids.ravel()[places], return_index=True, return_inverse=True)
+    sequence = np.argsort(first)
+    rank = np.empty(len(sequence), dtype=np.int64)
+    rank[sequence] = np.arange(len(sequence))
+    columns = np.full(control_ids.size, -1, dtype=np.int64)
+    columns[places] = rank[inverse]
+    return unique_ids[sequence], columns

@@ -1,0 +1,247 @@
+"""How well a fit reproduces its grid, and whether its control mesh is valid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..grids.hexahedron import cell_quality
+from ..grids.topology import Topology
+
+MOST_NAMED = 50
+"""Invalid control elements that a report names, the worst first."""
+
+
+@dataclass(frozen=True)
+class BlockError:
+    """Errors of one block.
+
+    Parameters
+    ----------
+    name : str
+        Name of the block.
+    rms, max_error : tuple of three float
+        Of x, y and z (m).
+    """
+
+    name: str
+    rms: tuple[float, float, float]
+    max_error: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class WorstNode:
+    """The node with the largest error.
+
+    Parameters
+    ----------
+    block, i, j, k : int
+        Its place, from 1.
+    error : float
+        Distance between the node and the fitted point (m).
+    """
+
+    block: int
+    i: int
+    j: int
+    k: int
+    error: float
+
+
+@dataclass(frozen=True)
+class InvalidElement:
+    """A control element with a folded or flat corner.
+
+    Parameters
+    ----------
+    name : str
+        Name of the segment.
+    i, j, k : int
+        Number of the element, from 1.
+    measure : float
+        Smallest corner triple product of unit edges; positive in a valid element.
+    """
+
+    name: str
+    i: int
+    j: int
+    k: int
+    measure: float
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """What a fit achieved.
+
+    Parameters
+    ----------
+    rms : float
+        Root mean square over all nodes of the distance between node and fitted point (m).
+    relative_rms : float
+        The same by the mean cell edge of the grid.
+    mean_edge : float
+        Mean length of the cell edges that have a length (m).
+    max_error : tuple of three float
+        Largest error in x, y and z (m).
+    blocks : tuple of BlockError
+        Errors of each block.
+    worst : WorstNode
+        Where the error is largest.
+    n_nodes, n_control_points : int
+        Nodes of all blocks; unique control points.
+    n_invalid : int
+        Number of invalid control elements.
+    invalid : tuple of InvalidElement
+        The worst of them.
+    seconds : float
+        Wall clock of the fit.
+    warnings : tuple of str
+        Whatever the user should know, one line each.
+    """
+
+    rms: float
+    relative_rms: float
+    mean_edge: float
+    max_error: tuple[float, float, float]
+    blocks: tuple[BlockError, ...]
+    worst: WorstNode
+    n_nodes: int
+    n_control_points: int
+    n_invalid: int
+    invalid: tuple[InvalidElement, ...]
+    seconds: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
+def report_errors(
+    topology: Topology,
+    block_names: Sequence[str],
+    nodes: np.ndarray,
+    residual: np.ndarray,
+    nets: Sequence[np.ndarray],
+    n_control_points: int,
+    seconds: float = 0.0,
+    warnings: Sequence[str] = (),
+) -> FitReport:
+    """Measure a fit.
+
+    Parameters
+    ----------
+    topology : Topology
+        Blocks and segments.
+    block_names : sequence of str
+        Name of every block.
+    nodes, residual : ndarray, shape (n_nodes, 3)
+        The grid, and what the spline misses of it (m).
+    nets : sequence of ndarray, each of shape (N0, N1, N2, 3)
+        Control points of every segment (m).
+    n_control_points : int
+        Number of unique control points.
+    seconds, warnings
+        Taken over; a warning is added where the control mesh is invalid.
+
+    Returns
+    -------
+    FitReport
+    """
+    squares = residual**2
+    distances = squares.sum(axis=1)
+    starts = np.concatenate([[0], np.cumsum([np.prod(shape) for shape in topology.shapes])])
+    blocks = []
+    for name, start, stop in zip(block_names, starts, starts[1:]):
+        rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.abs(residual[start:stop]).max(axis=0)
+        blocks.append(BlockError(name, tuple(rms.tolist()), tuple(largest.tolist())))
+    rms, edge = float(np.sqrt(distances.mean())), mean_edge(topology.shapes, nodes)
+    n_invalid, invalid = _find_invalid(topology.segment_names, nets)
+    return FitReport(
+        rms=rms,
+        relative_rms=rms / edge if edge else 0.0,
+        mean_edge=edge,
+        max_error=tuple(np.max([block.max_error for block in blocks], axis=0).tolist()),
+        blocks=tuple(blocks),
+        worst=_worst_node(topology.shapes, starts, distances),
+        n_nodes=len(nodes),
+        n_control_points=n_control_points,
+        n_invalid=n_invalid,
+        invalid=invalid,
+        seconds=seconds,
+        warnings=tuple(warnings) + _warn_of_invalid(n_invalid, invalid),
+    )
+
+
+def mean_edge(shapes, nodes: np.ndarray) -> float:
+    """Mean length of the cell edges of a grid that have a length.
+
+    Parameters
+    ----------
+    shapes : sequence of (ni, nj, nk)
+        Shapes of the blocks.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of all blocks (m).
+
+    Returns
+    -------
+    float
+        0 where no edge has a length.
+    """
+    total, count, start = 0.0, 0, 0
+    for shape in shapes:
+        size = int(np.prod(shape))
+        length, n_edges = _edge_sum(nodes[start : start + size].reshape(*shape, 3))
+        total, count, start = total + length, count + n_edges, start + size
+    return total / count if count else 0.0
+
+
+@njit(cache=True)
+def _edge_sum(nodes):
+    """Total length and number of the edges of a block that have a length."""
+    n_0, n_1, n_2 = nodes.shape[:3]
+    total, count = 0.0, 0
+    for i in range(n_0):
+        for j in range(n_1):
+            for k in range(n_2):
+                here = nodes[i, j, k]
+                for d in range(3):
+                    a, b, c = i + (d == 0), j + (d == 1), k + (d == 2)
+                    if a < n_0 and b < n_1 and c < n_2:
+                        there = nodes[a, b, c]
+                        square = (there[0] - here[0]) ** 2 + (there[1] - here[1]) ** 2 + (there[2] - here[2]) ** 2
+                        total += np.sqrt(square)
+                        count += square > 0.0
+    return total, count
+
+
+def _worst_node(shapes, starts, distances: np.ndarray) -> WorstNode:
+    row = int(np.argmax(distances))
+    block = int(np.searchsorted(starts, row, side="right")) - 1
+    i, j, k = (int(n) + 1 for n in np.unravel_index(row - starts[block], shapes[block]))
+    return WorstNode(block + 1, i, j, k, float(np.sqrt(distances[row])))
+
+
+def _find_invalid(names: Sequence[str], nets: Sequence[np.ndarray]) -> tuple[int, tuple[InvalidElement, ...]]:
+    """Count the invalid elements of all control meshes and name the worst."""
+    found, count = [], 0
+    for name, net in zip(names, nets):
+        if sum(n > 1 for n in net.shape[:3]) < 2:
+            continue
+        quality = cell_quality(net)
+        places = np.argwhere(~quality.is_valid)
+        measures = quality.min_corner[~quality.is_valid]
+        count += len(places)
+        for m in np.argsort(measures, kind="stable")[:MOST_NAMED]:
+            found.append(InvalidElement(name, *(int(n) + 1 for n in places[m]), float(measures[m])))
+    return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
+
+
+def _warn_of_invalid(n_invalid: int, invalid: Sequence[InvalidElement]) -> tuple[str, ...]:
+    if not n_invalid:
+        return ()
+    worst = invalid[0]
+    return (
+        f"{n_invalid} control elements are invalid, the worst is element ({worst.i}, {worst.j}, {worst.k}) of "
+        f"{worst.name} with corner triple product {worst.measure:.2g}; to repair, use fewer control points, constant "
+        f"knots or smoothing = 0.01",
+    )

@@ -1,0 +1,189 @@
+"""Least squares for the control points, one entity after the other (section II.D), as a linear map with its transpose.
+
+With the control points of an entity's boundary known, the inner ones are the transfinite interpolation of the boundary
+(the *prior*) plus a deviation d that solves the normal equations
+
+    (A^T A + shift I) d = A^T (x - A b_prior).
+
+The shift is zero unless the Gram matrix is singular (knot spans that hold no node) or the user asks for smoothing; with
+no shift the prior has no influence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..errors import InputError
+from ..splines.volume import Volume
+from .cholesky import Cholesky, factorize
+from .design_matrix import DesignMatrix, build_design_matrix
+from .entities import Entity
+from .transfinite import interpolate_boundary, interpolate_boundary_transpose
+
+LARGEST_GRAM = 2**31
+"""Bytes beyond which a Gram matrix is refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitStep:
+    """The least squares of one entity, factored.
+
+    Parameters
+    ----------
+    entity : Entity
+        Its nodes and control points.
+    matrix : DesignMatrix
+        A, of all control points of its section.
+    cholesky : Cholesky or None
+        Factor of the normal equations; None where all control points are known before.
+    """
+
+    entity: Entity
+    matrix: DesignMatrix
+    cholesky: Cholesky | None
+
+    def solve(self, nodes: np.ndarray, control_points: np.ndarray) -> None:
+        """Write the entity's control points, from the nodes and the control points of its boundary.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_rows, 3)
+            All nodes of the grid.
+        control_points : ndarray, shape (n_control_points, 3)
+            All control points.
+        """
+        if self.cholesky is None:
+            return
+        net = interpolate_boundary(control_points[self.entity.control_ids]).reshape(-1, 3)
+        prior = self._first_of_columns(net)
+        net = self._with_columns(net, prior)
+        right = self.matrix.apply_transpose(nodes[self.entity.rows] - self.matrix.apply(net))
+        deviation = self.cholesky.solve(self._sum_columns(right))
+        control_points[self.entity.unknown_ids] = prior + deviation
+
+    def solve_transpose(self, control_bar: np.ndarray, nodes_bar: np.ndarray) -> None:
+        """Reverse of `solve`: move ``control_bar`` of the entity to its nodes and to its boundary.
+
+        Parameters
+        ----------
+        control_bar : ndarray, shape (n_control_points, 3)
+            Cotangent of the control points; the entity's own entries are used up.
+        nodes_bar : ndarray, shape (n_rows, 3)
+            Cotangent of the nodes, added to.
+        """
+        if self.cholesky is None:
+            return
+        unknown_bar = control_bar[self.entity.unknown_ids]
+        control_bar[self.entity.unknown_ids] = 0
+        deviation_bar = self._with_columns(np.zeros((self.matrix.shape[1], 3)), self.cholesky.solve(unknown_bar))
+        residual_bar = self.matrix.apply(deviation_bar)
+        nodes_bar[self.entity.rows] += residual_bar
+        net_bar = -self.matrix.apply_transpose(residual_bar)
+        prior_bar = unknown_bar + self._sum_columns(net_bar)
+        net_bar = self._with_columns(net_bar, np.zeros_like(prior_bar))
+        net_bar[self._places] += prior_bar
+        shape = self.entity.control_ids.shape
+        np.add.at(control_bar, self.entity.control_ids, interpolate_boundary_transpose(net_bar.reshape(*shape, 3)))
+
+    def evaluate(self, control_points: np.ndarray) -> np.ndarray:
+        """Points of the spline at the entity's nodes, shape (n, 3)."""
+        return self.matrix.apply(control_points[self.entity.control_ids].reshape(-1, 3))
+
+    @property
+    def _places(self) -> np.ndarray:
+        """First place of each column in the section."""
+        columns = self.entity.columns
+        places = np.empty(len(self.entity.unknown_ids), dtype=np.int64)
+        places[columns[columns >= 0][::-1]] = np.flatnonzero(columns >= 0)[::-1]
+        return places
+
+    def _first_of_columns(self, net: np.ndarray) -> np.ndarray:
+        return net[self._places]
+
+    def _with_columns(self, net: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+        """Return the net with the unknown points replaced."""
+        columns = self.entity.columns
+        return np.where(columns[:, None] >= 0, unknowns[columns], net)
+
+    def _sum_columns(self, net: np.ndarray) -> np.ndarray:
+        """Transpose of `_with_columns`: the sum of the net over the places of each unknown."""
+        columns, result = self.entity.columns, np.zeros((len(self.entity.unknown_ids), 3))
+        np.add.at(result, columns[columns >= 0], net[columns >= 0])
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class FitOperator:
+    """The linear map from the nodes of a grid to the control points, for given parameters and knots.
+
+    Parameters
+    ----------
+    steps : tuple of FitStep
+        In the order of section II.D.
+    n_nodes, n_control_points : int
+        Sizes of the two sides.
+    """
+
+    steps: tuple[FitStep, ...]
+    n_nodes: int
+    n_control_points: int
+
+    def forward(self, nodes: np.ndarray) -> np.ndarray:
+        """Control points, shape (n_control_points, 3), fitted to the nodes, shape (n_nodes, 3)."""
+        control_points = np.zeros((self.n_control_points, 3))
+        with threadpool_limits(1, "blas"):
+            for step in self.steps:
+                step.solve(nodes, control_points)
+        return control_points
+
+    def adjoint(self, control_bar: np.ndarray) -> np.ndarray:
+        """Transpose of `forward`: shape (n_nodes, 3), of shape (n_control_points, 3)."""
+        control_bar, nodes_bar = control_bar.copy(), np.zeros((self.n_nodes, 3))
+        with threadpool_limits(1, "blas"):
+            for step in reversed(self.steps):
+                step.solve_transpose(control_bar, nodes_bar)
+        return nodes_bar
+
+
+def build_step(
+    entity: Entity, volume: Volume, parameters: np.ndarray, name: str = "entity", smoothing: float = 0.0
+) -> FitStep:
+    """Set up and factor the normal equations of an entity.
+
+    Parameters
+    ----------
+    entity : Entity
+        Its nodes and control points.
+    volume : Volume
+        Orders and knots of its segment.
+    parameters : ndarray, shape (L0, L1, L2, 3)
+        Parameters of the nodes of its segment.
+    name : str
+        Name of the entity for messages.
+    smoothing : float
+        Shift of the Gram matrix relative to its mean diagonal, for interiors alone.
+
+    Returns
+    -------
+    FitStep
+
+    Raises
+    ------
+    InputError
+        If the Gram matrix would be too large.
+    """
+    matrix = build_design_matrix(volume, parameters[entity.inner].reshape(-1, 3), entity.is_free)
+    n_columns = len(entity.unknown_ids)
+    if n_columns == 0:
+        return FitStep(entity, matrix, None)
+    bandwidth = matrix.bandwidth(entity.columns)
+    is_banded = 3 * bandwidth < n_columns
+    if 8 * n_columns * (bandwidth + 1 if is_banded else n_columns) > LARGEST_GRAM:
+        raise InputError(
+            f"{name}: {n_columns} control points in one least squares are too many for the memory; use fewer"
+        )
+    gram = matrix.gram(entity.columns, n_columns, bandwidth if is_banded else None)
+    return FitStep(entity, matrix, factorize(gram, is_banded, smoothing if entity.kind == "interior" else 0.0))

@@ -1,0 +1,207 @@
+"""Gauss-Newton steps that move the parameters of nodes towards the closest points of the spline (Hoschek).
+
+A node of an edge has one parameter to move, of a face two, of an interior three.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..splines.basis import basis_jacobian, basis_values, find_span
+from ..splines.knots import Knots
+from ..splines.volume import Volume
+
+LARGEST_STEP = 0.45
+"""Largest step of a parameter relative to the room to its neighbours: the order along grid lines is kept."""
+
+SMALLEST_GAP = 0.1
+"""Smallest distance of two neighbouring parameters, relative to their distance before the steps."""
+
+_CHUNK = 2048  # points at a time, so that their knots stay in the cache
+_DAMPING = 1e-12  # of the scaled normal equations, for directions in which the mapping does not move
+
+
+def project(volume: Volume, control_points, parameters, is_free, nodes, n_steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps.
+
+    Each step is shortened so that parameters stay strictly increasing along grid lines, halved once where it does not
+    reduce the distance, and then given up, so that no distance ever grows.
+
+    Parameters
+    ----------
+    volume : Volume
+        Orders and knots.
+    control_points : ndarray, shape (N0, N1, N2, 3)
+        Control points (m).
+    parameters : ndarray, shape (m0, m1, m2, 3)
+        Parameters of the nodes of a whole section, its boundary included; the boundary stays.
+    is_free : sequence of three bool
+        Directions in which the section extends.
+    nodes : ndarray, shape (n, 3)
+        Inner nodes of the section, in C order (m).
+    n_steps : int
+        Number of evaluations of the mapping.
+
+    Returns
+    -------
+    parameters : ndarray, shape (m0, m1, m2, 3)
+        New parameters.
+    points : ndarray, shape (n, 3)
+        The mapping at the inner ones (m).
+    """
+    inner = tuple(slice(1, -1) if free else slice(None) for free in is_free)
+    parameters, free = parameters.copy(), np.flatnonzero(is_free)
+    current = parameters[inner].reshape(-1, 3).copy()
+    points, steps = _gauss_newton(volume, control_points, current, free, nodes)
+    distances = ((nodes - points) ** 2).sum(axis=1)
+    floors = [SMALLEST_GAP * gaps for gaps in _gaps(parameters, inner, free)]
+    steps *= _step_limits(parameters, inner, free, floors, steps)
+    for _ in range(n_steps):
+        trial = current + steps
+        trial_points, trial_steps = _gauss_newton(volume, control_points, trial, free, nodes)
+        trial_distances = ((nodes - trial_points) ** 2).sum(axis=1)
+        is_better = trial_distances < distances
+        current[is_better], points[is_better] = trial[is_better], trial_points[is_better]
+        distances[is_better] = trial_distances[is_better]
+        parameters[inner] = current.reshape(parameters[inner].shape)
+        steps = np.where(is_better[:, None], trial_steps, 0.5 * steps)
+        steps *= _step_limits(parameters, inner, free, floors, steps)
+    return parameters, points
+
+
+def _gaps(parameters, inner, free) -> list[np.ndarray]:
+    """Distances of neighbouring parameters along the grid lines of each free direction through inner nodes."""
+    return [np.diff(parameters[inner[:d] + (slice(None),) + inner[d + 1 :]][..., d], axis=d) for d in free]
+
+
+def _step_limits(parameters, inner, free, floors, steps) -> np.ndarray:
+    """Fraction of each step that keeps the order of the parameters, shape (n, 1)."""
+    limits = np.ones(len(steps))
+    for d, gaps, floor in zip(free, _gaps(parameters, inner, free), floors):
+        room = np.moveaxis(gaps - floor, d, 0)
+        allowed = LARGEST_STEP * np.moveaxis(np.minimum(room[:-1], room[1:]), 0, d).ravel().clip(min=0.0)
+        size = np.abs(steps[:, d])
+        is_long = size > allowed
+        limits[is_long] = np.minimum(limits[is_long], allowed[is_long] / size[is_long])
+    return limits[:, None]
+
+
+def _gauss_newton(volume: Volume, control_points, parameters, free, nodes) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the mapping and Gauss-Newton steps of the free parameters, both of shape (n, 3)."""
+    points, steps = np.empty_like(nodes), np.zeros_like(nodes)
+    is_free = np.isin(np.arange(3), free)
+    for start in range(0, len(nodes), _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        directions = [_knots_at(knots, d, parameters[chunk]) for d, knots in enumerate(volume.knots)]
+        knots, slopes = zip(*directions)
+        arguments = volume.orders, control_points, parameters[chunk], is_free, nodes[chunk]
+        _gauss_newton_chunk(*knots, *slopes, *arguments, points[chunk], steps[chunk])
+    return points, steps
+
+
+def _knots_at(knots: Knots, d: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Knots of direction d at points, and their derivatives in the next two directions."""
+    s, t = (np.ascontiguousarray(parameters[:, (d + offset) % 3]) for offset in (1, 2))
+    return knots.values(s, t), knots.gradients(s, t)
+
+
+@njit(cache=True, error_model="numpy")
+def _gauss_newton_chunk(T0, T1, T2, S0, S1, S2, orders, B, parameters, is_free, nodes, points, steps):
+    largest = max(orders)
+    values, work = np.zeros((3, largest)), np.empty((largest, 2 * largest - 1))
+    slopes, sums = np.zeros((3, 3, largest)), np.empty((3, largest, 3))
+    jacobian = np.empty((3, 3))
+    for q in range(len(nodes)):
+        x = parameters[q]
+        i = _direction(T0[q], S0[q], orders[0], 0, x, values, slopes, work)
+        j = _direction(T1[q], S1[q], orders[1], 1, x, values, slopes, work)
+        k = _direction(T2[q], S2[q], orders[2], 2, x, values, slopes, work)
+        _partial_sums(B, i, j, k, orders, values, sums)
+        for c in range(3):
+            points[q, c] = 0.0
+            for a in range(orders[0]):
+                points[q, c] += values[0, a] * sums[0, a, c]
+            for m in range(3):
+                jacobian[c, m] = 0.0
+                for d in range(3):
+                    for a in range(orders[d]):
+                        jacobian[c, m] += slopes[d, m, a] * sums[d, a, c]
+        _solve_step(jacobian, is_free, nodes[q], points[q], steps[q])
+
+
+@njit(cache=True, error_model="numpy")
+def _direction(T, S, order, d, x, values, slopes, work):
+    """Basis values of direction d and their slopes in all three parameters; returns the first control point."""
+    span = find_span(T, order, T.size - order, x[d])
+    basis_values(T, order, span, x[d], values[d])
+    basis_jacobian(T, order, span, x[d], work)
+    first = span - order + 2  # the first local knot
+    for a in range(order):
+        by_s, by_t = 0.0, 0.0
+        for m in range(2 * order - 2):
+            by_s += work[a, 1 + m] * S[first + m, 0]
+            by_t += work[a, 1 + m] * S[first + m, 1]
+        slopes[d, d, a] = work[a, 0]
+        slopes[d, (d + 1) % 3, a], slopes[d, (d + 2) % 3, a] = by_s, by_t
+    return span - order + 1
+
+
+@njit(cache=True, error_model="numpy")
+def _partial_sums(B, i, j, k, orders, values, sums):
+    """Control points summed with the basis of two directions, for each function of the third."""
+    sums[:] = 0.0
+    for a in range(orders[0]):
+        for b in range(orders[1]):
+            for c in range(orders[2]):
+                ab, bc = values[0, a] * values[1, b], values[1, b] * values[2, c]
+                ac = values[0, a] * values[2, c]
+                for m in range(3):
+                    point = B[i + a, j + b, k + c, m]
+                    sums[0, a, m] += bc * point
+                    sums[1, b, m] += ac * point
+                    sums[2, c, m] += ab * point
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_step(jacobian, is_free, node, point, step):
+    """Least-squares step of the free parameters, with columns scaled to unit length."""
+    scale, normal, right = np.ones(3), np.eye(3), np.zeros(3)
+    for m in range(3):
+        if is_free[m]:
+            length = np.sqrt(jacobian[0, m] ** 2 + jacobian[1, m] ** 2 + jacobian[2, m] ** 2)
+            scale[m] = 1.0 / length if length > 0.0 else 0.0
+    for m in range(3):
+        if is_free[m]:
+            for c in range(3):
+                right[m] += scale[m] * jacobian[c, m] * (node[c] - point[c])
+            for n in range(m):
+                if is_free[n]:
+                    product = 0.0
+                    for c in range(3):
+                        product += jacobian[c, m] * jacobian[c, n]
+                    normal[m, n] = normal[n, m] = product * scale[m] * scale[n]
+            normal[m, m] += _DAMPING
+    _cramer(normal, right, step)
+    for m in range(3):
+        step[m] *= scale[m] * is_free[m]
+
+
+@njit(cache=True, error_model="numpy")
+def _cramer(A, r, out):
+    """Solution of a symmetric 3 x 3 system."""
+    c0, c1, c2 = (
+        A[1, 1] * A[2, 2] - A[1, 2] ** 2,
+        A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2],
+        A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1],
+    )
+    determinant = A[0, 0] * c0 + A[0, 1] * c1 + A[0, 2] * c2
+    inverse = 1.0 / determinant if determinant > 0.0 else 0.0
+    c11, c12, c22 = (
+        A[0, 0] * A[2, 2] - A[0, 2] ** 2,
+        A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2],
+        A[0, 0] * A[1, 1] - A[0, 1] ** 2,
+    )
+    out[0] = inverse * (c0 * r[0] + c1 * r[1] + c2 * r[2])
+    out[1] = inverse * (c1 * r[0] + c11 * r[1] + c12 * r[2])
+    out[2] = inverse * (c2 * r[0] + c12 * r[1] + c22 * r[2])

@@ -1,0 +1,142 @@
+"""A fitted grid: the control mesh, the parameters of the nodes and everything needed to write the grid back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .errors import InputError
+from .fit.errors import FitReport
+from .grids.multiblock import Block, Grid, Patch
+from .grids.sharing import node_sharing
+from .grids.topology import Topology
+from .splines.mesh import BSplineMesh
+
+if TYPE_CHECKING:
+    from .evaluation.evaluator import Evaluator
+
+
+@dataclass(frozen=True, eq=False)
+class GridHeader:
+    """What a grid is besides its nodes.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the blocks.
+    patches : tuple of Patch
+        Declared patches.
+    source : str
+        Where the grid came from.
+    dialect : object or None
+        How its file was written.
+    iblanks : tuple of (ndarray or None)
+        Blanking of every block.
+    """
+
+    names: tuple[str, ...]
+    patches: tuple[Patch, ...] = ()
+    source: str = "grid"
+    dialect: object | None = None
+    iblanks: tuple[np.ndarray | None, ...] = ()
+
+    @classmethod
+    def of(cls, grid: Grid) -> GridHeader:
+        """Take the header of a grid."""
+        names, iblanks = tuple(b.name for b in grid.blocks), tuple(b.iblank for b in grid.blocks)
+        return cls(names, grid.patches, grid.source, grid.dialect, iblanks)
+
+    def grid(self, shapes, nodes: np.ndarray) -> Grid:
+        """Grid with these nodes, shape (n_nodes, 3), in blocks of these shapes."""
+        blocks, start = [], 0
+        for name, iblank, shape in zip(self.names, self.iblanks, shapes):
+            stop = start + int(np.prod(shape))
+            blocks.append(Block(nodes[start:stop].reshape(*shape, 3), name, iblank))
+            start = stop
+        return Grid(tuple(blocks), self.patches, self.source, self.dialect)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A multi-block grid as a B-spline mesh.
+
+    Parameters
+    ----------
+    topology : Topology
+        Blocks, segments and how they hang together, found once and kept through every change of shape.
+    mesh : BSplineMesh
+        One volume per segment.
+    parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    control_points : ndarray, shape (n_control_points, 3)
+        Fitted control points (m).
+    residual : ndarray, shape (n_nodes, 3), or None
+        Baseline grid minus fitted points (m), where it is carried.
+    header : GridHeader
+        Names, patches, source and dialect of the grid.
+    report : FitReport
+        How good the fit is.
+    """
+
+    topology: Topology
+    mesh: BSplineMesh
+    parameters: tuple[np.ndarray, ...]
+    control_points: np.ndarray
+    residual: np.ndarray | None
+    header: GridHeader
+    report: FitReport
+
+    def __post_init__(self):
+        if self.control_points.shape != (self.mesh.n_control_points, 3):
+            raise InputError(
+                f"{self.header.source}: control points of shape {self.control_points.shape}; "
+                f"give shape ({self.mesh.n_control_points}, 3)"
+            )
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all blocks of the grid."""
+        return self.topology.n_nodes
+
+    def evaluator(self) -> Evaluator:
+        """Operator from the control points to the nodes of the grid, Eq. (3)."""
+        from .evaluation.evaluator import Evaluator
+
+        sharing = node_sharing(self.topology)
+        parameters = [x[own] for x, own in zip(self.parameters, sharing.is_evaluated)]
+        rows = [r[own] for r, own in zip(sharing.rows, sharing.is_evaluated)]
+        return Evaluator.build(self.mesh, parameters, rows, self.n_nodes, copies=sharing.copies)
+
+    def regenerate(self, control_points: np.ndarray | None = None) -> Grid:
+        """Grid of given control points, shape (n_control_points, 3), with the residual where it is carried.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3), optional
+            Moved control points (m); the fitted ones by default.
+
+        Returns
+        -------
+        Grid
+            Nodes in metres; names, patches and dialect are those of the fitted grid.
+        """
+        points = self.evaluator().forward(self.control_points if control_points is None else control_points)
+        if self.residual is not None:
+            points = points + self.residual
+        return self.header.grid(self.topology.shapes, points)
+
+    def save(self, path) -> None:
+        """Write the model to one HDF5 file, see `bspline_mdao.model_file.write_model`."""
+        from .model_file import write_model
+
+        write_model(self, Path(path))
+
+    @classmethod
+    def load(cls, path) -> FittedModel:
+        """Read a model from a file, see `bspline_mdao.model_file.read_model`."""
+        from .model_file import read_model
+
+        return read_model(Path(path))
