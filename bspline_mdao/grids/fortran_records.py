@@ -54,7 +54,7 @@ def split_records(data: bytes, byte_order: str, marker_bytes: int) -> tuple[byte
 
 
 def _subrecord(view: memoryview, start: int, byte_order: str, marker_bytes: int):
-    """Payload at ``start``, whether another follows in the same record, and whether one came before; None if not one."""
+    """Payload at ``start``, whether another follows, and whether one came before; None where it is no record."""
     lead = _marker(view, start, byte_order, marker_bytes)
     if lead is None or lead == 0 or abs(lead) > len(view):
         return None

@@ -58,9 +58,9 @@ def read_plot3d(path: str | os.PathLike) -> Grid:
 def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect, tuple[Block, ...]]:
     """Choose the one reading that gives a grid: finite, of sane size, and clearly smoother than any other."""
     grids = [(reading, _read_blocks(reading)) for reading in readings]
-    sane = [(reading, blocks) for reading, blocks in grids if _find_fault(blocks) is None]
+    sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
     if not sane:
-        raise InputError(f"{source}: {_find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect})")
+        raise InputError(f"{source}: {find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect})")
     if len(sane) == 1:
         return sane[0][0].dialect, sane[0][1]
     roughness = [_roughness(blocks) for _, blocks in sane]
@@ -108,7 +108,7 @@ def _read_block(reading: Reading, shape: list[int], start: int) -> tuple[np.ndar
 
 
 def _as_int32(values: np.ndarray) -> np.ndarray:
-    """Whole numbers; what is none becomes the lowest integer, which `_find_fault` reports."""
+    """Whole numbers; what is none becomes the lowest integer, which `find_fault` reports."""
     if values.dtype.kind == "i":
         return values
     lowest = np.iinfo(np.int32).min
@@ -116,7 +116,7 @@ def _as_int32(values: np.ndarray) -> np.ndarray:
     return np.where(is_integer, values, lowest).astype(np.int32)
 
 
-def _find_fault(blocks: Iterable[Block]) -> str | None:
+def find_fault(blocks: Iterable[Block]) -> str | None:
     """Say which node cannot be one, or None."""
     for number, block in enumerate(blocks, 1):
         with np.errstate(invalid="ignore"):
@@ -197,7 +197,7 @@ def _check_fits(grid: Grid, dialect: Plot3dDialect) -> None:
     for number, block in enumerate(grid.blocks, 1):
         if dialect.n_dimensions == 2 and (block.shape[2] != 1 or block.nodes[..., 2].any()):
             raise InputError(f"{grid.source}: block {number} has a third dimension; write it as 3-D PLOT3D")
-    fault = _find_fault(grid.blocks)
+    fault = find_fault(grid.blocks)
     if fault:
         raise InputError(f"{grid.source}: {fault}; nothing was written")
 

@@ -1,0 +1,19 @@
+"""What all tests share."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+os.environ["OPENMDAO_REPORTS"] = "0"
+os.environ["OPENMDAO_WORKDIR"] = tempfile.mkdtemp(prefix="bspline_mdao_")
+
+
+@pytest.fixture(scope="session")
+def real_grids() -> Path:
+    """Folder of grids from other projects, which are not part of this one."""
+    folder = os.environ.get("BSPLINE_MDAO_GRIDS")
+    if not folder:
+        pytest.skip("set BSPLINE_MDAO_GRIDS to the folder of real grids")
+    return Path(folder)
