@@ -45,12 +45,15 @@ class Coincidence:
         Shortest edge of non-zero length at each face node, in metres; infinite inside the block.
     round_off : float
         Relative precision of the coordinates as stored.
+    is_coarse : bool
+        Whether cells are so thin somewhere that round-off had to be left out of the tolerance.
     """
 
     ids: tuple[np.ndarray, ...]
     near_ids: tuple[np.ndarray, ...]
     spacing: tuple[np.ndarray, ...]
     round_off: float
+    is_coarse: bool
 
 
 def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
@@ -68,11 +71,12 @@ def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
     length = np.concatenate([s[mask] for s, mask in zip(spacing, masks)])
     length[np.isinf(length)] = 0.0
     rounding = ROUND_OFF_UNITS * round_off * np.abs(points).max(axis=1)
+    is_coarse = bool(np.any(rounding > THIN_CELL_LIMIT * length))
     tolerance = np.maximum(SPACING_TOLERANCE * length, np.minimum(rounding, THIN_CELL_LIMIT * length))
     collapsed, real = _compress(collapsed, masks), _compress(real, masks)
     ids = _merge_close(points, tolerance, _join(_equal_points(points), collapsed), real)
     near_ids = _merge_close(points, np.maximum(tolerance, NEAR_MISS_TOLERANCE * length), ids, real)
-    return Coincidence(_spread(ids, masks), _spread(near_ids, masks), spacing, round_off)
+    return Coincidence(_spread(ids, masks), _spread(near_ids, masks), spacing, round_off, is_coarse)
 
 
 def data_round_off(blocks: Sequence[np.ndarray], n_samples: int = 3000) -> float:
@@ -80,9 +84,9 @@ def data_round_off(blocks: Sequence[np.ndarray], n_samples: int = 3000) -> float
 
     Judged from ``n_samples`` numbers of each block, spread over it.
     """
-    samples = [nodes.reshape(-1)[:: max(1, nodes.size // n_samples)] for nodes in blocks]
-    values = np.abs(np.concatenate(samples))
-    values = values[values > 0]
+    samples = [nodes.reshape(-1, 3)[:: max(1, nodes.size // n_samples)] for nodes in blocks]
+    values = np.abs(np.concatenate(samples).ravel())
+    values = values[values > 1e-12 * values.max(initial=0.0)]
     with np.errstate(over="ignore"):
         if np.array_equal(values.astype(np.float32), values):
             return float(np.finfo(np.float32).eps)

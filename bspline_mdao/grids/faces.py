@@ -51,9 +51,7 @@ class Face:
 
     def quads(self) -> np.ndarray:
         """Points at the corners of each quad, shape (n_quads, 4), corner p + 2 q at the end p, q of the tangents."""
-        ends = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None), slice(None)) for n in self.ids.shape]
-        corners = [self.ids[ends[0][p], ends[1][q]] for q in range(2) for p in range(2)]
-        return np.stack(corners, axis=-1).reshape(-1, 4)
+        return quad_corners(self.ids).reshape(-1, 4)
 
     def part(self, rectangle: Rectangle) -> Window:
         """The window that covers a rectangle of quads."""
@@ -65,19 +63,17 @@ class Face:
     def covered(self, window: Window) -> np.ndarray:
         """Mask of the quads that a window covers, shape `n_quads`."""
         mask = np.zeros(self.n_quads, dtype=bool)
-        if window.block == self.window.block and _holds(window, self.normal, self.window.lo[self.normal]):
-            mask[
-                tuple(
-                    slice(window.lo[d], max(window.hi[d], window.lo[d] + (n == 1)))
-                    for d, n in zip(self.tangents, self.ids.shape)
-                )
-            ] = True
+        d = self.normal
+        if window.block == self.window.block and window.lo[d] == window.hi[d] == self.window.lo[d]:
+            ends = [(window.lo[t], window.hi[t] if n > 1 else 1) for t, n in zip(self.tangents, self.ids.shape)]
+            mask[tuple(slice(*end) for end in ends)] = True
         return mask
 
 
-def _holds(window: Window, d: int, index: int) -> bool:
-    """Whether a window is flat in direction d at ``index``."""
-    return window.lo[d] == window.hi[d] == index
+def quad_corners(values: np.ndarray) -> np.ndarray:
+    """Values at the corners of each quad, shape (*n_quads, 4), of values at the nodes of a face, shape (n, m)."""
+    ends = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None), slice(None)) for n in values.shape]
+    return np.stack([values[ends[0][p], ends[1][q]] for q in range(2) for p in range(2)], axis=-1)
 
 
 def block_faces(ids: Sequence[np.ndarray]) -> list[Face]:
@@ -103,7 +99,7 @@ def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
     for face in faces:
         for axis, d in enumerate(face.tangents):
             for window in _collapsed_edges(face, axis):
-                if not any(_covers(other, window) and d in directions for other, directions in found.items()):
+                if not any(other.contains(window) and d in directions for other, directions in found.items()):
                     found[window] = (d,)
     return found
 
@@ -139,9 +135,3 @@ def _collapsed_edges(face: Face, axis: int) -> list[Window]:
             lo[other] = hi[other] = int(q)
             windows.append(Window(face.window.block, tuple(lo), tuple(hi)))
     return windows
-
-
-def _covers(outer: Window, inner: Window) -> bool:
-    return outer.block == inner.block and all(
-        a <= c and d <= b for a, b, c, d in zip(outer.lo, outer.hi, inner.lo, inner.hi)
-    )

@@ -55,6 +55,11 @@ class Window:
         """The window that covers a block of ``shape`` nodes."""
         return cls(block, (0, 0, 0), tuple(int(n) - 1 for n in shape[:3]))
 
+    def contains(self, other: Window) -> bool:
+        """Whether another window lies in this one."""
+        ends = zip(self.lo, other.lo, other.hi, self.hi)
+        return self.block == other.block and all(a <= b and c <= d for a, b, c, d in ends)
+
     def face(self, face: int) -> Window:
         """Face number ``face`` (see `FACE_NAMES`) of this window."""
         d, side = divmod(face, 2)

@@ -14,11 +14,12 @@ from itertools import combinations, product
 
 import numpy as np
 
-from .entities import Collapse, Link, Section
+from .entities import Link, Section
 from .faces import block_faces
 from .index_space import Orientation, Window
 from .matching import Quads
-from .sharing import section_rows, shared_ids
+from .segments import Segmentation
+from .sharing import block_rows, shared_ids
 
 
 @dataclass(frozen=True)
@@ -47,13 +48,7 @@ class Junction:
 
 
 def junction_links(
-    shapes,
-    segments: Sequence[Window],
-    links: Sequence[Link],
-    collapses: Sequence[Collapse],
-    quads: Quads,
-    kept_apart: np.ndarray,
-    ids: Sequence[np.ndarray],
+    shapes, segmentation: Segmentation, quads: Quads, kept_apart: np.ndarray, ids: Sequence[np.ndarray]
 ) -> list[Link]:
     """Links between coincident edges, then between coincident corners, that no chain of links joins yet.
 
@@ -61,7 +56,7 @@ def junction_links(
     ----------
     shapes : sequence of (int, int, int)
         Number of nodes of each block.
-    segments, links, collapses
+    segmentation : Segmentation
         Segments, and the links between their faces.
     quads, kept_apart
         Quads of all faces and the pairs of them that coincide but are kept apart by declaration.
@@ -71,35 +66,26 @@ def junction_links(
     found: list[Link] = []
     corners = _apart_corners(shapes, quads, kept_apart)
     for n_free in (1, 0):
-        shared = _shared_rows(shapes, segments, [*links, *found], collapses)
-        groups = _coincident_junctions(shapes, segments, ids, shared, n_free)
-        apart = _apart_pairs(shared[corners])
-        found += [link for group in groups for link in _group_links(group, apart)]
+        shared = _shared_numbers(shapes, segmentation, found)
+        apart = _apart_pairs(np.concatenate([numbers.ravel() for numbers in shared])[corners])
+        for group in _coincident_junctions(segmentation.segments, ids, shared, n_free):
+            found += _group_links(group, apart)
     return found
 
 
-def _shared_rows(shapes, segments, links, collapses) -> np.ndarray:
-    """Number of each node of the grid by the links between segments, shape (n_nodes,)."""
-    starts = _starts(shapes)
-    shared = np.empty(starts[-1], dtype=np.int64)
-    for segment, ids in zip(segments, shared_ids([segment.shape for segment in segments], links, collapses)):
-        shared[_rows(shapes, starts, segment)] = ids
+def _shared_numbers(shapes, segmentation: Segmentation, found: Sequence[Link]) -> list[np.ndarray]:
+    """Number each node of each block by the links known so far, shared nodes alike."""
+    shared = [np.empty(shape, dtype=np.int32) for shape in shapes]
+    segments = segmentation.segments
+    ids = shared_ids([segment.shape for segment in segments], [*segmentation.links, *found], segmentation.collapses)
+    for segment, numbers in zip(segments, ids):
+        shared[segment.block][segment.slices] = numbers
     return shared
-
-
-def _starts(shapes) -> np.ndarray:
-    return np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
-
-
-def _rows(shapes, starts, window: Window) -> np.ndarray:
-    """Rows of the nodes of a window among all nodes of the grid."""
-    return section_rows(shapes[window.block], (None, None, None), starts[window.block])[window.slices]
 
 
 def _apart_corners(shapes, quads: Quads, kept_apart: np.ndarray) -> np.ndarray:
     """Rows of the nodes that coincide at the corners of quads kept apart, shape (n, 2)."""
-    starts = _starts(shapes)
-    rows = Quads.of(block_faces([_rows(shapes, starts, Window.whole(b, shape)) for b, shape in enumerate(shapes)]))
+    rows = Quads.of(block_faces(block_rows(shapes)))
     order = np.argsort(quads.corners[kept_apart], axis=2, kind="stable")
     return np.take_along_axis(rows.corners[kept_apart], order, axis=2).transpose(0, 2, 1).reshape(-1, 2)
 
@@ -110,11 +96,11 @@ def _apart_pairs(shared: np.ndarray) -> set[tuple[int, int]]:
     return set(map(tuple, pairs.tolist()))
 
 
-def _coincident_junctions(shapes, segments, ids, shared, n_free: int) -> list[list[Junction]]:
+def _coincident_junctions(segments, ids, shared, n_free: int) -> list[list[Junction]]:
     """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
     groups: dict[bytes, dict[bytes, Junction]] = {}
     for number, section in _sections(segments, n_free):
-        junction = _junction(shapes, segments[number], number, section, ids, shared)
+        junction = _junction(segments[number], number, section, ids, shared)
         if junction.points.min() >= 0 and (n_free == 0 or np.ptp(junction.points) > 0):
             groups.setdefault(junction.points.tobytes(), {}).setdefault(junction.shared.tobytes(), junction)
     return [list(group.values()) for group in groups.values() if len(group) > 1]
@@ -129,14 +115,13 @@ def _sections(segments: Sequence[Window], n_free: int) -> Iterator[tuple[int, Se
                 yield number, section
 
 
-def _junction(shapes, segment: Window, number: int, section: Section, ids, shared) -> Junction:
+def _junction(segment: Window, number: int, section: Section, ids, shared) -> Junction:
     nodes = tuple(
         slice(lo, hi + 1) if end is None else (hi if end else lo)
         for lo, hi, end in zip(segment.lo, segment.hi, section)
     )
     points = np.atleast_1d(ids[segment.block][nodes])
-    local = shared[_starts(shapes)[segment.block] :][: np.prod(shapes[segment.block])].reshape(shapes[segment.block])
-    numbers = np.atleast_1d(local[nodes])
+    numbers = np.atleast_1d(shared[segment.block][nodes])
     is_reversed = points.tolist() > points[::-1].tolist()
     step = -1 if is_reversed else 1
     return Junction(number, section, points[::step], numbers[::step], is_reversed)

@@ -62,6 +62,10 @@ class Quads:
         needed = np.array([2 if face.is_line else 3 for face in faces])
         return cls(corners, number, p, q, n_points < needed[number])
 
+    def starts(self, n_faces: int) -> np.ndarray:
+        """Count the quads before each face."""
+        return np.searchsorted(self.face, np.arange(n_faces))
+
 
 @dataclass(frozen=True)
 class Matches:
@@ -117,16 +121,24 @@ class Region:
     shift: tuple[int, int]
     pairs: np.ndarray
 
+    def carry_quads(self, p, q):
+        """Indices in face b of the quads that meet quads (p, q) of face a."""
+        swap, flip0, flip1 = _TURNS[self.turn]
+        ends = (self.shift[0] + (-p if flip0 else p), self.shift[1] + (-q if flip1 else q))
+        return ends[::-1] if swap else ends
+
     def carry(self, rectangle: Rectangle) -> Rectangle:
-        """The rectangle of face b that meets one of face a."""
+        """Carry a rectangle of face a to the one of face b that it meets."""
+        ends = self.carry_quads(*rectangle.lo), self.carry_quads(*rectangle.hi)
+        return Rectangle(tuple(map(min, *ends)), tuple(map(max, *ends)))
+
+    def reverse(self) -> Region:
+        """Exchange the faces of the region, and the quads of its pairs."""
         swap, *flips = _TURNS[self.turn]
-        ends = [
-            (shift - hi, shift - lo) if flip else (shift + lo, shift + hi)
-            for lo, hi, flip, shift in zip(rectangle.lo, rectangle.hi, flips, self.shift)
-        ]
-        if swap:
-            ends.reverse()
-        return Rectangle(*zip(*ends))
+        shift = tuple(s if flip else -s for s, flip in zip(self.shift, flips))
+        step = -1 if swap else 1
+        turn = _TURNS.index((swap, *flips[::step]))
+        return Region(self.b, self.a, turn, shift[::step], self.pairs[:, ::-1])
 
     def interface(self, faces: Sequence[Face], rectangle: Rectangle) -> Interface:
         """The interface over a rectangle of face a."""

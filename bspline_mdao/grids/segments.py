@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise, product
 
 import numpy as np
@@ -14,6 +15,53 @@ MAX_SEGMENTS = 64
 """Most segments of one block; interfaces and windows that would need more are not cut out."""
 
 Cuts = list[tuple[set[int], set[int], set[int]]]
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Blocks cut into segments, and how the segments hang together by their faces.
+
+    Parameters
+    ----------
+    segments : tuple of Window
+        Blocks in order, the segments of each in C order.
+    interfaces : tuple of Interface
+        Those that cover whole faces of segments.
+    links : tuple of Link
+        Between segments across cut planes and interfaces.
+    collapses : tuple of Collapse
+        Sections of segments of zero extent.
+    given_up : tuple of (Interface or Window)
+        What was not cut out because a block would have had more than `MAX_SEGMENTS`.
+    """
+
+    segments: tuple[Window, ...]
+    interfaces: tuple[Interface, ...]
+    links: tuple[Link, ...]
+    collapses: tuple[Collapse, ...]
+    given_up: tuple[Interface | Window, ...]
+
+
+def segment_blocks(
+    shapes, interfaces: Sequence[Interface], patches: Sequence[Window], collapsed: dict[Window, tuple[int, ...]]
+) -> Segmentation:
+    """Cut blocks so that interfaces, patches and collapsed windows cover whole faces of segments.
+
+    Parameters
+    ----------
+    shapes : sequence of (int, int, int)
+        Number of nodes of each block.
+    interfaces, patches
+        Face windows of blocks.
+    collapsed : dict of Window to tuple of int
+        Windows of zero extent and the directions in which they have none.
+    """
+    cuts, given_up = find_cuts(shapes, interfaces, [*patches, *collapsed])
+    segments = cut_blocks(cuts)
+    kept = tuple(interface for interface in interfaces if interface not in given_up)
+    pinched = {window: directions for window, directions in collapsed.items() if window not in given_up}
+    links = (*cut_links(segments), *interface_links(shapes, segments, kept))
+    return Segmentation(tuple(segments), kept, links, tuple(find_collapses(segments, pinched)), tuple(given_up))
 
 
 def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]):
@@ -73,13 +121,13 @@ def interface_links(shapes, segments: Sequence[Window], interfaces: Sequence[Int
     links = []
     for interface in interfaces:
         for window, (a, a_section) in faces.items():
-            if contains(interface.a, window) and _is_outer(shapes, segments[a], a_section):
+            if interface.a.contains(window):
                 b, b_section = faces[carry(interface, window)]
                 links.append(Link(a, a_section, b, b_section, interface.orientation))
     return links
 
 
-def collapses(segments: Sequence[Window], windows: dict[Window, tuple[int, ...]]) -> list[Collapse]:
+def find_collapses(segments: Sequence[Window], windows: dict[Window, tuple[int, ...]]) -> list[Collapse]:
     """Sections of segments that lie in collapsed windows."""
     found = {}
     for window, directions in windows.items():
@@ -106,13 +154,6 @@ def section_in(segment: Window, window: Window) -> Section | None:
     return tuple(section)
 
 
-def contains(outer: Window, inner: Window) -> bool:
-    """Whether a window lies in another."""
-    return outer.block == inner.block and all(
-        a <= c and d <= b for a, b, c, d in zip(outer.lo, outer.hi, inner.lo, inner.hi)
-    )
-
-
 def carry(interface: Interface, window: Window) -> Window:
     """The part of side b of an interface that meets a part of side a."""
     lo, hi = [0, 0, 0], [0, 0, 0]
@@ -137,12 +178,6 @@ def _carried(interface: Interface, d: int, p: int, flip: bool, index: int) -> in
 def _end(d: int, end: int) -> Section:
     """The face section at one end of a direction."""
     return tuple(end if direction == d else None for direction in range(3))
-
-
-def _is_outer(shapes, segment: Window, section: Section) -> bool:
-    """Whether a face section of a segment lies on a face of its block."""
-    d = next(d for d in range(3) if section[d] is not None)
-    return segment.lo[d] == 0 if section[d] == 0 else segment.hi[d] == shapes[segment.block][d] - 1
 
 
 def _windows(item: Interface | Window) -> tuple[Window, ...]:
@@ -173,7 +208,8 @@ def _spread_cuts(shapes, wanted: Sequence[Interface | Window]):
         crowded = _crowded(cuts)
         if crowded is not None:
             return cuts, crowded
-        is_changed = any([_carry_cuts(cuts, side) for side in sides])
+        changes = [_carry_cuts(cuts, side) for side in sides]
+        is_changed = any(changes)
     return cuts, None
 
 

@@ -80,13 +80,14 @@ def shared_ids(
 
 def node_sharing(topology: Topology) -> NodeSharing:
     """Share the nodes of a grid out among its segments, each unique node to the first that holds it."""
-    rows = [_window_rows(topology, window) for window in topology.segments]
+    whole = block_rows(topology.shapes)
+    rows = [whole[segment.block][segment.slices] for segment in topology.segments]
     ids = topology.node_ids()
     flat_rows, flat_ids = (np.concatenate([a.ravel() for a in arrays]) for arrays in (rows, ids))
     _, first = np.unique(flat_ids, return_index=True)
     is_evaluated = np.zeros(len(flat_ids), dtype=bool)
     is_evaluated[first] = True
-    source = np.empty(sum(int(np.prod(shape)) for shape in topology.shapes), dtype=flat_rows.dtype)
+    source = np.empty(topology.n_nodes, dtype=flat_rows.dtype)
     source[flat_rows] = flat_rows[first][flat_ids]
     copied = np.flatnonzero(source != np.arange(len(source)))
     ends = np.cumsum([a.size for a in rows])[:-1]
@@ -112,6 +113,13 @@ def direction_classes(topology: Topology) -> np.ndarray:
     ]
     first = _first_of_each(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3)
+
+
+def block_rows(shapes: Sequence[tuple[int, int, int]]) -> list[np.ndarray]:
+    """Number the nodes of all blocks, blocks in order, each in C order: arrays of the blocks' shapes."""
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    starts = np.cumsum([0, *sizes])
+    return [np.arange(start, start + n).reshape(shape) for start, n, shape in zip(starts, sizes, shapes)]
 
 
 def section_rows(shape: tuple[int, int, int], section: Section, start: int = 0) -> np.ndarray:
@@ -164,10 +172,3 @@ def _first_of_each(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
     _, leaders = np.unique(labels, return_index=True)
     first[joined] = joined[leaders[labels]]
     return first
-
-
-def _window_rows(topology: Topology, window) -> np.ndarray:
-    """Rows of a window's nodes in the grid vector."""
-    shape = topology.shapes[window.block]
-    start = sum(int(np.prod(s)) for s in topology.shapes[: window.block])
-    return section_rows(shape, (None, None, None), start)[window.slices]

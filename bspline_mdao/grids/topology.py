@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from .coincidence import Coincidence, find_coincidence
+from .completion import complete_regions
 from .entities import BoundaryFace, Collapse, Interface, Link, NearMiss
 from .faces import Face, block_faces, collapsed_windows
 from .index_space import Window
@@ -21,7 +22,7 @@ from .junctions import junction_links
 from .matching import Matches, Quads, find_interfaces, find_regions, match_quads
 from .multiblock import Grid, Patch
 from .rectangles import decompose
-from .segments import collapses, cut_blocks, cut_links, find_cuts, interface_links
+from .segments import segment_blocks
 from .sharing import shared_ids
 
 __all__ = ["BoundaryFace", "Collapse", "Interface", "Link", "NearMiss", "Topology", "describe", "find_topology"]
@@ -95,32 +96,32 @@ def find_topology(grid: Grid) -> Topology:
         If a node is not finite, or a patch does not lie on a face of a block of the grid.
     """
     _check(grid)
-    coincidence = find_coincidence([block.nodes for block in grid.blocks])
+    blocks = [block.nodes for block in grid.blocks]
+    coincidence = find_coincidence(blocks)
     faces = block_faces(coincidence.ids)
     quads = Quads.of(faces)
     declared = [window for patch in grid.patches for window in patch.windows]
-    is_declared = _covered(faces, declared)
-    matches = match_quads(quads, is_declared)
-    interfaces = find_interfaces(faces, quads, find_regions(quads, matches.pairs))
+    is_closed = quads.is_degenerate | _covered(faces, declared)
+    matches = match_quads(quads, _covered(faces, declared))
+    regions = find_regions(quads, matches.pairs)
+    if coincidence.is_coarse:
+        regions = complete_regions(regions, faces, quads, ~is_closed, blocks, coincidence.round_off)
     collapsed = collapsed_windows(faces)
-    cuts, given_up = find_cuts(grid.shapes, interfaces, [*declared, *collapsed])
-    kept = [interface for interface in interfaces if interface not in given_up]
-    is_matched = _covered(faces, [window for interface in kept for window in (interface.a, interface.b)])
-    segments = cut_blocks(cuts)
-    links = [*cut_links(segments), *interface_links(grid.shapes, segments, kept)]
-    merged = collapses(segments, {window: d for window, d in collapsed.items() if window not in given_up})
-    links += junction_links(grid.shapes, segments, links, merged, quads, matches.kept_apart, coincidence.ids)
+    pinched = {window: directions for window, directions in collapsed.items() if not _is_strip(window, directions)}
+    segmentation = segment_blocks(grid.shapes, find_interfaces(faces, quads, regions), declared, pinched)
+    is_closed |= _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
+    junctions = junction_links(grid.shapes, segmentation, quads, matches.kept_apart, coincidence.ids)
     return Topology(
         source=grid.source,
         shapes=grid.shapes,
-        interfaces=tuple(kept),
-        boundary=_boundary(grid.patches, faces, is_declared | is_matched | quads.is_degenerate),
+        interfaces=segmentation.interfaces,
+        boundary=_boundary(grid.patches, faces, is_closed),
         collapsed=tuple(collapsed),
-        near_misses=_near_misses(grid, coincidence, is_declared | is_matched | quads.is_degenerate),
-        segments=tuple(segments),
-        links=tuple(links),
-        collapses=tuple(merged),
-        warnings=_warnings(faces, quads, matches, given_up),
+        near_misses=_near_misses(grid, coincidence, is_closed),
+        segments=segmentation.segments,
+        links=(*segmentation.links, *junctions),
+        collapses=segmentation.collapses,
+        warnings=_warnings(faces, quads, matches, segmentation.given_up),
     )
 
 
@@ -129,15 +130,25 @@ def _check(grid: Grid) -> None:
     for number, block in enumerate(grid.blocks, start=1):
         if not np.isfinite(block.nodes).all():
             i, j, k = np.argwhere(~np.isfinite(block.nodes).all(axis=-1))[0] + 1
-            raise InputError(f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k})")
-    for patch, window in ((patch, window) for patch in grid.patches for window in patch.windows):
-        if not 0 <= window.block < len(grid.blocks):
-            raise InputError(f"{grid.source}: patch {patch.name} names block {window.block + 1} of {len(grid.blocks)}")
-        if not _is_on_face(window, grid.shapes[window.block]):
-            lo, hi = (tuple(i + 1 for i in end) for end in (window.lo, window.hi))
             raise InputError(
-                f"{grid.source}: patch {patch.name}: {lo} to {hi} is not on a face of block {window.block + 1}"
+                f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k}); repair the file"
             )
+    for patch in grid.patches:
+        for window in patch.windows:
+            _check_patch(grid, patch.name, window)
+
+
+def _check_patch(grid: Grid, name: str, window: Window) -> None:
+    """Refuse a patch window of a block that does not exist or that is not on a face of its block."""
+    if not 0 <= window.block < len(grid.blocks):
+        raise InputError(
+            f"{grid.source}: patch {name} is on block {window.block + 1}, but the grid has {len(grid.blocks)}; "
+            f"correct the patch"
+        )
+    if not _is_on_face(window, grid.shapes[window.block]):
+        raise InputError(
+            f"{grid.source}: patch {name}: {describe(window)} is not on a face of the block; correct its ranges"
+        )
 
 
 def _is_on_face(window: Window, shape) -> bool:
@@ -182,6 +193,11 @@ def _near_miss(grid: Grid, coincidence: Coincidence, interface: Interface) -> Ne
     gaps = np.linalg.norm(grid.blocks[a.block].nodes[a.slices] - there, axis=-1)
     worst = np.unravel_index(np.argmax(gaps), gaps.shape)
     return NearMiss(a, b, float(gaps[worst]), float(coincidence.spacing[a.block][a.slices][worst]))
+
+
+def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
+    """Whether a collapsed window is one cell wide: its nodes get equal parameters without being cut out."""
+    return any(window.shape[d] == 2 for d in directions)
 
 
 def _warnings(faces: Sequence[Face], quads: Quads, matches: Matches, given_up) -> tuple[str, ...]:
