@@ -1,0 +1,95 @@
+"""Grid files of all formats: the content tells which one is read, the grid or the name which one is written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ..errors import InputError
+from .cgns import read_cgns, write_cgns
+from .multiblock import Grid
+from .patches import read_patches
+from .plot3d import read_plot3d, write_plot3d
+from .plot3d_dialect import Plot3dDialect
+from .vtk import write_vtk
+
+__all__ = ["read_grid", "write_grid"]
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_ADF = b"@(#)ADF Database"
+_ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
+
+
+def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:
+    """Read a PLOT3D or CGNS grid, and a patches file where there is one.
+
+    Parameters
+    ----------
+    path : path-like
+        The grid; its format is found from its content, never from its name.
+    patches : path-like, optional
+        Patches in TOML or a neutral map file. They replace patches of the same name in a CGNS grid.
+
+    Returns
+    -------
+    Grid
+        The grid.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read, in one line.
+    """
+    head = _read_head(path)
+    if head.startswith(_ADF) or head[4:].startswith(_ADF):
+        raise InputError(f"{path}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
+    is_hdf5 = any(head[start : start + 8] == _HDF5 for start in (0, 512, 1024, 2048))
+    grid = read_cgns(path) if is_hdf5 else read_plot3d(path)
+    return grid if patches is None else read_patches(patches, grid)
+
+
+def _read_head(path: str | os.PathLike) -> bytes:
+    if not os.path.isfile(path):
+        raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a grid file")
+    try:
+        with open(path, "rb") as file:
+            return file.read(4096)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def write_grid(path: str | os.PathLike, grid: Grid) -> None:
+    """Write a grid, whole or not at all.
+
+    The suffixes ``.cgns`` and ``.vtm`` (ParaView) choose these formats. Under any other name a grid read from PLOT3D is
+    written in the dialect that it was read in; other grids become PLOT3D with 8-byte reals and a block count: ASCII for
+    ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either compressed where ``.gz`` follows.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to make or replace.
+    grid : Grid
+        The grid.
+
+    Raises
+    ------
+    InputError
+        When the format cannot hold the grid or the file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".cgns":
+        write_cgns(path, grid)
+    elif suffix == ".vtm":
+        write_vtk(path, grid)
+    elif isinstance(grid.dialect, Plot3dDialect):
+        write_plot3d(path, grid)
+    else:
+        write_plot3d(path, grid, _dialect_of_name(Path(path)))
+
+
+def _dialect_of_name(path: Path) -> Plot3dDialect:
+    """Dialect for a grid that was not read from PLOT3D."""
+    is_gzipped = path.suffix.lower() == ".gz"
+    suffix = path.with_suffix("").suffix if is_gzipped else path.suffix
+    return Plot3dDialect("ascii" if suffix.lower() in _ASCII_SUFFIXES else "raw", is_gzipped=is_gzipped)
