@@ -87,13 +87,17 @@ def _parse_plain(plain: bytes) -> np.ndarray:
 
 def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str) -> np.ndarray:
     """Expand ``n*value``."""
-    stars = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("*"))
-    counts_at = np.searchsorted(starts, stars) - 1
-    values_at = counts_at + 1
-    is_whole = (counts_at >= 0) & (values_at < len(starts))
-    is_whole &= starts[np.minimum(values_at, len(starts) - 1)] == stars + 1
-    is_whole[1:] &= counts_at[1:] > values_at[:-1]
-    is_whole &= _is_count(values[counts_at])
+    padded = np.frombuffer(b" " + data + b" ", np.uint8)
+    stars = np.flatnonzero(padded == ord("*")) - 1
+    before, after = padded[stars], padded[stars + 2]
+    is_whole = (
+        (before >= ord("0")) & (before <= ord("9")) & (after > ord(" ")) & (after != ord("*")) & (after != ord(","))
+    )
+    if is_whole.all():
+        counts_at = np.searchsorted(starts, stars) - 1
+        values_at = counts_at + 1
+        is_whole = _is_count(values[counts_at])
+        is_whole[1:] &= counts_at[1:] > values_at[:-1]
     if not is_whole.all():
         line = data.count(b"\n", 0, int(stars[np.argmin(is_whole)])) + 1
         raise InputError(f"{source}: line {line}: '*' is not a repeat like 3*0.5; write the value out")
