@@ -3,6 +3,10 @@
 Levenberg (1944) and Marquardt (1963) for three unknowns with bounds. The columns of the Jacobian are scaled to unit
 length first, so that a step does not depend on the aspect ratio of the cell; the damping keeps it finite where columns
 vanish or become parallel (collapsed faces, singular lines); parameters that a bound holds back are left out.
+
+Steps that do not come closer are followed for a while before the descent goes back to the closest parameters so far and
+damps more: near a singular line Newton's path to the point leads over larger distances (Grippo, Lampariello and Lucidi
+1986, a nonmonotone search).
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["DAMPING_MAX", "DAMPING_START", "STATIONARY", "next_damping", "trial_step"]
+__all__ = ["advance", "column_norm", "is_collapsed", "start"]
 
 DAMPING_START = 1e-10
 """Damping of the first step, relative to the unit diagonal of the scaled normal matrix: all but undamped."""
@@ -24,45 +28,79 @@ DAMPING_RESTART = 1e-3
 DAMPING_MAX = 1e12
 """Damping at which steps are below round-off."""
 
+PATIENCE = 4
+"""Steps in a row that need not come closer, until one has halved the distance."""
+
 STATIONARY = 1e-9
 """Cosine of the angle between the residual and every free column below which the point is the closest one."""
 
-
-@njit(cache=True)
-def next_damping(damping, is_closer):
-    """Damping of the next step, after one that came closer or did not."""
-    if is_closer:
-        return max(0.05 * damping, DAMPING_MIN)
-    return max(10.0 * damping, DAMPING_RESTART)
+COLLAPSED = 1e-12
+"""Norm of a column, relative to the longest one, below which the position does not depend on its parameter."""
 
 
 @njit(cache=True)
-def trial_step(xi, residual, jacobian, damping, trial):
-    """Step from ``xi`` towards the point whose residual is ``mapping(xi) - point``.
+def start(progress):
+    """Set the progress of a descent (least distance, damping, steps without success) to its beginning."""
+    progress[0], progress[1], progress[2] = np.inf, DAMPING_START, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def advance(xi, residual, jacobian, kept, progress, target):
+    """Judge the parameters that a descent has come to, and take the next step from there or from the closest ones.
 
     Parameters
     ----------
     xi : ndarray, shape (3,)
-        Parameters in [0, 1].
-    residual : ndarray, shape (3,)
-        Position minus the given point.
-    jacobian : ndarray, shape (3, 3)
-        Derivatives of the position; column d belongs to parameter d.
-    damping : float
-        Levenberg-Marquardt damping.
-    trial : ndarray, shape (3,)
-        Overwritten with the parameters to try, in [0, 1].
+        Parameters reached; overwritten with the next ones to evaluate, or with the closest ones at the end.
+    residual, jacobian : ndarray, shapes (3,) and (3, 3)
+        ``mapping(xi) - point`` and its derivatives in the parameters (columns).
+    kept : ndarray, shape (5, 3)
+        Scratch of the descent: parameters, residual and Jacobian where it was closest.
+    progress : ndarray, shape (3,)
+        See `start`; ``progress[0]`` is the least distance so far.
+    target : float
+        Distance that is close enough.
 
     Returns
     -------
-    cosine : float
-        Largest cosine of the angle between the residual and a free column; 0 at the closest point.
+    bool
+        Whether the descent has ended.
     """
+    _judge(xi, residual, jacobian, kept, progress)
+    is_back = progress[2] > PATIENCE
+    is_at_best = is_back or progress[2] == 0.0
+    if is_back:
+        xi[:], residual[:], jacobian[:] = kept[0], kept[1], kept[2:]
+    cosine = _trial_step(xi, residual, jacobian, progress[1])
+    is_done = progress[0] <= target or progress[1] > DAMPING_MAX or (is_at_best and cosine <= STATIONARY)
+    if is_done:
+        xi[:] = kept[0]
+    return is_done
+
+
+@njit(cache=True)
+def _judge(xi, residual, jacobian, kept, progress):
+    """Keep the closest parameters; count the steps that are not closer, and damp when there are too many."""
+    distance = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
+    if distance < progress[0]:
+        if distance < 0.5 * progress[0] or progress[2] <= PATIENCE:
+            progress[2] = 0.0
+        progress[0], progress[1] = distance, max(0.05 * progress[1], DAMPING_MIN)
+        kept[0], kept[1], kept[2:] = xi, residual, jacobian
+        return
+    progress[2] += 1.0
+    if progress[2] > PATIENCE:
+        progress[1] = max(10.0 * progress[1], DAMPING_RESTART)
+
+
+@njit(cache=True)
+def _trial_step(xi, residual, jacobian, damping):
+    """Move ``xi`` by one step; return the largest cosine between residual and free columns, 0 at the closest point."""
     norms, slopes = _free_columns(xi, residual, jacobian)
-    matrix = _scaled_products(jacobian, norms)
-    step = _solve(matrix, slopes, damping)
+    step = _solve(_scaled_products(jacobian, norms), slopes, damping)
     for d in range(3):
-        trial[d] = xi[d] if norms[d] == 0.0 else min(max(xi[d] + step[d] / norms[d], 0.0), 1.0)
+        if norms[d] > 0.0:
+            xi[d] = min(max(xi[d] + step[d] / norms[d], 0.0), 1.0)
     length = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
     return max(abs(slopes[0]), abs(slopes[1]), abs(slopes[2])) / max(length, 1e-300)
 
@@ -73,12 +111,25 @@ def _column_product(jacobian, d, e):
 
 
 @njit(cache=True)
+def column_norm(jacobian, d):
+    """Length of column ``d``."""
+    return np.sqrt(_column_product(jacobian, d, d))
+
+
+@njit(cache=True)
+def is_collapsed(jacobian, d):
+    """Whether the position does not depend on parameter ``d``, as on a collapsed face, up to round-off."""
+    longest = max(column_norm(jacobian, 0), column_norm(jacobian, 1), column_norm(jacobian, 2))
+    return column_norm(jacobian, d) <= COLLAPSED * longest
+
+
+@njit(cache=True)
 def _free_column(xi, residual, jacobian, d):
     """Norm of a column and slope of the distance along it; both 0 where it vanishes or a bound holds the parameter."""
-    norm = np.sqrt(_column_product(jacobian, d, d))
     slope = jacobian[0, d] * residual[0] + jacobian[1, d] * residual[1] + jacobian[2, d] * residual[2]
-    if norm < 1e-150 or (xi[d] <= 0.0 and slope >= 0.0) or (xi[d] >= 1.0 and slope <= 0.0):
+    if is_collapsed(jacobian, d) or (xi[d] <= 0.0 and slope >= 0.0) or (xi[d] >= 1.0 and slope <= 0.0):
         return 0.0, 0.0
+    norm = column_norm(jacobian, d)
     return norm, slope / norm
 
 

@@ -10,16 +10,22 @@ import numpy as np
 from numba import njit, prange
 
 from ..splines.volume import Volume, evaluate, evaluate_gradients
-from .closest_point import DAMPING_MAX, DAMPING_START, STATIONARY, next_damping, trial_step
+from .closest_point import advance, column_norm, is_collapsed, start
 from .point_mapping import bilinear_corners, map_point, map_point_scratch
 
 __all__ = ["descend"]
 
-MAX_STEPS = 60
+MAX_STEPS = 100
 """Steps from one start. Ten are ample towards a point inside; far outside a curved face convergence is linear."""
 
-AGREEING_STARTS = 3
+AGREEING_STARTS = 6
 """Starts that end at the same distance after which the remaining ones are not tried."""
+
+N_TURNS = 16
+"""Parameters tried along a collapsed direction."""
+
+TURN = 1e-6
+"""Cosine between the way to the point and the way off a collapsed face above which it is taken."""
 
 _POINTS_PER_TASK = 64
 
@@ -61,14 +67,14 @@ def descend(volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndar
 def _descend_each(corners, net, points, starts, target, parameters, distance):
     n = len(points)
     for task in prange((n + _POINTS_PER_TASK - 1) // _POINTS_PER_TASK):
-        scratch = map_point_scratch(corners, net)
-        here, there = (np.empty(3), np.empty((3, 3))), (np.empty(3), np.empty((3, 3)))
-        xi, trial = np.empty(3), np.empty(3)
+        mapping = corners, net, map_point_scratch(corners, net)
+        state = np.empty(3), np.empty((3, 3)), np.empty((5, 3)), np.empty(3)
+        xi = np.empty(3)
         for q in range(task * _POINTS_PER_TASK, min((task + 1) * _POINTS_PER_TASK, n)):
             n_agreeing = 0
             for m in range(starts.shape[1]):
                 xi[:] = starts[q, m]
-                found = _descend_from(corners, net, points[q], xi, trial, target, scratch, here, there)
+                found = _descend_from(mapping, points[q], xi, target, state)
                 n_agreeing = _count_agreeing(found, distance[q], n_agreeing)
                 if found < distance[q]:
                     distance[q] = found
@@ -86,35 +92,59 @@ def _count_agreeing(found, best, n_agreeing):
 
 
 @njit(cache=True, error_model="numpy")
-def _descend_from(corners, net, point, xi, trial, target, scratch, here, there):
+def _descend_from(mapping, point, xi, target, state):
     """Follow one point from one start, ``xi``, which is overwritten; return the distance reached."""
-    distance = _residual(corners, net, point, xi, scratch, here)
-    damping = DAMPING_START
+    corners, net, scratch = mapping
+    residual, jacobian, kept, progress = state
+    start(progress)
     for _ in range(MAX_STEPS):
-        if distance <= target or damping > DAMPING_MAX:
-            break
-        if trial_step(xi, here[0], here[1], damping, trial) <= STATIONARY:
-            break
-        tried = _residual(corners, net, point, trial, scratch, there)
-        is_closer = tried < distance
-        damping = next_damping(damping, is_closer)
-        if is_closer:
-            xi[:] = trial
-            distance = tried
-            here, there = there, here
-    return distance
+        map_point(corners, net, xi, scratch, residual, jacobian)
+        residual -= point
+        if advance(xi, residual, jacobian, kept, progress, target):
+            if progress[0] <= target or not _turn_on_collapsed_face(mapping, xi, residual, jacobian, kept):
+                break
+            start(progress)
+    xi[:] = kept[0]
+    return progress[0]
 
 
 @njit(cache=True, error_model="numpy")
-def _residual(corners, net, point, xi, scratch, out):
-    """Write the residual and the Jacobian at ``xi`` to ``out``; return the distance."""
-    residual, jacobian = out
-    map_point(corners, net, xi, scratch, residual, jacobian)
-    squares = 0.0
-    for x in range(3):
-        residual[x] -= point[x]
-        squares += residual[x] * residual[x]
-    return np.sqrt(squares)
+def _turn_on_collapsed_face(mapping, xi, residual, jacobian, kept):
+    """Turn ``xi``, on a collapsed face, to where a way into the volume comes closer; return whether there is one.
+
+    There the parameter along the collapsed direction, like the angle at a pole, does not move the position, but turns
+    the way off the face: a descent that has ended on the wrong side of the pole turns round and goes on.
+    """
+    corners, net, scratch = mapping
+    best = TURN
+    for d in range(3):
+        if net.shape[d] == 1 or not is_collapsed(kept[2:], d):
+            continue
+        turned, xi[:] = kept[0, d], kept[0]
+        for m in range(N_TURNS):
+            xi[d] = (m + 0.5) / N_TURNS
+            map_point(corners, net, xi, scratch, residual, jacobian)
+            inward = _inward_cosine(xi, kept[1], jacobian)
+            if inward > best:
+                best, turned = inward, xi[d]
+        xi[d] = turned
+        if best > TURN:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _inward_cosine(xi, residual, jacobian):
+    """Largest cosine between the way to the point and the ways from the bounds into the volume."""
+    best = 0.0
+    length = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
+    for d in range(3):
+        norm = column_norm(jacobian, d) * length
+        if 0.0 < xi[d] < 1.0 or norm == 0.0 or is_collapsed(jacobian, d):
+            continue
+        slope = jacobian[0, d] * residual[0] + jacobian[1, d] * residual[1] + jacobian[2, d] * residual[2]
+        best = max(best, -slope / norm if xi[d] <= 0.0 else slope / norm)
+    return best
 
 
 def _descend_together(volume, net, points, starts, target, parameters, distance):
@@ -137,39 +167,31 @@ def _count_all_agreeing(found, best, n_agreeing):
 
 
 def _descend_all_from(volume, net, points, starts, target):
-    xi, damping = starts.copy(), np.full(len(points), DAMPING_START)
-    residual, jacobian = _residuals(volume, net, points, xi)
-    todo = np.arange(len(points))
+    n = len(points)
+    xi, kept, progress = starts.copy(), np.empty((n, 5, 3)), np.empty((n, 3))
+    _start_all(progress)
+    is_free = np.array(volume.n_control) > 1
+    todo = np.arange(n)
     for _ in range(MAX_STEPS):
-        trial, is_done = _trial_steps(xi[todo], residual[todo], jacobian[todo], damping[todo], target)
-        todo, trial = todo[~is_done], trial[~is_done]
+        residual = evaluate(volume, net, xi[todo]) - points[todo]
+        jacobian = evaluate_gradients(volume, net, xi[todo]) * is_free
+        todo = todo[~_advance_all(todo, xi, residual, jacobian, kept, progress, target)]
         if not todo.size:
             break
-        there = _residuals(volume, net, points[todo], trial)
-        is_closer = np.linalg.norm(there[0], axis=1) < np.linalg.norm(residual[todo], axis=1)
-        damping[todo] = _next_dampings(damping[todo], is_closer)
-        closer = todo[is_closer]
-        xi[closer], residual[closer], jacobian[closer] = trial[is_closer], there[0][is_closer], there[1][is_closer]
-    return xi, np.linalg.norm(residual, axis=1)
-
-
-def _residuals(volume, net, points, xi):
-    return evaluate(volume, net, xi) - points, evaluate_gradients(volume, net, xi)
-
-
-@njit(cache=True, error_model="numpy")
-def _trial_steps(xi, residual, jacobian, damping, target):
-    """Steps of many points, and which of them are done."""
-    trial, is_done = np.empty_like(xi), np.empty(len(xi), dtype=np.bool_)
-    for q in range(len(xi)):
-        cosine = trial_step(xi[q], residual[q], jacobian[q], damping[q], trial[q])
-        distance = np.sqrt(residual[q, 0] ** 2 + residual[q, 1] ** 2 + residual[q, 2] ** 2)
-        is_done[q] = distance <= target or cosine <= STATIONARY or damping[q] > DAMPING_MAX
-    return trial, is_done
+    return kept[:, 0], progress[:, 0]
 
 
 @njit(cache=True)
-def _next_dampings(damping, is_closer):
-    for q in range(len(damping)):
-        damping[q] = next_damping(damping[q], is_closer[q])
-    return damping
+def _start_all(progress):
+    for q in range(len(progress)):
+        start(progress[q])
+
+
+@njit(cache=True, error_model="numpy")
+def _advance_all(ids, xi, residual, jacobian, kept, progress, target):
+    """`advance` for the points ``ids``, whose residuals and Jacobians alone are given."""
+    is_done = np.empty(len(ids), dtype=np.bool_)
+    for q in range(len(ids)):
+        i = ids[q]
+        is_done[q] = advance(xi[i], residual[q], jacobian[q], kept[i], progress[i], target)
+    return is_done

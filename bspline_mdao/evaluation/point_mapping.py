@@ -52,7 +52,8 @@ def map_point(corners, control_points, xi, scratch, position, jacobian):
     scratch : tuple
         From `map_point_scratch`.
     position, jacobian : ndarray, shapes (3,) and (3, 3)
-        Overwritten; column d of the Jacobian belongs to parameter d.
+        Overwritten; column d of the Jacobian belongs to parameter d. It is 0 in a degenerate direction, whose parameter
+        is not free to change, even where the knots of others depend on it.
     """
     knots, bases = scratch
     i = _direction_jets(corners[0], control_points.shape[0], xi[0], xi[1], xi[2], knots, bases[0])
@@ -64,6 +65,9 @@ def map_point(corners, control_points, xi, scratch, position, jacobian):
         corners[2].shape[2] - control_points.shape[2],
     )
     _contract(control_points, (i, j, k), orders, bases, position, jacobian)
+    for d in range(3):
+        if control_points.shape[d] == 1:
+            jacobian[:, d] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
