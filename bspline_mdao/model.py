@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,6 +58,25 @@ class GridHeader:
         return Grid(tuple(blocks), self.patches, self.source, self.dialect)
 
 
+@dataclass(frozen=True)
+class FitSettings:
+    """How a model was fitted, as far as its derivatives need to know.
+
+    Parameters
+    ----------
+    knots : str
+        ``"curved"``, ``"constant"``, or ``"given"`` for the user's own.
+    corrections : int
+        Cycles of parameter correction.
+    smoothing : float
+        Pull of the interior control points towards the interpolation of their boundary.
+    """
+
+    knots: str = "curved"
+    corrections: int = 0
+    smoothing: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class FittedModel:
     """A multi-block grid as a B-spline mesh.
@@ -79,6 +97,8 @@ class FittedModel:
         Names, patches, source and dialect of the grid.
     report : FitReport
         How good the fit is.
+    settings : FitSettings
+        How it was made.
     """
 
     topology: Topology
@@ -88,6 +108,7 @@ class FittedModel:
     residual: np.ndarray | None
     header: GridHeader
     report: FitReport
+    settings: FitSettings = FitSettings()
 
     def __post_init__(self):
         if self.control_points.shape != (self.mesh.n_control_points, 3):
@@ -128,15 +149,15 @@ class FittedModel:
             points = points + self.residual
         return self.header.grid(self.topology.shapes, points)
 
-    def save(self, path) -> None:
+    def save(self, path, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.model_file.write_model`."""
         from .model_file import write_model
 
-        write_model(self, Path(path))
+        write_model(self, path, compress)
 
     @classmethod
     def load(cls, path) -> FittedModel:
         """Read a model from a file, see `bspline_mdao.model_file.read_model`."""
         from .model_file import read_model
 
-        return read_model(Path(path))
+        return read_model(path)

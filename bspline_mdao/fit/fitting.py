@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..grids.multiblock import Grid
 from ..grids.sharing import NodeSharing, node_sharing, shared_ids
 from ..grids.topology import Topology, find_topology
-from ..model import FittedModel, GridHeader
+from ..model import FitSettings, FittedModel, GridHeader
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from .control_counts import choose_counts
@@ -162,6 +162,7 @@ def fit_grid(
         residual=residual if keep_residual else None,
         header=GridHeader.of(grid),
         report=report,
+        settings=FitSettings(knots if isinstance(knots, str) else "given", corrections, smoothing),
     )
 
 

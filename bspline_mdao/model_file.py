@@ -1,0 +1,214 @@
+"""One HDF5 file for a fitted model.
+
+Layout, version 1::
+
+    /                       attributes: format, version, checksum
+    /document               JSON (UTF-8): topology, grid header, report, settings, orders
+    /control_points         (n_control_points, 3)
+    /residual               (n_nodes, 3), where it is carried
+    /control_ids/<s>        ids of the control points of segment s
+    /parameters/<s>         parameters of its nodes
+    /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
+    /iblank/<b>             blanking of block b, where it has one
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .errors import InputError
+from .fit.errors import BlockError, FitReport, InvalidElement, WorstNode
+from .grids.atomic import replaced_file
+from .grids.cgns import CgnsDialect
+from .grids.entities import BoundaryFace, Collapse, Interface, Link, NearMiss
+from .grids.index_space import Orientation, Window
+from .grids.multiblock import Patch
+from .grids.plot3d_dialect import Plot3dDialect
+from .grids.topology import Topology
+from .model import FitSettings, FittedModel, GridHeader
+from .splines.knots import knots_from_array, knots_to_array
+from .splines.mesh import BSplineMesh
+from .splines.volume import Volume
+
+FORMAT = "bspline_mdao fitted model"
+VERSION = 1
+
+_LARGEST_RATIO = 2000
+"""More bytes in memory than this for each byte of the file are a sign of damage (gzip reaches about 1000)."""
+
+_RECORDS = {
+    record.__name__: record
+    for record in (
+        *(BlockError, FitReport, InvalidElement, WorstNode, FitSettings, GridHeader, Patch, Topology),
+        *(BoundaryFace, Collapse, Interface, Link, NearMiss, Orientation, Window, Plot3dDialect, CgnsDialect),
+    )
+}
+
+
+def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = True) -> None:
+    """Write a model; an existing file is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model.
+    path : path-like
+        The file.
+    compress : bool
+        Compress the arrays.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or the model has knots that are functions of the user's.
+    """
+    arrays = _arrays_of(model)
+    document = json.dumps(_encode(_document_of(model))).encode()
+    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
+    with replaced_file(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs.update(format=FORMAT, version=VERSION, checksum=_checksum(document, arrays))
+        file["document"] = np.frombuffer(document, np.uint8)
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, **options)
+
+
+def read_model(path: str | os.PathLike) -> FittedModel:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path-like
+        File that `write_model` made.
+
+    Returns
+    -------
+    FittedModel
+
+    Raises
+    ------
+    InputError
+        If the file is missing, foreign, damaged or of a newer version.
+    """
+    if not Path(path).is_file():
+        raise InputError(f"{path}: there is no such file; give a fitted model")
+    try:
+        document, arrays = _read_arrays(path)
+        return _assemble(_decode(json.loads(document)), arrays)
+    except InputError as error:
+        raise error if str(error).startswith(str(path)) else _damaged(path) from error
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
+        raise _damaged(path) from error
+
+
+def _damaged(path) -> InputError:
+    return InputError(f"{path}: the fitted model is damaged; fit the grid again")
+
+
+def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
+    """Document and arrays of a file whose format, version and checksum are right."""
+    if not h5py.is_hdf5(path):
+        raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
+    limit = _LARGEST_RATIO * os.path.getsize(path)
+    with h5py.File(path, "r") as file:
+        if file.attrs.get("format") != FORMAT:
+            raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
+        if file.attrs["version"] > VERSION:
+            raise InputError(
+                f"{path}: is of version {file.attrs['version']}, newer than {VERSION}, the newest known here; update the program"
+            )
+        arrays: dict[str, np.ndarray] = {}
+        file.visititems(lambda name, item: _read_into(arrays, name, item, limit))
+        checksum = file.attrs["checksum"]
+    document = arrays.pop("document").tobytes()
+    if checksum != _checksum(document, arrays):
+        raise _damaged(path)
+    return document, arrays
+
+
+def _read_into(arrays: dict, name: str, item, limit: int) -> None:
+    if isinstance(item, h5py.Dataset):
+        if item.nbytes > limit:
+            raise ValueError(name)
+        arrays[name] = item[()]
+
+
+def _checksum(document: bytes, arrays: dict[str, np.ndarray]) -> str:
+    """Checksum of everything in the file, the same on all machines."""
+    digest = hashlib.blake2b(document, digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.shape} {array.dtype.newbyteorder('<').str}".encode())
+        digest.update(array.astype(array.dtype.newbyteorder("<"), copy=False))
+    return digest.hexdigest()
+
+
+def _arrays_of(model: FittedModel) -> dict[str, np.ndarray]:
+    arrays = {"control_points": model.control_points}
+    if model.residual is not None:
+        arrays["residual"] = model.residual
+    for s, (volume, ids, parameters) in enumerate(zip(model.mesh.volumes, model.mesh.control_ids, model.parameters)):
+        arrays[f"control_ids/{s}"], arrays[f"parameters/{s}"] = ids, parameters
+        arrays.update({f"knots/{s}/{d}": knots_to_array(knots) for d, knots in enumerate(volume.knots)})
+    arrays.update({f"iblank/{b}": a for b, a in enumerate(model.header.iblanks) if a is not None})
+    return arrays
+
+
+def _document_of(model: FittedModel) -> dict:
+    return {
+        "topology": model.topology,
+        "header": replace(model.header, iblanks=()),
+        "report": model.report,
+        "settings": model.settings,
+        "orders": tuple(volume.orders for volume in model.mesh.volumes),
+    }
+
+
+def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
+    volumes = [
+        Volume(tuple(knots_from_array(arrays[f"knots/{s}/{d}"], order) for d, order in enumerate(orders)))
+        for s, orders in enumerate(document["orders"])
+    ]
+    ids, control_points = [arrays[f"control_ids/{s}"] for s in range(len(volumes))], arrays["control_points"]
+    header = document["header"]
+    return FittedModel(
+        topology=document["topology"],
+        mesh=BSplineMesh(tuple(volumes), tuple(ids), len(control_points)),
+        parameters=tuple(arrays[f"parameters/{s}"] for s in range(len(volumes))),
+        control_points=control_points,
+        residual=arrays.get("residual"),
+        header=replace(header, iblanks=tuple(arrays.get(f"iblank/{b}") for b in range(len(header.names)))),
+        report=document["report"],
+        settings=document["settings"],
+    )
+
+
+def _encode(value):
+    """Turn records, tuples and numbers into what JSON holds."""
+    if is_dataclass(value):
+        if type(value).__name__ not in _RECORDS:
+            raise InputError(
+                f"a {type(value).__name__} cannot be stored with a fitted model; read the grid from a file"
+            )
+        return {"record": type(value).__name__} | {f.name: _encode(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, dict):
+        return {name: _encode(item) for name, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_encode(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _decode(value):
+    """Reverse of `_encode`; lists become tuples."""
+    if isinstance(value, list):
+        return tuple(_decode(item) for item in value)
+    if isinstance(value, dict):
+        items = {name: _decode(item) for name, item in value.items() if name != "record"}
+        return _RECORDS[value["record"]](**items) if "record" in value else items
+    return value
