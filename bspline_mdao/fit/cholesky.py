@@ -11,7 +11,7 @@ SMALLEST_PIVOT = 1e-11
 """A pivot below this fraction of the largest diagonal entry makes a Gram matrix singular."""
 
 SHIFT = 1e-8
-"""Relative shift of the diagonal of a singular Gram matrix."""
+"""Shift of the diagonal of a singular Gram matrix, in nodes per control point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Cholesky:
         return routine(self.factor, right, lower=1)[0]
 
 
-def factorize(gram: np.ndarray, is_banded: bool, smoothing: float = 0.0) -> Cholesky:
+def factorize(gram: np.ndarray, is_banded: bool, unit: float, smoothing: float = 0.0) -> Cholesky:
     """Factor a Gram matrix.
 
     Parameters
@@ -50,23 +50,24 @@ def factorize(gram: np.ndarray, is_banded: bool, smoothing: float = 0.0) -> Chol
         Lower half, stored as `bspline_mdao.fit.design_matrix.DesignMatrix.gram` returns it.
     is_banded : bool
         Whether it is stored by bands.
+    unit : float
+        Unit of the shifts. It must not depend on the matrix, so that a shift has no derivative.
     smoothing : float
-        Shift of the diagonal relative to its mean.
+        Shift of the diagonal, in units.
 
     Returns
     -------
     Cholesky
     """
-    diagonal = gram[:, 0] if is_banded else gram.diagonal()
-    shift = smoothing * diagonal.mean()
+    shift = smoothing * unit
     factor = _factor(gram, is_banded, shift)
     if factor is not None:
         return Cholesky(factor, is_banded, shift, False)
-    shift += SHIFT * max(diagonal.max(), np.finfo(float).tiny)
-    return Cholesky(_factor(gram, is_banded, shift), is_banded, shift, True)
+    shift += SHIFT * unit
+    return Cholesky(_factor(gram, is_banded, shift, 0.0), is_banded, shift, True)
 
 
-def _factor(gram: np.ndarray, is_banded: bool, shift: float) -> np.ndarray | None:
+def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest=SMALLEST_PIVOT) -> np.ndarray | None:
     """Lower factor of the shifted matrix in LAPACK's column-major storage; None where it is singular."""
     lower = gram.T.copy(order="F")
     diagonal = lower[0] if is_banded else np.einsum("ii->i", lower)
@@ -78,5 +79,5 @@ def _factor(gram: np.ndarray, is_banded: bool, shift: float) -> np.ndarray | Non
     else:
         factor, info = dpotrf(lower, lower=1, clean=0, overwrite_a=1)
         pivots = factor.diagonal()
-    is_singular = info != 0 or (pivots**2).min() <= SMALLEST_PIVOT * largest
+    is_singular = info != 0 or (pivots**2).min() <= smallest * largest
     return None if is_singular else factor

@@ -164,7 +164,7 @@ def build_step(
     name : str
         Name of the entity for messages.
     smoothing : float
-        Shift of the Gram matrix relative to its mean diagonal, for interiors alone.
+        Shift of the Gram matrix in nodes per control point, for interiors alone.
 
     Returns
     -------
@@ -186,4 +186,5 @@ def build_step(
             f"{name}: {n_columns} control points in one least squares are too many for the memory; use fewer"
         )
     gram = matrix.gram(entity.columns, n_columns, bandwidth if is_banded else None)
-    return FitStep(entity, matrix, factorize(gram, is_banded, smoothing if entity.kind == "interior" else 0.0))
+    smoothing = smoothing if entity.kind == "interior" else 0.0
+    return FitStep(entity, matrix, factorize(gram, is_banded, matrix.shape[0] / n_columns, smoothing))

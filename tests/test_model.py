@@ -1,0 +1,125 @@
+"""Fitted models and their files."""
+
+import h5py
+import numpy as np
+import pytest
+from fit_cases import ALL_SHAPES, bent_block, c_grid, two_blocks
+
+from bspline_mdao.errors import InputError
+from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.grids.multiblock import Block, Grid, Patch
+from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.plot3d_dialect import Plot3dDialect
+from bspline_mdao.model import FittedModel
+from bspline_mdao.splines.knots import FunctionKnots
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "model.h5"
+    fit_grid(two_blocks()).save(path)
+    return path
+
+
+@pytest.mark.parametrize("shape", ALL_SHAPES)
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_file_holds_everything(shape, compress, tmp_path):
+    model = fit_grid(ALL_SHAPES[shape](), corrections=1, smoothing=0.01)
+    model.save(tmp_path / "model.h5", compress=compress)
+    loaded = FittedModel.load(tmp_path / "model.h5")
+    assert loaded.topology == model.topology
+    assert loaded.report == model.report
+    assert loaded.settings == model.settings
+    assert loaded.header.names == model.header.names
+    for name in ("control_points", "residual"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(model, name))
+    for a, b in zip(loaded.parameters + loaded.mesh.control_ids, model.parameters + model.mesh.control_ids):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_patches_dialect_and_blanking_survive(tmp_path):
+    nodes = bent_block().blocks[0].nodes
+    iblank = np.arange(nodes[..., 0].size, dtype=np.int32).reshape(nodes.shape[:3])
+    patch = Patch("wing", "wall", (Window.whole(0, nodes.shape).face(4),))
+    dialect = Plot3dDialect("fortran", ">", 4, has_iblank=True)
+    grid = Grid((Block(nodes, "zone", iblank),), (patch,), "wing.xyz", dialect)
+    fit_grid(grid).save(tmp_path / "model.h5")
+    header = FittedModel.load(tmp_path / "model.h5").header
+    assert (header.patches, header.dialect, header.source) == ((patch,), dialect, "wing.xyz")
+    np.testing.assert_array_equal(header.iblanks[0], iblank)
+
+
+@pytest.mark.parametrize("shape", ALL_SHAPES)
+def test_the_baseline_comes_back_with_its_residual(shape):
+    grid = ALL_SHAPES[shape]()
+    again = fit_grid(grid).regenerate()
+    assert again.shapes == grid.shapes
+    np.testing.assert_allclose(again.to_vector(), grid.to_vector(), atol=1e-14)
+
+
+def test_without_residual_the_splines_alone_come_back():
+    grid = c_grid()
+    with_residual, without = fit_grid(grid), fit_grid(grid, keep_residual=False)
+    assert without.residual is None
+    difference = grid.to_vector() - without.regenerate().to_vector()
+    np.testing.assert_allclose(difference, with_residual.residual.ravel(), atol=1e-14)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"nothing\.h5: there is no such file"):
+        FittedModel.load(tmp_path / "nothing.h5")
+
+
+def test_a_foreign_file_is_refused(tmp_path):
+    (tmp_path / "a.h5").write_text("no HDF5")
+    with pytest.raises(InputError, match=r"a\.h5: is not a fitted model \(no HDF5 file\)"):
+        FittedModel.load(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["x"] = 1
+    with pytest.raises(InputError, match=r"b\.h5: is an HDF5 file, but not a fitted model"):
+        FittedModel.load(tmp_path / "b.h5")
+
+
+def test_a_newer_version_is_refused(saved):
+    with h5py.File(saved, "a") as file:
+        file.attrs["version"] = 99
+    with pytest.raises(InputError, match="is of version 99, newer than 1"):
+        FittedModel.load(saved)
+
+
+@pytest.mark.parametrize("name", ["control_points", "document", "parameters/1", "knots/0/2"])
+def test_a_changed_or_missing_part_is_noticed(saved, name):
+    with h5py.File(saved, "a") as file:
+        values = file[name][()]
+        del file[name]
+        if name != "document":
+            file[name] = values + 1e-9
+    with pytest.raises(InputError, match=r"model\.h5: the fitted model is damaged"):
+        FittedModel.load(saved)
+
+
+def test_damaged_files_never_end_in_another_error(saved):
+    rng = np.random.default_rng(11)
+    content = np.frombuffer(saved.read_bytes(), np.uint8)
+    for trial in range(60):
+        damaged = content.copy()
+        damaged[rng.integers(0, len(content), 3)] = rng.integers(0, 256, 3)
+        saved.write_bytes(damaged[: rng.integers(1, len(content))].tobytes() if trial % 3 == 0 else damaged.tobytes())
+        try:
+            FittedModel.load(saved)
+        except InputError as error:
+            assert "\n" not in str(error)
+
+
+def test_an_old_file_stays_when_a_new_one_cannot_be_written(saved):
+    before = saved.read_bytes()
+    given = FunctionKnots(4, 5, lambda s, t: 0.5 + 0 * s[:, None], lambda s, t: np.zeros((s.size, 1, 2)))
+    model = fit_grid(bent_block(), knots=[(given, given, given)])
+    with pytest.raises(InputError, match="FunctionKnots cannot be saved"):
+        model.save(saved)
+    assert saved.read_bytes() == before
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match="missing/model.h5"):
+        fit_grid(bent_block()).save(tmp_path / "missing" / "model.h5")
