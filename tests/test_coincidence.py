@@ -50,12 +50,14 @@ def test_ends_of_a_viscous_cell_never_become_one(kind, offset):
 
 
 def test_a_chain_of_merges_never_spans_a_cell():
-    steps = np.linspace(0.0, 1e-4, 9)
-    chain = [box([-1.0 - n, x], [0.0, 1.0], [0.0, 1.0]) for n, x in enumerate(steps)]
-    thin = box([0.0, 1e-4, 1.0], [0.0, 1.0], [0.0, 1.0])
-    found = find_coincidence([thin, *chain])
-    assert found.ids[0][0, 0, 0] != found.ids[0][1, 0, 0]
-    assert found.near_ids[0][0, 0, 0] != found.near_ids[0][1, 0, 0]
+    # Numbers of eight digits; round-off is 18 units here, a quarter of the thin cell 15.
+    places = np.round(900.0 + 1e-5 * np.cumsum([0, 14, 13, 12, 11, 10]), 5)
+    thin = box([*places[[0, -1]], 902.0], [0.0, 1.0], [0.0, 1.0])
+    chain = [box([890.0 - n, x], [0.0, 1.0], [0.0, 1.0]) for n, x in enumerate(places[1:-1])]
+    assert data_round_off([thin, *chain]) == 1e-7
+    found = find_coincidence([*chain, thin])
+    assert found.ids[-1][0, 0, 0] != found.ids[-1][1, 0, 0]
+    assert found.near_ids[-1][0, 0, 0] != found.near_ids[-1][1, 0, 0]
 
 
 def test_gaps_within_a_hundredth_of_the_spacing_are_near():

@@ -205,7 +205,9 @@ def _nearest_pairs(points: np.ndarray, tolerance: np.ndarray, labels: np.ndarray
     _, first = np.unique(labels, return_index=True)
     if len(first) < 2:
         return np.empty((2, 0), dtype=int)
+    least = np.full(len(first), np.inf)
+    np.minimum.at(least, labels, tolerance)
     distance, near = cKDTree(points[first]).query(points[first], k=2)
     partner = np.where(near[:, 0] == np.arange(len(first)), near[:, 1], near[:, 0])
-    is_close = distance[:, 1] <= np.minimum(tolerance[first], tolerance[first[partner]])
+    is_close = distance[:, 1] <= np.minimum(least, least[partner])
     return np.stack([first[is_close], first[partner[is_close]]])

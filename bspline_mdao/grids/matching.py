@@ -147,20 +147,19 @@ class Region:
 
 
 def find_regions(quads: Quads, pairs: np.ndarray) -> list[Region]:
-    """Group pairs of quads by their faces, turn and shift; a pair that fits several goes to the largest."""
+    """Group pairs of quads by their faces, turn and shift, in that order.
+
+    Where more than one turn fits (across the flat direction of a line) the first, which does not flip, is taken.
+    """
     a, b = pairs.T
-    meets = (quads.corners[b][:, _TURNED_CORNERS] == quads.corners[a][:, None]).all(axis=2)
-    pair, turn = np.nonzero(meets)
-    keys = np.stack([quads.face[a[pair]], quads.face[b[pair]], turn, *_shifts(quads, a[pair], b[pair], turn)], axis=1)
-    kinds, kind, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    kind = kind.ravel()
-    order = np.lexsort((kind, -count[kind], pair))
-    _, best = np.unique(pair[order], return_index=True)
-    kind, pair = kind[order[best]], pair[order[best]]
-    order = np.argsort(kind, kind="stable")
-    starts = np.flatnonzero(np.diff(kind[order], prepend=-1))
-    groups = np.split(order, starts[1:]) if len(order) else []
-    return [_region(kinds[kind[group[0]]], pairs[pair[group]]) for group in groups]
+    fits = (quads.corners[b][:, _TURNED_CORNERS] == quads.corners[a][:, None]).all(axis=2)
+    pairs, turn = pairs[fits.any(axis=1)], fits[fits.any(axis=1)].argmax(axis=1)
+    a, b = pairs.T
+    keys = np.stack([quads.face[a], quads.face[b], turn, *_shifts(quads, a, b, turn)], axis=1)
+    kinds, kind = np.unique(keys, axis=0, return_inverse=True)
+    order = np.argsort(kind.ravel(), kind="stable")
+    ends = np.cumsum(np.bincount(kind.ravel(), minlength=len(kinds)))
+    return [_region(key, pairs[members]) for key, members in zip(kinds, np.split(order, ends[:-1]))]
 
 
 def find_interfaces(faces: Sequence[Face], quads: Quads, regions: Sequence[Region]) -> list[Interface]:
