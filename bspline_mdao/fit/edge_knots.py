@@ -39,12 +39,40 @@ def edge_knots(parameters: np.ndarray, n_control: int, order: int) -> np.ndarray
     >>> edge_knots(np.array([0.0, 0.1, 0.3, 0.6, 1.0]), n_control=4, order=3)
     array([0. , 0. , 0. , 0.3, 1. , 1. , 1. ])
     """
-    n_spans = n_control + 1 - order
-    at = np.arange(n_spans + 1) * ((parameters.size - 1) / n_spans)
-    breaks = np.interp(at, np.arange(parameters.size), parameters)
-    if np.diff(breaks).min() < NARROWEST:
-        breaks = (1 - LEANING) * breaks + LEANING * np.linspace(0, 1, n_spans + 1)
+    breaks = _interpolate(parameters, n_control + 1 - order)
+    if _is_narrow(breaks):
+        breaks = (1 - LEANING) * breaks + LEANING * np.linspace(0, 1, breaks.size)
     return np.concatenate([np.zeros(order), breaks[1:-1], np.ones(order)])
+
+
+def edge_knots_jvp(parameters: np.ndarray, n_control: int, order: int, d_parameters: np.ndarray) -> np.ndarray:
+    """Differentiate `edge_knots` along ``d_parameters``; linear as long as no knots coincide."""
+    breaks = _interpolate(parameters, n_control + 1 - order)
+    d_breaks = (1 - LEANING * _is_narrow(breaks)) * _interpolate(d_parameters, n_control + 1 - order)
+    return np.concatenate([np.zeros(order), d_breaks[1:-1], np.zeros(order)])
+
+
+def edge_knots_vjp(parameters: np.ndarray, n_control: int, order: int, bar: np.ndarray) -> np.ndarray:
+    """Transpose of `edge_knots_jvp`: from ``bar`` of the knots, shape (N + p,), to that of the parameters."""
+    n_spans = n_control + 1 - order
+    is_narrow = _is_narrow(_interpolate(parameters, n_spans))
+    inner_bar = (1 - LEANING * is_narrow) * bar[order:n_control]
+    place = (np.arange(n_spans + 1) * ((parameters.size - 1) / n_spans))[1:-1]
+    low = place.astype(int)
+    parameters_bar = np.zeros(parameters.size + 1)
+    np.add.at(parameters_bar, low, (1 - (place - low)) * inner_bar)
+    np.add.at(parameters_bar, low + 1, (place - low) * inner_bar)
+    return parameters_bar[:-1]
+
+
+def _interpolate(parameters: np.ndarray, n_spans: int) -> np.ndarray:
+    """Values at ``n_spans + 1`` evenly spaced real node numbers."""
+    places = np.arange(n_spans + 1) * ((parameters.size - 1) / n_spans)
+    return np.interp(places, np.arange(parameters.size), parameters)
+
+
+def _is_narrow(breaks: np.ndarray) -> bool:
+    return bool(np.diff(breaks).min() < NARROWEST)
 
 
 def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "curved") -> tuple[Knots, Knots, Knots]:
@@ -73,10 +101,40 @@ def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "cur
     return tuple(_direction_knots(parameters, d, n_control[d], orders[d], kind) for d in range(3))
 
 
+def knots_of_segment_jvp(parameters, n_control, orders, kind: str, d_parameters) -> list[np.ndarray]:
+    """Differentiate the knots on the edges: one array of shape (2, 2, N + p) per direction, as in `BilinearKnots`."""
+    d_corners = []
+    for d, (n, p) in enumerate(zip(n_control, orders)):
+        lines, d_lines = _along(parameters, d), _along(d_parameters, d)
+        corners = [[edge_knots_jvp(lines[:, s, t], n, p, d_lines[:, s, t]) for t in (0, -1)] for s in (0, -1)]
+        d_corners.append(np.array(corners) if kind == "curved" else _mean_of_edges(np.array(corners)))
+    return d_corners
+
+
+def knots_of_segment_vjp(parameters, n_control, orders, kind: str, corners_bar) -> np.ndarray:
+    """Transpose of `knots_of_segment_jvp`: cotangent of the parameters, shape (L0, L1, L2, 3)."""
+    parameters_bar = np.zeros(parameters.shape)
+    for d, (n, p) in enumerate(zip(n_control, orders)):
+        lines, lines_bar = _along(parameters, d), _along(parameters_bar, d)
+        bars = corners_bar[d] if kind == "curved" else _mean_of_edges(corners_bar[d])
+        for a, b in np.ndindex(2, 2):
+            lines_bar[:, -a, -b] += edge_knots_vjp(lines[:, -a, -b], n, p, bars[a, b])
+    return parameters_bar
+
+
+def _mean_of_edges(corners: np.ndarray) -> np.ndarray:
+    """Mean of the four edges on each of them: symmetric, so its own transpose."""
+    return np.broadcast_to(corners.mean(axis=(0, 1)), corners.shape)
+
+
+def _along(parameters: np.ndarray, d: int) -> np.ndarray:
+    """Parameters of direction d with axes in the cyclic order of the knots: (d, d + 1, d + 2)."""
+    return parameters[..., d].transpose(d, (d + 1) % 3, (d + 2) % 3)
+
+
 def _direction_knots(parameters: np.ndarray, d: int, n_control: int, order: int, kind: str) -> Knots:
     if n_control == 1:
         return ConstantKnots.uniform(1, 1)
-    # axes in the cyclic order of the knots: (d, d + 1, d + 2)
-    lines = parameters[..., d].transpose(d, (d + 1) % 3, (d + 2) % 3)
+    lines = _along(parameters, d)
     corners = np.array([[edge_knots(lines[:, s, t], n_control, order) for t in (0, -1)] for s in (0, -1)])
     return BilinearKnots(corners, order) if kind == "curved" else ConstantKnots(corners.mean(axis=(0, 1)), order)

@@ -55,14 +55,26 @@ class FitStep:
         control_points : ndarray, shape (n_control_points, 3)
             All control points.
         """
-        if self.cholesky is None:
-            return
+        if self.cholesky is not None:
+            self.solve_residual(nodes[self.entity.rows], 0.0, control_points)
+
+    def solve_residual(self, points: np.ndarray, right, control_points: np.ndarray) -> None:
+        """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A prior) + right_u`` and write ``prior + d``.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Values at the entity's nodes.
+        right : ndarray, shape (N0 N1 N2, 3), or 0
+            What is added on the right, for all control points of the section.
+        control_points : ndarray, shape (n_control_points, 3)
+            Those of the boundary are read, those of the entity written.
+        """
         net = interpolate_boundary(control_points[self.entity.control_ids]).reshape(-1, 3)
-        prior = self._first_of_columns(net)
+        prior = net[self._places]
         net = self._with_columns(net, prior)
-        right = self.matrix.apply_transpose(nodes[self.entity.rows] - self.matrix.apply(net))
-        deviation = self.cholesky.solve(self._sum_columns(right))
-        control_points[self.entity.unknown_ids] = prior + deviation
+        right = right + self.matrix.apply_transpose(points - self.matrix.apply(net))
+        control_points[self.entity.unknown_ids] = prior + self.cholesky.solve(self._sum_columns(right))
 
     def solve_transpose(self, control_bar: np.ndarray, nodes_bar: np.ndarray) -> None:
         """Reverse of `solve`: move ``control_bar`` of the entity to its nodes and to its boundary.
@@ -74,19 +86,22 @@ class FitStep:
         nodes_bar : ndarray, shape (n_rows, 3)
             Cotangent of the nodes, added to.
         """
-        if self.cholesky is None:
-            return
+        if self.cholesky is not None:
+            np.add.at(nodes_bar, self.entity.rows, self.solve_residual_transpose(control_bar)[0])
+
+    def solve_residual_transpose(self, control_bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; updates ``control_bar``."""
+        ids = self.entity.control_ids
         unknown_bar = control_bar[self.entity.unknown_ids]
         control_bar[self.entity.unknown_ids] = 0
-        deviation_bar = self._with_columns(np.zeros((self.matrix.shape[1], 3)), self.cholesky.solve(unknown_bar))
-        residual_bar = self.matrix.apply(deviation_bar)
-        nodes_bar[self.entity.rows] += residual_bar
-        net_bar = -self.matrix.apply_transpose(residual_bar)
+        right_bar = self._with_columns(np.zeros((ids.size, 3)), self.cholesky.solve(unknown_bar))
+        points_bar = self.matrix.apply(right_bar)
+        net_bar = -self.matrix.apply_transpose(points_bar)
         prior_bar = unknown_bar + self._sum_columns(net_bar)
         net_bar = self._with_columns(net_bar, np.zeros_like(prior_bar))
         net_bar[self._places] += prior_bar
-        shape = self.entity.control_ids.shape
-        np.add.at(control_bar, self.entity.control_ids, interpolate_boundary_transpose(net_bar.reshape(*shape, 3)))
+        np.add.at(control_bar, ids, interpolate_boundary_transpose(net_bar.reshape(*ids.shape, 3)))
+        return points_bar, right_bar
 
     def evaluate(self, control_points: np.ndarray) -> np.ndarray:
         """Points of the spline at the entity's nodes, shape (n, 3)."""
@@ -99,9 +114,6 @@ class FitStep:
         places = np.empty(len(self.entity.unknown_ids), dtype=np.int64)
         places[columns[columns >= 0][::-1]] = np.flatnonzero(columns >= 0)[::-1]
         return places
-
-    def _first_of_columns(self, net: np.ndarray) -> np.ndarray:
-        return net[self._places]
 
     def _with_columns(self, net: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
         """Return the net with the unknown points replaced."""
