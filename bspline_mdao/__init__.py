@@ -1,3 +1,34 @@
 """B-spline meshes as integrated geometry parametrization and grid movement for OpenMDAO."""
 
+from importlib import import_module
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "Fit": "components.fit",
+    "FittedModel": "model",
+    "Grid": "grids.multiblock",
+    "GridEvaluate": "components.grid_evaluate",
+    "InputError": "errors",
+    "find_topology": "grids.topology",
+    "fit_grid": "fit.fitting",
+    "flat_plate_grid": "generators.canonical",
+    "onera_m6_grid": "generators.canonical",
+    "read_grid": "grids.files",
+    "write_grid": "grids.files",
+}
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str):
+    """Import a public name when it is first asked for (PEP 562), so that importing the package stays cheap."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))

@@ -1,0 +1,125 @@
+"""The commands and their options. What a command needs is imported when it runs, so that ``--help`` is quick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .. import __version__
+
+PROGRAM = "bspline-mdao"
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+def example(*lines: str) -> str:
+    """Text that ends a help page."""
+    return "\b\nExample:\n" + "\n".join(f"  {line}" for line in lines)
+
+
+grid_argument = click.argument("grid_name", metavar="GRID")
+patches_option = click.option(
+    "--patches", type=click.Path(path_type=Path), metavar="FILE", help="Patches of the grid: a TOML or NMF file."
+)
+json_option = click.option("--json", type=click.Path(path_type=Path), metavar="FILE", help="Write the numbers to FILE.")
+
+
+@click.group(
+    context_settings=CONTEXT,
+    invoke_without_command=True,
+    epilog=example(
+        f"{PROGRAM} inspect wing.xyz --draft wing.toml",
+        f"{PROGRAM} fit wing.xyz --patches wing.toml -o wing.h5",
+        f"{PROGRAM} refine wing.h5 --factor 2 -o fine.xyz",
+    ),
+)
+@click.version_option(__version__, prog_name=PROGRAM)
+@click.pass_context
+def bspline_mdao(context: click.Context) -> None:
+    """Fit multi-block structured grids with B-spline volumes and regenerate them from their control points."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+@bspline_mdao.command(epilog=example(f"{PROGRAM} inspect wing.xyz --draft wing.toml"))
+@grid_argument
+@patches_option
+@click.option("--draft", type=click.Path(path_type=Path), metavar="FILE.toml", help="Write patches to start from.")
+@json_option
+def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path | None) -> None:
+    """Show blocks, interfaces, boundary faces and what looks wrong in a grid.
+
+    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate.
+    """
+    from .inspect import inspect_grid
+
+    inspect_grid(grid_name, patches, draft, json)
+
+
+@bspline_mdao.command(epilog=example(f"{PROGRAM} fit wing.xyz -o wing.h5 --n-control 13 13 9 --correct 2"))
+@grid_argument
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.h5", required=True, help="Fitted model."
+)
+@click.option(
+    "--n-control",
+    nargs=3,
+    type=click.IntRange(min=1),
+    metavar="I J K",
+    help="Control points per direction in every block; chosen from the grid by default.",
+)
+@click.option(
+    "--order",
+    type=click.IntRange(min=2),
+    default=4,
+    show_default=True,
+    help="Order of the B-splines, which is their degree plus one.",
+)
+@click.option(
+    "--correct",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Cycles of parameter correction: a closer fit, more time.",
+)
+@patches_option
+@click.option(
+    "--smoothing",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    show_default=True,
+    help="Pull of the inner control points towards their boundary; 0.01 repairs most invalid control meshes.",
+)
+@click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
+@json_option
+def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
+    """Fit a grid with B-spline volumes and write the model.
+
+    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate.
+    """
+    from .fit import FitOptions, fit_model
+
+    fit_model(grid_name, output, json, FitOptions(**options))
+
+
+@bspline_mdao.command(epilog=example(f"{PROGRAM} refine wing.h5 --factor 2 -o fine.xyz"))
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--factor",
+    type=click.FloatRange(min=0.0, min_open=True),
+    required=True,
+    metavar="F",
+    help="Cells per direction, by those of the grid; below 1 for a coarser member.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@json_option
+def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
+    """Write a finer or coarser member of the grid family of a model.
+
+    The extension of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView).
+    """
+    from .refine import refine_model
+
+    refine_model(model, factor, output, json)

@@ -1,0 +1,127 @@
+"""The command ``fit``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..fit.fitting import fit_grid
+from ..model import FittedModel
+from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .sources import file_of, load_grid
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Options of ``fit``.
+
+    Parameters
+    ----------
+    n_control : tuple of three int, optional
+        Control points per direction in every block.
+    order : int
+        Order of the B-splines.
+    correct : int
+        Cycles of parameter correction.
+    patches : Path, optional
+        Patches of the grid.
+    smoothing : float
+        Pull of the inner control points towards their boundary.
+    no_residual : bool
+        Do not carry the residual.
+    """
+
+    n_control: tuple[int, int, int] | None = None
+    order: int = 4
+    correct: int = 0
+    patches: Path | None = None
+    smoothing: float = 0.0
+    no_residual: bool = False
+
+
+def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptions) -> None:
+    """Fit a grid, write the model and show how good it is.
+
+    Parameters
+    ----------
+    grid_name : str
+        File, or ``@`` and the name of a built-in grid.
+    output, json : Path
+        Model and numbers to write.
+    options : FitOptions
+        How to fit.
+
+    Raises
+    ------
+    InputError
+        If the grid cannot be used or a file cannot be written.
+    """
+    check_outputs([output, json], [file_of(grid_name), options.patches])
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model = fit_grid(
+            load_grid(grid_name, options.patches),
+            n_control=options.n_control,
+            order=options.order,
+            corrections=options.correct,
+            keep_residual=not options.no_residual,
+            smoothing=options.smoothing,
+            progress=progress,
+        )
+    with written_json(json, fit_numbers(model)):
+        model.save(output)
+    show_fit(model, output)
+
+
+def fit_numbers(model: FittedModel) -> dict:
+    """Collect the numbers of a fit for JSON."""
+    report = model.report
+    return {
+        "grid": model.header.source,
+        "n_nodes": report.n_nodes,
+        "n_control_points": report.n_control_points,
+        "rms": report.rms,
+        "relative_rms": report.relative_rms,
+        "max_error": report.max_error,
+        "blocks": [
+            {"name": block.name, "nodes": shape, "n_control": counts, "rms": block.rms, "max_error": block.max_error}
+            for block, shape, counts in zip(report.blocks, model.topology.shapes, _counts(model))
+        ],
+        "worst_node": vars(report.worst),
+        "n_invalid_control_elements": report.n_invalid,
+        "invalid_control_elements": [vars(element) for element in report.invalid],
+        "seconds": report.seconds,
+        "warnings": report.warnings,
+    }
+
+
+def show_fit(model: FittedModel, output: Path) -> None:
+    """Print the report of a fit."""
+    report, worst = model.report, model.report.worst
+    print_title(f"{model.header.source}: {report.n_nodes:,} nodes, {report.n_control_points:,} control points")
+    rows = [
+        (number, block.name, _by(shape), " + ".join(_by(triple) for triple in counts), block.rms, block.max_error)
+        for number, (block, shape, counts) in enumerate(zip(report.blocks, model.topology.shapes, _counts(model)), 1)
+    ]
+    print_table(["block", "name", "nodes", "control points", "RMS x  y  z (m)", "largest x  y  z (m)"], rows)
+    print_lines(
+        [
+            f"RMS error {report.rms:.3e} m, which is {report.relative_rms:.2e} of the mean cell edge; "
+            f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} m",
+            f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} m",
+        ]
+    )
+    print_lines([f"warning: {warning}" for warning in report.warnings], style="yellow")
+    print_lines([f"{output} written, {report.seconds:.2f} s"])
+
+
+def _counts(model: FittedModel) -> list[list[tuple[int, int, int]]]:
+    """Control points per direction of the segments of each block."""
+    counts: list[list] = [[] for _ in model.topology.shapes]
+    for segment, volume in zip(model.topology.segments, model.mesh.volumes):
+        counts[segment.block].append(volume.n_control)
+    return counts
+
+
+def _by(shape) -> str:
+    return " x ".join(str(n) for n in shape)

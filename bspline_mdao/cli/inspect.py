@@ -1,0 +1,172 @@
+"""The command ``inspect``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..grids.atomic import replaced_file
+from ..grids.index_space import FACE_NAMES, Window
+from ..grids.multiblock import Grid, Patch
+from ..grids.patch_guess import draft_patches, guess_patches
+from ..grids.topology import Topology, find_topology
+from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .sources import file_of, load_grid
+
+
+def inspect_grid(grid_name: str, patches: Path | None, draft: Path | None, json: Path | None) -> None:
+    """Find the topology of a grid and show it.
+
+    Parameters
+    ----------
+    grid_name : str
+        File, or ``@`` and the name of a built-in grid.
+    patches : Path, optional
+        Declared patches.
+    draft, json : Path, optional
+        TOML file of patches to start from, and numbers, to write.
+
+    Raises
+    ------
+    InputError
+        If the grid cannot be used or a file cannot be written.
+    """
+    check_outputs([draft, json], [file_of(grid_name), patches])
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        grid = load_grid(grid_name, patches)
+        progress(0.5, "topology")
+        topology = find_topology(grid)
+    with written_json(json, grid_numbers(grid, topology)):
+        if draft:
+            write_draft(draft, grid, topology)
+    show_grid(grid, topology)
+    if draft:
+        print_lines([f"{draft} written: give the faces their names and kinds, then pass it as --patches {draft}"])
+
+
+def write_draft(path: Path, grid: Grid, topology: Topology) -> None:
+    """Write a TOML file with what is declared, and a guess at the rest of the boundary.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or to replace.
+    grid : Grid
+        The grid.
+    topology : Topology
+        Its topology.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with replaced_file(path) as part:
+        part.write_text(draft_patches(grid, _all_patches(grid, topology)), encoding="utf-8")
+
+
+def _all_patches(grid: Grid, topology: Topology) -> list[Patch]:
+    """Return what is declared, and a guess at the rest of the boundary under names that are free."""
+    guessed = guess_patches(grid, [face.window for face in topology.boundary if face.patch is None])
+    taken = {patch.name for patch in grid.patches}
+    renamed = [replace(p, name=f"{p.name}_guessed") if p.name in taken else p for p in guessed]
+    return [*grid.patches, *renamed]
+
+
+def grid_numbers(grid: Grid, topology: Topology) -> dict:
+    """Collect what is known about a grid for JSON; block, face and node numbers are from 1."""
+    return {
+        "grid": grid.source,
+        "blocks": grid.shapes,
+        "block_names": [block.name for block in grid.blocks],
+        "n_nodes": grid.n_nodes,
+        "n_interfaces": len(topology.interfaces),
+        "n_boundary_faces": len(topology.boundary),
+        "n_collapsed_faces": len(_collapsed_faces(topology)),
+        "n_collapsed_edges": len(topology.collapsed) - len(_collapsed_faces(topology)),
+        "n_segments": len(topology.segments),
+        "near_misses": [
+            {
+                **_place(miss.window),
+                "other": _place(miss.other) if miss.other else None,
+                "gap": miss.gap,
+                "spacing": miss.spacing,
+            }
+            for miss in topology.near_misses
+        ],
+        "patches": [
+            {"name": patch.name, "kind": patch.kind, "windows": [_place(window) for window in patch.windows]}
+            for patch in grid.patches
+        ],
+        "warnings": topology.warnings,
+    }
+
+
+def show_grid(grid: Grid, topology: Topology) -> None:
+    """Print blocks, boundary faces, interfaces and what looks wrong."""
+    print_title(f"{grid.source}: {len(grid.blocks)} blocks, {grid.n_nodes:,} nodes")
+    columns = ["block", "name", "nodes", "interface sides", "boundary faces", "collapsed"]
+    print_table(columns, _block_rows(grid, topology))
+    print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology))
+    print_lines(
+        [
+            f"{len(topology.interfaces)} interfaces, {len(topology.boundary)} boundary faces, "
+            f"{len(_collapsed_faces(topology))} collapsed faces, {len(topology.near_misses)} near misses"
+        ]
+    )
+    print_lines([_describe_miss(miss, grid) for miss in topology.near_misses], style="yellow")
+    print_lines([f"warning: {warning}" for warning in topology.warnings], style="yellow")
+
+
+def describe(window: Window, grid: Grid) -> str:
+    """Name a face window: block, face and, where it covers only a part, the node ranges from 1."""
+    shape = grid.shapes[window.block]
+    for number, name in enumerate(FACE_NAMES):
+        if window == Window.whole(window.block, shape).face(number):
+            return f"block {window.block + 1} {name}"
+    ranges = ", ".join(f"{lo + 1}-{hi + 1}" if hi > lo else f"{lo + 1}" for lo, hi in zip(window.lo, window.hi))
+    return f"block {window.block + 1} ({ranges})"
+
+
+def _describe_miss(miss, grid: Grid) -> str:
+    other = f" and {describe(miss.other, grid)}" if miss.other else ""
+    return (
+        f"near miss: {describe(miss.window, grid)}{other} are {miss.gap:.3g} m apart where cells are "
+        f"{miss.spacing:.3g} m; if they belong together, make their nodes coincide"
+    )
+
+
+def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
+    sides = [side.block for interface in topology.interfaces for side in (interface.a, interface.b)]
+    boundary = [face.window.block for face in topology.boundary]
+    collapsed = [window.block for window in topology.collapsed]
+    return [
+        (
+            b + 1,
+            block.name,
+            " x ".join(map(str, block.shape)),
+            *(places.count(b) for places in (sides, boundary, collapsed)),
+        )
+        for b, block in enumerate(grid.blocks)
+    ]
+
+
+def _patch_rows(grid: Grid, topology: Topology) -> list[tuple]:
+    """One row per declared patch, and one for each boundary face that belongs to none."""
+    rows = [(patch.name, patch.kind, patch.windows) for patch in grid.patches]
+    rows += [("-", "-", (face.window,)) for face in topology.boundary if face.patch is None]
+    return [(name, kind, len(ws), ", ".join(describe(w, grid) for w in ws)) for name, kind, ws in rows]
+
+
+def _collapsed_faces(topology: Topology) -> list[Window]:
+    """Collapsed windows that are flat in one direction of their block, not edges."""
+    return [window for window in topology.collapsed if _n_flat(window, topology.shapes[window.block]) == 1]
+
+
+def _n_flat(window: Window, shape) -> int:
+    return sum(n > 1 and lo == hi for n, lo, hi in zip(shape, window.lo, window.hi))
+
+
+def _place(window: Window) -> dict:
+    return {"block": window.block + 1, "lo": [n + 1 for n in window.lo], "hi": [n + 1 for n in window.hi]}

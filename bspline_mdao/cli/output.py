@@ -1,0 +1,136 @@
+"""What the commands write: JSON, tables and progress."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from numbers import Integral, Real
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from ..errors import InputError
+from ..grids.atomic import replaced_file
+
+
+def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = ()) -> None:
+    """Refuse files that cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    outputs : sequence of path-like or None
+        Files to write.
+    inputs : sequence of path-like or None
+        Files that are read.
+
+    Raises
+    ------
+    InputError
+        If a folder is missing or closed, or if an output would replace an input or another output.
+    """
+    taken = {os.path.realpath(path): "is read by this command" for path in inputs if path is not None}
+    for path in (path for path in outputs if path is not None):
+        folder = Path(os.path.realpath(path)).parent
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; name a file in it")
+        if not folder.is_dir():
+            raise InputError(f"{path}: there is no folder '{folder}'; make it first")
+        if not os.access(folder, os.W_OK):
+            raise InputError(f"{path}: no permission to write to '{folder}'; choose another folder")
+        if os.path.realpath(path) in taken:
+            raise InputError(f"{path}: {taken[os.path.realpath(path)]}; choose another name")
+        taken[os.path.realpath(path)] = "is written twice by this command"
+
+
+@contextmanager
+def written_json(path: Path | None, numbers: dict) -> Iterator[None]:
+    """Write numbers as JSON beside their file, if one is named, which they replace when the block ends well.
+
+    Parameters
+    ----------
+    path : Path or None
+        File to make or to replace.
+    numbers : dict
+        Numbers, text, and tuples, lists and dicts of them; a number that is not finite becomes null.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    if path is None:
+        yield
+        return
+    with replaced_file(path) as part:
+        part.write_text(json.dumps(_plain(numbers), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        yield
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def print_title(text: str) -> None:
+    """Print what a table is about."""
+    Console().print(Text(text, style="bold"))
+
+
+def print_lines(lines: Sequence[str], style: str = "") -> None:
+    """Print lines of plain text; what looks like markup stays as it is."""
+    for line in lines:
+        Console().print(Text(line, style=style), soft_wrap=True)
+
+
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, most: int = 40) -> None:
+    """Print a table: text to the left, numbers to the right.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Headings.
+    rows : sequence of sequences
+        Cells: text, whole numbers, numbers.
+    most : int
+        Rows shown; one line says how many more there are.
+    """
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for heading, cell in zip(columns, rows[0] if rows else columns):
+        table.add_column(heading, justify="left" if isinstance(cell, str) else "right")
+    for row in rows[:most]:
+        table.add_row(*(Text(_cell(cell)) for cell in row))
+    Console().print(table)
+    if len(rows) > most:
+        print_lines([f"... and {len(rows) - most} more"])
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    if isinstance(value, tuple):
+        return "  ".join(_cell(item) for item in value)
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+@contextmanager
+def progress_bar() -> Iterator:
+    """Give a function of the fraction done and what is being done, which moves a bar on a terminal's standard error."""
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=1.0)
+        yield lambda fraction, what: progress.update(task, completed=fraction, description=what)

@@ -1,0 +1,54 @@
+"""Where a command's grid comes from: a file, or the built-in grids by name."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ..errors import InputError
+from ..generators.canonical import flat_plate_grid, onera_m6_grid
+from ..grids.files import read_grid
+from ..grids.multiblock import Grid
+from ..grids.patches import read_patches
+
+BUILT_IN = {"onera_m6": (onera_m6_grid, (23, 33, 17)), "flat_plate": (flat_plate_grid, (23, 23, 23))}
+"""Generator and nodes per block of each built-in grid, half of the paper's."""
+
+
+def file_of(grid_name: str) -> str | None:
+    """Return the name of the file that a grid is read from; None for a built-in grid."""
+    return None if grid_name.startswith("@") else grid_name
+
+
+def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
+    """Read or generate a grid, and declare its patches.
+
+    Parameters
+    ----------
+    grid_name : str
+        File; or a built-in grid as ``@NAME``, or ``@NAME:IxJxK`` with the nodes per block.
+    patches : Path, optional
+        TOML or NMF file.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    InputError
+        If there is no such grid or a file cannot be used.
+    """
+    if file_of(grid_name):
+        return read_grid(grid_name, patches)
+    grid = _generate(grid_name)
+    return read_patches(patches, grid) if patches else grid
+
+
+def _generate(grid_name: str) -> Grid:
+    match = re.fullmatch(r"@(\w+)(?::(\d+)x(\d+)x(\d+))?", grid_name)
+    if not match or match[1] not in BUILT_IN:
+        names = ", ".join(f"@{name}" for name in BUILT_IN)
+        raise InputError(f"{grid_name}: is no built-in grid; write one of {names}, or @NAME:IxJxK with nodes per block")
+    generator, shape = BUILT_IN[match[1]]
+    return generator(tuple(map(int, match.groups()[1:])) if match[2] else shape)

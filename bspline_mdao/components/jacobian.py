@@ -1,0 +1,56 @@
+"""What the components share: flat vectors as points, and products with a Jacobian."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+
+def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
+    """View a flat input as points, after a look for numbers that are none.
+
+    Parameters
+    ----------
+    vector : ndarray, shape (3 n,)
+        Coordinates, xyz interleaved (m).
+    name, pathname : str
+        Variable and component, for the message.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+
+    Raises
+    ------
+    om.AnalysisError
+        If a coordinate is not finite: a driver can back off from the step that led there.
+    """
+    points = vector.reshape(-1, 3)
+    if not np.isfinite(vector).all():
+        row, axis = np.argwhere(~np.isfinite(points))[0]
+        raise om.AnalysisError(
+            f"{pathname}: {'xyz'[axis]} of point {row + 1} of '{name}' is {points[row, axis]}; take a smaller step"
+        )
+    return points
+
+
+def add_product(jvp, vjp, d_inputs, d_outputs, mode: str, *, of: str, wrt: str) -> None:
+    """Add the product of a Jacobian, or of its transpose, to the vectors of ``compute_jacvec_product``.
+
+    Parameters
+    ----------
+    jvp, vjp : callable
+        The Jacobian and its transpose, of points of shape (n, 3) to points of shape (m, 3) and back.
+    d_inputs, d_outputs : Vector
+        OpenMDAO's linear vectors.
+    mode : str
+        ``"fwd"`` or ``"rev"``.
+    of, wrt : str
+        Names of the output and of the input.
+    """
+    if of not in d_outputs or wrt not in d_inputs:
+        return
+    if mode == "fwd":
+        d_outputs[of] += jvp(d_inputs[wrt].reshape(-1, 3)).ravel()
+    else:
+        d_inputs[wrt] += vjp(d_outputs[of].reshape(-1, 3)).ravel()

@@ -1,0 +1,42 @@
+"""Run every run script at its small size and write the gallery page from what they draw."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+SCRIPTS = DOCS.parent / "run_scripts"
+PICTURES = DOCS / "_gallery"
+
+HEAD = """Gallery
+=======
+
+Each picture is drawn by a run script, at its small size, when these pages are built. The same script makes it
+anywhere: ``python run_scripts/NAME.py --figures DIR``; ``--paper`` runs it at the size of the paper.
+"""
+
+
+def main() -> None:
+    """Write ``gallery.rst`` and the pictures that it shows."""
+    sys.path.insert(0, str(SCRIPTS))
+    sections = [section(path.stem) for path in sorted(SCRIPTS.glob("*.py")) if path.stem != "common"]
+    (DOCS / "gallery.rst").write_text("\n".join([HEAD, *sections]), encoding="utf-8")
+
+
+def section(name: str) -> str:
+    """Section of one script; empty if it draws nothing."""
+    script = importlib.import_module(name)
+    if "figures" not in inspect.signature(script.main).parameters:
+        return ""
+    folder = PICTURES / name
+    script.main(figures=folder)
+    title = script.__doc__.strip().splitlines()[0].rstrip(".")
+    images = [f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n" for path in sorted(folder.glob("*.png"))]
+    return "\n".join([title, "-" * len(title), "", f"``run_scripts/{name}.py``", "", *images]) if images else ""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""Fit every structured grid of a folder and compare the error with the size of the cells where it occurs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from common import run
+
+from bspline_mdao import FittedModel, Grid, InputError, fit_grid, read_grid
+
+
+def main(paper: bool = False, figures=None, folder=None) -> dict:
+    """Read, inspect and fit the grids.
+
+    Parameters
+    ----------
+    paper : bool
+        Fit grids of any size; only those of less than 50 000 nodes by default.
+    figures : path-like, optional
+        No effect: there is nothing to draw.
+    folder : path-like, optional
+        Where the grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default.
+
+    Returns
+    -------
+    dict
+        For each file ``blocks``, ``n_nodes``, ``n_interfaces``, ``n_control_points``, ``rms`` (m), ``relative_rms`` (by
+        the mean cell edge), ``local_rms`` (root mean square of the error by the cell edges at the node), ``n_invalid``
+        control elements and ``seconds``; or ``refused``, the reason in one line; or ``skipped``, its number of nodes.
+    """
+    folder = folder or os.environ.get("BSPLINE_MDAO_GRIDS")
+    if not folder:
+        raise InputError("no folder of grids; set BSPLINE_MDAO_GRIDS to one")
+    largest = np.inf if paper else 50_000
+    return {path.name: fit_file(path, largest) for path in sorted(Path(folder).iterdir()) if path.is_file()}
+
+
+def fit_file(path: Path, largest: float) -> dict:
+    """Fit the grid of one file, if it has no more than ``largest`` nodes."""
+    try:
+        grid = read_grid(path)
+        return {"skipped": grid.n_nodes} if grid.n_nodes > largest else numbers_of(fit_grid(grid), grid)
+    except InputError as error:
+        return {"refused": str(error).replace(str(path), path.name)}
+
+
+def numbers_of(model: FittedModel, grid: Grid) -> dict:
+    """Collect one row of the table."""
+    report = model.report
+    return {
+        "blocks": len(grid.blocks),
+        "n_nodes": report.n_nodes,
+        "n_interfaces": len(model.topology.interfaces),
+        "n_control_points": report.n_control_points,
+        "rms": report.rms,
+        "relative_rms": report.relative_rms,
+        "local_rms": local_rms(model.residual, grid),
+        "n_invalid": report.n_invalid,
+        "seconds": report.seconds,
+    }
+
+
+def local_rms(residual: np.ndarray, grid: Grid) -> float:
+    """Root mean square of the error of each node by the mean length of the cell edges that meet there."""
+    sizes = np.concatenate([local_edges(block.nodes).ravel() for block in grid.blocks])
+    has_size = sizes > 0.0  # a node on a pole may have no edge in the directions that the block has
+    relative = np.linalg.norm(residual, axis=1)[has_size] / sizes[has_size]
+    return float(np.sqrt(np.mean(relative**2)))
+
+
+def local_edges(nodes: np.ndarray) -> np.ndarray:
+    """Mean length of the edges at each node, shape (ni, nj, nk); edges of no length do not count."""
+    total, count = np.zeros(nodes.shape[:3]), np.zeros(nodes.shape[:3])
+    for d in range(3):
+        lengths = np.linalg.norm(np.diff(nodes, axis=d), axis=-1)
+        for side in (slice(None, -1), slice(1, None)):
+            at = (slice(None),) * d + (side,)
+            total[at] += lengths
+            count[at] += lengths > 0.0
+    return total / np.maximum(count, 1.0)
+
+
+if __name__ == "__main__":
+    run(main, __doc__)

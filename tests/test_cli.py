@@ -1,0 +1,284 @@
+"""The command line: numbers, tables, exit statuses and what it never does to files."""
+
+import errno
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from component_cases import two_blocks
+
+from bspline_mdao import FittedModel, __version__, read_grid, write_grid
+from bspline_mdao.cli.main import run
+from bspline_mdao.cli.output import written_json
+
+COMMANDS = ("inspect", "fit", "refine")
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def grid_file(workplace):
+    write_grid("two.xyz", two_blocks())
+    return "two.xyz"
+
+
+@pytest.fixture(scope="module")
+def model_bytes(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model")
+    write_grid(folder / "two.xyz", two_blocks())
+    assert run(["fit", str(folder / "two.xyz"), "-o", str(folder / "two.h5")]) == 0
+    return (folder / "two.h5").read_bytes()
+
+
+@pytest.fixture
+def model_file(workplace, model_bytes):
+    (workplace / "two.h5").write_bytes(model_bytes)
+    return "two.h5"
+
+
+def numbers(path):
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(Path(path).read_text(), parse_constant=refuse)
+
+
+def fails(arguments, capsys, *words):
+    """Assert that a command ends with status 2 and one line that holds the words."""
+    capsys.readouterr()
+    assert run(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("bspline-mdao: ")
+    assert error.count("\n") == 1
+    for word in words:
+        assert word in error, error
+    return error
+
+
+def test_inspect_tells_what_the_grid_is(grid_file, capsys):
+    assert run(["inspect", grid_file, "--json", "i.json"]) == 0
+    found = numbers("i.json")
+    assert found["blocks"] == [[7, 8, 6], [9, 8, 6]]
+    assert found["n_nodes"] == 7 * 8 * 6 + 9 * 8 * 6
+    assert (found["n_interfaces"], found["n_boundary_faces"], found["n_collapsed_faces"]) == (1, 10, 0)
+    assert found["near_misses"] == []
+    table = capsys.readouterr().out
+    assert "7 x 8 x 6" in table
+    assert "block 2 imax" in table
+
+
+def test_a_near_miss_is_told_with_its_place(workplace, capsys):
+    grid = two_blocks()
+    grid.blocks[1].nodes[0] += 2e-4
+    write_grid("near.xyz", grid)
+    assert run(["inspect", "near.xyz", "--json", "i.json"]) == 0
+    (miss,) = numbers("i.json")["near_misses"]
+    assert {miss["block"], miss["other"]["block"]} == {1, 2}
+    assert miss["gap"] == pytest.approx(2e-4 * math.sqrt(3.0), rel=1e-6)
+    assert "near miss: block 1 imax and block 2 imin" in capsys.readouterr().out
+
+
+def test_a_collapsed_face_is_counted(workplace):
+    grid = two_blocks()
+    grid.blocks[0].nodes[0] = grid.blocks[0].nodes[0, :1]
+    write_grid("pole.xyz", grid)
+    assert run(["inspect", "pole.xyz", "--json", "i.json"]) == 0
+    assert numbers("i.json")["n_collapsed_faces"] == 1
+
+
+def test_a_draft_can_be_passed_on_as_patches(grid_file, capsys):
+    assert run(["inspect", grid_file, "--draft", "two.toml"]) == 0
+    assert run(["inspect", grid_file, "--patches", "two.toml", "--json", "i.json"]) == 0
+    found = numbers("i.json")
+    assert found["n_interfaces"] == 1
+    assert sum(len(patch["windows"]) for patch in found["patches"]) == 10
+
+
+def test_fit_tells_how_good_it_is(grid_file, capsys):
+    assert run(["fit", grid_file, "-o", "two.h5", "--n-control", "5", "6", "4", "--json", "f.json"]) == 0
+    found = numbers("f.json")
+    assert found["n_nodes"] == 768
+    assert found["n_control_points"] == (5 + 5 - 1) * 6 * 4
+    assert [block["n_control"] for block in found["blocks"]] == [[[5, 6, 4]], [[5, 6, 4]]]
+    assert 0.0 < found["rms"] < 1e-2
+    assert len(found["max_error"]) == 3
+    assert max(found["max_error"]) >= found["rms"] / math.sqrt(3.0)
+    assert 0.0 < found["relative_rms"] < 0.05
+    assert found["seconds"] > 0.0
+    assert "worst node" in capsys.readouterr().out
+    model = FittedModel.load("two.h5")
+    assert model.report.rms == found["rms"]
+    np.testing.assert_allclose(model.regenerate().to_vector(), read_grid(grid_file).to_vector(), atol=1e-14)
+
+
+def test_fit_options_reach_the_fit(grid_file):
+    base = ["fit", grid_file, "--n-control", "5", "6", "5"]
+    assert run([*base, "-o", "a.h5", "--json", "a.json"]) == 0
+    assert run([*base, "-o", "b.h5", "--json", "b.json", "--correct", "2", "--order", "3", "--no-residual"]) == 0
+    assert run([*base, "-o", "c.h5", "--json", "c.json", "--correct", "2"]) == 0
+    assert FittedModel.load("b.h5").residual is None
+    assert FittedModel.load("b.h5").mesh.volumes[0].orders == (3, 3, 3)
+    assert numbers("c.json")["rms"] < 0.9 * numbers("a.json")["rms"]
+
+
+def test_fit_knows_the_built_in_grids_by_name(workplace, capsys):
+    assert run(["inspect", "@flat_plate", "--json", "i.json"]) == 0
+    assert len(numbers("i.json")["blocks"]) == 12
+    fails(["inspect", "@boing"], capsys, "boing", "flat_plate", "onera_m6")
+
+
+@pytest.mark.parametrize(("factor", "cells"), [(2.0, [[13, 15, 11], [17, 15, 11]]), (1.0, [[7, 8, 6], [9, 8, 6]])])
+def test_refine_writes_the_family_member(model_file, factor, cells):
+    assert run(["refine", model_file, "--factor", str(factor), "-o", "fine.xyz", "--json", "r.json"]) == 0
+    assert numbers("r.json")["blocks"] == cells
+    assert [list(shape) for shape in read_grid("fine.xyz").shapes] == cells
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_an_example(command, capsys):
+    assert run([command, "--help"]) == 0
+    assert f"  bspline-mdao {command} wing" in capsys.readouterr().out
+
+
+def test_without_a_command_help_is_shown(capsys):
+    assert run([]) == 0
+    assert all(command in capsys.readouterr().out for command in ("Usage",))
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert run(["--version"]) == 0
+    assert __version__ in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["inspekt"], ["inspekt", "--help"]),
+        (["fit", "two.xyz"], ["-o", "bspline-mdao fit --help"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "5", "x", "5"], ["--n-control", "'x'"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--order", "1"], ["--order", "1"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--zoom"], ["--zoom"]),
+        (["fit", "missing.xyz", "-o", "a.h5"], ["missing.xyz"]),
+        (["fit", ".", "-o", "a.h5"], ["."]),
+        (["fit", "two.xyz", "-o", "no/such/a.h5"], ["no/such/a.h5", "folder"]),
+        (["fit", "two.xyz", "-o", "."], ["folder"]),
+        (["fit", "two.xyz", "-o", "two.xyz"], ["two.xyz", "another name"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--json", "a.h5"], ["a.h5", "twice"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--patches", "none.toml"], ["none.toml"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "50", "50", "50"], ["two.xyz"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--smoothing", "nan"], ["smoothing"]),
+        (["inspect", "two.xyz", "--json", "two.xyz"], ["two.xyz", "another name"]),
+        (["refine", "two.xyz", "--factor", "2", "-o", "a.xyz"], ["two.xyz"]),
+        (["refine", "missing.h5", "--factor", "2", "-o", "a.xyz"], ["missing.h5"]),
+        (["refine", "two.xyz", "--factor", "0", "-o", "a.xyz"], ["--factor"]),
+        (["refine", "two.xyz", "--factor", "nan", "-o", "a.xyz"], ["factor"]),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(grid_file, capsys, arguments, words):
+    before = sorted(os.listdir())
+    fails(arguments, capsys, *words)
+    assert sorted(os.listdir()) == before
+
+
+def test_a_damaged_model_is_refused(model_file, capsys):
+    Path("half.h5").write_bytes(Path(model_file).read_bytes()[:3000])
+    fails(["refine", "half.h5", "--factor", "2", "-o", "a.xyz"], capsys, "half.h5")
+
+
+def test_a_factor_too_large_for_memory_is_refused(model_file, capsys):
+    fails(["refine", model_file, "--factor", "1e6", "-o", "a.xyz"], capsys, "factor")
+
+
+def test_a_failing_command_leaves_an_existing_output_alone(grid_file, capsys, monkeypatch):
+    for name in ("two.h5", "f.json"):
+        Path(name).write_text("precious")
+
+    def full_disk(*arguments, **settings):
+        raise OSError(errno.ENOSPC, "No space left on device", "two.h5")
+
+    monkeypatch.setattr("bspline_mdao.cli.fit.FittedModel.save", full_disk)
+    fails(["fit", grid_file, "-o", "two.h5", "--json", "f.json"], capsys, "two.h5", "No space left")
+    assert all(Path(name).read_text() == "precious" for name in ("two.h5", "f.json"))
+    assert sorted(os.listdir()) == ["f.json", "two.h5", "two.xyz"]
+
+
+def test_a_successful_command_replaces_an_existing_output(grid_file):
+    Path("i.json").write_text("old")
+    assert run(["inspect", grid_file, "--json", "i.json"]) == 0
+    assert numbers("i.json")["n_interfaces"] == 1
+
+
+def test_an_unexpected_error_is_one_line_too(grid_file, capsys, monkeypatch):
+    def broken(*arguments):
+        raise ZeroDivisionError("first line\nsecond line")
+
+    monkeypatch.setattr("bspline_mdao.cli.inspect.find_topology", broken)
+    fails(["inspect", grid_file], capsys, "ZeroDivisionError", "BSPLINE_MDAO_TRACEBACK=1")
+
+
+def test_numbers_that_are_not_finite_become_null(workplace):
+    with written_json(workplace / "n.json", {"a": math.nan, "b": [1.0, (math.inf, np.int64(2))]}):
+        pass
+    assert numbers("n.json") == {"a": None, "b": [1.0, [None, 2]]}
+
+
+def test_an_interrupted_command_exits_with_130(grid_file, capsys, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bspline_mdao.cli.inspect.find_topology", interrupted)
+    assert run(["inspect", grid_file, "--json", "i.json"]) == 130
+    assert capsys.readouterr().err == "bspline-mdao: interrupted; nothing was written\n"
+    assert os.listdir() == ["two.xyz"]
+
+
+def start(*arguments, **settings):
+    """Start the real program."""
+    command = [sys.executable, "-m", "bspline_mdao.cli", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **settings)
+
+
+def test_the_program_itself_fails_in_one_line(workplace):
+    program = start("fit", "missing.xyz", "-o", "a.h5")
+    _, error = program.communicate(timeout=120)
+    assert program.returncode == 2
+    assert error.count("\n") == 1
+    assert "Traceback" not in error
+
+
+def test_the_program_survives_a_closed_pipe(grid_file):
+    program = start("inspect", grid_file, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    program.stdout.close()
+    assert program.stderr.read() == ""
+    assert program.wait(timeout=120) == 0
+
+
+def test_the_program_prints_names_that_the_terminal_cannot_show(workplace):
+    write_grid("flügel.xyz", two_blocks())
+    program = start("inspect", "flügel.xyz", env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"})
+    output, error = program.communicate(timeout=120)
+    assert (program.returncode, error) == (0, "")
+    assert "2 blocks" in output
+
+
+def test_the_program_can_be_interrupted(workplace):
+    os.mkfifo("slow.xyz")  # reading it waits for ever
+    program = start("inspect", "slow.xyz")
+    time.sleep(3.0)
+    program.send_signal(signal.SIGINT)
+    _, error = program.communicate(timeout=120)
+    if program.returncode == 2:
+        pytest.skip(f"pipes are refused: {error}")
+    assert program.returncode == 130
+    assert error.count("\n") == 1

@@ -1,0 +1,209 @@
+"""The OpenMDAO components agree with their kernels and their derivatives are exact."""
+
+import importlib
+import pkgutil
+
+import numpy as np
+import openmdao.api as om
+import pytest
+from component_cases import small_model
+
+import bspline_mdao.components
+from bspline_mdao.components.fit import Fit
+from bspline_mdao.components.grid_evaluate import GridEvaluate
+from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
+
+PARTIALS = {
+    "Fit": (Fit, {}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
+    "Fit live": (Fit, {"live": True}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
+    "GridEvaluate": (GridEvaluate, {}, GRID, CONTROL_POINTS),
+    "GridEvaluate assembled": (GridEvaluate, {"assembled": True}, GRID, CONTROL_POINTS),
+}
+"""Every component in every mode: class, options, output, input."""
+
+every_component = pytest.mark.parametrize(("component", "options", "of", "wrt"), PARTIALS.values(), ids=PARTIALS)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return small_model()
+
+
+def run_problem(component, model, **options) -> om.Problem:
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("component", component(model=model, **options), promotes=["*"])
+    problem.setup(force_alloc_complex=False)
+    problem.run_model()
+    return problem
+
+
+def products(problem, of, wrt, forward_seed, reverse_seed):
+    """Jacobian times one seed and transposed Jacobian times another."""
+    forward = problem.compute_jacvec_product([of], [wrt], "fwd", {wrt: forward_seed})[of]
+    reverse = problem.compute_jacvec_product([of], [wrt], "rev", {of: reverse_seed})[wrt]
+    return forward, reverse
+
+
+def test_every_component_is_in_the_partials_table():
+    shipped = set()
+    for module in pkgutil.iter_modules(bspline_mdao.components.__path__):
+        contents = vars(importlib.import_module(f"bspline_mdao.components.{module.name}")).values()
+        shipped |= {
+            c for c in contents if isinstance(c, type) and issubclass(c, om.ExplicitComponent | om.ImplicitComponent)
+        }
+    assert shipped - {om.ExplicitComponent, om.ImplicitComponent} == {case[0] for case in PARTIALS.values()}
+
+
+@every_component
+def test_forward_and_reverse_products_are_transposes(model, component, options, of, wrt):
+    rng = np.random.default_rng(1)
+    problem = run_problem(component, model, **options)
+    problem.set_val(wrt, problem.get_val(wrt) + 1e-3 * rng.standard_normal(problem.get_val(wrt).shape))
+    problem.run_model()
+    v, w = rng.standard_normal(problem.get_val(wrt).size), rng.standard_normal(problem.get_val(of).size)
+    forward, reverse = products(problem, of, wrt, v, w)
+    assert np.linalg.norm(forward) > 0.1
+    scale = np.linalg.norm(forward) * np.linalg.norm(w)
+    assert abs(forward @ w - v @ reverse) < 1e-12 * scale
+
+
+@every_component
+def test_products_are_directional_derivatives(model, component, options, of, wrt):
+    rng = np.random.default_rng(2)
+    problem = run_problem(component, model, **options)
+    start, v = problem.get_val(wrt).copy(), rng.standard_normal(problem.get_val(wrt).size)
+    forward, _ = products(problem, of, wrt, v, np.zeros(problem.get_val(of).size))
+
+    def output(step):
+        problem.set_val(wrt, start + step * v)
+        problem.run_model()
+        return problem.get_val(of).copy()
+
+    if problem.model.component.is_linear:
+        difference = output(0.5) - output(-0.5)  # exact for a linear map, whatever the step
+    else:
+        difference = extrapolated_difference(output, 4e-3)
+    assert np.abs(difference - forward).max() < 1e-10 * np.abs(forward).max()
+
+
+def extrapolated_difference(function, step, levels=4):
+    """Central differences at halved steps, extrapolated to step zero (Richardson)."""
+    table = [(function(h) - function(-h)) / (2 * h) for h in step / 2.0 ** np.arange(levels)]
+    for power in range(1, levels):
+        table = [(4**power * fine - coarse) / (4**power - 1) for coarse, fine in zip(table, table[1:])]
+    return table[0]
+
+
+@every_component
+def test_check_partials_finds_no_fault(model, component, options, of, wrt):
+    problem = run_problem(component, model, **options)
+    is_directional = problem.model.component.matrix_free  # OpenMDAO cannot check declared sparse ones that way
+    problem.model.component.set_check_partial_options(wrt, form="central", step=1e-5, directional=is_directional)
+    checked = problem.check_partials(out_stream=None)["component"][of, wrt]
+    assert checked["J_fd"].shape == (problem.get_val(of).size, 1 if is_directional else problem.get_val(wrt).size)
+    assert np.abs(checked["J_fd"]).max() > 0.1
+    np.testing.assert_allclose(checked["J_fwd"], checked["J_fd"], atol=1e-6)
+    if is_directional:
+        forward, reverse = checked["directional_fwd_rev"]
+        assert abs(forward - reverse) < 1e-10 * abs(forward)
+
+
+def test_the_assembled_jacobian_is_the_matrix_free_one(model):
+    totals = [
+        run_problem(GridEvaluate, model, assembled=assembled).compute_totals([GRID], [CONTROL_POINTS])
+        for assembled in (False, True)
+    ]
+    matrix_free, assembled = (total[GRID, CONTROL_POINTS] for total in totals)
+    np.testing.assert_allclose(assembled, matrix_free, atol=1e-15)
+
+
+def test_fit_reproduces_the_control_points_of_the_model(model):
+    problem = run_problem(Fit, model)
+    np.testing.assert_allclose(problem.get_val(CONTROL_POINTS_INITIAL), model.control_points.ravel(), atol=1e-13)
+
+
+@pytest.mark.parametrize("keep_residual", [True, False])
+def test_grid_evaluate_regenerates_what_the_model_does(keep_residual):
+    model = small_model(keep_residual=keep_residual)
+    problem = run_problem(GridEvaluate, model)
+    moved = model.control_points + np.random.default_rng(3).normal(scale=0.01, size=model.control_points.shape)
+    problem.set_val(CONTROL_POINTS, moved.ravel())
+    problem.run_model()
+    np.testing.assert_array_equal(problem.get_val(GRID), model.regenerate(moved).to_vector())
+
+
+def chain(model, **fit_options) -> om.Problem:
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("fit", Fit(model=model, **fit_options), promotes=["*"])
+    problem.model.add_subsystem("evaluate", GridEvaluate(model=model), promotes_outputs=["*"])
+    problem.model.connect(CONTROL_POINTS_INITIAL, f"evaluate.{CONTROL_POINTS}")
+    problem.model.add_subsystem("size", om.ExecComp("f = sum(x**2)", x={"shape": 3 * model.n_nodes, "units": "m"}))
+    problem.model.connect(GRID, "size.x")
+    problem.setup()
+    problem.run_model()
+    return problem
+
+
+@pytest.mark.parametrize(("mode", "seed_of", "result_of"), [("fwd", GRID_INITIAL, GRID), ("rev", GRID, GRID_INITIAL)])
+def test_the_total_of_the_chain_is_a_projection(model, mode, seed_of, result_of):
+    """What the splines can represent is fitted by itself, so that applying the total twice changes nothing."""
+    problem = chain(model)
+
+    def total(seed):
+        return problem.compute_jacvec_product([GRID], [GRID_INITIAL], mode, {seed_of: seed})[result_of]
+
+    once = total(np.random.default_rng(4).standard_normal(3 * model.n_nodes))
+    assert np.linalg.norm(once) > 1.0
+    np.testing.assert_allclose(total(once), once, atol=1e-11)
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_taylor_remainder_of_the_totals_is_of_second_order(model, live):
+    problem = chain(model, live=live)
+    start, value = problem.get_val(GRID_INITIAL).copy(), problem.get_val("size.f").item()
+    v = np.random.default_rng(5).standard_normal(start.size)
+    slope = (problem.compute_totals(["size.f"], [GRID_INITIAL])["size.f", GRID_INITIAL] @ v).item()
+    steps, remainders = 1e-3 / 2.0 ** np.arange(4), []
+    for step in steps:
+        problem.set_val(GRID_INITIAL, start + step * v)
+        problem.run_model()
+        remainders.append(abs(problem.get_val("size.f").item() - value - step * slope))
+    rates = np.log2(np.array(remainders[:-1]) / remainders[1:])
+    assert (rates > 1.9).all()
+
+
+@every_component
+def test_a_number_that_is_not_finite_is_an_analysis_error(model, component, options, of, wrt):
+    problem = run_problem(component, model, **options)
+    problem.set_val(wrt, np.nan, indices=4)
+    with pytest.raises(om.AnalysisError, match=f"y of point 2 of '{wrt}' is nan"):
+        problem.run_model()
+
+
+@every_component
+def test_a_vector_of_the_wrong_size_is_refused(model, component, options, of, wrt):
+    problem = run_problem(component, model, **options)
+    with pytest.raises(ValueError, match="shape"):
+        problem.set_val(wrt, np.zeros(12))
+
+
+@pytest.mark.parametrize("component", [Fit, GridEvaluate])
+def test_a_model_of_another_type_is_refused(component):
+    with pytest.raises(TypeError, match="model"):
+        component(model="wing.h5")
+
+
+def test_frozen_components_say_that_they_are_linear(model):
+    assert run_problem(Fit, model).model.component.is_linear
+    assert run_problem(GridEvaluate, model).model.component.is_linear
+    assert not run_problem(Fit, model, live=True).model.component.is_linear
+
+
+def test_frozen_products_do_not_depend_on_the_input(model):
+    v = np.random.default_rng(6).standard_normal(3 * model.n_nodes)
+    problem = run_problem(Fit, model)
+    before, _ = products(problem, CONTROL_POINTS_INITIAL, GRID_INITIAL, v, np.zeros(model.control_points.size))
+    problem.set_val(GRID_INITIAL, problem.get_val(GRID_INITIAL) + v)
+    problem.run_model()
+    after, _ = products(problem, CONTROL_POINTS_INITIAL, GRID_INITIAL, v, np.zeros(model.control_points.size))
+    np.testing.assert_array_equal(before, after)

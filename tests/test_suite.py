@@ -1,0 +1,137 @@
+"""The suite and the package check themselves: nothing is left untested, imported too early or compiled twice."""
+
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bspline_mdao
+
+ROOT = Path(__file__).parents[1]
+FRAMEWORKS = ("components", "cli")
+MODULES = [module.name for module in pkgutil.walk_packages(bspline_mdao.__path__, "bspline_mdao.")]
+KERNELS = [name for name in MODULES if name.split(".")[1] not in FRAMEWORKS]
+
+
+def python(code: str) -> str:
+    """Run code in a fresh process and return what it prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_kernels_never_import_the_framework():
+    assert len(KERNELS) > 20
+    loads = "; ".join(f"import {name}; check({name!r})" for name in KERNELS)
+    code = (
+        "import sys\n"
+        "def check(name):\n"
+        "    found = {'openmdao', 'click', 'rich', 'matplotlib'} & set(sys.modules)\n"
+        "    assert not found, f'{name} imports {found}'\n" + loads
+    )
+    python(code)
+
+
+def test_kernels_name_the_framework_nowhere():
+    for name in KERNELS:
+        path = ROOT.joinpath(*name.split("."))
+        source = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text()
+        assert not re.search(r"^\s*(import|from) (openmdao|\.+(components|cli))", source, re.M), name
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    heavy = ("numpy", "scipy", "numba", "openmdao", "h5py", "matplotlib", "click", "rich")
+    code = f"import sys, bspline_mdao; print(sorted(set(sys.modules) & set({heavy!r})))"
+    assert python(code) == "[]"
+
+
+def test_help_of_the_command_line_loads_nothing_heavy():
+    heavy = ("numpy", "scipy", "numba", "openmdao", "h5py", "matplotlib")
+    code = (
+        "import sys; from bspline_mdao.cli.main import run; assert run(['fit', '--help']) == 0; "
+        f"print(sorted(set(sys.modules) & set({heavy!r})))"
+    )
+    assert python(code).splitlines()[-1] == "[]"
+
+
+def test_every_public_name_can_be_imported():
+    for name in bspline_mdao.__all__:
+        assert getattr(bspline_mdao, name).__name__ == name
+    assert set(bspline_mdao.__all__) <= set(dir(bspline_mdao))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        bspline_mdao.nothing  # noqa: B018
+
+
+def test_every_run_script_is_run_by_a_test():
+    tests = "\n".join(path.read_text() for path in ROOT.glob("tests/test_*.py") if path.name != Path(__file__).name)
+    scripts = [path.stem for path in ROOT.glob("run_scripts/*.py") if path.stem != "common"]
+    assert len(scripts) >= 4
+    assert [name for name in scripts if name not in tests] == []
+
+
+def test_doctests_are_collected():
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "--collect-only", "-q", "--doctest-modules", "bspline_mdao"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=ROOT,
+    )
+    assert done.stdout.count("::bspline_mdao.") > 5, done.stdout
+
+
+def test_doctests_are_part_of_the_ordinary_run(pytestconfig):
+    assert pytestconfig.getoption("--doctest-modules")
+    assert "bspline_mdao" in pytestconfig.getini("testpaths")
+
+
+def test_a_second_process_compiles_no_kernel_again():
+    code = """
+import sys
+from numba.core.dispatcher import Dispatcher
+sys.path.insert(0, "tests")
+from component_cases import small_model
+import numpy as np
+model = small_model(corrections=1)
+evaluator = model.evaluator()
+evaluator.adjoint(evaluator.forward(model.control_points))
+dispatchers = {id(d): d for m in list(sys.modules.values()) if getattr(m, "__name__", "").startswith("bspline_mdao")
+               for d in vars(m).values() if isinstance(d, Dispatcher)}
+misses = {d.__qualname__: dict(d.stats.cache_misses) for d in dispatchers.values() if d.stats.cache_misses}
+print(len(dispatchers), sum(len(d.stats.cache_hits) for d in dispatchers.values()), misses)
+"""
+    python(code)
+    n_kernels, hits, misses = python(code).split(maxsplit=2)
+    assert int(n_kernels) > 10
+    assert int(hits) > 5
+    assert misses == "{}"
+
+
+def test_the_example_of_the_readme_runs():
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    assert len(example.strip().splitlines()) <= 14
+    contents = {}
+    exec(example, contents)
+    assert contents["problem"].get_val("grid").shape == (3 * contents["model"].n_nodes,)
+
+
+def test_the_commands_of_the_readme_exist():
+    from bspline_mdao.cli.commands import bspline_mdao as program
+
+    used = set(re.findall(r"`?bspline-mdao (\w+)", (ROOT / "README.md").read_text()))
+    assert used == set(program.commands)
+
+
+def test_openmdao_lists_the_components():
+    from importlib.metadata import entry_points
+
+    found = {
+        entry.value for entry in entry_points(group="openmdao_component") if entry.value.startswith("bspline_mdao")
+    }
+    assert found == {
+        "bspline_mdao.components.fit:Fit",
+        "bspline_mdao.components.grid_evaluate:GridEvaluate",
+    }
