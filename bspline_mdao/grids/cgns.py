@@ -27,7 +27,7 @@ from .cgns_nodes import (
     word,
 )
 from .multiblock import Block, Grid
-from .plot3d import find_fault
+from .node_check import find_fault
 
 __all__ = ["CgnsDialect", "read_cgns", "write_cgns"]
 
@@ -123,7 +123,8 @@ def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> n
             raise InputError(
                 f"{source}: zone '{name}': {_AXES[axis]} is no array of {shape} reals; write it without rind planes"
             )
-        nodes[..., axis] = array.T.reshape(shape)
+        with np.errstate(invalid="ignore"):  # a NaN is named later
+            nodes[..., axis] = array.T.reshape(shape)
     return nodes
 
 

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from ..errors import InputError
+from .compression import MAX_RATIO, MAX_SMALL
 
 __all__ = [
     "add_node",
@@ -28,10 +29,6 @@ __all__ = [
     "value",
     "word",
 ]
-
-MAX_RATIO = 200
-MAX_SMALL = 2**26
-"""A dataset may take 64 MiB or 200 times the length of its (possibly compressed) file."""
 
 _MAX_LINKS = 8
 _DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)

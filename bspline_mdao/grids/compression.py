@@ -10,11 +10,11 @@ from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["read_bytes"]
+__all__ = ["MAX_RATIO", "MAX_SMALL", "read_bytes"]
 
 MAX_RATIO = 200
 MAX_SMALL = 2**26
-"""A compressed file may grow to 64 MiB or 200 times its length; grids compress at most about 40 times."""
+"""What is compressed may grow to 64 MiB or 200 times its file's length; grids compress at most about 40 times."""
 
 
 def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool]:

@@ -15,13 +15,11 @@ from .atomic import replaced_file
 from .compression import read_bytes
 from .fortran_records import join_records
 from .multiblock import Block, Grid
+from .node_check import find_fault
 from .plot3d_dialect import Plot3dDialect, Reading, exact_readings
 from .plot3d_text import format_numbers
 
 __all__ = ["read_plot3d", "write_plot3d"]
-
-MAX_COORDINATE = 1e15
-"""Metres; a larger coordinate is a damaged number, and its powers would overflow further on."""
 
 _CLEARLY_SMOOTHER = 0.5
 _NODES_JUDGED = 200_000
@@ -98,7 +96,8 @@ def _read_block(reading: Reading, shape: list[int], start: int) -> tuple[np.ndar
         n_nodes = ni * nj * (hi - lo)
         real = np.frombuffer(reading.content, dialect.real_dtype, dialect.n_dimensions * n_nodes, start)
         piece = real.reshape(dialect.n_dimensions, hi - lo, nj, ni)
-        nodes[:, :, lo:hi, : dialect.n_dimensions] = piece.transpose(3, 2, 1, 0)
+        with np.errstate(invalid="ignore"):  # a NaN is named later
+            nodes[:, :, lo:hi, : dialect.n_dimensions] = piece.transpose(3, 2, 1, 0)
         start += real.nbytes
         if iblank is not None:
             blank = np.frombuffer(reading.content, dialect.integer_dtype, n_nodes, start)
@@ -114,25 +113,6 @@ def _as_int32(values: np.ndarray) -> np.ndarray:
     lowest = np.iinfo(np.int32).min
     is_integer = (np.floor(values) == values) & (np.abs(values) < -float(lowest))
     return np.where(is_integer, values, lowest).astype(np.int32)
-
-
-def find_fault(blocks: Iterable[Block]) -> str | None:
-    """Say which node cannot be one, or None."""
-    for number, block in enumerate(blocks, 1):
-        with np.errstate(invalid="ignore"):
-            is_sane = np.abs(block.nodes) <= MAX_COORDINATE
-        if not is_sane.all():
-            i, j, k, axis = np.argwhere(~is_sane)[0].tolist()
-            value = block.nodes[i, j, k, axis]
-            where = f"block {number}: node ({i + 1}, {j + 1}, {k + 1})"
-            return f"{where} has {'xyz'[axis]} = {value:.6g}, which is no coordinate"
-        if block.iblank is not None and np.abs(block.iblank.astype(np.int64)).max() > _MAX_IBLANK:
-            i, j, k = np.argwhere(np.abs(block.iblank.astype(np.int64)) > _MAX_IBLANK)[0].tolist()
-            return f"block {number}: node ({i + 1}, {j + 1}, {k + 1}) has an IBLANK that is no block number"
-    return None
-
-
-_MAX_IBLANK = 1_000_000
 
 
 def _roughness(blocks: Iterable[Block]) -> float:
