@@ -1,0 +1,79 @@
+"""The sparse matrix of an `Evaluator`, from the same stored functions that its products use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse
+from numba import njit
+
+from .kernels import control_point_steps
+from .lanes import LANES
+from .runs import Runs
+
+
+def assemble(runs: Sequence[Runs], control_ids, n_rows: int, n_control_points: int) -> scipy.sparse.csr_array:
+    """Assemble the matrix.
+
+    Parameters
+    ----------
+    runs : sequence of Runs
+        The nodes of each volume.
+    control_ids : sequence of ndarray of int, each of shape (N0 * N1 * N2,)
+        Number of each control point of each volume.
+    n_rows, n_control_points : int
+        Shape of the matrix.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (n_rows, n_control_points)
+        Canonical: entries of one control point are summed, and columns ascend.
+    """
+    counts = np.zeros(n_rows + 1, dtype=np.int64)
+    for r in runs:
+        counts[1 + r.rows[: r.n_nodes].astype(np.int64)] = counts[1 + r.copy_rows.astype(np.int64)] = np.prod(r.orders)
+    indptr = np.cumsum(counts)
+    indices, data = np.empty(indptr[-1], dtype=np.int64), np.empty(indptr[-1])
+    for r, ids in zip(runs, control_ids):
+        _fill(r.orders, *r.arrays, ids, indptr, indices, data)
+    matrix = scipy.sparse.csr_array((data, indices, indptr), shape=(n_rows, n_control_points))
+    matrix.sum_duplicates()
+    return matrix
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(orders, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, ids, indptr, indices, data):
+    """Write the entries of the nodes of one volume, then those of their copies."""
+    factors = np.empty((3, max(orders)))
+    for run in range(corners.size):
+        steps = control_point_steps(n_control, corners[run])
+        for node in range(starts[run], starts[run + 1]):
+            _unpack(orders, basis, starts[run], starts[run + 1], node, factors)
+            entry = indptr[rows[node]]
+            for a in range(orders[0]):
+                for b in range(orders[1]):
+                    for c in range(orders[2]):
+                        indices[entry] = ids[corners[run] + a * steps[0] + b * steps[1] + c * steps[2]]
+                        data[entry] = factors[0, a] * factors[1, b] * factors[2, c]
+                        entry += 1
+    n_entries = orders[0] * orders[1] * orders[2]
+    for copy in range(copy_nodes.size):
+        target, source = indptr[copy_rows[copy]], indptr[rows[copy_nodes[copy]]]
+        indices[target : target + n_entries] = indices[source : source + n_entries]
+        data[target : target + n_entries] = data[source : source + n_entries]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _unpack(orders, basis, start, end, node, factors):
+    """Write all functions of a node of the run ``start <= node < end`` to ``factors``; the anchor's is 1 - the rest."""
+    lane = (node - start) % LANES
+    first = node - lane
+    n = min(LANES, end - first)
+    entry = first * (orders[0] + orders[1] + orders[2] - 3) + lane
+    for d in range(3):
+        factors[d, 0] = 1.0
+        for a in range(1, orders[d]):
+            factors[d, a] = basis[entry]
+            factors[d, 0] -= basis[entry]
+            entry += n

@@ -1,0 +1,296 @@
+"""All nodes of a grid from the control points of a B-spline mesh, Eq. (3), without a matrix.
+
+`Evaluator` is the linear map ``x = A b`` at fixed parameters, and its transpose. Per node it holds the functions of its
+span triple and its place in the result; shared nodes are evaluated once and copied, so that all blocks get the same
+bits. The work is cut into chunks that do not depend on the number of threads; in reverse each chunk sums into its own
+control points, and these are added up in the order of the chunks. So results do not depend on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse
+from numba import njit
+
+from ..errors import InputError
+from ..splines.mesh import BSplineMesh
+from .assembly import assemble
+from .kernels import forward_kernel, reverse_kernel
+from .runs import Runs, sort_nodes
+from .threads import run_tasks, thread_count
+
+CHUNK_NODES = 2**15
+"""Nodes per chunk, at least: some 0.2 ms of work, against some 10 us to start it."""
+
+MAX_CHUNKS = 64
+"""Chunks that a grid is cut into beyond one per volume, at most: bounds the memory that the transpose needs."""
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Runs ``first_run <= run < last_run`` of a volume, and the layers of control points that they touch."""
+
+    volume: int
+    first_run: int
+    last_run: int
+    layers: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluator:
+    """The linear map from control points to nodes at fixed parameters. Made by `Evaluator.build`.
+
+    Parameters
+    ----------
+    control_ids : tuple of ndarray of int
+        Number of each control point of each volume.
+    runs : tuple of Runs
+        The nodes of each volume.
+    chunks : tuple
+        The pieces of work.
+    n_control_points, n_rows : int
+        Length of the two sides.
+    is_complete : bool
+        Whether every row belongs to a node. Rows that do not are zero.
+    n_threads : int, optional
+        Number of threads; None stands for ``NUMBA_NUM_THREADS``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao.splines.knots import ConstantKnots
+    >>> from bspline_mdao.splines.volume import Volume
+    >>> curve = Volume.of(ConstantKnots.uniform(n_control=3, order=3))
+    >>> mesh = BSplineMesh((curve,), (np.arange(3).reshape(3, 1, 1),), 3)
+    >>> evaluator = Evaluator.build(mesh, [np.array([[0.0, 0, 0], [0.5, 0, 0]])], [np.arange(2)], n_rows=2)
+    >>> evaluator.forward(np.array([[0.0, 0, 0], [1, 2, 0], [2, 0, 0]]))
+    array([[0., 0., 0.],
+           [1., 1., 0.]])
+    """
+
+    control_ids: tuple[np.ndarray, ...]
+    runs: tuple[Runs, ...]
+    chunks: tuple[_Chunk, ...]
+    n_control_points: int
+    n_rows: int
+    is_complete: bool
+    n_threads: int | None = None
+
+    @classmethod
+    def build(
+        cls,
+        mesh: BSplineMesh,
+        parameters: Sequence[np.ndarray],
+        rows: Sequence[np.ndarray],
+        n_rows: int,
+        copies: np.ndarray | None = None,
+        n_threads: int | None = None,
+    ) -> Evaluator:
+        """Sort the nodes and evaluate their basis functions.
+
+        Parameters
+        ----------
+        mesh : BSplineMesh
+            Volumes and control point ids.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each volume evaluates.
+        rows : sequence of ndarray of int, each of shape (n_v,)
+            Row of each of these nodes in the result.
+        n_rows : int
+            Rows of the result.
+        copies : ndarray of int, shape (n_copies, 2), optional
+            Rows that are copies, and the rows that they copy.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        Evaluator
+
+        Raises
+        ------
+        InputError
+            If the arrays do not fit together, a row is given twice, or a parameter is not finite.
+        """
+        n_threads_now = thread_count(n_threads)
+        parameters = [np.asarray(p, dtype=float) for p in parameters]
+        rows = [np.asarray(r, dtype=np.int64) for r in rows]
+        copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies, dtype=np.int64)
+        is_complete = _check_rows(mesh, parameters, rows, n_rows, copies)
+        copies = _copies_by_volume(rows, n_rows, copies)
+        runs: list = [None] * len(rows)
+
+        def sort(v: int):
+            runs[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies[v])
+
+        run_tasks(sort, len(rows), n_threads_now)
+        ids = tuple(np.asarray(ids).reshape(-1) for ids in mesh.control_ids)
+        return cls(ids, tuple(runs), _cut(runs), mesh.n_control_points, n_rows, is_complete, n_threads)
+
+    def with_threads(self, n_threads: int | None) -> Evaluator:
+        """Return the same map on another number of threads."""
+        return replace(self, n_threads=n_threads)
+
+    @property
+    def bytes_per_node(self) -> float:
+        """Memory held, per row."""
+        n_bytes = sum(r.n_bytes for r in self.runs) + sum(ids.nbytes for ids in self.control_ids)
+        return n_bytes / max(self.n_rows, 1)
+
+    def forward(self, control_points: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Nodes from control points, ``A b``.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points. Complex ones are evaluated part by part.
+        out : ndarray of float, shape (n_rows, 3), C order, optional
+            Where to write the result.
+
+        Returns
+        -------
+        ndarray, shape (n_rows, 3)
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        control_points = _checked(control_points, self.n_control_points, "control points")
+        if np.iscomplexobj(control_points):
+            return self.forward(control_points.real) + 1j * self.forward(control_points.imag)
+        if out is None:
+            out = (np.empty if self.is_complete else np.zeros)((self.n_rows, 3))
+        elif out.shape != (self.n_rows, 3) or out.dtype != float or not out.flags.c_contiguous:
+            raise InputError(f"evaluation: cannot write to `out` of shape {out.shape}; give a float array in C order")
+        nets = [control_points[ids].reshape(-1) for ids in self.control_ids]
+        flat = out.reshape(-1)
+
+        def evaluate(number: int):
+            chunk = self.chunks[number]
+            runs = self.runs[chunk.volume]
+            forward_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, nets[chunk.volume], flat)
+
+        run_tasks(evaluate, len(self.chunks), thread_count(self.n_threads))
+        return out
+
+    def adjoint(self, bar: np.ndarray) -> np.ndarray:
+        """Transposed product, ``A^T bar``.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_rows, 3)
+            One row per node. Complex ones are treated part by part.
+
+        Returns
+        -------
+        ndarray, shape (n_control_points, 3)
+
+        Raises
+        ------
+        InputError
+            If the array has the wrong shape.
+        """
+        bar = _checked(bar, self.n_rows, "nodes")
+        if np.iscomplexobj(bar):
+            return self.adjoint(bar.real) + 1j * self.adjoint(bar.imag)
+        flat = bar.reshape(-1)
+        sums: list = [None] * len(self.chunks)
+
+        def accumulate(number: int):
+            chunk = self.chunks[number]
+            runs = self.runs[chunk.volume]
+            layer_size = runs.n_control[1] * runs.n_control[2]
+            first, last = chunk.layers
+            sums[number] = np.zeros(3 * (last - first) * layer_size)
+            reverse_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, flat, first, sums[number])
+
+        run_tasks(accumulate, len(self.chunks), thread_count(self.n_threads))
+        out = np.zeros((self.n_control_points, 3))
+        for chunk, chunk_sums in zip(self.chunks, sums):
+            n_control = self.runs[chunk.volume].n_control
+            first = chunk.layers[0] * n_control[1] * n_control[2]
+            _add_at(out, self.control_ids[chunk.volume][first:], chunk_sums.reshape(-1, 3))
+        return out
+
+    def matrix(self) -> scipy.sparse.csr_array:
+        """Assemble ``A``, shape (n_rows, n_control_points): ten times slower, for those who need its entries."""
+        return assemble(self.runs, self.control_ids, self.n_rows, self.n_control_points)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_at(out, ids, terms):
+    for m in range(terms.shape[0]):
+        for d in range(3):
+            out[ids[m], d] += terms[m, d]
+
+
+def _cut(runs: Sequence[Runs]) -> tuple[_Chunk, ...]:
+    """Cut all runs into chunks of about the same number of nodes."""
+    n_nodes = max(CHUNK_NODES, sum(r.n_nodes for r in runs) // MAX_CHUNKS)
+    chunks = []
+    for v, r in enumerate(runs):
+        n_pieces = -(-r.n_nodes // n_nodes)
+        cuts = np.searchsorted(r.starts, np.arange(n_pieces + 1) * r.n_nodes / max(n_pieces, 1))
+        for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist()):
+            if first < last:
+                chunks.append(_Chunk(v, first, last, r.layers(first, last)))
+    return tuple(chunks)
+
+
+def _checked(array, n: int, name: str) -> np.ndarray:
+    array = np.asarray(array)
+    if array.shape != (n, 3):
+        raise InputError(f"evaluation: {name} of shape {array.shape}; give shape ({n}, 3)")
+    return np.ascontiguousarray(array, dtype=complex if np.iscomplexobj(array) else float)
+
+
+def _check_rows(mesh: BSplineMesh, parameters, rows, n_rows: int, copies) -> bool:
+    """Check the arguments of `Evaluator.build`; return whether every row belongs to a node."""
+    if not len(mesh.volumes) == len(parameters) == len(rows):
+        raise InputError(
+            f"evaluation: {len(mesh.volumes)} volumes, parameters for {len(parameters)} and rows for {len(rows)}; "
+            f"give one array of each per volume"
+        )
+    for v, (p, r) in enumerate(zip(parameters, rows), start=1):
+        if p.shape != (r.size, 3) or r.ndim != 1:
+            raise InputError(
+                f"evaluation: volume {v} has parameters of shape {p.shape} and rows of shape {r.shape}; "
+                f"give shapes (n, 3) and (n,)"
+            )
+        if not np.isfinite(p).all():
+            q = int(np.argmin(np.isfinite(p).all(axis=1)))
+            raise InputError(f"evaluation: parameters of point {q + 1} of volume {v} are not finite; give numbers")
+    if copies.ndim != 2 or copies.shape[1] != 2:
+        raise InputError(f"evaluation: copies of shape {copies.shape}; give shape (n, 2)")
+    return _check_destinations(np.concatenate([*rows, copies[:, 0]]), n_rows)
+
+
+def _check_destinations(destinations, n_rows: int) -> bool:
+    """Check that every row is written once at most; return whether every row is written."""
+    if n_rows >= 2**32:
+        raise InputError(f"evaluation: {n_rows} rows; split the grid into pieces of fewer than {2**32}")
+    if destinations.size and not 0 <= destinations.min() <= destinations.max() < n_rows:
+        raise InputError(f"evaluation: a row lies outside 0 .. {n_rows - 1}; number the rows from 0")
+    count = np.bincount(destinations, minlength=n_rows)
+    if n_rows and count.max() > 1:
+        raise InputError(f"evaluation: row {int(count.argmax()) + 1} is given twice; evaluate each row once")
+    return bool(count.all())
+
+
+def _copies_by_volume(rows, n_rows: int, copies) -> list[np.ndarray]:
+    """Per volume, the row of each copy and the number of the node that it copies."""
+    starts = np.cumsum([0] + [r.size for r in rows])
+    node_of_row = np.full(n_rows, -1, dtype=np.int64)
+    for start, r in zip(starts, rows):
+        node_of_row[r] = start + np.arange(r.size)
+    is_inside = (copies[:, 1] >= 0) & (copies[:, 1] < n_rows)
+    nodes = np.where(is_inside, node_of_row[np.where(is_inside, copies[:, 1], 0)] if n_rows else -1, -1)
+    if (nodes < 0).any():
+        bad = copies[np.argmin(nodes)]
+        raise InputError(f"evaluation: row {bad[0] + 1} copies row {bad[1] + 1}, which no volume evaluates")
+    volume = np.searchsorted(starts, nodes, side="right") - 1
+    return [np.stack([copies[volume == v, 0], nodes[volume == v] - starts[v]], axis=1) for v in range(len(rows))]

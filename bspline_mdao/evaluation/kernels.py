@@ -1,0 +1,110 @@
+"""Evaluation of the nodes of one volume, run by run, and its transpose.
+
+A *run* is the nodes of one volume that share their span triple, and so their sub-net; see `.runs` for the arrays. The
+kernels are compiled once for each triple of orders and kept on disk by numba. They hold no lock, so that several
+threads can work on different runs.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numba import njit
+
+from .contraction import TILE, add_net, gather_points, load_net, sum_over_net, sum_over_nodes
+from .lanes import LANES
+
+
+@cache
+def forward_kernel(p_0: int, p_1: int, p_2: int):
+    """Kernel that evaluates runs of nodes, Eq. (3), for one triple of orders.
+
+    Returns
+    -------
+    callable
+        ``forward(first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, control_points,
+        out)`` writes the nodes of the runs ``first_run <= run < last_run``, and their copies, to ``out``, shape
+        (3 * n_rows,), from ``control_points``, shape (N0 * N1 * N2 * 3,).
+    """
+    size = 3 * p_0 * p_1 * p_2
+    n_functions = p_0 + p_1 + p_2 - 3
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def forward(
+        first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, control_points, out
+    ):
+        net = np.empty(size)
+        for run in range(first_run, last_run):
+            steps = control_point_steps(n_control, corners[run])
+            load_net(control_points, 3 * corners[run], steps, net, p_0, p_1, p_2)
+            for first in range(starts[run], starts[run + 1], LANES):
+                n = min(LANES, starts[run + 1] - first)
+                sum_over_net(net, basis[first * n_functions :], n, rows[first:], out, p_0, p_1, p_2)
+        first_copy, last_copy = (
+            np.searchsorted(copy_nodes, starts[first_run]),
+            np.searchsorted(copy_nodes, starts[last_run]),
+        )
+        for copy in range(first_copy, last_copy):
+            row, source = 3 * np.int64(copy_rows[copy]), 3 * np.int64(rows[copy_nodes[copy]])
+            out[row : row + 3] = out[source : source + 3]
+
+    return forward
+
+
+@cache
+def reverse_kernel(p_0: int, p_1: int, p_2: int):
+    """Kernel that is the transpose of `forward_kernel`.
+
+    Returns
+    -------
+    callable
+        ``reverse(first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, bar, first_layer,
+        out)`` adds to ``out``, the control points from layer ``first_layer`` of direction 0 on, the products of the
+        runs with ``bar``, shape (3 * n_rows,).
+    """
+    size = 3 * p_0 * p_1 * p_2
+    n_functions = p_0 + p_1 + p_2 - 3
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def reverse(
+        first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, bar, first_layer, out
+    ):
+        net, points = np.empty(size + LANES), np.empty(3 * TILE)
+        first_control_point = first_layer * n_control[1] * n_control[2]
+        copy = np.searchsorted(copy_nodes, starts[first_run])
+        for run in range(first_run, last_run):
+            net[:] = 0.0
+            for tile in range(starts[run], starts[run + 1], TILE):
+                n = min(TILE, starts[run + 1] - tile)
+                gather_points(bar, rows[tile:], n, points)
+                copy = _add_copies(bar, copy_nodes, copy_rows, copy, tile, n, points)
+                sum_over_nodes(net, basis[tile * n_functions :], n, points, rows[tile:], bar, p_0, p_1, p_2)
+            steps = control_point_steps(n_control, corners[run])
+            add_net(out, 3 * (corners[run] - first_control_point), steps, net, p_0, p_1, p_2)
+
+    return reverse
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def control_point_steps(n_control, corner):
+    """Return the steps between control points of a sub-net in each direction, away from its anchor at ``corner``."""
+    rest, k = divmod(corner, n_control[2])
+    i, j = divmod(rest, n_control[1])
+    plane, line = n_control[1] * n_control[2], n_control[2]
+    return (
+        -plane if i == n_control[0] - 1 else plane,
+        -line if j == n_control[1] - 1 else line,
+        -1 if k == n_control[2] - 1 else 1,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_copies(bar, copy_nodes, copy_rows, copy, first, n, points):
+    """Add the copies of the nodes ``first .. first + n - 1`` to their points; return the first copy beyond."""
+    while copy < copy_nodes.size and copy_nodes[copy] < first + n:
+        group, lane = divmod(copy_nodes[copy] - first, LANES)
+        for d in range(3):
+            points[LANES * (3 * group + d) + lane] += bar[3 * np.int64(copy_rows[copy]) + d]
+        copy += 1
+    return copy

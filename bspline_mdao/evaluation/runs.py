@@ -1,0 +1,196 @@
+"""Runs: the nodes of a volume sorted by span triple, with the basis functions that the kernels read.
+
+The sub-net of a span triple is read from its *anchor*, in each direction its low end, or its high end where the span
+touches the high end of the parameter range (and, of a single span, in its upper half). So the nodes of any face are
+evaluated from the control points of that face alone, to the last bit. The *corner*, the number of the anchor among the
+control points of the volume, tells span and anchor in all three directions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..splines.basis import basis_values, find_span
+from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots
+from ..splines.volume import Volume
+from .contraction import MARGIN
+from .lanes import LANES
+
+_CHUNK = 4096  # points at a time where the knots are a user's functions
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """The nodes of one volume, sorted.
+
+    Parameters
+    ----------
+    orders, n_control : tuple of int
+        Orders and numbers of control points.
+    starts : ndarray of int, shape (n_runs + 1,)
+        First node of each run.
+    corners : ndarray of int, shape (n_runs,)
+        Corner of the sub-net of each run.
+    basis : ndarray
+        Functions of the nodes, see `.contraction`: ``p_0 + p_1 + p_2 - 3`` numbers per node.
+    rows : ndarray of uint32
+        Row of each node, and `MARGIN` zeros.
+    copy_nodes : ndarray of int64, shape (n_copies,)
+        Nodes with copies, ascending.
+    copy_rows : ndarray of uint32, shape (n_copies,)
+        Rows of the copies.
+    """
+
+    orders: tuple[int, int, int]
+    n_control: tuple[int, int, int]
+    starts: np.ndarray
+    corners: np.ndarray
+    basis: np.ndarray
+    rows: np.ndarray
+    copy_nodes: np.ndarray
+    copy_rows: np.ndarray
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return int(self.starts[-1])
+
+    @property
+    def arrays(self) -> tuple:
+        """Arguments that the kernels share, from ``n_control`` to ``copy_rows``."""
+        return self.n_control, self.starts, self.corners, self.basis, self.rows, self.copy_nodes, self.copy_rows
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory held."""
+        return sum(array.nbytes for array in self.arrays[1:])
+
+    def layers(self, first_run: int, last_run: int) -> tuple[int, int]:
+        """Layers ``first <= i < last`` of control points in direction 0 that the given runs touch."""
+        corner_layers = self.corners[first_run:last_run] // (self.n_control[1] * self.n_control[2])
+        is_high = corner_layers == self.n_control[0] - 1
+        low = corner_layers - is_high * (self.orders[0] - 1)
+        return int(low.min()), int(low.max()) + self.orders[0]
+
+
+def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies: np.ndarray) -> Runs:
+    """Sort the nodes of a volume into runs and evaluate their basis functions, Eq. (4).
+
+    Parameters
+    ----------
+    volume : Volume
+        Orders and knots.
+    parameters : ndarray, shape (n, 3)
+        Parameters of the nodes.
+    rows : ndarray of int, shape (n,)
+        Row of each node in the vector of all nodes.
+    copies : ndarray of int, shape (n_copies, 2)
+        Row of each copy, and number of the node that it copies.
+
+    Returns
+    -------
+    Runs
+    """
+    orders, n_control = volume.orders, volume.n_control
+    corners, values = _corners_and_functions(volume, parameters)
+    starts_of_corners, order = _counting_sort(corners, int(np.prod(n_control)))
+    used = np.flatnonzero(np.diff(starts_of_corners))
+    starts = np.append(starts_of_corners[used], len(rows))
+    basis = np.zeros(values.size + LANES)
+    _store_groups(starts, order, values, basis)
+    copy_nodes, copy_rows = _sort_copies(order, copies)
+    sorted_rows = np.concatenate([rows[order], np.zeros(MARGIN, dtype=np.int64)]).astype(np.uint32)
+    return Runs(orders, n_control, starts, used, basis, sorted_rows, copy_nodes, copy_rows)
+
+
+def _corners_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Corner of each node, and its functions without the anchor's, shape (n, p_0 + p_1 + p_2 - 3)."""
+    corners = np.zeros(len(parameters), dtype=np.int64)
+    values = np.empty((len(parameters), sum(volume.orders) - 3))
+    column = 0
+    for d, knots in enumerate(volume.knots):
+        end = column + knots.order - 1
+        _direction(knots, *(parameters[:, (d + offset) % 3] for offset in range(3)), corners, values[:, column:end])
+        column = end
+    return corners, values
+
+
+def _direction(knots: Knots, xi, s, t, corners, values):
+    """Add one direction to the corners, and write its functions."""
+    if isinstance(knots, BilinearKnots):
+        _bilinear_functions(knots.corners, knots.order, xi, s, t, corners, values)
+    elif isinstance(knots, ConstantKnots):
+        _functions(knots.knots[None], knots.order, xi, corners, values)
+    else:
+        for start in range(0, len(xi), _CHUNK):
+            at = slice(start, start + _CHUNK)
+            _functions(knots.values(s[at].copy(), t[at].copy()), knots.order, xi[at], corners[at], values[at])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bilinear_functions(edge_knots, order, xi, s, t, corners, values):
+    T, work = np.empty(edge_knots.shape[2]), np.empty(order)
+    for q in range(xi.size):
+        bilinear_knots(edge_knots, s[q], t[q], T)
+        corners[q] = corners[q] * (T.size - order) + _anchored_functions(T, order, xi[q], work, values[q])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _functions(knots, order, xi, corners, values):
+    """Knots of shape (n, N + p), or (1, N + p) for all."""
+    n_control, work = knots.shape[1] - order, np.empty(order)
+    for q in range(xi.size):
+        T = knots[min(q, knots.shape[0] - 1)]
+        corners[q] = corners[q] * n_control + _anchored_functions(T, order, xi[q], work, values[q])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _anchored_functions(T, order, xi, work, out):
+    """Write the functions at ``xi`` but for the anchor's, from it on; return the anchor's number."""
+    n_control = T.size - order
+    span = find_span(T, order, n_control, xi)
+    basis_values(T, order, span, xi, work)
+    if span == n_control - 1 and (span > order - 1 or xi > 0.5):
+        for m in range(order - 1):
+            out[m] = work[order - 2 - m]
+        return span
+    out[:] = work[1:order]
+    return span - order + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _counting_sort(keys, n_keys):
+    """First place of each key, shape (n_keys + 1,), and the stable order that sorts the keys."""
+    starts, order = np.zeros(n_keys + 1, dtype=np.int64), np.empty(keys.size, dtype=np.int64)
+    for key in keys:
+        starts[key + 1] += 1
+    for key in range(n_keys):
+        starts[key + 1] += starts[key]
+    places = starts[:-1].copy()
+    for q in range(keys.size):
+        order[places[keys[q]]] = q
+        places[keys[q]] += 1
+    return starts, order
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _store_groups(starts, order, values, basis):
+    n_functions = values.shape[1]
+    for run in range(starts.size - 1):
+        for first in range(starts[run], starts[run + 1], LANES):
+            n = min(LANES, starts[run + 1] - first)
+            for m in range(n_functions):
+                for i in range(n):
+                    basis[first * n_functions + m * n + i] = values[order[first + i], m]
+
+
+def _sort_copies(order, copies) -> tuple[np.ndarray, np.ndarray]:
+    """Sorted nodes that have copies, and the rows of these."""
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    nodes = place[copies[:, 1]]
+    ascending = np.argsort(nodes, kind="stable")
+    return nodes[ascending], copies[ascending, 0].astype(np.uint32)

@@ -1,0 +1,46 @@
+"""Kernels on several threads.
+
+Plain Python threads drive kernels that release the interpreter lock. numba's own ``parallel=True`` is left alone: its
+one layer that needs nothing beyond numba itself ends the process when two threads of the user's call it at a time, and
+the OpenMP layer ends it after a fork.
+"""
+
+from __future__ import annotations
+
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
+
+
+def thread_count(n_threads: int | None) -> int:
+    """Return the number of threads to use: the one given, or by default ``NUMBA_NUM_THREADS``."""
+    return max(1, numba.config.NUMBA_NUM_THREADS if n_threads is None else n_threads)
+
+
+def run_tasks(task, n_tasks: int, n_threads: int):
+    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; the caller's is one of them.
+
+    Parameters
+    ----------
+    task : callable
+        Must not depend on the order of the calls.
+    n_tasks, n_threads : int
+        Number of calls and of threads.
+    """
+    numbers = itertools.count()
+
+    def work():
+        for number in iter(numbers.__next__, None):
+            if number >= n_tasks:
+                return
+            task(number)
+
+    n_helpers = min(n_threads, n_tasks) - 1
+    if n_helpers < 1:
+        return work()
+    with ThreadPoolExecutor(n_helpers) as pool:
+        helpers = [pool.submit(work) for _ in range(n_helpers)]
+        work()
+    for helper in helpers:
+        helper.result()
