@@ -68,7 +68,7 @@ def _descend_each(corners, net, points, starts, target, parameters, distance):
     n = len(points)
     for task in prange((n + _POINTS_PER_TASK - 1) // _POINTS_PER_TASK):
         mapping = corners, net, map_point_scratch(corners, net)
-        state = np.empty(3), np.empty((3, 3)), np.empty((5, 3)), np.empty(3)
+        state = np.empty(3), np.empty((3, 3)), np.empty((8, 3)), np.empty(3)
         xi = np.empty(3)
         for q in range(task * _POINTS_PER_TASK, min((task + 1) * _POINTS_PER_TASK, n)):
             n_agreeing = 0
@@ -85,7 +85,7 @@ def _descend_each(corners, net, points, starts, target, parameters, distance):
 
 @njit(cache=True)
 def _count_agreeing(found, best, n_agreeing):
-    """Number of starts so far that ended at the least distance."""
+    """Count the starts so far that ended at the least distance."""
     if abs(found - best) <= 1e-6 * best:
         return n_agreeing + 1
     return 1 if found < best else n_agreeing
@@ -118,7 +118,7 @@ def _turn_on_collapsed_face(mapping, xi, residual, jacobian, kept):
     corners, net, scratch = mapping
     best = TURN
     for d in range(3):
-        if net.shape[d] == 1 or not is_collapsed(kept[2:], d):
+        if net.shape[d] == 1 or not is_collapsed(kept[2:5], d):
             continue
         turned, xi[:] = kept[0, d], kept[0]
         for m in range(N_TURNS):
@@ -168,7 +168,7 @@ def _count_all_agreeing(found, best, n_agreeing):
 
 def _descend_all_from(volume, net, points, starts, target):
     n = len(points)
-    xi, kept, progress = starts.copy(), np.empty((n, 5, 3)), np.empty((n, 3))
+    xi, kept, progress = starts.copy(), np.empty((n, 8, 3)), np.empty((n, 3))
     _start_all(progress)
     is_free = np.array(volume.n_control) > 1
     todo = np.arange(n)

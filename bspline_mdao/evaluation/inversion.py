@@ -13,7 +13,9 @@ import numpy as np
 from ..errors import InputError
 from ..splines.mesh import BSplineMesh
 from .descent import descend
+from .evaluator import Evaluator
 from .search import VolumeSamples, nearest_samples, sample_mesh
+from .shared_sections import section_codes, shared_with_lower
 
 __all__ = ["PointInversion", "invert_points", "require_inside", "ride"]
 
@@ -26,9 +28,6 @@ FOUND = 1e-12
 ROUND_OFF = 16 * np.finfo(float).eps
 """Distance, relative to the largest coordinate, at which a descent has reached round-off."""
 
-ON_FACE = 1e-6
-"""Parameters this close to 0 or 1 may lie on a face, and thus in another volume as well."""
-
 CHUNK = 65536
 """Points at a time, so that memory stays bounded (about 300 bytes per point of a chunk)."""
 
@@ -40,7 +39,7 @@ class PointInversion:
     Parameters
     ----------
     volume : ndarray of int, shape (n,)
-        Volume nearest to each point, from 0; the lowest of those that hold it, or are equally near.
+        Volume nearest to each point, from 0; the lowest of those that share the nearest point.
     parameters : ndarray, shape (n, 3)
         Parameters of the nearest point of that volume.
     distance : ndarray, shape (n,)
@@ -94,13 +93,16 @@ def invert_points(
         mesh=mesh,
         nets=tuple(mesh.nets(control_points)),
         samples=tuple(sample_mesh(mesh, control_points)),
+        is_shared=shared_with_lower(mesh),
         target=ROUND_OFF * np.abs(control_points).max(),
         found=max(FOUND * diagonal, 4 * ROUND_OFF * np.abs(control_points).max()),
     )
     nearest = nearest_samples(search.samples)
     chunks = [_invert_chunk(search, nearest, points[i : i + CHUNK]) for i in range(0, max(len(points), 1), CHUNK)]
     volume, parameters, distance = (np.concatenate(parts) for parts in zip(*chunks))
-    return PointInversion(volume, parameters, distance, distance <= (INSIDE * diagonal if tolerance is None else tolerance))
+    return PointInversion(
+        volume, parameters, distance, distance <= (INSIDE * diagonal if tolerance is None else tolerance)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +112,7 @@ class _Search:
     mesh: BSplineMesh
     nets: tuple[np.ndarray, ...]
     samples: tuple[VolumeSamples, ...]
+    is_shared: np.ndarray
     target: float
     found: float
 
@@ -133,10 +136,7 @@ def _invert_chunk(search: _Search, nearest, points: np.ndarray):
 def _try_volume(search: _Search, v: int, points, volume, parameters, distance):
     """Move the points that volume ``v`` holds, or comes nearer to, over to it; all arrays are updated in place."""
     ids = _candidates(search, v, points, volume, parameters, distance)
-    starts, is_within_reach = search.samples[v].starts(points[ids])
-    is_worth_it = is_within_reach | (distance[ids] > search.found)
-    ids, starts = ids[is_worth_it], starts[is_worth_it]
-    xi, found = search.descend(v, points[ids], starts)
+    xi, found = search.descend(v, points[ids], search.samples[v].starts(points[ids]))
     is_nearer = found < distance[ids] - search.found
     is_lower = (v < volume[ids]) & (found <= distance[ids] + search.found)
     ids, moved = ids[is_nearer | is_lower], is_nearer | is_lower
@@ -144,10 +144,9 @@ def _try_volume(search: _Search, v: int, points, volume, parameters, distance):
 
 
 def _candidates(search: _Search, v: int, points, volume, parameters, distance) -> np.ndarray:
-    """Points not found so far, and those on a face of a higher volume, that volume ``v`` may hold or be nearer to."""
-    is_found = distance <= search.found
-    is_on_face = ((parameters < ON_FACE) | (parameters > 1 - ON_FACE)).any(axis=1)
-    ids = np.flatnonzero(np.where(is_found, is_on_face & (volume > v), True))
+    """Points not found so far that volume ``v`` may be nearer to, and those found in a higher one that it shares."""
+    is_shared = search.is_shared[volume, section_codes(parameters), v]
+    ids = np.flatnonzero(is_shared | (distance > search.found))
     return ids[search.samples[v].box_distance(points[ids]) <= distance[ids] + search.found]
 
 
@@ -177,7 +176,7 @@ def require_inside(inversion: PointInversion, source: str = "points") -> PointIn
     return inversion
 
 
-def ride(mesh: BSplineMesh, inversion: PointInversion):
+def ride(mesh: BSplineMesh, inversion: PointInversion) -> Evaluator:
     """Make the evaluation of points that move with the control mesh.
 
     Parameters
@@ -194,8 +193,6 @@ def ride(mesh: BSplineMesh, inversion: PointInversion):
         ``forward(control_points)`` gives the points, shape (n, 3), in the order of the inversion; ``adjoint`` is its
         transpose.
     """
-    from .evaluator import Evaluator
-
     rows = [np.flatnonzero(inversion.volume == v) for v in range(len(mesh.volumes))]
     parameters = [np.ascontiguousarray(inversion.parameters[ids]) for ids in rows]
     return Evaluator.build(mesh, parameters, rows, inversion.n_points)

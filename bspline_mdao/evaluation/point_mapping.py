@@ -87,7 +87,7 @@ def _direction_jets(corners, n_control, x, s, t, knots, jets):
 
 @njit(cache=True, error_model="numpy")
 def _raise_order(knots, span, r, x, jets):
-    """A step of the de Boor triangle, `bspline_mdao.splines.basis`, in first-order jets kept in registers."""
+    """Take a step of the de Boor triangle, as in `bspline_mdao.splines.basis`, with jets kept in registers."""
     saved, saved_x, saved_s, saved_t = 0.0, 0.0, 0.0, 0.0
     for m in range(r):
         a, a_s, a_t = knots[0, span + 1 - r + m], knots[1, span + 1 - r + m], knots[2, span + 1 - r + m]
@@ -108,7 +108,7 @@ def _raise_order(knots, span, r, x, jets):
 
 @njit(cache=True, error_model="numpy")
 def _contract(B, first, orders, bases, position, jacobian):
-    """The triple sum of Eq. (3): over zeta, then eta, then xi.
+    """Contract the triple sum of Eq. (3): over zeta, then eta, then xi.
 
     The jet of direction d is in (d, d + 1, d + 2) modulo 3; entry 1 + (q - d) % 3 is its derivative in parameter q.
     """

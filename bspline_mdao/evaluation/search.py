@@ -35,8 +35,6 @@ class VolumeSamples:
     ----------
     parameters : ndarray, shape (m, 3)
         Parameters of the samples, all inside the volume and none on its boundary.
-    reach : ndarray, shape (m,)
-        Distance within which every point of a sample's cell lies, by a generous estimate.
     tree : scipy.spatial.cKDTree
         The samples in space.
     lower, upper : ndarray, shape (3,)
@@ -44,7 +42,6 @@ class VolumeSamples:
     """
 
     parameters: np.ndarray
-    reach: np.ndarray
     tree: cKDTree
     lower: np.ndarray
     upper: np.ndarray
@@ -54,28 +51,15 @@ class VolumeSamples:
         beyond = np.maximum(np.maximum(self.lower - points, points - self.upper), 0.0)
         return np.sqrt(np.einsum("qx,qx->q", beyond, beyond))
 
-    def starts(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters to start from, and whether the volume reaches so far.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            Points to look for.
-
-        Returns
-        -------
-        starts : ndarray, shape (n, n_starts, 3)
-            The most promising first.
-        is_within_reach : ndarray of bool, shape (n,)
-            False where the samples say that the point cannot be inside.
-        """
+    def starts(self, points: np.ndarray) -> np.ndarray:
+        """Parameters to start from, shape (n, n_starts, 3), for points of shape (n, 3); the most promising first."""
         ranks = [rank for rank in START_RANKS if rank < len(self.parameters)]
-        distance, ids = self.tree.query(points, k=[rank + 1 for rank in ranks])
-        return self.parameters[ids], (distance <= self.reach[ids]).any(axis=1)
+        _, ids = self.tree.query(points, k=[rank + 1 for rank in ranks])
+        return self.parameters[ids]
 
 
 def sample_mesh(mesh: BSplineMesh, control_points: np.ndarray) -> list[VolumeSamples]:
-    """Samples of every volume of a mesh with control points of shape (n_control_points, 3)."""
+    """Sample every volume of a mesh with control points of shape (n_control_points, 3)."""
     return [_sample_volume(volume, net) for volume, net in zip(mesh.volumes, mesh.nets(control_points))]
 
 
@@ -129,23 +113,6 @@ def _place(knots, at: np.ndarray, parameters: np.ndarray, d: int) -> np.ndarray:
 
 
 def _sample_volume(volume: Volume, net: np.ndarray) -> VolumeSamples:
-    lattice = span_lattice(volume)
-    parameters = lattice.reshape(-1, 3)
-    points = evaluate(volume, net, parameters)
-    reach = _reach(points.reshape(lattice.shape)).ravel()
-    return VolumeSamples(parameters, reach, cKDTree(points), net.min(axis=(0, 1, 2)), net.max(axis=(0, 1, 2)))
-
-
-def _reach(points: np.ndarray) -> np.ndarray:
-    """Sum over the directions of the distance to the farther neighbour: about four times the half cell."""
-    reach = np.zeros(points.shape[:3])
-    for d in range(3):
-        if points.shape[d] == 1:
-            continue
-        gaps = np.linalg.norm(np.diff(points, axis=d), axis=-1)
-        ends = [slice(None)] * 3
-        ends[d] = [0, *range(gaps.shape[d])]
-        low = gaps[tuple(ends)]
-        ends[d] = [*range(gaps.shape[d]), -1]
-        reach += np.maximum(low, gaps[tuple(ends)])
-    return reach
+    parameters = span_lattice(volume).reshape(-1, 3)
+    tree = cKDTree(evaluate(volume, net, parameters))
+    return VolumeSamples(parameters, tree, net.min(axis=(0, 1, 2)), net.max(axis=(0, 1, 2)))
