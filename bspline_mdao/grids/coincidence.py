@@ -57,7 +57,7 @@ class Coincidence:
 
 
 def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
-    """Number the points of the face nodes of all blocks.
+    """Find the points on which the face nodes of all blocks lie, and number them.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def data_round_off(blocks: Sequence[np.ndarray], n_samples: int = 3000) -> float
 
 
 def _face_mask(shape) -> np.ndarray:
-    """True at the nodes on the faces of a block."""
+    """Mark the nodes on the faces of a block."""
     mask = np.zeros(shape, dtype=bool)
     for d in range(3):
         if shape[d] > 1:
@@ -138,7 +138,7 @@ def _shorten(spacing: np.ndarray, length: np.ndarray, shortest: float) -> None:
 
 
 def _are_points(lines: np.ndarray, inner: np.ndarray, rounding: float) -> np.ndarray:
-    """True for grid lines (n, m, 3), n nodes each, that are points but for round-off, as the lines beside them show."""
+    """Mark grid lines (n, m, 3), n nodes each, that are points but for round-off, as the lines beside them show."""
     extent, beside = _norm(np.ptp(lines, axis=0)), _norm(np.ptp(inner, axis=0))
     beside[1:] = np.maximum(beside[1:], extent[:-1])
     beside[:-1] = np.maximum(beside[:-1], extent[1:])

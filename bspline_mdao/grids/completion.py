@@ -66,7 +66,7 @@ def _meeting_quads(region: Region, faces: Sequence[Face], quads: Quads, blocks, 
 
 
 def _overlap(region: Region, a: Face, b: Face) -> Rectangle:
-    """The quads of face a that the map of a region carries into face b."""
+    """Find the quads of face a that the map of a region carries into face b."""
     far = region.reverse().carry(Rectangle((0, 0), tuple(n - 1 for n in b.n_quads)))
     lo = tuple(max(index, 0) for index in far.lo)
     return Rectangle(lo, tuple(min(index, n - 1) for index, n in zip(far.hi, a.n_quads)))

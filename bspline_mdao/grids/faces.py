@@ -54,7 +54,7 @@ class Face:
         return quad_corners(self.ids).reshape(-1, 4)
 
     def part(self, rectangle: Rectangle) -> Window:
-        """The window that covers a rectangle of quads."""
+        """Return the window that covers a rectangle of quads."""
         lo, hi = list(self.window.lo), list(self.window.hi)
         for d, n, start, end in zip(self.tangents, self.ids.shape, rectangle.lo, rectangle.hi):
             lo[d], hi[d] = start, min(end + 1, n - 1)
@@ -96,12 +96,26 @@ def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
         for axis, d in enumerate(face.tangents):
             for window in _collapsed_faces(face, axis):
                 found[window] = tuple(sorted({*found.get(window, ()), d}))
+    is_in_face = _containment(found)
     for face in faces:
         for axis, d in enumerate(face.tangents):
-            for window in _collapsed_edges(face, axis):
-                if not any(other.contains(window) and d in directions for other, directions in found.items()):
-                    found[window] = (d,)
+            found.update({edge: (d,) for edge in _collapsed_edges(face, axis) if not is_in_face(edge, d)})
     return found
+
+
+def _containment(windows: dict[Window, tuple[int, ...]]):
+    """Return a function that tells whether an edge without extent along d lies in one of the windows without it."""
+    ends: dict[tuple[int, int], list[tuple]] = {}
+    for window, directions in windows.items():
+        for d in directions:
+            ends.setdefault((window.block, d), []).append((window.lo, window.hi))
+    arrays = {key: np.array(values) for key, values in ends.items()}
+
+    def contains(edge: Window, d: int) -> bool:
+        lo, hi = arrays.get((edge.block, d), np.empty((0, 2, 3))).transpose(1, 0, 2)
+        return bool(np.any(np.all((lo <= edge.lo) & (hi >= edge.hi), axis=1)))
+
+    return contains
 
 
 def _collapsed_quads(face: Face, axis: int) -> np.ndarray:

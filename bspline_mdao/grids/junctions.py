@@ -74,7 +74,7 @@ def junction_links(
 
 
 def _shared_numbers(shapes, segmentation: Segmentation, found: Sequence[Link]) -> list[np.ndarray]:
-    """Number each node of each block by the links known so far, shared nodes alike."""
+    """Give each node of each block a number by the links known so far, shared nodes alike."""
     shared = [np.empty(shape, dtype=np.int32) for shape in shapes]
     segments = segmentation.segments
     ids = shared_ids([segment.shape for segment in segments], [*segmentation.links, *found], segmentation.collapses)
@@ -136,7 +136,7 @@ def _group_links(group: Sequence[Junction], apart: set[tuple[int, int]]) -> list
 
 
 def _junction_link(a: Junction, b: Junction) -> Link:
-    """The link of two coincident junctions: the free direction along the free one, the others in order."""
+    """Make the link of two coincident junctions: the free direction along the free one, the others in order."""
     a_order, b_order = (sorted(range(3), key=lambda d: j.section[d] is not None) for j in (a, b))
     perm, flip = [0, 0, 0], [False] * 3
     for d, p in zip(a_order, b_order):

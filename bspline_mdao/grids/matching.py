@@ -122,7 +122,7 @@ class Region:
     pairs: np.ndarray
 
     def carry_quads(self, p, q):
-        """Indices in face b of the quads that meet quads (p, q) of face a."""
+        """Carry indices: those in face b of the quads that meet quads (p, q) of face a."""
         swap, flip0, flip1 = _TURNS[self.turn]
         ends = (self.shift[0] + (-p if flip0 else p), self.shift[1] + (-q if flip1 else q))
         return ends[::-1] if swap else ends
@@ -141,7 +141,7 @@ class Region:
         return Region(self.b, self.a, turn, shift[::step], self.pairs[:, ::-1])
 
     def interface(self, faces: Sequence[Face], rectangle: Rectangle) -> Interface:
-        """The interface over a rectangle of face a."""
+        """Make the interface over a rectangle of face a."""
         a, b = faces[self.a], faces[self.b]
         return Interface(a.part(rectangle), b.part(self.carry(rectangle)), _orientation(a, b, self.turn))
 
@@ -186,7 +186,7 @@ def _shifts(quads: Quads, a: np.ndarray, b: np.ndarray, turn: np.ndarray):
 
 
 def _orientation(a: Face, b: Face, turn: int) -> Orientation:
-    """The orientation of blocks that a turn of their faces makes."""
+    """Return the orientation of blocks that a turn of their faces makes."""
     swap, *flips = _TURNS[turn]
     perm, flip = [0, 0, 0], [False] * 3
     perm[a.normal], flip[a.normal] = b.normal, a.is_high == b.is_high

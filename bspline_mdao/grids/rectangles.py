@@ -44,7 +44,7 @@ def decompose(mask: np.ndarray, limit: int | None = None) -> list[Rectangle]:
 
 
 def _breaks(mask: np.ndarray, axis: int) -> np.ndarray:
-    """Indices, with both ends, at which the mask changes along an axis."""
+    """Find the indices, with both ends, at which the mask changes along an axis."""
     mask = np.moveaxis(mask, axis, 0)
     changes = np.flatnonzero(np.any(mask[1:] != mask[:-1], axis=1)) + 1
     return np.concatenate(([0], changes, [len(mask)]))

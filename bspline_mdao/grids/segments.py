@@ -65,10 +65,10 @@ def segment_blocks(
 
 
 def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]):
-    """Indices at which to cut every block, carried through interfaces until nothing changes.
+    """Find the indices at which to cut every block, carried through interfaces until nothing changes.
 
-    Where a block would fall into more than `MAX_SEGMENTS`, the smallest interface or window that does not cover a
-    whole face (those at that block first) is given up.
+    Where a block would fall into more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not cover
+    a whole face are given up, those at that block first, an eighth of them at a time.
 
     Returns
     -------
@@ -83,13 +83,15 @@ def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]
         if crowded is None:
             return cuts, given_up
         partial = [item for item in wanted if any(_cuts_block(shapes, window) for window in _windows(item))]
-        worst = min(partial, key=lambda item: _priority(item, crowded))
-        wanted = [item for item in wanted if item is not worst]
-        given_up.append(worst)
+        partial.sort(key=lambda item: _priority(item, crowded))
+        n_there = sum(window.block == crowded for item in partial for window in _windows(item)[:1])
+        worst = partial[: max(1, n_there // 8)]
+        given_up += worst
+        wanted = [item for item in wanted if not any(item is other for other in worst)]
 
 
 def cut_blocks(cuts: Cuts) -> list[Window]:
-    """The segments of all blocks: blocks in order, each in C order."""
+    """List the segments of all blocks: blocks in order, each in C order."""
     segments = []
     for block, directions in enumerate(cuts):
         intervals = [list(pairwise(sorted(cut))) if len(cut) > 1 else [(0, 0)] for cut in directions]
@@ -139,7 +141,7 @@ def find_collapses(segments: Sequence[Window], windows: dict[Window, tuple[int, 
 
 
 def section_in(segment: Window, window: Window) -> Section | None:
-    """The section of a segment that lies in a window; None if they do not meet or meet in part of a section."""
+    """Find the section of a segment that lies in a window; None if they do not meet or meet in part of a section."""
     section = []
     for d in range(3):
         lo, hi = max(segment.lo[d], window.lo[d]), min(segment.hi[d], window.hi[d])
@@ -155,7 +157,7 @@ def section_in(segment: Window, window: Window) -> Section | None:
 
 
 def carry(interface: Interface, window: Window) -> Window:
-    """The part of side b of an interface that meets a part of side a."""
+    """Carry a part of side a of an interface to the part of side b that it meets."""
     lo, hi = [0, 0, 0], [0, 0, 0]
     for d, (p, flip) in enumerate(zip(interface.orientation.perm, interface.orientation.flip)):
         ends = sorted(_carried(interface, d, p, flip, index) for index in (window.lo[d], window.hi[d]))
@@ -164,7 +166,7 @@ def carry(interface: Interface, window: Window) -> Window:
 
 
 def reverse(interface: Interface) -> Interface:
-    """The same interface with its sides exchanged."""
+    """Exchange the sides of an interface."""
     return Interface(interface.b, interface.a, interface.orientation.inverse())
 
 
@@ -176,7 +178,7 @@ def _carried(interface: Interface, d: int, p: int, flip: bool, index: int) -> in
 
 
 def _end(d: int, end: int) -> Section:
-    """The face section at one end of a direction."""
+    """Return the face section at one end of a direction."""
     return tuple(end if direction == d else None for direction in range(3))
 
 
@@ -228,7 +230,7 @@ def _carry_cuts(cuts: Cuts, interface: Interface) -> bool:
 
 
 def _crowded(cuts: Cuts) -> int | None:
-    """The first block cut into too many segments."""
+    """Find the first block cut into too many segments."""
     for block, directions in enumerate(cuts):
         if np.prod([max(len(cut) - 1, 1) for cut in directions]) > MAX_SEGMENTS:
             return block

@@ -46,7 +46,7 @@ def shared_ids(
     collapses: Sequence[Collapse] = (),
     names: Sequence[str] | None = None,
 ) -> list[np.ndarray]:
-    """Number the points of index spaces, linked points alike.
+    """Give the points of index spaces numbers, linked points the same.
 
     Parameters
     ----------
@@ -116,14 +116,14 @@ def direction_classes(topology: Topology) -> np.ndarray:
 
 
 def block_rows(shapes: Sequence[tuple[int, int, int]]) -> list[np.ndarray]:
-    """Number the nodes of all blocks, blocks in order, each in C order: arrays of the blocks' shapes."""
+    """Give the nodes of all blocks their rows, blocks in order, each in C order: arrays of the blocks' shapes."""
     sizes = [int(np.prod(shape)) for shape in shapes]
     starts = np.cumsum([0, *sizes])
     return [np.arange(start, start + n).reshape(shape) for start, n, shape in zip(starts, sizes, shapes)]
 
 
 def section_rows(shape: tuple[int, int, int], section: Section, start: int = 0) -> np.ndarray:
-    """Number the points of a section as in the C order of the whole index space, counted from ``start``."""
+    """Give the points of a section their rows in the C order of the whole index space, from ``start``."""
     strides = (shape[1] * shape[2], shape[2], 1)
     axes = [np.arange(n) if end is None else np.array([end % n]) for n, end in zip(shape, section)]
     i, j, k = np.ix_(*axes)

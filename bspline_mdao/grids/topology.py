@@ -27,6 +27,9 @@ from .sharing import shared_ids
 
 __all__ = ["BoundaryFace", "Collapse", "Interface", "Link", "NearMiss", "Topology", "describe", "find_topology"]
 
+MAX_WARNINGS = 20
+"""Warnings kept word for word; the rest is counted."""
+
 
 @dataclass(frozen=True)
 class Topology:
@@ -78,7 +81,7 @@ class Topology:
         return tuple(_segment_name(segment, self.shapes[segment.block]) for segment in self.segments)
 
     def node_ids(self) -> list[np.ndarray]:
-        """Number of each node of each segment, shared nodes alike (see `shared_ids`)."""
+        """Give each node of each segment a number, shared nodes the same (see `shared_ids`)."""
         return shared_ids([segment.shape for segment in self.segments], self.links, self.collapses, self.segment_names)
 
 
@@ -126,8 +129,10 @@ def find_topology(grid: Grid) -> Topology:
 
 
 def _check(grid: Grid) -> None:
-    """Refuse nodes that are not finite and patches that lie elsewhere."""
+    """Refuse blocks of one node, nodes that are not finite and patches that lie elsewhere."""
     for number, block in enumerate(grid.blocks, start=1):
+        if max(block.shape) == 1:
+            raise InputError(f"{grid.source}: block {number} is a single node; leave it out")
         if not np.isfinite(block.nodes).all():
             i, j, k = np.argwhere(~np.isfinite(block.nodes).all(axis=-1))[0] + 1
             raise InputError(
@@ -167,7 +172,7 @@ def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
 
 
 def _boundary(patches: Sequence[Patch], faces: Sequence[Face], is_taken: np.ndarray) -> tuple[BoundaryFace, ...]:
-    """Declared face windows, and rectangles of the quads that are neither declared nor matched nor collapsed."""
+    """List declared face windows, and rectangles of the quads that are neither declared nor matched nor collapsed."""
     found = [BoundaryFace(window, patch.name, patch.kind) for patch in patches for window in patch.windows]
     ends = np.cumsum([face.n_quads[0] * face.n_quads[1] for face in faces])
     for face, taken in zip(faces, np.split(is_taken, ends[:-1])):
@@ -201,13 +206,14 @@ def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
 
 
 def _warnings(faces: Sequence[Face], quads: Quads, matches: Matches, given_up) -> tuple[str, ...]:
-    """What the topology leaves out, one line each."""
-    lines = []
-    for number in np.unique(quads.face[matches.crowded]):
-        lines.append(f"{describe(faces[number].window)} coincides with two or more others: taken as boundary")
+    """Say what the topology leaves out, one line each."""
+    crowded = [faces[number].window for number in np.unique(quads.face[matches.crowded])]
+    lines = [f"{describe(window)} coincides with two or more others: taken as boundary" for window in crowded]
     for item in given_up:
         windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
-        lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments: taken as boundary")
+        lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments")
+    if len(lines) > MAX_WARNINGS:
+        lines[MAX_WARNINGS:] = [f"and {len(lines) - MAX_WARNINGS} more like these"]
     return tuple(lines)
 
 
