@@ -14,11 +14,6 @@ class Rectangle:
     lo: tuple[int, int]
     hi: tuple[int, int]
 
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Slices that cut the rectangle out of a mask of quads."""
-        return tuple(slice(l, h + 1) for l, h in zip(self.lo, self.hi))
-
 
 def decompose(mask: np.ndarray, limit: int | None = None) -> list[Rectangle]:
     """Cut the True part of a mask into rectangles, the largest first.
