@@ -1,0 +1,247 @@
+"""Members of a grid family: the same mapping at a smoothly changed spacing of the parameters, section II.E.
+
+The parameters of a fitted grid are smooth functions of the index. A finer or coarser member takes them at more or fewer
+index positions, by cubic Hermite interpolation with slopes of fourth order, one index direction after the other. So
+
+- integer factors keep the nodes of the grid, and factors 1/2, 1/3, ... pick from them;
+- the nodes of a face depend on the face alone, and neighbours get the same;
+- the stretching of the grid is kept: at factor m the ratio of neighbouring cells is the m-th root of the grid's.
+
+Along its own direction a parameter increases strictly: slopes are limited to three times the smaller neighbouring
+difference (Fritsch and Carlson), which ordinary grids never reach. Where interpolation *across* a line would fold it,
+the line is interpolated linearly across.
+
+References
+----------
+F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17 (1980), 238-246.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..grids.multiblock import Grid, Patch
+from ..grids.sharing import node_sharing
+from ..grids.topology import Topology
+from ..splines.mesh import BSplineMesh
+from .evaluator import Evaluator
+from .index_scaling import IndexScaling, refined_topology
+
+if TYPE_CHECKING:
+    from ..model import FittedModel
+
+
+@dataclass(frozen=True, eq=False)
+class FamilyMember:
+    """A finer or coarser grid on the same control mesh.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the member.
+    mesh : BSplineMesh
+        The control mesh.
+    parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    """
+
+    topology: Topology
+    mesh: BSplineMesh
+    parameters: tuple[np.ndarray, ...]
+
+    def evaluator(self, n_threads: int | None = None) -> Evaluator:
+        """Operator from the control points to the nodes of the member, Eq. (3)."""
+        return grid_evaluator(self.topology, self.mesh, self.parameters, n_threads)
+
+
+def grid_evaluator(
+    topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], n_threads: int | None = None
+) -> Evaluator:
+    """Operator from the control points to the nodes of a grid; shared nodes are evaluated once and copied.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the grid.
+    mesh : BSplineMesh
+        One volume per segment.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    n_threads : int, optional
+        Number of threads; by default ``NUMBA_NUM_THREADS``.
+    """
+    sharing = node_sharing(topology)
+    own_parameters = [x[own] for x, own in zip(parameters, sharing.is_evaluated)]
+    own_rows = [rows[own] for rows, own in zip(sharing.rows, sharing.is_evaluated)]
+    return Evaluator.build(mesh, own_parameters, own_rows, topology.n_nodes, sharing.copies, n_threads)
+
+
+def refine(topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], factor: float) -> FamilyMember:
+    """Member of the family of a grid with ``factor`` times the cells per direction.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the grid.
+    mesh : BSplineMesh
+        Its control mesh.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    factor : float
+        Cells per direction of the member, by those of the grid; see `.index_scaling`.
+
+    Returns
+    -------
+    FamilyMember
+
+    Raises
+    ------
+    InputError
+        If the factor is not a positive number.
+    """
+    member = refined_topology(topology, factor)
+    refined = tuple(refine_parameters(x, s.shape) for x, s in zip(parameters, member.segments))
+    return FamilyMember(member, mesh, refined)
+
+
+def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
+    """Grid of a fitted model with ``factor`` times the cells per direction.
+
+    The residual of the fit belongs to the nodes of the fitted grid and is not carried over.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model.
+    factor : float
+        Cells per direction of the member, by those of the grid.
+    control_points : ndarray, shape (n_control_points, 3), optional
+        Moved control points (m); the fitted ones by default.
+
+    Returns
+    -------
+    Grid
+        Nodes in metres; patches and blanking are scaled.
+
+    Raises
+    ------
+    InputError
+        If the factor is not a positive number.
+    """
+    member = refine(model.topology, model.mesh, model.parameters, factor)
+    nodes = member.evaluator().forward(model.control_points if control_points is None else control_points)
+    scaling = IndexScaling.of(model.topology, factor)
+    header = replace(
+        model.header,
+        patches=tuple(_scaled_patch(patch, scaling) for patch in model.header.patches),
+        iblanks=tuple(
+            None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
+            for block, iblank in enumerate(model.header.iblanks)
+        ),
+    )
+    return header.grid(member.topology.shapes, nodes)
+
+
+def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:
+    return replace(patch, windows=tuple(map(scaling.window, patch.windows)))
+
+
+def refine_parameters(parameters: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+    """Parameters at other index positions, spread evenly over the same range of indices.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (L0, L1, L2, 3)
+        Parameters of a grid, each increasing along its own direction.
+    shape : tuple of int
+        Numbers of nodes wanted.
+
+    Returns
+    -------
+    ndarray, shape (*shape, 3)
+    """
+    refined = np.empty((*shape, 3))
+    for d in range(3):
+        x = interpolate(parameters[..., d], d, shape[d], is_increasing=True)
+        smooth = straight = x
+        for other in ((d + 1) % 3, (d + 2) % 3):
+            smooth = interpolate(smooth, other, shape[other])
+            straight = _interpolate_linearly(straight, other, shape[other])
+        is_folded = ((np.diff(smooth, axis=d) <= 0) & (np.diff(straight, axis=d) > 0)).any(axis=d, keepdims=True)
+        refined[..., d] = np.where(is_folded, straight, smooth)
+    return refined
+
+
+def interpolate(values: np.ndarray, axis: int, n: int, is_increasing: bool = False) -> np.ndarray:
+    """Cubic Hermite interpolation of values at integers, at ``n`` evenly spread positions.
+
+    Parameters
+    ----------
+    values : ndarray
+        Values.
+    axis : int
+        Axis along which they are interpolated.
+    n : int
+        Number of positions, the first and the last value being two of them.
+    is_increasing : bool
+        Limit slopes so that increasing values are interpolated by an increasing function.
+
+    Returns
+    -------
+    ndarray
+        ``n`` long along the axis. Positions at integers get the values themselves, and equal values their own bits.
+    """
+    x = np.moveaxis(values, axis, -1)
+    if x.shape[-1] == 1:
+        return np.moveaxis(np.repeat(x, n, axis=-1), -1, axis)
+    steps = np.diff(x, axis=-1)
+    slopes = _slopes(steps)
+    if is_increasing:
+        slopes = np.clip(slopes, 0.0, _largest_slopes(steps))
+    at, s = _positions(x.shape[-1], n)
+    step, bend_low, bend_high = steps[..., at], slopes[..., at] - steps[..., at], slopes[..., at + 1] - steps[..., at]
+    inner = x[..., at] + s * (step + (1 - s) * ((1 - s) * bend_low - s * bend_high))
+    return np.moveaxis(np.where(s == 1.0, x[..., at + 1], inner), -1, axis)
+
+
+def _interpolate_linearly(values: np.ndarray, axis: int, n: int) -> np.ndarray:
+    x = np.moveaxis(values, axis, -1)
+    if x.shape[-1] == 1:
+        return np.moveaxis(np.repeat(x, n, axis=-1), -1, axis)
+    at, s = _positions(x.shape[-1], n)
+    return np.moveaxis((1 - s) * x[..., at] + s * x[..., at + 1], -1, axis)
+
+
+def _positions(n_values: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Interval of each position, and the fraction of it that lies before the position."""
+    position = np.arange(n) * (n_values - 1) / max(n - 1, 1)
+    at = np.minimum(position.astype(int), n_values - 2)
+    return at, position - at
+
+
+def _slopes(steps: np.ndarray) -> np.ndarray:
+    """Slopes at the integers from the differences between them: of fourth order inside, of third at the ends."""
+    n = steps.shape[-1]
+    if n < 3:
+        inner = [(steps[..., 0] + steps[..., 1]) / 2] if n == 2 else []
+        first = (3 * steps[..., 0] - steps[..., 1]) / 2 if n == 2 else steps[..., 0]
+        last = (3 * steps[..., -1] - steps[..., -2]) / 2 if n == 2 else steps[..., 0]
+        return np.stack([first, *inner, last], axis=-1)
+    ends = [_end_slopes(*(steps[..., m] for m in order)) for order in ((0, 1, 2), (-1, -2, -3))]
+    inner = (7 * (steps[..., 1:-2] + steps[..., 2:-1]) - steps[..., :-3] - steps[..., 3:]) / 12
+    return np.concatenate([np.stack(ends[0], axis=-1), inner, np.stack(ends[1][::-1], axis=-1)], axis=-1)
+
+
+def _end_slopes(h_0, h_1, h_2) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes at the end and next to it of the cubic through the last four values."""
+    return (11 * h_0 - 7 * h_1 + 2 * h_2) / 6, (2 * h_0 + 5 * h_1 - h_2) / 6
+
+
+def _largest_slopes(steps: np.ndarray) -> np.ndarray:
+    """Three times the smaller neighbouring difference."""
+    padded = np.concatenate([steps[..., :1], steps, steps[..., -1:]], axis=-1)
+    return 3 * np.minimum(padded[..., :-1], padded[..., 1:])
