@@ -1,0 +1,220 @@
+r"""The sheet of an H-H wing grid: the wing, and the plane y = 0 upstream, downstream and outboard of it.
+
+Seen from above, a sheet is six patches of nodes, three along the stream inboard of the tip and three outboard::
+
+    z   +----------+--------+------------+
+    |   | 0        | 1      | 2          |   outboard
+    |   +----------+========+------------+   tip
+    |   | 0       /  1  wing \ 2         |   inboard
+    |   +--------+===========+-----------+   symmetry plane
+    +----------------------------------------- x
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .section import flat_section
+from .stretching import geometric_last, stretch, stretch_lines
+from .wing_surface import Wing, surface_grid
+
+__all__ = ["FarField", "Layout", "Sheet", "Spacing", "sheets"]
+
+_TURN = 0.05
+"""Distance outboard of the tip, in tip chords, over which the lines of the wing turn out of its sweep."""
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Intervals next to the wing (m), met exactly.
+
+    Parameters
+    ----------
+    off_wall : float
+        First interval along the grid lines that leave the wing.
+    leading, trailing, tip : float
+        Intervals on both sides of the leading edge, the trailing edge and the tip, along the surface and away from it.
+    root : float, optional
+        Interval along the span at the symmetry plane; twice the mean interval by default.
+    """
+
+    off_wall: float = 1e-3
+    leading: float = 1e-3
+    trailing: float = 1e-3
+    tip: float = 1e-3
+    root: float | None = None
+
+
+@dataclass(frozen=True)
+class FarField:
+    """The outer boundary and the grid there.
+
+    Parameters
+    ----------
+    distance : float
+        From the wing to the outer boundary on all sides (m).
+    spread : float
+        How far the lines that leave the edges of the wing move outwards on their way to the outer boundary (m).
+    relaxation : float
+        Intervals at the outer boundary over those next to the wing. Where it is not 1 the grid lines curve.
+    """
+
+    distance: float = 10.0
+    spread: float = 0.0
+    relaxation: float = 2.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a grid is made of: the wing, the counts of every block row and the spacings."""
+
+    wing: Wing
+    n_stream: tuple[int, int, int]
+    n_normal: tuple[int, int]
+    n_span: tuple[int, int]
+    spacing: Spacing
+    far: FarField
+
+    @property
+    def root_interval(self) -> float:
+        """Interval along the span at the symmetry plane."""
+        return self.spacing.root or 2.0 * self.wing.planform.semi_span / (self.n_span[0] - 1)
+
+    @property
+    def inlet(self) -> float:
+        """Coordinate x of the upstream boundary."""
+        return min(0.0, self.wing.planform.x(0.0, self.wing.planform.semi_span)) - self.far.distance
+
+    @property
+    def outlet(self) -> float:
+        """Coordinate x of the downstream boundary."""
+        planform = self.wing.planform
+        return max(planform.root_chord, planform.x(1.0, planform.semi_span)) + self.far.distance
+
+    @property
+    def side(self) -> float:
+        """Coordinate z of the side boundary."""
+        return self.wing.planform.semi_span + self.far.distance
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One patch of the sheet: where the grid lines along j start, how they leave and where they are bound for.
+
+    Parameters
+    ----------
+    points : ndarray, shape (ni, nk, 3)
+        Nodes.
+    plate : ndarray, shape (ni, nk, 3)
+        Nodes of the same patch about a wing of the same planform without thickness.
+    far_x, far_z : ndarray, shapes (ni,) and (nk,)
+        Coordinates x at the upper, lower and side boundaries; z at all others.
+    away_x, away_z : ndarray, shape (ni, nk)
+        Distance from the wing along the stream and along the span: 0 at the wing, 1 at the boundary.
+    """
+
+    points: np.ndarray
+    plate: np.ndarray
+    far_x: np.ndarray
+    far_z: np.ndarray
+    away_x: np.ndarray
+    away_z: np.ndarray
+
+
+def sheets(layout: Layout, side: int) -> list[Sheet]:
+    """Make the six patches of the upper (side = 1) or lower (-1) sheet: along the stream, inboard first."""
+    far_x, far_z = _far_x(layout), _far_z(layout)
+    wing, plate = (
+        _surface(layout.wing, layout, side),
+        _surface(replace(layout.wing, section=flat_section(), tip_section=None), layout, side),
+    )
+    outer = _outboard_patch(layout, plate[:, -1])
+    patches = []
+    for outboard, (middle, middle_plate) in enumerate(((wing, plate), (outer, outer))):
+        rows = (_stream_patch(layout, middle[0], -1), middle_plate, _stream_patch(layout, middle[-1], 1))
+        for stream, points in enumerate(rows):
+            away = _away(layout, points, middle, stream, outboard)
+            patches.append(Sheet(middle if stream == 1 else points, points, far_x[stream], far_z[outboard], *away))
+    return patches
+
+
+def _surface(wing, layout, side):
+    s, counts = layout.spacing, (layout.n_stream[1], layout.n_span[0])
+    return surface_grid(wing, side, counts, s.leading, s.trailing, layout.root_interval, s.tip)
+
+
+def _outboard_patch(layout, tip):
+    """Lines from the nodes of the tip to the side boundary; they turn out of the sweep into the z direction."""
+    planform, far = layout.wing.planform, layout.far.distance
+    out = far * _one_sided(layout.n_span[1], layout.spacing.tip / far)
+    fraction = (tip[:, 0] - tip[0, 0]) / planform.tip_chord
+    slope = planform.x(fraction, 1.0) - planform.x(fraction, 0.0)
+    turn = _TURN * planform.tip_chord
+    x = tip[:, :1] + slope[:, None] * turn * (1.0 - np.exp(-out / turn))
+    return np.stack([x, np.zeros_like(x), np.broadcast_to(planform.semi_span + out, x.shape)], axis=-1)
+
+
+def _stream_patch(layout, edge, direction):
+    """Lines from the leading (direction = -1) or trailing (1) edge, (nk, 3), to the upstream or downstream boundary."""
+    end = layout.inlet if direction < 0 else layout.outlet
+    first = layout.spacing.leading if direction < 0 else layout.spacing.trailing
+    length = np.abs(end - edge[:, 0])
+    n = layout.n_stream[1 + direction]
+    last = layout.far.distance * geometric_last(n, first / layout.far.distance)
+    fractions = stretch_lines(length, n, first, last).T
+    points = np.empty((n, *edge.shape))
+    points[..., 0], points[..., 1:] = edge[:, 0] + direction * length * fractions, edge[:, 1:]
+    points[-1, :, 0] = end
+    return points if direction > 0 else points[::-1]
+
+
+def _one_sided(n, first):
+    """Distribution over [0, 1] from one given interval, in near-geometric progression."""
+    return stretch(n, first, geometric_last(n, first))
+
+
+def _far_x(layout):
+    """Coordinates x of the grid lines at the upper, lower and side boundaries, for each of the three columns."""
+    before, on, behind = layout.n_stream
+    low, high = (
+        layout.inlet + layout.far.distance - layout.far.spread,
+        layout.outlet - layout.far.distance + layout.far.spread,
+    )
+    leading, trailing = layout.far.relaxation * layout.spacing.leading, layout.far.relaxation * layout.spacing.trailing
+    upstream = low - (low - layout.inlet) * _one_sided(before, leading / (low - layout.inlet))[::-1]
+    downstream = high + (layout.outlet - high) * _one_sided(behind, trailing / (layout.outlet - high))
+    return upstream, low + (high - low) * stretch(on, leading / (high - low), trailing / (high - low)), downstream
+
+
+def _far_z(layout):
+    """Coordinates z of the grid lines at all outer boundaries but the side, inboard and outboard of the tip."""
+    end = layout.wing.planform.semi_span + layout.far.spread
+    tip, rest = layout.far.relaxation * layout.spacing.tip, layout.side - end
+    inboard = stretch(layout.n_span[0], layout.root_interval / end, tip / end)
+    return end * inboard, end + rest * _one_sided(layout.n_span[1], tip / rest)
+
+
+def _away(layout, points, middle, stream, outboard):
+    """Distances from the wing along the stream and along the span, as fractions of the way to the boundary."""
+    zero = np.zeros(points.shape[:2])
+    edge, end = (middle[0, :, 0], layout.inlet) if stream == 0 else (middle[-1, :, 0], layout.outlet)
+    away_x = zero if stream == 1 else (points[..., 0] - edge) / (end - edge)
+    away_z = (points[..., 2] - layout.wing.planform.semi_span) / layout.far.distance if outboard else zero
+    return away_x, away_z
+
+
+def edges(wing: Wing) -> tuple[np.ndarray, np.ndarray]:
+    """Leading edge and tip as segments of the plane y = 0: ends (x, z), shape (2, 2) each."""
+    planform, span = wing.planform, wing.planform.semi_span
+    leading = np.array([[planform.x(0.0, z), z] for z in (0.0, span)])
+    return leading, np.array([[planform.x(f, span), span] for f in (0.0, 1.0)])
+
+
+def distance_from(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Distance of points (..., 3) from a segment of the plane y = 0."""
+    start, along = segment[0], segment[1] - segment[0]
+    offset = points[..., ::2] - start
+    at = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+    return np.sqrt(np.sum((offset - at[..., None] * along) ** 2, axis=-1) + points[..., 1] ** 2)

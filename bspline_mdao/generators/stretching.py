@@ -1,0 +1,123 @@
+"""One-dimensional point distributions with given spacings at both ends.
+
+The two-sided function of Vinokur, *On one-dimensional stretching functions for finite-difference calculations*, Journal
+of Computational Physics 50 (1983) 215-234. Vinokur prescribes the slopes at the ends; here they are adjusted until the
+first and the last *interval* are exactly as asked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import brentq, root
+
+from ..errors import InputError
+
+__all__ = ["geometric_last", "stretch", "stretch_lines"]
+
+
+def stretch(n: int, first: float, last: float) -> np.ndarray:
+    """Distribute n points over [0, 1], smoothly, with given first and last interval.
+
+    Parameters
+    ----------
+    n : int
+        Number of points, at least 3.
+    first, last : float
+        First and last interval, as fractions of the length.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Strictly increasing from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If no such distribution exists.
+
+    Examples
+    --------
+    >>> stretch(5, 0.1, 0.1).round(3).tolist()
+    [0.0, 0.1, 0.5, 0.9, 1.0]
+    """
+    if n < 3 or not (first > 0.0 and last > 0.0 and first + last < 1.0):
+        raise InputError(f"stretching: {n} points with end intervals {first:g} and {last:g} of the length do not fit")
+    target = np.log([first, last])
+
+    def excess(slopes):
+        points = _vinokur(n, *np.exp(slopes))
+        return np.log([points[1], 1.0 - points[-2]]) - target
+
+    solution = root(excess, target, tol=1e-13)
+    points = _vinokur(n, *np.exp(solution.x))
+    if np.abs(excess(solution.x)).max() > 1e-9 or not np.all(np.diff(points) > 0.0):
+        raise InputError(f"stretching: {n} points cannot grow from an interval of {first:g} to {last:g} of the length")
+    return points
+
+
+def geometric_last(n: int, first: float) -> float:
+    """Find the last of n - 1 intervals that fill [0, 1] in geometric progression from the first.
+
+    Parameters
+    ----------
+    n : int
+        Number of points.
+    first : float
+        First interval, as a fraction of the length.
+
+    Returns
+    -------
+    float
+        The last interval: the end spacing that asks least of the growth ratio.
+    """
+    cells = n - 1
+    if first * cells >= 1.0:
+        return 1.0 / cells
+    ratio = 1.0 + brentq(lambda r: np.log(first * np.expm1(cells * np.log1p(r)) / r), 1e-9, 1.0 / first)
+    return first * ratio ** (cells - 1)
+
+
+def stretch_lines(lengths: np.ndarray, n: int, first: float, last: float) -> np.ndarray:
+    """Distribute points over many lines with the same end intervals in length units.
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (...,)
+        Length of every line (m).
+    n : int
+        Points on every line.
+    first, last : float
+        First and last interval (m).
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        Fractions of each length. Those of the shortest and the longest line are `stretch`; the others are interpolated
+        linearly in the inverse length, which keeps the end intervals exact.
+    """
+    inverse = 1.0 / np.asarray(lengths, dtype=np.float64)
+    low, high = inverse.min(), inverse.max()
+    at_low = stretch(n, first * low, last * low)
+    if high - low < 1e-12 * high:
+        return np.broadcast_to(at_low, (*inverse.shape, n)).copy()
+    weight = ((inverse - low) / (high - low))[..., None]
+    return (1.0 - weight) * at_low + weight * stretch(n, first * high, last * high)
+
+
+def _vinokur(n, first_slope, last_slope):
+    """Vinokur's function with end slopes (n - 1) first_slope and (n - 1) last_slope."""
+    xi = np.linspace(0.0, 1.0, n)
+    skew = np.sqrt(last_slope / first_slope)
+    symmetric = _symmetric(xi, 1.0 / ((n - 1) * np.sqrt(first_slope * last_slope)))
+    return symmetric / (skew + (1.0 - skew) * symmetric)
+
+
+def _symmetric(xi, steepness):
+    """Symmetric stretching with middle slope ``steepness``: tanh clusters towards the ends, tan away from them."""
+    if abs(steepness - 1.0) < 1e-6:
+        return xi * (1.0 + 2.0 * (steepness - 1.0) * (xi - 0.5) * (1.0 - xi))
+    if steepness > 1.0:
+        delta = brentq(lambda d: np.sinh(d) / d - steepness, 1e-6, 700.0)
+        return 0.5 * (1.0 + np.tanh(delta * (xi - 0.5)) / np.tanh(0.5 * delta))
+    delta = brentq(lambda d: np.sin(d) / d - steepness, 1e-6, np.pi - 1e-9)
+    return 0.5 * (1.0 + np.tan(delta * (xi - 0.5)) / np.tan(0.5 * delta))
