@@ -15,6 +15,7 @@ Layout, version 1::
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 from dataclasses import fields, is_dataclass, replace
@@ -72,11 +73,14 @@ def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = Tr
     arrays = _arrays_of(model)
     document = json.dumps(_encode(_document_of(model))).encode()
     options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
-    with replaced_file(path) as temporary, h5py.File(temporary, "w") as file:
+    buffer = io.BytesIO()  # HDF5 writes to memory, since it takes the process down with it when a disk is full
+    with h5py.File(buffer, "w") as file:
         file.attrs.update(format=FORMAT, version=VERSION, checksum=_checksum(document, arrays))
         file["document"] = np.frombuffer(document, np.uint8)
         for name, array in arrays.items():
             file.create_dataset(name, data=array, **options)
+    with replaced_file(path) as temporary:
+        temporary.write_bytes(buffer.getbuffer())
 
 
 def read_model(path: str | os.PathLike) -> FittedModel:

@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+import tracemalloc
 
 import numpy as np
 import openmdao.api as om
@@ -11,6 +12,8 @@ from component_cases import small_model
 import bspline_mdao.components
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
+from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.grids.multiblock import Block, Grid
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 
 PARTIALS = {
@@ -170,6 +173,20 @@ def test_taylor_remainder_of_the_totals_is_of_second_order(model, live):
         remainders.append(abs(problem.get_val("size.f").item() - value - step * slope))
     rates = np.log2(np.array(remainders[:-1]) / remainders[1:])
     assert (rates > 1.9).all()
+
+
+@pytest.mark.parametrize("component", [Fit, GridEvaluate])
+def test_matrix_free_components_hold_no_jacobian(component):
+    """OpenMDAO allocates a full matrix for every declared partial that is not sparse, here 11 GB."""
+    nodes = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (33, 29, 25)), indexing="ij"), axis=-1)
+    model = fit_grid(Grid((Block(nodes, "block 1"),)), n_control=(18, 17, 16))
+    tracemalloc.start()
+    problem = run_problem(component, model)
+    problem.setup()
+    problem.final_setup()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1e9
 
 
 @every_component

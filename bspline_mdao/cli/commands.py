@@ -50,7 +50,7 @@ def bspline_mdao(context: click.Context) -> None:
 def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path | None) -> None:
     """Show blocks, interfaces, boundary faces and what looks wrong in a grid.
 
-    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate.
+    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate, at another size as @onera_m6:45x65x33.
     """
     from .inspect import inspect_grid
 
@@ -74,6 +74,7 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     type=click.IntRange(min=2),
     default=4,
     show_default=True,
+    metavar="P",
     help="Order of the B-splines, which is their degree plus one.",
 )
 @click.option(
@@ -90,6 +91,7 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     type=click.FloatRange(min=0.0),
     default=0.0,
     show_default=True,
+    metavar="S",
     help="Pull of the inner control points towards their boundary; 0.01 repairs most invalid control meshes.",
 )
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
@@ -97,7 +99,7 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
 def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
     """Fit a grid with B-spline volumes and write the model.
 
-    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate.
+    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate, at another size as @onera_m6:45x65x33.
     """
     from .fit import FitOptions, fit_model
 
@@ -108,7 +110,7 @@ def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
 @click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
 @click.option(
     "--factor",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=click.FloatRange(min=0.0, min_open=True, max=1000.0),
     required=True,
     metavar="F",
     help="Cells per direction, by those of the grid; below 1 for a coarser member.",

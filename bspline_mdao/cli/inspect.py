@@ -106,7 +106,7 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
 def show_grid(grid: Grid, topology: Topology) -> None:
     """Print blocks, boundary faces, interfaces and what looks wrong."""
     print_title(f"{grid.source}: {len(grid.blocks)} blocks, {grid.n_nodes:,} nodes")
-    columns = ["block", "name", "nodes", "interface sides", "boundary faces", "collapsed"]
+    columns = ["block", "nodes", "interface sides", "boundary faces", "collapsed", "name"]
     print_table(columns, _block_rows(grid, topology))
     print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology))
     print_lines(
@@ -141,15 +141,11 @@ def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
     sides = [side.block for interface in topology.interfaces for side in (interface.a, interface.b)]
     boundary = [face.window.block for face in topology.boundary]
     collapsed = [window.block for window in topology.collapsed]
-    return [
-        (
-            b + 1,
-            block.name,
-            " x ".join(map(str, block.shape)),
-            *(places.count(b) for places in (sides, boundary, collapsed)),
-        )
-        for b, block in enumerate(grid.blocks)
-    ]
+    rows = []
+    for b, block in enumerate(grid.blocks):
+        counts = (blocks.count(b) for blocks in (sides, boundary, collapsed))
+        rows.append((b + 1, " x ".join(map(str, block.shape)), *counts, block.name))
+    return rows
 
 
 def _patch_rows(grid: Grid, topology: Topology) -> list[tuple]:

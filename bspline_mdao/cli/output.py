@@ -85,15 +85,22 @@ def _plain(value):
     return value
 
 
+class _Console(Console):
+    """A console that leaves it to the program what to do about a closed pipe."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 def print_title(text: str) -> None:
     """Print what a table is about."""
-    Console().print(Text(text, style="bold"))
+    _Console().print(Text(text, style="bold"))
 
 
 def print_lines(lines: Sequence[str], style: str = "") -> None:
     """Print lines of plain text; what looks like markup stays as it is."""
     for line in lines:
-        Console().print(Text(line, style=style), soft_wrap=True)
+        _Console().print(Text(line, style=style), soft_wrap=True)
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, most: int = 40) -> None:
@@ -110,19 +117,18 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, mos
     """
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading, cell in zip(columns, rows[0] if rows else columns):
-        table.add_column(heading, justify="left" if isinstance(cell, str) else "right")
+        is_text = isinstance(cell, str)
+        table.add_column(heading, justify="left" if is_text else "right", no_wrap=not is_text or heading == "name")
     for row in rows[:most]:
         table.add_row(*(Text(_cell(cell)) for cell in row))
-    Console().print(table)
+    _Console().print(table)
     if len(rows) > most:
         print_lines([f"... and {len(rows) - most} more"])
 
 
 def _cell(value: object) -> str:
     if isinstance(value, float):
-        return f"{value:.3g}"
-    if isinstance(value, tuple):
-        return "  ".join(_cell(item) for item in value)
+        return f"{value:.1e}"
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..errors import InputError
+from ..evaluation.family import family_member
+from ..evaluation.index_scaling import refined_topology
 from ..grids.files import write_grid
 from ..model import FittedModel
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, write_json
+from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+
+MOST_NODES = 100_000_000
+"""Nodes beyond which a member is refused: its evaluation takes some 200 bytes a node."""
 
 
 def refine_model(model_file: Path, factor: float, output: Path, json: Path | None) -> None:
@@ -27,23 +33,20 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
         If the model cannot be used, the factor leaves no cell, or a file cannot be written.
     """
     check_outputs([output, json], [model_file])
+    numbers = {"model": str(model_file), "factor": factor, "grid": str(output)}
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
+        n_nodes = refined_topology(model.topology, factor).n_nodes
+        if n_nodes > MOST_NODES:
+            raise InputError(
+                f"{model_file}: factor {factor:g} makes {n_nodes:,} nodes, more than {MOST_NODES:,}; lower it"
+            )
         progress(0.2, "evaluating")
         grid = family_member(model, factor)
         progress(0.8, "writing")
-        write_grid(output, grid)
-    write_json(
-        json,
-        {
-            "model": str(model_file),
-            "factor": factor,
-            "grid": str(output),
-            "blocks": grid.shapes,
-            "n_nodes": grid.n_nodes,
-        },
-    )
+        with written_json(json, {**numbers, "blocks": grid.shapes, "n_nodes": grid.n_nodes}):
+            write_grid(output, grid)
     print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / model.n_nodes:.3g} times those of {model_file}")
     rows = [
         (block.name, " x ".join(map(str, before)), " x ".join(map(str, block.shape)))

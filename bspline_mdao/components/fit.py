@@ -65,10 +65,6 @@ class Fit(om.ExplicitComponent):
         self.add_input(GRID_INITIAL, val=baseline, units="m")
         self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
 
-    def setup_partials(self):
-        """Declare that control points depend on nodes."""
-        self.declare_partials(CONTROL_POINTS_INITIAL, GRID_INITIAL)
-
     def compute(self, inputs, outputs):
         """Solve the least squares."""
         nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)

@@ -55,10 +55,8 @@ class GridEvaluate(om.ExplicitComponent):
         self.add_output(GRID, shape=3 * self._evaluator.n_rows, units="m")
 
     def setup_partials(self):
-        """Declare the Jacobian, with its values where it is wanted as a matrix."""
-        if self.matrix_free:
-            self.declare_partials(GRID, CONTROL_POINTS)
-        else:
+        """Declare the Jacobian once and for all where it is wanted as a matrix."""
+        if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
             jacobian = kron(self._evaluator.matrix(), identity(3), format="coo")
             self.declare_partials(GRID, CONTROL_POINTS, rows=jacobian.row, cols=jacobian.col, val=jacobian.data)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 from dataclasses import dataclass
@@ -222,13 +223,15 @@ def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
 
 
 def _write_new(path: Path, grid: Grid) -> None:
-    with h5py.File(path, "w", track_order=True) as file:
+    buffer = io.BytesIO()  # HDF5 writes to memory, since it takes the process down with it when a disk is full
+    with h5py.File(buffer, "w", track_order=True) as file:
         _write_root(file)
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3
         base = add_node(file, "Base", "CGNSBase_t", np.array([n_indices, 3], np.int32))
         zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
         add_boundaries(base, zones, grid)
+    path.write_bytes(buffer.getbuffer())
 
 
 def _write_root(file: h5py.File) -> None:

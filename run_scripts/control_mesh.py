@@ -1,0 +1,87 @@
+"""The ONERA M6 wing: the grid on it and on the symmetry plane, and the control mesh of both."""
+
+from __future__ import annotations
+
+import numpy as np
+from common import BLUE, GRAY, ORANGE, figure, run
+
+from bspline_mdao import FittedModel, fit_grid, onera_m6_grid
+
+
+def main(paper: bool = False, figures=None) -> dict:
+    """Fit the grid and draw what a user works with.
+
+    Parameters
+    ----------
+    paper : bool
+        12 blocks of 45 x 65 x 33 nodes with 13 x 13 x 9 control points; half as many cells per direction by default.
+    figures : path-like, optional
+        Folder for ``control_mesh.png``.
+
+    Returns
+    -------
+    dict
+        ``n_nodes``, ``n_control_points``, their ratio ``nodes_per_control_point``, ``rms`` (m), and
+        ``n_wall_control_points``, those on the wing.
+    """
+    grid = onera_m6_grid() if paper else onera_m6_grid((23, 33, 17))
+    model = fit_grid(grid, n_control=(13, 13, 9) if paper else (9, 10, 7))
+    if figures:
+        draw(figures, model)
+    wall = np.unique(np.concatenate([ids.ravel() for ids in faces_of(model, "wing", model.mesh.control_ids)]))
+    return {
+        "n_nodes": model.n_nodes,
+        "n_control_points": len(model.control_points),
+        "nodes_per_control_point": model.n_nodes / len(model.control_points),
+        "rms": model.report.rms,
+        "n_wall_control_points": len(wall),
+    }
+
+
+def faces_of(model: FittedModel, name: str, arrays) -> list[np.ndarray]:
+    """Cut the faces of the patches whose name begins with ``name`` out of one array per block."""
+    windows = [w for patch in model.header.patches if patch.name.startswith(name) for w in patch.windows]
+    return [face_of(arrays[window.block], window) for window in windows]
+
+
+def face_of(array: np.ndarray, window) -> np.ndarray:
+    """Cut a whole face out of an array over a block, whatever its resolution."""
+    flat = next(d for d in range(3) if window.lo[d] == window.hi[d])
+    return np.take(array, 0 if window.lo[flat] == 0 else -1, axis=flat)
+
+
+def draw(folder, model: FittedModel) -> None:
+    """Draw the symmetry plane near the wing, and the wing."""
+    nodes = [block.nodes for block in model.regenerate().blocks]
+    nets = model.mesh.nets(model.control_points)
+    with figure(folder, "control_mesh", size=(9.0, 3.6)) as canvas:
+        plane, wing = canvas.add_subplot(1, 2, 1), canvas.add_subplot(1, 2, 2, projection="3d")
+        for face in faces_of(model, "symmetry", nodes):
+            draw_lines(plane, face[..., :2], color=GRAY, linewidth=0.25)
+        for face in faces_of(model, "symmetry", nets):
+            draw_lines(plane, face[..., :2], color=BLUE, linewidth=0.9, marker="o", markersize=2.5)
+        plane.set(xlim=(-0.6, 1.6), ylim=(-0.75, 0.75), aspect="equal", xlabel="$x$", ylabel="$y$")
+        draw_wing(wing, faces_of(model, "wing", nodes), faces_of(model, "wing_upper", nets))
+
+
+def draw_wing(axes, surfaces, nets) -> None:
+    """Draw the wing with its surface grid, and the control points of its upper side."""
+    for face in surfaces:
+        x, y, z = np.moveaxis(face, -1, 0)
+        axes.plot_surface(x, z, y, rstride=1, cstride=1, color="#e4e9ef", edgecolor=GRAY, linewidth=0.2, shade=False)
+    for face in nets:
+        draw_lines(axes, face[..., [0, 2, 1]], color=ORANGE, linewidth=0.9, marker="o", markersize=2.5, zorder=5)
+    axes.set_axis_off()
+    axes.set_box_aspect([np.ptp(axis) for axis in (x, z, y)], zoom=1.45)
+    axes.view_init(elev=38, azim=-115)
+
+
+def draw_lines(axes, points: np.ndarray, **style) -> None:
+    """Draw the lines of both directions of a net."""
+    for net in (points, np.swapaxes(points, 0, 1)):
+        for line in net:
+            axes.plot(*line.T, **style)
+
+
+if __name__ == "__main__":
+    run(main, __doc__)

@@ -1,0 +1,59 @@
+"""The run scripts of the README picture and of the table of real grids."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from component_cases import two_blocks
+
+from bspline_mdao import InputError, write_grid
+
+RUN_SCRIPTS = Path(__file__).parents[1] / "run_scripts"
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(str(RUN_SCRIPTS))
+    return importlib.import_module
+
+
+def test_control_mesh_is_drawn(script, tmp_path):
+    numbers = script("control_mesh").main(figures=tmp_path)
+    assert numbers["n_nodes"] == 12 * 23 * 33 * 17
+    assert numbers["nodes_per_control_point"] > 20
+    assert (
+        numbers["n_wall_control_points"] == 2 * 9 * 7 - 9 - 7 - 5
+    )  # two sides that share leading edge, tip, trailing edge
+    assert (tmp_path / "control_mesh.png").stat().st_size > 50_000
+
+
+def test_real_grids_table_tells_errors_by_cell_size_or_the_reason_of_refusal(script, tmp_path):
+    write_grid(tmp_path / "two.xyz", two_blocks())
+    (tmp_path / "rubbish.xyz").write_bytes(b"no grid")
+    table = script("real_grids_table").main(folder=tmp_path)
+    assert table["two.xyz"]["n_interfaces"] == 1
+    assert 0.0 < table["two.xyz"]["rms"] < 1e-2
+    assert 0.5 < table["two.xyz"]["local_rms"] / table["two.xyz"]["relative_rms"] < 2.0  # its cells are much alike
+    assert table["rubbish.xyz"]["refused"].startswith("rubbish.xyz: ")
+    assert "\n" not in table["rubbish.xyz"]["refused"]
+
+
+def test_local_edges_are_the_mean_of_those_that_have_a_length(script):
+    x = np.stack(np.meshgrid([0.0, 1.0, 3.0], [0.0, 2.0], [0.0], indexing="ij"), axis=-1)
+    x[:, 1, 0] = x[:, 0, 0] * [[1.0], [1.0], [1.0]]  # the second line lies on the first
+    edges = script("real_grids_table").local_edges(x)
+    np.testing.assert_allclose(edges[:, 0, 0], [1.0, 1.5, 2.0])
+
+
+def test_real_grids_table_needs_a_folder(script, monkeypatch):
+    monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
+    with pytest.raises(InputError, match="BSPLINE_MDAO_GRIDS"):
+        script("real_grids_table").main()
+
+
+def test_every_real_grid_is_fitted_or_refused(script, real_grids):
+    table = script("real_grids_table").main(folder=real_grids)
+    assert len(table) > 15
+    for name, row in table.items():
+        assert "skipped" in row or "refused" in row or row["relative_rms"] < 0.5, name
