@@ -58,14 +58,18 @@ def warp(points):
     )
 
 
-def sector(rng, radii=(0.0, 1.0), angle=1.5 * np.pi):
-    """A sector of a cylinder whose face xi = 0 is collapsed onto the axis; one set of knots along the axis there."""
-    knots = [random_bilinear_knots(rng, order, n) for order, n in ((4, 3), (4, 5), (3, 4))]
-    corners = knots[2].corners.copy()
-    corners[0, 1] = corners[0, 0]
-    volume = Volume((knots[0], knots[1], BilinearKnots(corners, 3)))
+def sector(rng, angle=1.5 * np.pi):
+    """A sector of a cylinder whose face xi = 0 is collapsed onto the axis; the full cylinder is closed by a seam.
+
+    As in a fitted mesh, knots agree wherever the same line is an edge twice: at the axis, and at the seam.
+    """
+    xi, eta, zeta = (random_bilinear_knots(rng, order, n).corners.copy() for order, n in ((4, 3), (4, 5), (3, 4)))
+    zeta[0, 1] = zeta[0, 0]
+    if angle == 2 * np.pi:
+        xi[1], zeta[:, 1] = xi[0], zeta[:, 0]
+    volume = Volume((BilinearKnots(xi, 4), BilinearKnots(eta, 4), BilinearKnots(zeta, 3)))
     n0, n1, n2 = volume.n_control
-    r, theta, z = np.meshgrid(np.linspace(*radii, n0), np.linspace(0, angle, n1), np.linspace(0, 2, n2), indexing="ij")
+    r, theta, z = np.meshgrid(np.linspace(0, 1, n0), np.linspace(0, angle, n1), np.linspace(0, 2, n2), indexing="ij")
     net = np.stack([r * np.cos(theta), r * np.sin(theta), z + 0.2 * r], axis=-1)
     return single(volume, net)
 

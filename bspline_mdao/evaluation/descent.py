@@ -25,7 +25,10 @@ N_TURNS = 16
 """Parameters tried along a collapsed direction."""
 
 TURN = 1e-6
-"""Cosine between the way to the point and the way off a collapsed face above which it is taken."""
+"""Cosine between the way to the point and the way off a face above which it is taken."""
+
+SAME_PLACE = 1 + 1e-6
+"""Ratio of distances up to which other parameters count as those of the same position."""
 
 _POINTS_PER_TASK = 64
 
@@ -101,7 +104,7 @@ def _descend_from(mapping, point, xi, target, state):
         map_point(corners, net, xi, scratch, residual, jacobian)
         residual -= point
         if advance(xi, residual, jacobian, kept, progress, target):
-            if progress[0] <= target or not _turn_on_collapsed_face(mapping, xi, residual, jacobian, kept):
+            if progress[0] <= target or not _cross_over(mapping, point, xi, residual, jacobian, kept):
                 break
             start(progress)
     xi[:] = kept[0]
@@ -109,35 +112,44 @@ def _descend_from(mapping, point, xi, target, state):
 
 
 @njit(cache=True, error_model="numpy")
-def _turn_on_collapsed_face(mapping, xi, residual, jacobian, kept):
-    """Turn ``xi``, on a collapsed face, to where a way into the volume comes closer; return whether there is one.
+def _cross_over(mapping, point, xi, residual, jacobian, kept):
+    """Move ``xi`` to other parameters of the same position, if a way from there into the volume comes closer.
 
-    There the parameter along the collapsed direction, like the angle at a pole, does not move the position, but turns
-    the way off the face: a descent that has ended on the wrong side of the pole turns round and goes on.
+    The same position has other parameters where a volume closes on itself (the seam of an O-grid), and on a collapsed
+    face: there the parameter along the collapsed direction, like the angle at a pole, does not move the position but
+    turns the way off the face. A descent that has ended on the wrong side of the seam or the pole goes on over there.
     """
     corners, net, scratch = mapping
-    best = TURN
+    nearby = SAME_PLACE * _length(kept[1])
+    best, direction, there = TURN, -1, 0.0
     for d in range(3):
-        if net.shape[d] == 1 or not is_collapsed(kept[2:5], d):
+        is_turn = is_collapsed(kept[2:5], d)
+        if net.shape[d] == 1 or not (is_turn or kept[0, d] == 0.0 or kept[0, d] == 1.0):
             continue
-        turned, xi[:] = kept[0, d], kept[0]
-        for m in range(N_TURNS):
-            xi[d] = (m + 0.5) / N_TURNS
+        xi[:] = kept[0]
+        for m in range(N_TURNS if is_turn else 1):
+            xi[d] = (m + 0.5) / N_TURNS if is_turn else 1.0 - kept[0, d]
             map_point(corners, net, xi, scratch, residual, jacobian)
-            inward = _inward_cosine(xi, kept[1], jacobian)
-            if inward > best:
-                best, turned = inward, xi[d]
-        xi[d] = turned
-        if best > TURN:
-            return True
-    return False
+            residual -= point
+            inward = _inward_cosine(xi, residual, jacobian)
+            if _length(residual) <= nearby and inward > best:
+                best, direction, there = inward, d, xi[d]
+    xi[:] = kept[0]
+    if direction >= 0:
+        xi[direction] = there
+    return direction >= 0
+
+
+@njit(cache=True)
+def _length(vector):
+    return np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
 
 
 @njit(cache=True)
 def _inward_cosine(xi, residual, jacobian):
     """Largest cosine between the way to the point and the ways from the bounds into the volume."""
     best = 0.0
-    length = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
+    length = _length(residual)
     for d in range(3):
         norm = column_norm(jacobian, d) * length
         if 0.0 < xi[d] < 1.0 or norm == 0.0 or is_collapsed(jacobian, d):

@@ -17,14 +17,14 @@ from ..splines.volume import Volume, evaluate
 
 __all__ = ["VolumeSamples", "nearest_samples", "sample_mesh", "span_lattice"]
 
-SAMPLES_PER_SPAN = 2
+SAMPLES_PER_SPAN = 4
 """Samples per span and direction."""
 
 MIN_SAMPLES = 6
 """Least number of samples in a direction that is not degenerate."""
 
-START_RANKS = (0, 7, 1, 31, 3, 15)
-"""Which of the nearest samples to start from. Where samples are stretched, near neighbours all lie in one column."""
+START_RANKS = (0, 7, 63, 1, 20, 200)
+"""Which of the nearest samples to start from. Where samples are stretched, the nearest ones all lie in one column."""
 
 
 @dataclass(frozen=True, eq=False)
