@@ -38,6 +38,8 @@ autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the numpydoc sections carry shapes and units, which hints cannot
 napoleon_google_docstring = False
+napoleon_use_param = False  # types such as "ndarray, shape (n, 3)" are text and no cross-references
+napoleon_use_rtype = False
 napoleon_custom_sections = [("Options", "params_style")]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import sys
 from pathlib import Path
 
@@ -29,7 +28,7 @@ def main() -> None:
 def section(name: str) -> str:
     """Section of one script; empty if it draws nothing."""
     script = importlib.import_module(name)
-    if "figures" not in inspect.signature(script.main).parameters:
+    if not hasattr(script, "figure"):  # the context manager of `common` in which pictures are drawn
         return ""
     folder = PICTURES / name
     script.main(figures=folder)

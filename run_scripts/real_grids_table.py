@@ -27,8 +27,9 @@ def main(paper: bool = False, figures=None, folder=None) -> dict:
     -------
     dict
         For each file ``blocks``, ``n_nodes``, ``n_interfaces``, ``n_control_points``, ``rms`` (m), ``relative_rms`` (by
-        the mean cell edge), ``local_rms`` (root mean square of the error by the cell edges at the node), ``n_invalid``
-        control elements and ``seconds``; or ``refused``, the reason in one line; or ``skipped``, its number of nodes.
+        the mean cell edge), ``local_rms`` and ``shortest_rms`` (root mean square of the error by the mean and by the
+        shortest cell edge at the node), ``n_invalid`` control elements and ``seconds``; or ``refused``, the reason in
+        one line; or ``skipped``, its number of nodes.
     """
     folder = folder or os.environ.get("BSPLINE_MDAO_GRIDS")
     if not folder:
@@ -56,30 +57,42 @@ def numbers_of(model: FittedModel, grid: Grid) -> dict:
         "n_control_points": report.n_control_points,
         "rms": report.rms,
         "relative_rms": report.relative_rms,
-        "local_rms": local_rms(model.residual, grid),
+        "local_rms": local_rms(model.residual, grid, mean_edges),
+        "shortest_rms": local_rms(model.residual, grid, shortest_edges),
         "n_invalid": report.n_invalid,
         "seconds": report.seconds,
     }
 
 
-def local_rms(residual: np.ndarray, grid: Grid) -> float:
-    """Root mean square of the error of each node by the mean length of the cell edges that meet there."""
-    sizes = np.concatenate([local_edges(block.nodes).ravel() for block in grid.blocks])
+def local_rms(residual: np.ndarray, grid: Grid, size_of) -> float:
+    """Root mean square of the error of each node by the size of the cell edges that meet there."""
+    sizes = np.concatenate([size_of(block.nodes).ravel() for block in grid.blocks])
     has_size = sizes > 0.0  # a node on a pole may have no edge in the directions that the block has
     relative = np.linalg.norm(residual, axis=1)[has_size] / sizes[has_size]
     return float(np.sqrt(np.mean(relative**2)))
 
 
-def local_edges(nodes: np.ndarray) -> np.ndarray:
-    """Mean length of the edges at each node, shape (ni, nj, nk); edges of no length do not count."""
-    total, count = np.zeros(nodes.shape[:3]), np.zeros(nodes.shape[:3])
+def edges(nodes: np.ndarray) -> np.ndarray:
+    """Lengths of the six edges that meet at each node, shape (ni, nj, nk, 6); nan where there is none of any length."""
+    lengths = np.full((*nodes.shape[:3], 6), np.nan)
     for d in range(3):
-        lengths = np.linalg.norm(np.diff(nodes, axis=d), axis=-1)
-        for side in (slice(None, -1), slice(1, None)):
-            at = (slice(None),) * d + (side,)
-            total[at] += lengths
-            count[at] += lengths > 0.0
-    return total / np.maximum(count, 1.0)
+        edge = np.linalg.norm(np.diff(nodes, axis=d), axis=-1)
+        edge[edge == 0.0] = np.nan
+        for side, ends in enumerate((slice(None, -1), slice(1, None))):
+            lengths[(slice(None),) * d + (ends,)][..., 2 * d + side] = edge
+    return lengths
+
+
+def mean_edges(nodes: np.ndarray) -> np.ndarray:
+    """Mean length of the edges at each node that have one, shape (ni, nj, nk); 0 where none has."""
+    lengths = edges(nodes)
+    return np.nansum(lengths, axis=-1) / np.maximum(np.isfinite(lengths).sum(axis=-1), 1)
+
+
+def shortest_edges(nodes: np.ndarray) -> np.ndarray:
+    """Length of the shortest edge at each node that has one, shape (ni, nj, nk); 0 where none has."""
+    lengths = np.nan_to_num(edges(nodes), nan=np.inf).min(axis=-1)
+    return np.where(np.isfinite(lengths), lengths, 0.0)
 
 
 if __name__ == "__main__":

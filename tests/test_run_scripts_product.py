@@ -39,11 +39,14 @@ def test_real_grids_table_tells_errors_by_cell_size_or_the_reason_of_refusal(scr
     assert "\n" not in table["rubbish.xyz"]["refused"]
 
 
-def test_local_edges_are_the_mean_of_those_that_have_a_length(script):
-    x = np.stack(np.meshgrid([0.0, 1.0, 3.0], [0.0, 2.0], [0.0], indexing="ij"), axis=-1)
-    x[:, 1, 0] = x[:, 0, 0] * [[1.0], [1.0], [1.0]]  # the second line lies on the first
-    edges = script("real_grids_table").local_edges(x)
-    np.testing.assert_allclose(edges[:, 0, 0], [1.0, 1.5, 2.0])
+def test_only_edges_with_a_length_count(script):
+    x = np.stack(
+        np.meshgrid([0.0, 1.0, 3.0], [0.0, 0.0, 5.0], [0.0], indexing="ij"), axis=-1
+    )  # the first two lines coincide
+    table = script("real_grids_table")
+    np.testing.assert_allclose(table.mean_edges(x)[:, 0, 0], [1.0, 1.5, 2.0])
+    np.testing.assert_allclose(table.mean_edges(x)[:, 1, 0], [3.0, (1.0 + 2.0 + 5.0) / 3.0, 3.5])
+    np.testing.assert_allclose(table.shortest_edges(x)[:, 1, 0], [1.0, 1.0, 2.0])
 
 
 def test_real_grids_table_needs_a_folder(script, monkeypatch):

@@ -71,7 +71,7 @@ class Face:
 
 
 def quad_corners(values: np.ndarray) -> np.ndarray:
-    """Values at the corners of each quad, shape (*n_quads, 4), of values at the nodes of a face, shape (n, m)."""
+    """Values at the corners of each quad, shape ``(*n_quads, 4)``, of values at the nodes of a face, shape (n, m)."""
     ends = [(slice(None, -1), slice(1, None)) if n > 1 else (slice(None), slice(None)) for n in values.shape]
     return np.stack([values[ends[0][p], ends[1][q]] for q in range(2) for p in range(2)], axis=-1)
 
