@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import InputError
+from .evaluation.evaluator import Evaluator
 from .fit.errors import FitReport
 from .grids.multiblock import Block, Grid, Patch
 from .grids.sharing import node_sharing
 from .grids.topology import Topology
 from .splines.mesh import BSplineMesh
-
-if TYPE_CHECKING:
-    from .evaluation.evaluator import Evaluator
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +66,7 @@ class FitSettings:
     corrections : int
         Cycles of parameter correction.
     smoothing : float
-        Pull of the interior control points towards the interpolation of their boundary.
+        Pull of the interior control points towards the coarse grid that they mimic.
     """
 
     knots: str = "curved"
@@ -124,8 +121,6 @@ class FittedModel:
 
     def evaluator(self) -> Evaluator:
         """Operator from the control points to the nodes of the grid, Eq. (3)."""
-        from .evaluation.evaluator import Evaluator
-
         sharing = node_sharing(self.topology)
         parameters = [x[own] for x, own in zip(self.parameters, sharing.is_evaluated)]
         rows = [r[own] for r, own in zip(sharing.rows, sharing.is_evaluated)]

@@ -57,7 +57,7 @@ def test_newton_finds_the_parameters_of_points_inside():
     target = start.copy()
     target[1:-1, 1:-1, 1:-1] += (0.08 * start * (1 - start) * np.sin(9 * start[..., [1, 2, 0]]))[1:-1, 1:-1, 1:-1]
     points = evaluate(volume, net, target[1:-1, 1:-1, 1:-1].reshape(-1, 3))
-    found, reached = project(volume, net, start, (True, True, True), points, 8)
+    found, reached = project(volume, net, start, (True, True, True), points, 8, close=0.0)
     np.testing.assert_allclose(reached, points, atol=1e-12)
     np.testing.assert_allclose(found, target, atol=1e-10)
 
@@ -67,6 +67,6 @@ def test_a_point_off_a_curve_goes_to_its_foot():
     net = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], dtype=float)[:, None, None]
     parameters = np.zeros((3, 1, 1, 3))
     parameters[:, 0, 0, 0] = [0, 0.5, 1]
-    found, reached = project(volume, net, parameters, (True, False, False), np.array([[1.8, 4.0, -2.0]]), 6)
+    found, reached = project(volume, net, parameters, (True, False, False), np.array([[1.8, 4.0, -2.0]]), 6, close=0.0)
     np.testing.assert_allclose(reached, [[1.8, 0, 0]], atol=1e-12)
     assert found[1, 0, 0, 0] == pytest.approx(0.6)

@@ -6,13 +6,14 @@ from fit_cases import ALL_SHAPES, bend, grid_of, lattice
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.derivatives import live_fit
+from bspline_mdao.fit.entities import whole_slices
 from bspline_mdao.fit.fitting import fit_grid, set_up_fit
 from bspline_mdao.fit.parameters import (
     chord_length_parameters,
     chord_length_parameters_jvp,
     chord_length_parameters_vjp,
 )
-from bspline_mdao.fit.transfinite import interpolate_boundary
+from bspline_mdao.fit.prior import greville_prior
 
 
 def parameters_of(nodes):
@@ -101,7 +102,10 @@ def reference_fit(model, nodes):
         A = matrices[entity.segment][inside.ravel()]
         A_u = np.stack([A[:, ids == i].sum(axis=1) for i in entity.unknown_ids], axis=1)
         net = b[entity.control_ids]
-        prior_net = interpolate_boundary(net.real) + 1j * interpolate_boundary(net.imag)
+        section = frozen.sharing.rows[entity.segment][whole_slices(entity.section)]
+        orders = [p if m > 1 else 1 for p, m in zip(model.mesh.volumes[entity.segment].orders, net.shape)]
+        prior_map = greville_prior(section, net.shape[:3], orders, len(nodes))
+        prior_net = prior_map.net(nodes.real, net.real) + 1j * prior_map.net(nodes.imag, net.imag)
         first = [np.flatnonzero(entity.columns == c)[0] for c in range(len(entity.unknown_ids))]
         prior = prior_net.reshape(-1, 3)[first]
         b[entity.unknown_ids] = prior

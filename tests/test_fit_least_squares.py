@@ -8,6 +8,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.fit import least_squares
 from bspline_mdao.fit.design_matrix import build_design_matrix
 from bspline_mdao.fit.fitting import fit_grid, problem_of_mesh, segment_parameters, set_up_fit, solve_fit
+from bspline_mdao.fit.prior import greville_places, greville_prior
 from bspline_mdao.fit.transfinite import interpolate_boundary, interpolate_boundary_transpose
 from bspline_mdao.grids.topology import find_topology
 from bspline_mdao.splines.volume import evaluate
@@ -145,14 +146,25 @@ def test_spans_without_nodes_lean_on_the_boundary_and_are_reported():
     assert np.abs(solution.control_points).max() < 10
 
 
-def test_smoothing_pulls_interior_points_towards_transfinite_interpolation():
-    grid = bent_block()
-    sharp, smooth, stiff = (fit_grid(grid, smoothing=s) for s in (0.0, 0.1, 1e9))
-    nets = [m.mesh.nets(m.control_points)[0] for m in (sharp, smooth, stiff)]
-    distances = [np.abs(net - interpolate_boundary(net)).max() for net in nets]
+def test_smoothing_pulls_interior_points_towards_the_coarse_grid():
+    grid = bent_block((13, 17, 11))
+    sharp, smooth, stiff = (fit_grid(grid, n_control=(7, 9, 6), order=2, smoothing=s) for s in (0.0, 0.3, 1e9))
+    coarse = grid.blocks[0].nodes[::2, ::2, ::2][1:-1, 1:-1, 1:-1]
+    nets = [m.mesh.nets(m.control_points)[0][1:-1, 1:-1, 1:-1] for m in (sharp, smooth, stiff)]
+    distances = [np.abs(net - coarse).max() for net in nets]
     assert distances[0] > distances[1] > distances[2]
-    assert distances[2] < 1e-8
     assert sharp.report.rms < smooth.report.rms < stiff.report.rms
+
+
+def test_the_prior_reproduces_grids_that_are_linear_in_their_indices():
+    nodes = lattice(9, 13, 11, powers=(1, 1, 1))
+    rows = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
+    prior = greville_prior(rows, (6, 7, 5), (4, 3, 2), rows.size)
+    axes = [greville_places(*line) / (line[0] - 1) for line in ((9, 6, 4), (13, 7, 3), (11, 5, 2))]
+    expected = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    np.testing.assert_allclose(prior.net(nodes.reshape(-1, 3), expected), expected, atol=1e-14)
+    moved = prior.net(nodes.reshape(-1, 3), expected + [1, 2, 3])
+    np.testing.assert_allclose(moved, expected + [1, 2, 3], atol=1e-14)
 
 
 def test_transfinite_interpolation_reproduces_a_tensor_lattice_and_has_its_transpose():

@@ -148,11 +148,12 @@ class LiveFit:
         terms, net = self._matrix_jvp(step, change), _net(self.control_points, step)
         residual = self.nodes[step.entity.rows] - step.matrix.apply(net)
         moved = d_nodes[step.entity.rows] - _sum_apply(terms, net)
-        step.solve_residual(moved, sum(term.apply_transpose(residual) for term in terms), d_control)
+        right = sum(term.apply_transpose(residual) for term in terms)
+        step.solve_residual(moved, right, d_nodes, d_control)
 
     def _step_vjp(self, step: FitStep, control_bar, nodes_bar, bars: _Change) -> None:
         """Reverse of `_step_jvp`."""
-        moved_bar, right_bar = step.solve_residual_transpose(control_bar)
+        moved_bar, right_bar = step.solve_residual_transpose(control_bar, nodes_bar)
         np.add.at(nodes_bar, step.entity.rows, moved_bar)
         net = _net(self.control_points, step)
         residual = self.nodes[step.entity.rows] - step.matrix.apply(net)

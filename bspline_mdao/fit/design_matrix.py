@@ -116,7 +116,9 @@ def build_design_matrix(volume: Volume, parameters: np.ndarray, is_free=(True, T
         spans, bases[d] = _direction_basis(volume, d, parameters)
         firsts[:, d] = spans - (orders[d] - 1)
     key = np.ravel_multi_index(firsts.T, n_control)
-    node_order = np.argsort(key.astype(np.uint16) if key.max(initial=0) < 2**16 else key, kind="stable")
+    node_order = np.argsort(key.astype(np.uint16) if key.max(initial=0) < 2**16 else key, kind="stable").astype(
+        np.int32
+    )
     starts = np.flatnonzero(np.diff(key[node_order], prepend=-1, append=-1))
     values = np.concatenate(bases, axis=1)[node_order]
     return DesignMatrix(n_control, orders, node_order, values, starts, firsts[node_order[starts[:-1]]])

@@ -98,7 +98,7 @@ def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "cur
     """
     if kind not in KNOT_KINDS:
         raise InputError(f'knots: "{kind}" is unknown; use one of {", ".join(KNOT_KINDS)} or give knots')
-    return tuple(_direction_knots(parameters, d, n_control[d], orders[d], kind) for d in range(3))
+    return tuple(_direction_knots(parameters, d, int(n_control[d]), int(orders[d]), kind) for d in range(3))
 
 
 def knots_of_segment_jvp(parameters, n_control, orders, kind: str, d_parameters) -> list[np.ndarray]:

@@ -43,7 +43,7 @@ class FitProblem:
     entities : tuple of Entity
         In the order of section II.D.
     smoothing : float
-        Pull of the interior control points towards transfinite interpolation.
+        Pull of the interior control points towards the coarse grid that they mimic.
     """
 
     topology: Topology
@@ -61,9 +61,9 @@ class FitProblem:
         """Yield the least squares of each entity, factored, for parameters of every segment."""
         names = self.topology.segment_names
         for entity in self.entities:
-            volume = self.mesh.volumes[entity.segment]
-            name = f"{self.topology.source}: {entity.describe(names)}"
-            yield build_step(entity, volume, parameters[entity.segment], name, self.smoothing)
+            s, name = entity.segment, f"{self.topology.source}: {entity.describe(names)}"
+            segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s]
+            yield build_step(entity, *segment, self.n_nodes, name, self.smoothing)
 
     def operator(self, parameters: Sequence[np.ndarray]) -> FitOperator:
         """Linear map from nodes to control points for these parameters, with all factors kept."""
@@ -121,8 +121,8 @@ def fit_grid(
     keep_residual : bool
         Carry what the spline misses of the grid, so that the baseline is reproduced.
     smoothing : float
-        Pull interior control points towards the transfinite interpolation of their boundary; 0 is least squares,
-        0.01 repairs most invalid control meshes at some loss of accuracy.
+        Pull interior control points towards the coarse grid that they mimic (`bspline_mdao.fit.prior`); 0 is least
+        squares, 0.01 repairs invalid control elements at some loss of accuracy.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 
@@ -251,7 +251,7 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
     shown = ", ".join(entity.describe(names) for entity in entities[:5]) + (", ..." if len(entities) > 5 else "")
     return (
         f"the nodes do not determine all control points of {len(entities)} parts ({shown}); these lean on the "
-        f"interpolation of their boundary; fewer control points avoid it",
+        f"grid's own coarse nodes; fewer control points avoid it",
     )
 
 

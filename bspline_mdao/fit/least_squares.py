@@ -1,7 +1,7 @@
 """Least squares for the control points, one entity after the other (section II.D), as a linear map with its transpose.
 
-With the control points of an entity's boundary known, the inner ones are the transfinite interpolation of the boundary
-(the *prior*) plus a deviation d that solves the normal equations
+With the control points of an entity's boundary known, the inner ones are a *prior* (`bspline_mdao.fit.prior`) plus a
+deviation d that solves the normal equations
 
     (A^T A + shift I) d = A^T (x - A b_prior).
 
@@ -20,8 +20,8 @@ from ..errors import InputError
 from ..splines.volume import Volume
 from .cholesky import Cholesky, factorize
 from .design_matrix import DesignMatrix, build_design_matrix
-from .entities import Entity
-from .transfinite import interpolate_boundary, interpolate_boundary_transpose
+from .entities import Entity, whole_slices
+from .prior import Prior, greville_prior
 
 LARGEST_GRAM = 2**31
 """Bytes beyond which a Gram matrix is refused."""
@@ -39,11 +39,14 @@ class FitStep:
         A, of all control points of its section.
     cholesky : Cholesky or None
         Factor of the normal equations; None where all control points are known before.
+    prior : Prior
+        What the control points lean on where the Cholesky factor has a shift.
     """
 
     entity: Entity
     matrix: DesignMatrix
     cholesky: Cholesky | None
+    prior: Prior
 
     def solve(self, nodes: np.ndarray, control_points: np.ndarray) -> None:
         """Write the entity's control points, from the nodes and the control points of its boundary.
@@ -56,9 +59,9 @@ class FitStep:
             All control points.
         """
         if self.cholesky is not None:
-            self.solve_residual(nodes[self.entity.rows], 0.0, control_points)
+            self.solve_residual(nodes[self.entity.rows], 0.0, nodes, control_points)
 
-    def solve_residual(self, points: np.ndarray, right, control_points: np.ndarray) -> None:
+    def solve_residual(self, points: np.ndarray, right, nodes: np.ndarray, control_points: np.ndarray) -> None:
         """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A prior) + right_u`` and write ``prior + d``.
 
         Parameters
@@ -67,10 +70,12 @@ class FitStep:
             Values at the entity's nodes.
         right : ndarray, shape (N0 N1 N2, 3), or 0
             What is added on the right, for all control points of the section.
+        nodes : ndarray, shape (n_rows, 3)
+            All nodes of the grid, for the prior.
         control_points : ndarray, shape (n_control_points, 3)
             Those of the boundary are read, those of the entity written.
         """
-        net = interpolate_boundary(control_points[self.entity.control_ids]).reshape(-1, 3)
+        net = self.prior.net(nodes, control_points[self.entity.control_ids]).reshape(-1, 3)
         prior = net[self._places]
         net = self._with_columns(net, prior)
         right = right + self.matrix.apply_transpose(points - self.matrix.apply(net))
@@ -87,10 +92,11 @@ class FitStep:
             Cotangent of the nodes, added to.
         """
         if self.cholesky is not None:
-            np.add.at(nodes_bar, self.entity.rows, self.solve_residual_transpose(control_bar)[0])
+            points_bar, _ = self.solve_residual_transpose(control_bar, nodes_bar)
+            np.add.at(nodes_bar, self.entity.rows, points_bar)
 
-    def solve_residual_transpose(self, control_bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; updates ``control_bar``."""
+    def solve_residual_transpose(self, control_bar, nodes_bar) -> tuple[np.ndarray, np.ndarray]:
+        """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; the other two are updated in place."""
         ids = self.entity.control_ids
         unknown_bar = control_bar[self.entity.unknown_ids]
         control_bar[self.entity.unknown_ids] = 0
@@ -100,7 +106,7 @@ class FitStep:
         prior_bar = unknown_bar + self._sum_columns(net_bar)
         net_bar = self._with_columns(net_bar, np.zeros_like(prior_bar))
         net_bar[self._places] += prior_bar
-        np.add.at(control_bar, ids, interpolate_boundary_transpose(net_bar.reshape(*ids.shape, 3)))
+        np.add.at(control_bar, ids, self.prior.net_transpose(net_bar.reshape(*ids.shape, 3), nodes_bar))
         return points_bar, right_bar
 
     def evaluate(self, control_points: np.ndarray) -> np.ndarray:
@@ -161,7 +167,13 @@ class FitOperator:
 
 
 def build_step(
-    entity: Entity, volume: Volume, parameters: np.ndarray, name: str = "entity", smoothing: float = 0.0
+    entity: Entity,
+    volume: Volume,
+    parameters: np.ndarray,
+    rows: np.ndarray,
+    n_rows: int,
+    name: str = "entity",
+    smoothing: float = 0.0,
 ) -> FitStep:
     """Set up and factor the normal equations of an entity.
 
@@ -173,6 +185,10 @@ def build_step(
         Orders and knots of its segment.
     parameters : ndarray, shape (L0, L1, L2, 3)
         Parameters of the nodes of its segment.
+    rows : ndarray of int, shape (L0, L1, L2)
+        Rows of these nodes in the grid vector.
+    n_rows : int
+        Length of the grid vector.
     name : str
         Name of the entity for messages.
     smoothing : float
@@ -190,13 +206,22 @@ def build_step(
     matrix = build_design_matrix(volume, parameters[entity.inner].reshape(-1, 3), entity.is_free)
     n_columns = len(entity.unknown_ids)
     if n_columns == 0:
-        return FitStep(entity, matrix, None)
-    bandwidth = matrix.bandwidth(entity.columns)
+        return FitStep(entity, matrix, None, Prior())
+    gram, is_banded = _gram(matrix, entity, name)
+    smoothing = smoothing if entity.kind == "interior" else 0.0
+    cholesky = factorize(gram, is_banded, matrix.shape[0] / n_columns, smoothing)
+    if cholesky.shift == 0.0:
+        return FitStep(entity, matrix, cholesky, Prior())
+    section_rows = rows[whole_slices(entity.section)]
+    return FitStep(entity, matrix, cholesky, greville_prior(section_rows, matrix.n_control, matrix.orders, n_rows))
+
+
+def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, bool]:
+    """Gram matrix of an entity, and whether it is banded: where that is less work."""
+    n_columns, bandwidth = len(entity.unknown_ids), matrix.bandwidth(entity.columns)
     is_banded = 3 * bandwidth < n_columns
     if 8 * n_columns * (bandwidth + 1 if is_banded else n_columns) > LARGEST_GRAM:
         raise InputError(
             f"{name}: {n_columns} control points in one least squares are too many for the memory; use fewer"
         )
-    gram = matrix.gram(entity.columns, n_columns, bandwidth if is_banded else None)
-    smoothing = smoothing if entity.kind == "interior" else 0.0
-    return FitStep(entity, matrix, factorize(gram, is_banded, matrix.shape[0] / n_columns, smoothing))
+    return matrix.gram(entity.columns, n_columns, bandwidth if is_banded else None), is_banded

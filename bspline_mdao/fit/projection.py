@@ -18,15 +18,20 @@ LARGEST_STEP = 0.45
 SMALLEST_GAP = 0.1
 """Smallest distance of two neighbouring parameters, relative to their distance before the steps."""
 
+CLOSE = 1e-3
+"""A node closer than this fraction of the initial RMS distance of its section is left alone by default."""
+
 _CHUNK = 2048  # points at a time, so that their knots stay in the cache
 _DAMPING = 1e-12  # of the scaled normal equations, for directions in which the mapping does not move
 
 
-def project(volume: Volume, control_points, parameters, is_free, nodes, n_steps: int) -> tuple[np.ndarray, np.ndarray]:
+def project(
+    volume: Volume, control_points, parameters, is_free, nodes, n_steps: int, close: float = CLOSE
+) -> tuple[np.ndarray, np.ndarray]:
     """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps.
 
-    Each step is shortened so that parameters stay strictly increasing along grid lines, halved once where it does not
-    reduce the distance, and then given up, so that no distance ever grows.
+    Each step is shortened so that parameters stay strictly increasing along grid lines, and halved for the next trial
+    where it does not reduce the distance, so that no distance ever grows.
 
     Parameters
     ----------
@@ -41,7 +46,9 @@ def project(volume: Volume, control_points, parameters, is_free, nodes, n_steps:
     nodes : ndarray, shape (n, 3)
         Inner nodes of the section, in C order (m).
     n_steps : int
-        Number of evaluations of the mapping.
+        Largest number of steps.
+    close : float
+        A node closer than this fraction of the initial RMS distance is left alone.
 
     Returns
     -------
@@ -56,17 +63,19 @@ def project(volume: Volume, control_points, parameters, is_free, nodes, n_steps:
     points, steps = _gauss_newton(volume, control_points, current, free, nodes)
     distances = ((nodes - points) ** 2).sum(axis=1)
     floors = [SMALLEST_GAP * gaps for gaps in _gaps(parameters, inner, free)]
-    steps *= _step_limits(parameters, inner, free, floors, steps)
+    enough = close**2 * distances.mean()
     for _ in range(n_steps):
-        trial = current + steps
-        trial_points, trial_steps = _gauss_newton(volume, control_points, trial, free, nodes)
-        trial_distances = ((nodes - trial_points) ** 2).sum(axis=1)
-        is_better = trial_distances < distances
-        current[is_better], points[is_better] = trial[is_better], trial_points[is_better]
-        distances[is_better] = trial_distances[is_better]
-        parameters[inner] = current.reshape(parameters[inner].shape)
-        steps = np.where(is_better[:, None], trial_steps, 0.5 * steps)
         steps *= _step_limits(parameters, inner, free, floors, steps)
+        far = np.flatnonzero(distances > enough)
+        trial = current[far] + steps[far]
+        trial_points, trial_steps = _gauss_newton(volume, control_points, trial, free, nodes[far])
+        trial_distances = ((nodes[far] - trial_points) ** 2).sum(axis=1)
+        is_better = trial_distances < distances[far]
+        better = far[is_better]
+        current[better], points[better] = trial[is_better], trial_points[is_better]
+        distances[better], steps[better] = trial_distances[is_better], trial_steps[is_better]
+        steps[far[~is_better]] *= 0.5
+        parameters[inner] = current.reshape(parameters[inner].shape)
     return parameters, points
 
 
@@ -111,7 +120,7 @@ def _gauss_newton_chunk(T0, T1, T2, S0, S1, S2, orders, B, parameters, is_free, 
     largest = max(orders)
     values, work = np.zeros((3, largest)), np.empty((largest, 2 * largest - 1))
     slopes, sums = np.zeros((3, 3, largest)), np.empty((3, largest, 3))
-    jacobian = np.empty((3, 3))
+    jacobian, normal, scale, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     for q in range(len(nodes)):
         x = parameters[q]
         i = _direction(T0[q], S0[q], orders[0], 0, x, values, slopes, work)
@@ -127,7 +136,7 @@ def _gauss_newton_chunk(T0, T1, T2, S0, S1, S2, orders, B, parameters, is_free, 
                 for d in range(3):
                     for a in range(orders[d]):
                         jacobian[c, m] += slopes[d, m, a] * sums[d, a, c]
-        _solve_step(jacobian, is_free, nodes[q], points[q], steps[q])
+        _solve_step(jacobian, is_free, nodes[q], points[q], steps[q], scale, normal, right)
 
 
 @njit(cache=True, error_model="numpy")
@@ -153,21 +162,26 @@ def _partial_sums(B, i, j, k, orders, values, sums):
     sums[:] = 0.0
     for a in range(orders[0]):
         for b in range(orders[1]):
+            ab, x, y, z = values[0, a] * values[1, b], 0.0, 0.0, 0.0
             for c in range(orders[2]):
-                ab, bc = values[0, a] * values[1, b], values[1, b] * values[2, c]
-                ac = values[0, a] * values[2, c]
+                point = B[i + a, j + b, k + c]
+                x += values[2, c] * point[0]
+                y += values[2, c] * point[1]
+                z += values[2, c] * point[2]
                 for m in range(3):
-                    point = B[i + a, j + b, k + c, m]
-                    sums[0, a, m] += bc * point
-                    sums[1, b, m] += ac * point
-                    sums[2, c, m] += ab * point
+                    sums[2, c, m] += ab * point[m]
+            for m, sum_2 in enumerate((x, y, z)):
+                sums[0, a, m] += values[1, b] * sum_2
+                sums[1, b, m] += values[0, a] * sum_2
 
 
 @njit(cache=True, error_model="numpy")
-def _solve_step(jacobian, is_free, node, point, step):
+def _solve_step(jacobian, is_free, node, point, step, scale, normal, right):
     """Least-squares step of the free parameters, with columns scaled to unit length."""
-    scale, normal, right = np.ones(3), np.eye(3), np.zeros(3)
     for m in range(3):
+        scale[m], right[m] = 1.0, 0.0
+        for n in range(3):
+            normal[m, n] = 1.0 if m == n else 0.0
         if is_free[m]:
             length = np.sqrt(jacobian[0, m] ** 2 + jacobian[1, m] ** 2 + jacobian[2, m] ** 2)
             scale[m] = 1.0 / length if length > 0.0 else 0.0
