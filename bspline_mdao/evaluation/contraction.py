@@ -33,6 +33,9 @@ GROUPS_AHEAD = 8
 TILE = 256
 """Most nodes that `sum_over_nodes` is given at a time: their functions and points fit in the first-level cache."""
 
+MAX_SUMS = 24
+"""Sums that `sum_over_nodes` takes in one pass over the nodes, unless one line has more: they stay in registers."""
+
 MARGIN = TILE + LANES * (GROUPS_AHEAD + 1)
 """Elements beyond their end that row numbers are read."""
 
@@ -273,11 +276,9 @@ def sum_over_nodes(typingctx, net, basis, n, points, rows, bar, p_0, p_1, p_2):
         emit = Emitter(builder)
         net, *data = _arguments(context, builder, signature, args)[:6]
         nodes = _Nodes(emit, orders, *data)
-        sums = [emit.variable() for _ in range(3 * orders[2])]
-        for a in range(orders[0]):
-            for b in range(orders[1]):
-                nodes.emit_line_sums(a, b, sums)
-                _emit_add_sums(emit, sums, net, (a * orders[1] + b) * len(sums))
+        for number, lines in enumerate(nodes.passes):
+            first = number * len(nodes.passes[0]) * 3 * orders[2]
+            _emit_add_sums(emit, nodes.emit_line_sums(number, lines), net, first)
         return context.get_dummy_value()
 
     return signature, codegen
@@ -291,20 +292,31 @@ class _Nodes:
         self.basis, self.n, self.points, self.rows, self.bar = basis, n, points, rows, bar
         self.orders, self.n_functions = orders, sum(orders) - 3
         self.functions = _split(list(range(self.n_functions)), orders)
+        lines = [(a, b) for a in range(orders[0]) for b in range(orders[1])]
+        per_pass = max(1, MAX_SUMS // (3 * orders[2]))
+        self.passes = [lines[first : first + per_pass] for first in range(0, len(lines), per_pass)]
 
-    def emit_line_sums(self, a: int, b: int, sums):
-        """Emit the sums over the nodes for one (a, b), all c and the three components."""
+    def emit_line_sums(self, number: int, lines) -> list:
+        """Emit the sums over the nodes for some (a, b), all c and the three components."""
         builder, emit = self.builder, self.emit
+        sums = [emit.variable() for _ in range(3 * self.orders[2] * len(lines))]
         for variable in sums:
             builder.store(ZERO, variable)
         with emit.loop(self.n, LANES) as (i, _):
-            self._emit_prefetch(i, a * self.orders[1] + b)
-            load = self._functions_of_group(i)
-            weight = emit.multiply(load(0, a), load(1, b))
-            weighted = [emit.multiply(weight, emit.load(self.points, _point(builder, i, d))) for d in range(3)]
-            terms = [emit.multiply(load(2, c), w) for c in range(self.orders[2]) for w in weighted]
-            for variable, term in zip(sums, terms):
+            self._emit_prefetch(i, number)
+            for variable, term in zip(sums, self._line_terms(i, lines)):
                 builder.store(emit.add(builder.load(variable), term), variable)
+        return sums
+
+    def _line_terms(self, i, lines):
+        """Emit what one group adds to the sums."""
+        emit, load = self.emit, self._functions_of_group(i)
+        points = [emit.load(self.points, _point(self.builder, i, d)) for d in range(3)]
+        for a, b in lines:
+            weight = emit.multiply(load(0, a), load(1, b))
+            weighted = [emit.multiply(weight, point) for point in points]
+            for c in range(self.orders[2]):
+                yield from (emit.multiply(load(2, c), w) for w in weighted)
 
     def _functions_of_group(self, i):
         """Return a function that loads function ``a`` of direction ``d`` (None for function 0, which is one)."""
@@ -320,14 +332,14 @@ class _Nodes:
 
         return load
 
-    def _emit_prefetch(self, i, line: int):
-        """Emit, in turn over the lines, requests for what the next ``n`` nodes will need."""
-        builder, n_lines = self.builder, self.orders[0] * self.orders[1]
+    def _emit_prefetch(self, i, number: int):
+        """Emit, in turn over the passes, requests for what the next ``n`` nodes will need."""
+        builder, n_passes = self.builder, len(self.passes)
         group = builder.add(self.n, i)
-        for m in range(line, self.n_functions, n_lines):
+        for m in range(number, self.n_functions, n_passes):
             offset = builder.mul(group, constant(self.n_functions))
             self.emit.prefetch(self.basis, builder.add(offset, constant(m * LANES)))
-        for lane in range(line, LANES, n_lines):
+        for lane in range(number, LANES, n_passes):
             self.emit.prefetch(self.bar, _first_component(builder, self.rows, builder.add(group, constant(lane))))
 
 
