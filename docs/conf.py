@@ -30,7 +30,7 @@ exclude_patterns = ["_build", "_ext"]
 html_theme = "furo"
 html_title = "bspline_mdao"
 html_static_path = ["_static"]
-html_css_files = ["formulas.css"]
+html_css_files = ["custom.css"]
 html_math_renderer = "mathml"
 pygments_style = "friendly"
 
