@@ -92,7 +92,7 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     default=0.0,
     show_default=True,
     metavar="S",
-    help="Pull of the inner control points towards their boundary; 0.01 repairs most invalid control meshes.",
+    help="Pull of the inner control points towards their boundary; 0 is plain least squares.",
 )
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @json_option
