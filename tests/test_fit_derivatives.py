@@ -7,7 +7,7 @@ from fit_cases import ALL_SHAPES, bend, grid_of, lattice
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.derivatives import live_fit
 from bspline_mdao.fit.entities import whole_slices
-from bspline_mdao.fit.fitting import fit_grid, set_up_fit
+from bspline_mdao.fit.fitting import fit_grid, problem_of_mesh
 from bspline_mdao.fit.parameters import (
     chord_length_parameters,
     chord_length_parameters_jvp,
@@ -79,14 +79,7 @@ def dense_rows(parameters, n_control, orders, kind):
 
 def reference_fit(model, nodes):
     """Control points for complex nodes, one dense least squares after the other; also the matrix of every segment."""
-    frozen = set_up_fit(
-        model.topology,
-        model.parameters,
-        [v.n_control for v in model.mesh.volumes],
-        [v.orders for v in model.mesh.volumes],
-        model.settings.knots,
-        model.settings.smoothing,
-    )
+    frozen = problem_of_mesh(model.topology, model.mesh, model.settings.smoothing)
     sizes = [(v.n_control, v.orders) for v in model.mesh.volumes]
     matrices = [
         dense_rows(parameters_of(nodes[rows]), *size, model.settings.knots)
@@ -104,7 +97,8 @@ def reference_fit(model, nodes):
         net = b[entity.control_ids]
         section = frozen.sharing.rows[entity.segment][whole_slices(entity.section)]
         orders = [p if m > 1 else 1 for p, m in zip(model.mesh.volumes[entity.segment].orders, net.shape)]
-        prior_map = greville_prior(section, net.shape[:3], orders, len(nodes))
+        blends = [blend if m > 1 else np.zeros(1) for blend, m in zip(frozen.blends[entity.segment], net.shape)]
+        prior_map = greville_prior(blends, section, orders, len(nodes))
         prior_net = prior_map.net(nodes.real, net.real) + 1j * prior_map.net(nodes.imag, net.imag)
         first = [np.flatnonzero(entity.columns == c)[0] for c in range(len(entity.unknown_ids))]
         prior = prior_net.reshape(-1, 3)[first]

@@ -242,6 +242,6 @@ def _warn_of_invalid(n_invalid: int, invalid: Sequence[InvalidElement]) -> tuple
     worst = invalid[0]
     return (
         f"{n_invalid} control elements are invalid, the worst is element ({worst.i}, {worst.j}, {worst.k}) of "
-        f"{worst.name} with corner triple product {worst.measure:.2g}; to repair, use fewer control points, other "
-        f"knots or smoothing = 0.01",
+        f"{worst.name} with corner triple product {worst.measure:.2g}; to repair, use other numbers of control "
+        f"points, other knots or smoothing = 0.1",
     )

@@ -23,6 +23,7 @@ from .entities import Entity, entities_in_order
 from .errors import report_errors
 from .least_squares import FitOperator, build_step
 from .parameters import chord_length_parameters
+from .prior import edge_blends
 
 Progress = Callable[[float, str], None]
 """Called with the fraction done and what is being done."""
@@ -42,6 +43,8 @@ class FitProblem:
         One volume per segment.
     entities : tuple of Entity
         In the order of section II.D.
+    blends : tuple of tuples of three ndarray
+        For the priors of every segment; they stay when the knots change.
     smoothing : float
         Pull of the interior control points towards the coarse grid that they mimic.
     """
@@ -50,6 +53,7 @@ class FitProblem:
     sharing: NodeSharing
     mesh: BSplineMesh
     entities: tuple[Entity, ...]
+    blends: tuple[tuple[np.ndarray, ...], ...]
     smoothing: float = 0.0
 
     @property
@@ -62,7 +66,7 @@ class FitProblem:
         names = self.topology.segment_names
         for entity in self.entities:
             s, name = entity.segment, f"{self.topology.source}: {entity.describe(names)}"
-            segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s]
+            segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
             yield build_step(entity, *segment, self.n_nodes, name, self.smoothing)
 
     def operator(self, parameters: Sequence[np.ndarray]) -> FitOperator:
@@ -122,7 +126,7 @@ def fit_grid(
         Carry what the spline misses of the grid, so that the baseline is reproduced.
     smoothing : float
         Pull interior control points towards the coarse grid that they mimic (`bspline_mdao.fit.prior`); 0 is least
-        squares, 0.01 repairs invalid control elements at some loss of accuracy.
+        squares, 0.1 repairs invalid control elements inside blocks at some loss of accuracy.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 
@@ -201,7 +205,8 @@ def problem_of_mesh(topology: Topology, mesh: BSplineMesh, smoothing: float = 0.
     """Set up the fit of a mesh that exists already, for example that of a fitted model."""
     sharing = node_sharing(topology)
     entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
-    return FitProblem(topology, sharing, mesh, entities, smoothing)
+    blends = tuple(edge_blends(volume) for volume in mesh.volumes)
+    return FitProblem(topology, sharing, mesh, entities, blends, smoothing)
 
 
 def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> Solution:
@@ -259,7 +264,7 @@ def _check_options(corrections: int, smoothing: float):
     if corrections < 0:
         raise InputError(f"fit: {corrections} corrections; give a number of cycles of at least 0")
     if not 0.0 <= smoothing < np.inf:
-        raise InputError(f"fit: smoothing = {smoothing}; give a number of at least 0, for example 0.01")
+        raise InputError(f"fit: smoothing = {smoothing}; give a number of at least 0, for example 0.1")
 
 
 def _no_progress(fraction: float, what: str) -> None:

@@ -171,6 +171,7 @@ def build_step(
     volume: Volume,
     parameters: np.ndarray,
     rows: np.ndarray,
+    blends,
     n_rows: int,
     name: str = "entity",
     smoothing: float = 0.0,
@@ -187,6 +188,8 @@ def build_step(
         Parameters of the nodes of its segment.
     rows : ndarray of int, shape (L0, L1, L2)
         Rows of these nodes in the grid vector.
+    blends : sequence of three ndarray, each of shape (N_d,)
+        For the prior, see `bspline_mdao.fit.prior.edge_blends`.
     n_rows : int
         Length of the grid vector.
     name : str
@@ -205,15 +208,16 @@ def build_step(
     """
     matrix = build_design_matrix(volume, parameters[entity.inner].reshape(-1, 3), entity.is_free)
     n_columns = len(entity.unknown_ids)
+    blends = tuple(blend if free else np.zeros(1) for blend, free in zip(blends, entity.is_free))
     if n_columns == 0:
-        return FitStep(entity, matrix, None, Prior())
+        return FitStep(entity, matrix, None, Prior(blends))
     gram, is_banded = _gram(matrix, entity, name)
     smoothing = smoothing if entity.kind == "interior" else 0.0
     cholesky = factorize(gram, is_banded, matrix.shape[0] / n_columns, smoothing)
     if cholesky.shift == 0.0:
-        return FitStep(entity, matrix, cholesky, Prior())
+        return FitStep(entity, matrix, cholesky, Prior(blends))
     section_rows = rows[whole_slices(entity.section)]
-    return FitStep(entity, matrix, cholesky, greville_prior(section_rows, matrix.n_control, matrix.orders, n_rows))
+    return FitStep(entity, matrix, cholesky, greville_prior(blends, section_rows, matrix.orders, n_rows))
 
 
 def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, bool]:

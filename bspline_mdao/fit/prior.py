@@ -3,7 +3,8 @@
 A control mesh mimics a coarse grid, so the prior of an entity is the grid itself, sampled at the *Greville nodes*: the
 mean node numbers of the ``p - 1`` inner knots of each basis function, which the edge-knot formula of section II.D
 fixes before any parameter. What the boundary's control points differ from their samples is spread over the inside by
-transfinite interpolation. Both are fixed linear maps.
+transfinite interpolation, in proportion to lengths along the edges (the Greville abscissae of the mean edge knots), so
+that thin layers of cells stay layers. Both are fixed linear maps.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array, csr_array, kron
 
+from ..splines.volume import Volume
+from .matrix_derivatives import edge_corners
 from .transfinite import interpolate_boundary, interpolate_boundary_transpose
 
 
@@ -22,36 +25,41 @@ class Prior:
 
     Parameters
     ----------
+    blends : tuple of three ndarray, each of shape (N_d,)
+        Where each control point stands between the ends of its direction, from 0 to 1.
     sampling : csr_array, shape (N0 N1 N2, n_rows), or None
         Samples of the grid at the Greville nodes; None for zero, where nothing leans on the prior.
     """
 
+    blends: tuple[np.ndarray, ...]
     sampling: csr_array | None = None
 
     def net(self, nodes: np.ndarray, net: np.ndarray) -> np.ndarray:
         """Complete a net, shape (N0, N1, N2, 3), of which the boundary counts, from nodes, shape (n_rows, 3)."""
         if self.sampling is None:
-            return interpolate_boundary(net)
+            return interpolate_boundary(net, self.blends)
         samples = (self.sampling @ nodes).reshape(net.shape)
-        return samples + interpolate_boundary(net - samples)
+        return samples + interpolate_boundary(net - samples, self.blends)
 
     def net_transpose(self, bar: np.ndarray, nodes_bar: np.ndarray) -> np.ndarray:
         """Transpose of `net`: return the cotangent of the boundary and add that of the nodes to ``nodes_bar``."""
-        net_bar = interpolate_boundary_transpose(bar)
+        net_bar = interpolate_boundary_transpose(bar, self.blends)
         if self.sampling is not None:
             nodes_bar += self.sampling.T @ (bar - net_bar).reshape(-1, 3)
         return net_bar
 
 
-def greville_prior(rows: np.ndarray, n_control, orders, n_rows: int) -> Prior:
+def greville_prior(blends, rows: np.ndarray, orders, n_rows: int) -> Prior:
     """Sample the nodes of a section.
 
     Parameters
     ----------
+    blends : sequence of three ndarray, each of shape (N_d,)
+        See `Prior`.
     rows : ndarray of int, shape (m0, m1, m2)
         Rows in the grid vector of all nodes of the section.
-    n_control, orders : sequence of three int
-        Control points and orders of its directions.
+    orders : sequence of three int
+        Orders of its directions.
     n_rows : int
         Length of the grid vector.
 
@@ -59,10 +67,15 @@ def greville_prior(rows: np.ndarray, n_control, orders, n_rows: int) -> Prior:
     -------
     Prior
     """
-    weights = [_line_weights(*line) for line in zip(rows.shape, n_control, orders)]
+    weights = [_line_weights(*line) for line in zip(rows.shape, map(len, blends), orders)]
     local = kron(kron(weights[0], weights[1]), weights[2], format="csr")
     shape = (local.shape[0], n_rows)
-    return Prior(csr_array((local.data, rows.ravel()[local.indices], local.indptr), shape=shape))
+    return Prior(blends, csr_array((local.data, rows.ravel()[local.indices], local.indptr), shape=shape))
+
+
+def edge_blends(volume: Volume) -> tuple[np.ndarray, ...]:
+    """Greville abscissae of the mean edge knots of each direction of a volume, each of shape (N,)."""
+    return tuple(_greville(edge_corners(k).mean(axis=(0, 1)), k.n_control, k.order) for k in volume.knots)
 
 
 def greville_places(n_nodes: int, n_control: int, order: int) -> np.ndarray:
@@ -73,11 +86,16 @@ def greville_places(n_nodes: int, n_control: int, order: int) -> np.ndarray:
     >>> greville_places(n_nodes=9, n_control=6, order=3)
     array([0., 1., 3., 5., 7., 8.])
     """
-    if n_control == 1:
-        return np.zeros(1)
     breaks = np.linspace(0, n_nodes - 1, n_control + 2 - order)
     knots = np.concatenate([np.repeat(breaks[0], order - 1), breaks, np.repeat(breaks[-1], order - 1)])
-    return np.array([knots[i + 1 : i + order].mean() for i in range(n_control)])
+    return _greville(knots, n_control, order)
+
+
+def _greville(knots: np.ndarray, n_control: int, order: int) -> np.ndarray:
+    """Means of p - 1 consecutive inner knots; 0 for a single control point."""
+    if n_control == 1:
+        return np.zeros(1)
+    return np.lib.stride_tricks.sliding_window_view(knots[1:-1], order - 1).mean(axis=1)
 
 
 def _line_weights(n_nodes: int, n_control: int, order: int) -> coo_array:
