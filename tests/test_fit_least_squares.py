@@ -127,9 +127,13 @@ def test_corners_are_interpolated():
 def test_the_sequence_of_entities_is_within_two_percent_of_the_optimum():
     grid = grid_of(bend(lattice(33, 31, 29) ** 1.2))
     model = fit_grid(grid, n_control=(12, 10, 11))
-    dense = dense_matrix(model.mesh.volumes[0], model.parameters[0])
-    nodes = grid.to_vector().reshape(-1, 3)
-    optimum = nodes - dense @ np.linalg.solve(dense.T @ dense, dense.T @ nodes)
+    nodes, matrix = (
+        grid.to_vector().reshape(-1, 3),
+        build_design_matrix(model.mesh.volumes[0], model.parameters[0].reshape(-1, 3)),
+    )
+    gram = matrix.gram(np.arange(matrix.shape[1]), matrix.shape[1], None)
+    gram += np.triu(gram, 1).T
+    optimum = nodes - matrix.apply(np.linalg.solve(gram, matrix.apply_transpose(nodes)))
     rms = np.sqrt((optimum**2).sum(axis=1).mean())
     assert rms <= model.report.rms <= 1.02 * rms
 
@@ -151,9 +155,9 @@ def test_smoothing_pulls_interior_points_towards_the_coarse_grid():
     sharp, smooth, stiff = (fit_grid(grid, n_control=(7, 9, 6), order=2, smoothing=s) for s in (0.0, 0.3, 1e9))
     nets = [m.mesh.nets(m.control_points)[0] for m in (sharp, smooth, stiff)]
     coarse = grid.blocks[0].nodes[::2, ::2, ::2]
-    differences = np.abs(nets[2] - coarse)
-    assert differences[1:-1, 1:-1, 1:-1].max() < differences.max()  # all that is left comes from the faces
-    assert np.abs(nets[0] - nets[2]).max() > 1.5 * np.abs(nets[1] - nets[2]).max() > 0
+    np.testing.assert_allclose(nets[2], coarse, atol=0.01)  # but for what the faces differ from their nodes
+    distances = [np.linalg.norm(net - nets[2]) for net in nets]
+    assert distances[0] > 1.2 * distances[1] > 0
     assert sharp.report.rms < smooth.report.rms < stiff.report.rms
 
 
