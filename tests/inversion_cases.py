@@ -58,13 +58,15 @@ def warp(points):
     )
 
 
-def sector(rng, angle=1.5 * np.pi):
+def sector(rng, angle=1.5 * np.pi, shear=0.0):
     """A sector of a cylinder whose face xi = 0 is collapsed onto the axis; the full cylinder is closed by a seam.
 
-    As in a fitted mesh, knots agree wherever the same line is an edge twice: at the axis, and at the seam.
+    As in a fitted mesh, knots agree wherever the same line is an edge twice: at the axis, and at the seam. With `shear`
+    those along the axis differ by that part of a span, so that no column of the Jacobian vanishes there.
     """
     xi, eta, zeta = (random_bilinear_knots(rng, order, n).corners.copy() for order, n in ((4, 3), (4, 5), (3, 4)))
     zeta[0, 1] = zeta[0, 0]
+    zeta[0, 1, 3:-3] += shear * np.diff(zeta[0, 0])[2:-3]
     if angle == 2 * np.pi:
         xi[1], zeta[:, 1] = xi[0], zeta[:, 0]
     volume = Volume((BilinearKnots(xi, 4), BilinearKnots(eta, 4), BilinearKnots(zeta, 3)))

@@ -79,6 +79,12 @@ def test_points_at_every_distance_from_a_collapsed_face_are_found(rng, scale, an
     assert_found(mesh, control_points, points)
 
 
+def test_almost_all_points_are_found_where_columns_of_the_jacobian_become_parallel(rng):
+    mesh, control_points = sector(rng, shear=0.3)
+    points = sample(mesh, control_points, rng.random((2000, 3)) * [1e-6, 1, 1])
+    assert (invert_points(mesh, control_points, points).distance <= 1e-12).mean() > 0.97
+
+
 def test_points_near_a_face_collapsed_to_a_single_point_are_found(rng):
     volume = Volume(tuple(random_bilinear_knots(rng, p, 3) for p in (4, 3, 4)))
     n0, n1, n2 = volume.n_control
@@ -141,14 +147,14 @@ def test_points_off_a_surface_get_the_closest_point_of_it(rng):
 
 def test_points_outside_volumes_get_the_closest_point_of_all_of_them(rng):
     mesh, control_points = row_of_volumes(rng)
-    points = rng.uniform(-1, 4, (1000, 3))
+    points = rng.uniform(-1, 4, (2000, 3))
     lattice = np.stack(np.meshgrid(*[np.linspace(0, 1, 40)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     nearest, _ = cKDTree(sample(mesh, control_points, lattice)).query(points)
     inversion = invert_points(mesh, control_points, points)
-    assert 0 < inversion.is_inside.sum() < 1000
+    assert 0 < inversion.is_inside.sum() < 2000
     assert (inversion.distance >= np.where(inversion.is_inside, 0, nearest - 0.05)).all()
     assert (inversion.distance <= nearest + 0.05).all()
-    assert (inversion.distance <= nearest + 1e-12).mean() > 0.98
+    assert (inversion.distance <= nearest + 1e-12).mean() > 0.995
 
 
 def test_points_outside_are_named(rng):
