@@ -125,7 +125,8 @@ def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:
             raise InputError(
-                f"{path}: is of version {file.attrs['version']}, newer than {VERSION}, the newest known here; update the program"
+                f"{path}: is of version {file.attrs['version']}, newer than {VERSION}, the newest known here; "
+                f"update the program"
             )
         arrays: dict[str, np.ndarray] = {}
         file.visititems(lambda name, item: _read_into(arrays, name, item, limit))

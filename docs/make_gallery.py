@@ -33,7 +33,10 @@ def section(name: str) -> str:
     folder = PICTURES / name
     script.main(figures=folder)
     title = script.__doc__.strip().splitlines()[0].rstrip(".")
-    images = [f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n   :width: 85%\n" for path in sorted(folder.glob("*.png"))]
+    images = [
+        f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n   :width: 85%\n"
+        for path in sorted(folder.glob("*.png"))
+    ]
     return "\n".join([title, "-" * len(title), "", f"``run_scripts/{name}.py``", "", *images]) if images else ""
 
 

@@ -1,0 +1,1 @@
+"""Multi-block structured grids: files, patches, topology and cells."""

@@ -1,7 +1,7 @@
 """Index spaces of structured blocks: windows, faces and the maps between them.
 
-A block of ``ni x nj x nk`` nodes owns the index space ``(0..ni-1, 0..nj-1, 0..nk-1)``. A `Window` is a closed box in it;
-a face, an edge, a corner or a sub-volume is a window that is flat in one, two, three or no directions::
+A block of ``ni x nj x nk`` nodes owns the index space ``(0..ni-1, 0..nj-1, 0..nk-1)``. A `Window` is a closed box in
+it; a face, an edge, a corner or a sub-volume is a window that is flat in one, two, three or no directions::
 
             k
             |   jmax (behind)
