@@ -61,5 +61,5 @@ def flat_plate_grid(shape=(45, 45, 45), spacing: Spacing | None = None, far_fiel
 
 def _coarsened(spacing, shape, paper_shape):
     """Widen the paper's spacings in proportion where there are fewer nodes than in the paper."""
-    stream, normal, span = (max((m - 1) / (np.min(n) - 1), 1.0) for n, m in zip(shape, paper_shape))
+    stream, normal, span = (max((m - 1) / max(np.min(n) - 1, 1), 1.0) for n, m in zip(shape, paper_shape))
     return Spacing(spacing.off_wall * normal, spacing.leading * stream, spacing.trailing * stream, spacing.tip * span)

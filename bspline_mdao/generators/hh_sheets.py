@@ -28,12 +28,12 @@ _TURN = 0.05
 
 @dataclass(frozen=True)
 class Spacing:
-    """Intervals next to the wing (m), met exactly.
+    """Intervals next to the wing (m).
 
     Parameters
     ----------
     off_wall : float
-        First interval along the grid lines that leave the wing.
+        First interval along the grid lines that leave the wing; near a blunt edge they come out up to 5 % shorter.
     leading, trailing, tip : float
         Intervals on both sides of the leading edge, the trailing edge and the tip, along the surface and away from it.
     root : float, optional
@@ -46,6 +46,11 @@ class Spacing:
     tip: float = 1e-3
     root: float | None = None
 
+    def widened(self, factor: float) -> Spacing:
+        """Make all intervals but the root's wider by a factor."""
+        off_wall, leading, trailing, tip = (factor * h for h in (self.off_wall, self.leading, self.trailing, self.tip))
+        return Spacing(off_wall, leading, trailing, tip, self.root)
+
 
 @dataclass(frozen=True)
 class FarField:
@@ -55,15 +60,12 @@ class FarField:
     ----------
     distance : float
         From the wing to the outer boundary on all sides (m).
-    spread : float
-        How far the lines that leave the edges of the wing move outwards on their way to the outer boundary (m).
     relaxation : float
         Intervals at the outer boundary over those next to the wing. Where it is not 1 the grid lines curve.
     """
 
     distance: float = 10.0
-    spread: float = 0.0
-    relaxation: float = 2.0
+    relaxation: float = 2.25
 
 
 @dataclass(frozen=True)
@@ -109,38 +111,41 @@ class Sheet:
         Nodes.
     plate : ndarray, shape (ni, nk, 3)
         Nodes of the same patch about a wing of the same planform without thickness.
-    far_x, far_z : ndarray, shapes (ni,) and (nk,)
-        Coordinates x at the upper, lower and side boundaries; z at all others.
+    far : ndarray, shape (ni, nk, 3)
+        Nodes of the patch about that plate with the spacings of the outer boundary.
     away_x, away_z : ndarray, shape (ni, nk)
         Distance from the wing along the stream and along the span: 0 at the wing, 1 at the boundary.
     """
 
     points: np.ndarray
     plate: np.ndarray
-    far_x: np.ndarray
-    far_z: np.ndarray
+    far: np.ndarray
     away_x: np.ndarray
     away_z: np.ndarray
 
 
 def sheets(layout: Layout, side: int) -> list[Sheet]:
     """Make the six patches of the upper (side = 1) or lower (-1) sheet: along the stream, inboard first."""
-    far_x, far_z = _far_x(layout), _far_z(layout)
-    wing, plate = (
-        _surface(layout.wing, layout, side),
-        _surface(replace(layout.wing, section=flat_section(), tip_section=None), layout, side),
-    )
-    outer = _outboard_patch(layout, plate[:, -1])
+    plate = replace(layout.wing, section=flat_section(), tip_section=None)
+    flat = _patches(layout, plate, side)
+    relaxed = _patches(replace(layout, spacing=layout.spacing.widened(layout.far.relaxation)), plate, side)
+    on_wing = [flat[0], _surface(layout, layout.wing, side), *flat[2:]]
+    return [
+        Sheet(points, patch, far, *_away(layout, flat, n))
+        for n, (points, patch, far) in enumerate(zip(on_wing, flat, relaxed))
+    ]
+
+
+def _patches(layout, plate, side):
+    """Nodes of the six patches about a wing without thickness."""
+    inboard = _surface(layout, plate, side)
     patches = []
-    for outboard, (middle, middle_plate) in enumerate(((wing, plate), (outer, outer))):
-        rows = (_stream_patch(layout, middle[0], -1), middle_plate, _stream_patch(layout, middle[-1], 1))
-        for stream, points in enumerate(rows):
-            away = _away(layout, points, middle, stream, outboard)
-            patches.append(Sheet(middle if stream == 1 else points, points, far_x[stream], far_z[outboard], *away))
+    for middle in (inboard, _outboard_patch(layout, inboard[:, -1])):
+        patches += [_stream_patch(layout, middle[0], -1), middle, _stream_patch(layout, middle[-1], 1)]
     return patches
 
 
-def _surface(wing, layout, side):
+def _surface(layout, wing, side):
     s, counts = layout.spacing, (layout.n_stream[1], layout.n_span[0])
     return surface_grid(wing, side, counts, s.leading, s.trailing, layout.root_interval, s.tip)
 
@@ -175,33 +180,12 @@ def _one_sided(n, first):
     return stretch(n, first, geometric_last(n, first))
 
 
-def _far_x(layout):
-    """Coordinates x of the grid lines at the upper, lower and side boundaries, for each of the three columns."""
-    before, on, behind = layout.n_stream
-    low, high = (
-        layout.inlet + layout.far.distance - layout.far.spread,
-        layout.outlet - layout.far.distance + layout.far.spread,
-    )
-    leading, trailing = layout.far.relaxation * layout.spacing.leading, layout.far.relaxation * layout.spacing.trailing
-    upstream = low - (low - layout.inlet) * _one_sided(before, leading / (low - layout.inlet))[::-1]
-    downstream = high + (layout.outlet - high) * _one_sided(behind, trailing / (layout.outlet - high))
-    return upstream, low + (high - low) * stretch(on, leading / (high - low), trailing / (high - low)), downstream
-
-
-def _far_z(layout):
-    """Coordinates z of the grid lines at all outer boundaries but the side, inboard and outboard of the tip."""
-    end = layout.wing.planform.semi_span + layout.far.spread
-    tip, rest = layout.far.relaxation * layout.spacing.tip, layout.side - end
-    inboard = stretch(layout.n_span[0], layout.root_interval / end, tip / end)
-    return end * inboard, end + rest * _one_sided(layout.n_span[1], tip / rest)
-
-
-def _away(layout, points, middle, stream, outboard):
-    """Distances from the wing along the stream and along the span, as fractions of the way to the boundary."""
-    zero = np.zeros(points.shape[:2])
-    edge, end = (middle[0, :, 0], layout.inlet) if stream == 0 else (middle[-1, :, 0], layout.outlet)
-    away_x = zero if stream == 1 else (points[..., 0] - edge) / (end - edge)
-    away_z = (points[..., 2] - layout.wing.planform.semi_span) / layout.far.distance if outboard else zero
+def _away(layout, patches, n):
+    """Distances of patch n from the wing along the stream and along the span: fractions of the way to the boundary."""
+    points, zero = patches[n], np.zeros(patches[n].shape[:2])
+    edge, end = (points[-1, :, 0], layout.inlet) if n % 3 == 0 else (points[0, :, 0], layout.outlet)
+    away_x = zero if n % 3 == 1 else (points[..., 0] - edge) / (end - edge)
+    away_z = (points[..., 2] - layout.wing.planform.semi_span) / layout.far.distance if n >= 3 else zero
     return away_x, away_z
 
 

@@ -34,10 +34,16 @@ __all__ = ["FarField", "Spacing", "hh_wing_grid"]
 _BEND = 0.1
 """Height, in root chords, over which a line bends from its direction at the wall into the vertical."""
 
-_REACH = 4.0
+_LAG = 0.05
+"""Height, in root chords, below which intervals are measured along a slanted line rather than as heights."""
+
+_SLIDE = 0.02
+"""Height, in root chords, over which lines slide from the section's distribution of nodes to the chord's."""
+
+_REACH = 8.0
 """Distance from a blunt edge, in its radii, over which the lines that leave the wall lean away from its normal."""
 
-_FAN = 1.5
+_FAN = 2.5
 """Growth of that distance with height."""
 
 _ROWS = (("upstream", "wing", "downstream"), ("below", "above"), ("inboard", "outboard"))
@@ -94,19 +100,21 @@ def _counts(shape):
 
 def _extrude(sheet: Sheet, side: int, n: int, layout: Layout) -> np.ndarray:
     """Fill one block with lines from a sheet to the upper (side = 1) or lower (-1) boundary; shape (ni, n, nk, 3)."""
-    far, start, plate = layout.far.distance, sheet.points[:, None], sheet.plate[:, None]
+    chord, start = layout.wing.planform.root_chord, sheet.points[:, None]
     height = _heights(sheet, n, layout)
-    up = height / far
-    # how much a point still knows of the wall: its place in the section and the direction of its line
-    wall = (1.0 - _ramp(up)) / (1.0 + (height / (_BEND * layout.wing.planform.root_chord)) ** 2)
+    up = height / layout.far.distance
+    inner = 1.0 - _ramp(up)
     lean_x, lean_z = _lean(sheet, height, layout.wing)
-    length = np.sqrt(1.0 + lean_x**2 + lean_z**2)
-    along = wall * height / length
+    # further out the lines next to a blunt edge, which are slanted, do not lag behind the others
+    lag = inner * _near(height, _LAG * chord) * (1.0 - 1.0 / np.sqrt(1.0 + lean_x**2 + lean_z**2))
+    rise, wall = height * (1.0 - lag), inner * _near(height, _BEND * chord)
+    slide = _near(height, _SLIDE * chord)[..., None]
+    base = slide * start + (1.0 - slide) * sheet.plate[:, None]
+    drift = sheet.far[:, None] - base
     nodes = np.empty((*height.shape, 3))
-    base_x, base_z = (wall * start[..., c] + (1.0 - wall) * plate[..., c] for c in (0, 2))
-    nodes[..., 0] = base_x + (sheet.far_x[:, None, None] - base_x) * _outer(up, sheet.away_z[:, None]) + along * lean_x
-    nodes[..., 1] = wall * start[..., 1] + side * (height + along * (1.0 - length))
-    nodes[..., 2] = base_z + (sheet.far_z - base_z) * _outer(up, sheet.away_x[:, None]) + along * lean_z
+    nodes[..., 0] = base[..., 0] + drift[..., 0] * _outer(up, sheet.away_z[:, None]) + wall * rise * lean_x
+    nodes[..., 1] = wall * start[..., 1] + side * rise
+    nodes[..., 2] = base[..., 2] + drift[..., 2] * _outer(up, sheet.away_x[:, None]) + wall * rise * lean_z
     return nodes if side > 0 else nodes[:, ::-1]
 
 
@@ -138,7 +146,7 @@ def _fade(distance, radius, height):
     """1 at a blunt edge, 0 far away from it; 0 everywhere for a sharp one."""
     if radius == 0.0:
         return np.zeros_like(height)
-    return 1.0 / (1.0 + (distance[:, None] / (_REACH * radius + _FAN * height)) ** 2)
+    return _near(distance[:, None], _REACH * radius + _FAN * height)
 
 
 def _from_wall(n, first):
@@ -146,9 +154,14 @@ def _from_wall(n, first):
     return stretch(n, first, geometric_last(n, first))
 
 
+def _near(distance, reach):
+    """1 at the wall, fading to 0 over a distance."""
+    return 1.0 / (1.0 + (distance / reach) ** 2)
+
+
 def _ramp(t):
-    """Smooth step from 0 to 1 with level ends; a cubic, so that a cubic volume can follow it."""
-    return t * t * (3.0 - 2.0 * t)
+    """Smooth step from 0 to 1 with level ends."""
+    return t * t * (2.0 - t * t)
 
 
 def _outer(s, t):

@@ -36,7 +36,7 @@ class Planform:
         is_positive = self.root_chord > 0.0 and self.semi_span > 0.0 and self.taper > 0.0
         if not (is_positive and abs(self.leading_edge_sweep) < 80.0):
             raise InputError(
-                f"planform: root chord {self.root_chord:g}, semi-span {self.semi_span:g} and taper {self.taper:g} must be "
+                f"planform: root chord {self.root_chord:g}, semi-span {self.semi_span:g}, taper {self.taper:g} must be "
                 f"positive and the sweep {self.leading_edge_sweep:g} deg below 80"
             )
 
