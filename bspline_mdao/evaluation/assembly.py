@@ -33,8 +33,9 @@ def assemble(runs: Sequence[Runs], control_ids, n_rows: int, n_control_points: i
     counts = np.zeros(n_rows + 1, dtype=np.int64)
     for r in runs:
         counts[1 + r.rows[: r.n_nodes].astype(np.int64)] = counts[1 + r.copy_rows.astype(np.int64)] = np.prod(r.orders)
-    indptr = np.cumsum(counts)
-    indices, data = np.empty(indptr[-1], dtype=np.int64), np.empty(indptr[-1])
+    index_type = np.int32 if max(counts.sum(), n_control_points) < 2**31 else np.int64
+    indptr = np.cumsum(counts).astype(index_type)
+    indices, data = np.empty(indptr[-1], dtype=index_type), np.empty(indptr[-1])
     for r, ids in zip(runs, control_ids):
         _fill(r.orders, *r.arrays, ids, indptr, indices, data)
     matrix = scipy.sparse.csr_array((data, indices, indptr), shape=(n_rows, n_control_points))
