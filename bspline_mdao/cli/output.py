@@ -38,8 +38,8 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
     taken = {os.path.realpath(path): "is read by this command" for path in inputs if path is not None}
     for path in (path for path in outputs if path is not None):
         folder = Path(os.path.realpath(path)).parent
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder; name a file in it")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'device'}; name a file")
         if not folder.is_dir():
             raise InputError(f"{path}: there is no folder '{folder}'; make it first")
         if not os.access(folder, os.W_OK):
@@ -117,8 +117,8 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, mos
     """
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading, cell in zip(columns, rows[0] if rows else columns):
-        is_text = isinstance(cell, str)
-        table.add_column(heading, justify="left" if is_text else "right", no_wrap=not is_text or heading == "name")
+        is_last = heading == columns[-1]  # the one that may wrap on a narrow terminal
+        table.add_column(heading, justify="left" if isinstance(cell, str) else "right", no_wrap=not is_last)
     for row in rows[:most]:
         table.add_row(*(Text(_cell(cell)) for cell in row))
     _Console().print(table)

@@ -49,8 +49,8 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
             write_grid(output, grid)
     print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / model.n_nodes:.3g} times those of {model_file}")
     rows = [
-        (block.name, " x ".join(map(str, before)), " x ".join(map(str, block.shape)))
-        for block, before in zip(grid.blocks, model.topology.shapes)
+        (number, " x ".join(map(str, before)), " x ".join(map(str, block.shape)), block.name)
+        for number, (block, before) in enumerate(zip(grid.blocks, model.topology.shapes), start=1)
     ]
-    print_table(["block", "nodes before", "nodes"], rows)
+    print_table(["block", "nodes before", "nodes", "name"], rows)
     print_lines([f"{output} written"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from ..grids.patches import read_patches
 
 BUILT_IN = {"onera_m6": (onera_m6_grid, (23, 33, 17)), "flat_plate": (flat_plate_grid, (23, 23, 23))}
 """Generator and nodes per block of each built-in grid, half of the paper's."""
+
+MOST_NODES = 2_000_000
+"""Nodes per block of a built-in grid that memory is sure to hold."""
 
 
 def file_of(grid_name: str) -> str | None:
@@ -51,4 +55,7 @@ def _generate(grid_name: str) -> Grid:
         names = ", ".join(f"@{name}" for name in BUILT_IN)
         raise InputError(f"{grid_name}: is no built-in grid; write one of {names}, or @NAME:IxJxK with nodes per block")
     generator, shape = BUILT_IN[match[1]]
-    return generator(tuple(map(int, match.groups()[1:])) if match[2] else shape)
+    shape = tuple(map(int, match.groups()[1:])) if match[2] else shape
+    if math.prod(shape) > MOST_NODES:
+        raise InputError(f"{grid_name}: has {math.prod(shape):,} nodes per block, more than {MOST_NODES:,}; lower them")
+    return generator(shape)
