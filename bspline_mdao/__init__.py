@@ -10,6 +10,7 @@ _HOMES = {
     "Grid": "grids.multiblock",
     "GridEvaluate": "components.grid_evaluate",
     "InputError": "errors",
+    "LiveGridEvaluate": "components.live_grid_evaluate",
     "find_topology": "grids.topology",
     "fit_grid": "fit.fitting",
     "flat_plate_grid": "generators.canonical",

@@ -7,11 +7,12 @@ import tracemalloc
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import small_model
+from component_cases import small_model, two_blocks
 
 import bspline_mdao.components
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
+from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.grids.multiblock import Block, Grid
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
@@ -21,6 +22,9 @@ PARTIALS = {
     "Fit live": (Fit, {"live": True}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
     "GridEvaluate": (GridEvaluate, {}, GRID, CONTROL_POINTS),
     "GridEvaluate assembled": (GridEvaluate, {"assembled": True}, GRID, CONTROL_POINTS),
+    "LiveGridEvaluate, control points": (LiveGridEvaluate, {}, GRID, CONTROL_POINTS),
+    "LiveGridEvaluate, fitted control points": (LiveGridEvaluate, {}, GRID, CONTROL_POINTS_INITIAL),
+    "LiveGridEvaluate, grid": (LiveGridEvaluate, {}, GRID, GRID_INITIAL),
 }
 """Every component in every mode: class, options, output, input."""
 
@@ -36,6 +40,9 @@ def run_problem(component, model, **options) -> om.Problem:
     problem = om.Problem(reports=False)
     problem.model.add_subsystem("component", component(model=model, **options), promotes=["*"])
     problem.setup(force_alloc_complex=False)
+    if component is LiveGridEvaluate:  # away from the fit, so that the mapping matters
+        moved = model.control_points + np.random.default_rng(7).normal(scale=0.05, size=model.control_points.shape)
+        problem.set_val(CONTROL_POINTS, moved.ravel())
     problem.run_model()
     return problem
 
@@ -101,7 +108,7 @@ def extrapolated_difference(function, step, levels=4):
 def test_check_partials_finds_no_fault(model, component, options, of, wrt):
     problem = run_problem(component, model, **options)
     is_directional = problem.model.component.matrix_free  # OpenMDAO cannot check declared sparse ones that way
-    problem.model.component.set_check_partial_options(wrt, form="central", step=1e-5, directional=is_directional)
+    problem.model.component.set_check_partial_options("*", form="central", step=1e-5, directional=is_directional)
     checked = problem.check_partials(out_stream=None)["component"][of, wrt]
     assert checked["J_fd"].shape == (problem.get_val(of).size, 1 if is_directional else problem.get_val(wrt).size)
     assert np.abs(checked["J_fd"]).max() > 0.1
@@ -135,15 +142,23 @@ def test_grid_evaluate_regenerates_what_the_model_does(keep_residual):
     np.testing.assert_array_equal(problem.get_val(GRID), model.regenerate(moved).to_vector())
 
 
-def chain(model, **fit_options) -> om.Problem:
+def chain(model, growth=1.0, **fit_options) -> om.Problem:
+    """From the baseline grid through the fit, a growth of the control points and the evaluation to a number."""
     problem = om.Problem(reports=False)
     problem.model.add_subsystem("fit", Fit(model=model, **fit_options), promotes=["*"])
-    problem.model.add_subsystem("evaluate", GridEvaluate(model=model), promotes_outputs=["*"])
-    problem.model.connect(CONTROL_POINTS_INITIAL, f"evaluate.{CONTROL_POINTS}")
+    evaluate = LiveGridEvaluate if fit_options.get("live") else GridEvaluate
+    size = {"shape": model.control_points.size, "units": "m"}
+    problem.model.add_subsystem("move", om.ExecComp(f"b = {growth} * b_0", has_diag_partials=True, b=size, b_0=size))
+    problem.model.connect(CONTROL_POINTS_INITIAL, "move.b_0")
+    problem.model.add_subsystem("evaluate", evaluate(model=model), promotes_outputs=["*"])
+    problem.model.connect("move.b", f"evaluate.{CONTROL_POINTS}")
+    if evaluate is LiveGridEvaluate:
+        problem.model.promotes("evaluate", inputs=[GRID_INITIAL, CONTROL_POINTS_INITIAL])
     problem.model.add_subsystem("size", om.ExecComp("f = sum(x**2)", x={"shape": 3 * model.n_nodes, "units": "m"}))
     problem.model.connect(GRID, "size.x")
     problem.setup()
     problem.run_model()
+    problem.model.run_linearize()
     return problem
 
 
@@ -162,7 +177,7 @@ def test_the_total_of_the_chain_is_a_projection(model, mode, seed_of, result_of)
 
 @pytest.mark.parametrize("live", [False, True])
 def test_taylor_remainder_of_the_totals_is_of_second_order(model, live):
-    problem = chain(model, live=live)
+    problem = chain(model, growth=1.3, live=live)
     start, value = problem.get_val(GRID_INITIAL).copy(), problem.get_val("size.f").item()
     v = np.random.default_rng(5).standard_normal(start.size)
     slope = (problem.compute_totals(["size.f"], [GRID_INITIAL])["size.f", GRID_INITIAL] @ v).item()
@@ -208,6 +223,29 @@ def test_a_vector_of_the_wrong_size_is_refused(model, component, options, of, wr
 def test_a_model_of_another_type_is_refused(component):
     with pytest.raises(TypeError, match="model"):
         component(model="wing.h5")
+
+
+def test_live_grid_evaluate_regenerates_the_baseline_it_is_given(model):
+    """Not only that of the model: with the control points unmoved, any grid comes back."""
+    problem = run_problem(LiveGridEvaluate, model)
+    other = problem.get_val(GRID_INITIAL) + np.random.default_rng(8).normal(scale=0.01, size=3 * model.n_nodes)
+    problem.set_val(GRID_INITIAL, other)
+    problem.set_val(CONTROL_POINTS, problem.get_val(CONTROL_POINTS_INITIAL))
+    problem.run_model()
+    np.testing.assert_allclose(problem.get_val(GRID), other, atol=1e-14)
+
+
+def test_live_grid_evaluate_without_a_residual_is_the_mapping_alone():
+    model = small_model(keep_residual=False)
+    problem = run_problem(LiveGridEvaluate, model)
+    problem.set_val(GRID_INITIAL, two_blocks().to_vector())
+    problem.set_val(CONTROL_POINTS, model.control_points.ravel())
+    problem.run_model()
+    assert CONTROL_POINTS_INITIAL not in problem.model.component._var_rel_names["input"]
+    np.testing.assert_allclose(problem.get_val(GRID), model.regenerate().to_vector(), atol=1e-13)
+    v, w = np.random.default_rng(9).standard_normal((2, 3 * model.n_nodes))
+    forward, reverse = products(problem, GRID, GRID_INITIAL, v, w)
+    assert abs(forward @ w - v @ reverse) < 1e-12 * np.linalg.norm(forward) * np.linalg.norm(w)
 
 
 def test_frozen_components_say_that_they_are_linear(model):

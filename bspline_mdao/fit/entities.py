@@ -56,6 +56,10 @@ class Entity:
         """Slices that cut its inner nodes out of the segment's arrays."""
         return inner_slices(self.section)
 
+    def net(self, control_points: np.ndarray) -> np.ndarray:
+        """Control points of its section, shape (M0 M1 M2, 3), out of all, shape (n_control_points, 3)."""
+        return control_points[self.control_ids].reshape(-1, 3)
+
     @property
     def kind(self) -> str:
         """One of corner, edge, face and interior."""

@@ -111,7 +111,7 @@ class FitStep:
 
     def evaluate(self, control_points: np.ndarray) -> np.ndarray:
         """Points of the spline at the entity's nodes, shape (n, 3)."""
-        return self.matrix.apply(control_points[self.entity.control_ids].reshape(-1, 3))
+        return self.matrix.apply(self.entity.net(control_points))
 
     @property
     def _places(self) -> np.ndarray:
