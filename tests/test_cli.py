@@ -186,6 +186,7 @@ def test_version_is_that_of_the_package(capsys):
         (["refine", "two.xyz", "--factor", "2", "-o", "a.xyz"], ["two.xyz"]),
         (["refine", "missing.h5", "--factor", "2", "-o", "a.xyz"], ["missing.h5"]),
         (["refine", "two.xyz", "--factor", "0", "-o", "a.xyz"], ["--factor"]),
+        (["inspect", "@flat_plate:999x999x999"], ["997,002,999 nodes per block", "lower"]),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(grid_file, capsys, arguments, words):
@@ -202,6 +203,13 @@ def test_a_damaged_model_is_refused(model_file, capsys):
 @pytest.mark.parametrize("factor", ["1e6", "nan", "inf", "1e300"])
 def test_a_factor_that_makes_no_grid_is_refused(model_file, capsys, factor):
     fails_as_expected(["refine", model_file, "--factor", factor, "-o", "a.xyz"], capsys, "factor")
+
+
+@pytest.mark.parametrize("command", [["fit", "two.xyz", "-o"], ["inspect", "two.xyz", "--json"]])
+def test_a_device_is_not_replaced_by_a_file(grid_file, capsys, command):
+    os.mkfifo("pipe")
+    fails_as_expected([*command, "pipe"], capsys, "pipe", "device")
+    assert Path("pipe").is_fifo()
 
 
 @pytest.mark.parametrize("limit", [0, 3_000])

@@ -30,9 +30,11 @@ def replaced_file(path: str | os.PathLike) -> Iterator[Path]:
     Raises
     ------
     InputError
-        When the folder does not exist or cannot be written to.
+        When the folder does not exist or cannot be written to, or when ``path`` is a device or a pipe.
     """
     target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():  # root could replace a device, /dev/null for example
+        raise InputError(f"{path}: is {'a folder' if target.is_dir() else 'a device'}, not a file; name a file")
     temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         yield temporary
