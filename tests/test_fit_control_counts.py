@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fit_cases import bend, c_grid, grid_of, lattice, two_blocks
+from fit_cases import bend, bent_block, c_grid, grid_of, lattice, two_blocks
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.control_counts import choose_counts
@@ -53,7 +53,7 @@ def test_disagreeing_orders_are_an_error():
 
 @pytest.mark.parametrize("n_control", [(14, 5, 5), (1, 5, 5)])
 def test_more_control_points_than_nodes_or_a_single_one_are_an_error(n_control):
-    with pytest.raises(InputError, match=r"block 1 has 13 nodes in direction i and cannot have (14|1) control points"):
+    with pytest.raises(InputError, match=r"(14|1) control points in direction i of block 1 .* its 13 nodes"):
         counts_of(grid_of(bend(lattice(13, 9, 9))), n_control)
 
 
@@ -72,3 +72,14 @@ def test_segments_share_the_count_of_a_cut_block():
     assert counts.n_control[0, 0] == counts.n_control[2, 0] < counts.n_control[1, 0]
     assert (counts.n_control[:, 0] >= 4).all()
     assert (counts.n_control[:, 0] <= lengths).all()
+
+
+@pytest.mark.parametrize("order", [1, 17, 1000])
+def test_orders_beyond_what_8_byte_reals_carry_are_an_error(order):
+    with pytest.raises(InputError, match=f"order {order} of block 1; give 2 to 16"):
+        counts_of(bent_block(), order=order)
+
+
+def test_a_direction_of_one_node_may_have_order_1():
+    counts = counts_of(grid_of(bend(lattice(9, 8, 1))), order=(4, 3, 1))
+    np.testing.assert_array_equal(counts.orders, [[4, 3, 1]])

@@ -19,6 +19,9 @@ from ..grids.topology import Topology
 NODES_PER_SPAN = 4
 """Cells along a knot span where the number of control points is chosen from the grid."""
 
+HIGHEST_ORDER = 16
+"""Beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
+
 FEW_PLANES = 6
 """A direction with no more nodes than this keeps one control point per node."""
 
@@ -60,8 +63,8 @@ def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
         Control points of every block, or of each block. Segments of a cut block share the block's number in proportion
         to their cells. None: about one span to four cells; a direction of up to six nodes keeps them all.
     order : int, triple of int or sequence of triples
-        Order p, for all directions, per direction, or per block and direction; lowered where a direction has fewer
-        control points.
+        Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
+        where a direction has fewer control points.
 
     Returns
     -------
@@ -104,14 +107,16 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
     window = topology.segments[segment]
     n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
     order = int(orders[window.block, d])
+    if not min(2, n_block) <= order <= HIGHEST_ORDER:
+        raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     if counts is None:
         count = _sound_count(n_nodes, order)
         return _Wish(count, min(order, count), False)
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
         raise InputError(
-            f"{topology.source}: block {window.block + 1} has {n_block} nodes in direction {'ijk'[d]} and cannot have "
-            f"{whole} control points; give {min(2, n_block)} to {n_block}"
+            f"{topology.source}: {whole} control points in direction {'ijk'[d]} of block {window.block + 1} do not go "
+            f"with its {n_block} nodes; give {f'2 to {n_block}' if n_block > 1 else 1}"
         )
     if n_nodes == n_block:
         return _Wish(whole, min(order, whole), True)
@@ -172,4 +177,4 @@ def _lowered(topology: Topology, orders: np.ndarray, result: np.ndarray) -> Iter
     if lowest:
         places = [f"block {block + 1} {'ijk'[d]} (order {order})" for (block, d), order in lowest.items()]
         shown = ", ".join(places[:4]) + (", ..." if len(places) > 4 else "")
-        yield f"fewer control points than the order in {len(places)} directions, where the order is lowered: {shown}"
+        yield f"the order is lowered where a direction has fewer control points ({len(places)}): {shown}"
