@@ -319,6 +319,22 @@ def test_three_faces_on_one_place_are_boundary_with_a_warning():
     assert any("coincides with two or more" in warning for warning in topology.warnings)
 
 
+@pytest.mark.parametrize("case", ["given twice", "folded"])
+def test_blocks_on_top_of_each_other_are_told(case):
+    nodes = smooth_box(9, 5, 6)
+    folded = nodes.copy()
+    folded[5:] = nodes[3::-1]
+    grid = grid_of(nodes, ORIENTATIONS[31].apply(nodes)) if case == "given twice" else grid_of(folded)
+    topology = find_topology(grid)
+    assert len(topology.interfaces) == len(topology.warnings) == (6 if case == "given twice" else 5)
+    assert all("cells of both on the same side" in warning for warning in topology.warnings)
+
+
+def test_a_block_without_extent_is_refused():
+    with pytest.raises(InputError, match="all nodes of block 2 are at one point; leave it out"):
+        find_topology(grid_of(smooth_box(4, 5, 6), np.ones((3, 4, 5, 3))))
+
+
 def test_bad_nodes_and_patches_are_refused_in_one_line():
     nodes = smooth_box(5, 4, 3)
     broken = nodes.copy()

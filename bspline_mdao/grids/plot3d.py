@@ -58,7 +58,7 @@ def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect
     grids = [(reading, _read_blocks(reading)) for reading in readings]
     sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
     if not sane:
-        raise InputError(f"{source}: {find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect})")
+        raise InputError(f"{source}: {find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect}); repair it")
     if len(sane) == 1:
         return sane[0][0].dialect, sane[0][1]
     roughness = [_roughness(blocks) for _, blocks in sane]

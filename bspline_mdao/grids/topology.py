@@ -21,11 +21,15 @@ from .index_space import Window
 from .junctions import junction_links
 from .matching import Matches, Quads, find_interfaces, find_regions, match_quads
 from .multiblock import Grid, Patch
+from .overlap import overlapping
 from .rectangles import decompose
 from .segments import segment_blocks
 from .sharing import shared_ids
 
 __all__ = ["BoundaryFace", "Collapse", "Interface", "Link", "NearMiss", "Topology", "describe", "find_topology"]
+
+SMALLEST_SIZE = 1e-100
+"""Size of a block (m) whose square is still far above zero in 8-byte reals."""
 
 MAX_WARNINGS = 20
 """Warnings kept word for word; the rest is counted."""
@@ -96,7 +100,7 @@ def find_topology(grid: Grid) -> Topology:
     Raises
     ------
     InputError
-        If a node is not finite, or a patch does not lie on a face of a block of the grid.
+        If a node is not finite, a block has no extent, or a patch does not lie on a face of a block of the grid.
     """
     _check(grid)
     blocks = [block.nodes for block in grid.blocks]
@@ -124,12 +128,12 @@ def find_topology(grid: Grid) -> Topology:
         segments=segmentation.segments,
         links=(*segmentation.links, *junctions),
         collapses=segmentation.collapses,
-        warnings=_warnings(faces, quads, matches, segmentation.given_up),
+        warnings=_warnings(grid, faces, quads, matches, segmentation),
     )
 
 
 def _check(grid: Grid) -> None:
-    """Refuse blocks of one node, nodes that are not finite and patches that lie elsewhere."""
+    """Refuse blocks that are a point, nodes that are not finite and patches that lie elsewhere."""
     for number, block in enumerate(grid.blocks, start=1):
         if max(block.shape) == 1:
             raise InputError(f"{grid.source}: block {number} is a single node; leave it out")
@@ -138,6 +142,8 @@ def _check(grid: Grid) -> None:
             raise InputError(
                 f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k}); repair the file"
             )
+        if np.ptp(block.nodes.reshape(-1, 3), axis=0).max() < SMALLEST_SIZE:
+            raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
     for patch in grid.patches:
         for window in patch.windows:
             _check_patch(grid, patch.name, window)
@@ -205,11 +211,16 @@ def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
     return any(window.shape[d] == 2 for d in directions)
 
 
-def _warnings(faces: Sequence[Face], quads: Quads, matches: Matches, given_up) -> tuple[str, ...]:
-    """Say what the topology leaves out, one line each."""
+def _warnings(grid: Grid, faces: Sequence[Face], quads: Quads, matches: Matches, segmentation) -> tuple[str, ...]:
+    """Say what the topology leaves out and what looks wrong, one line each."""
     crowded = [faces[number].window for number in np.unique(quads.face[matches.crowded])]
     lines = [f"{describe(window)} coincides with two or more others: taken as boundary" for window in crowded]
-    for item in given_up:
+    lines += [
+        f"{describe(item.a)} and {describe(item.b)} coincide with the cells of both on the same side: is a block given "
+        f"twice, or folded?"
+        for item in overlapping(grid, segmentation.interfaces)
+    ]
+    for item in segmentation.given_up:
         windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
         lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments")
     if len(lines) > MAX_WARNINGS:
