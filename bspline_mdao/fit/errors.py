@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -168,7 +168,7 @@ def report_errors(
         n_invalid=n_invalid,
         invalid=invalid,
         seconds=seconds,
-        warnings=tuple(warnings) + _warn_of_invalid(n_invalid, invalid),
+        warnings=(*warnings, *_warn_of_invalid(topology.shapes, nodes, n_invalid, invalid)),
     )
 
 
@@ -236,12 +236,22 @@ def _find_invalid(names: Sequence[str], nets: Sequence[np.ndarray]) -> tuple[int
     return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
 
 
-def _warn_of_invalid(n_invalid: int, invalid: Sequence[InvalidElement]) -> tuple[str, ...]:
+def _warn_of_invalid(shapes, nodes: np.ndarray, n_invalid: int, invalid: Sequence[InvalidElement]) -> Iterator[str]:
+    """Say where the control mesh is invalid; a grid that is not valid itself needs no other reason."""
     if not n_invalid:
-        return ()
-    worst = invalid[0]
-    return (
+        return
+    worst, n_cells = invalid[0], _count_invalid_cells(shapes, nodes)
+    advice = "a lower order or fewer control points often leave fewer, but nothing is sure to leave none"
+    if n_cells:
+        advice = f"the grid has {n_cells} invalid cells itself, which come first"
+    yield (
         f"{n_invalid} control elements are invalid, the worst is element ({worst.i}, {worst.j}, {worst.k}) of "
-        f"{worst.name} with corner triple product {worst.measure:.2g}; to repair, use other numbers of control "
-        f"points, other knots or smoothing = 0.1",
+        f"{worst.name} with corner triple product {worst.measure:.2g}; {advice}"
     )
+
+
+def _count_invalid_cells(shapes, nodes: np.ndarray) -> int:
+    """Count the folded and flat cells of a grid."""
+    blocks = np.split(nodes, np.cumsum([np.prod(shape) for shape in shapes])[:-1])
+    solid = [(block, shape) for block, shape in zip(blocks, shapes) if sum(n > 1 for n in shape) > 1]
+    return sum(int((~cell_quality(block.reshape(*shape, 3)).is_valid).sum()) for block, shape in solid)

@@ -126,7 +126,7 @@ def fit_grid(
         Carry what the spline misses of the grid, so that the baseline is reproduced.
     smoothing : float
         Pull interior control points towards the coarse grid that they mimic (`bspline_mdao.fit.prior`); 0 is least
-        squares, 0.1 repairs invalid control elements inside blocks at some loss of accuracy.
+        squares. Values up to 0.1 can unfold control elements inside blocks, at some loss of accuracy.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 
