@@ -101,10 +101,10 @@ def show_fit(model: FittedModel, output: Path) -> None:
     report, worst = model.report, model.report.worst
     print_title(f"{model.header.source}: {report.n_nodes:,} nodes, {report.n_control_points:,} control points")
     rows = [
-        (number, _by(shape), " + ".join(map(_by, counts)), math.hypot(*block.rms), *block.max_error, block.name)
+        (number, _by(shape), " + ".join(map(_by, counts)), math.hypot(*block.rms), *block.max_error)
         for number, (block, shape, counts) in enumerate(zip(report.blocks, model.topology.shapes, _counts(model)), 1)
     ]
-    print_table(["block", "nodes", "control points", "RMS (m)", "max x", "max y", "max z", "name"], rows)
+    print_table(["block", "nodes", "control points", "RMS (m)", "max x", "max y", "max z"], rows)
     print_lines(
         [
             f"RMS error {report.rms:.3e} m, which is {report.relative_rms:.2e} of the mean cell edge; "

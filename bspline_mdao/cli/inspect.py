@@ -106,7 +106,7 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
 def show_grid(grid: Grid, topology: Topology) -> None:
     """Print blocks, boundary faces, interfaces and what looks wrong."""
     print_title(f"{grid.source}: {len(grid.blocks)} blocks, {grid.n_nodes:,} nodes")
-    columns = ["block", "nodes", "interface sides", "boundary faces", "collapsed", "name"]
+    columns = ["block", "nodes", "interfaces", "boundary", "collapsed", "name"]
     print_table(columns, _block_rows(grid, topology))
     print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology))
     print_lines(
