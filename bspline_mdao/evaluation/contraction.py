@@ -28,12 +28,12 @@ from numba.extending import intrinsic
 from .lanes import INT, LANES, ZERO, Emitter, constant
 
 GROUPS_AHEAD = 8
-"""Distance at which `sum_over_net` asks for memory: far enough to hide its latency, by measurement."""
+"""Distance at which memory is asked for: far enough to hide its latency, by measurement."""
 
 TILE = 256
 """Most nodes that `sum_over_nodes` is given at a time: their functions and points fit in the first-level cache."""
 
-MAX_SUMS = 24
+MAX_SUMS = 3 * LANES
 """Sums that `sum_over_nodes` takes in one pass over the nodes, unless one line has more: they stay in registers."""
 
 MARGIN = TILE + LANES * (GROUPS_AHEAD + 1)
@@ -267,7 +267,7 @@ def sum_over_nodes(typingctx, net, basis, n, points, rows, bar, p_0, p_1, p_2):
     n, points
         As for `gather_points`.
     rows, bar
-        As for `gather_points`; those of the ``n`` nodes that come next are brought into the cache.
+        As for `gather_points`; those of later nodes are brought into the cache.
     """
     orders = _literal_values(p_0, p_1, p_2)
     signature = types.void(net, basis, n, points, rows, bar, p_0, p_1, p_2)
@@ -333,9 +333,9 @@ class _Nodes:
         return load
 
     def _emit_prefetch(self, i, number: int):
-        """Emit, in turn over the passes, requests for what the next ``n`` nodes will need."""
+        """Emit, in turn over the passes, requests for what a later call will need."""
         builder, n_passes = self.builder, len(self.passes)
-        group = builder.add(self.n, i)
+        group = builder.add(i, builder.add(self.n, constant(GROUPS_AHEAD * LANES)))
         for m in range(number, self.n_functions, n_passes):
             offset = builder.mul(group, constant(self.n_functions))
             self.emit.prefetch(self.basis, builder.add(offset, constant(m * LANES)))
