@@ -190,7 +190,7 @@ def test_taylor_remainder_of_the_totals_is_of_second_order(model, live):
     assert (rates > 1.9).all()
 
 
-@pytest.mark.parametrize("component", [Fit, GridEvaluate])
+@pytest.mark.parametrize("component", [Fit, GridEvaluate, LiveGridEvaluate])
 def test_matrix_free_components_hold_no_jacobian(component):
     """OpenMDAO allocates a full matrix for every declared partial that is not sparse, here 11 GB."""
     nodes = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (33, 29, 25)), indexing="ij"), axis=-1)
@@ -219,7 +219,7 @@ def test_a_vector_of_the_wrong_size_is_refused(model, component, options, of, wr
         problem.set_val(wrt, np.zeros(12))
 
 
-@pytest.mark.parametrize("component", [Fit, GridEvaluate])
+@pytest.mark.parametrize("component", [Fit, GridEvaluate, LiveGridEvaluate])
 def test_a_model_of_another_type_is_refused(component):
     with pytest.raises(TypeError, match="model"):
         component(model="wing.h5")

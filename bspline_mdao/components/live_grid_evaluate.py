@@ -59,10 +59,6 @@ class LiveGridEvaluate(om.ExplicitComponent):
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self.add_output(GRID, val=baseline, units="m")
 
-    def setup_partials(self):
-        """Declare that the grid depends on everything."""
-        self.declare_partials(GRID, "*")
-
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes."""
         for name in (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS):
