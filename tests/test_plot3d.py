@@ -54,6 +54,15 @@ def test_every_dialect_is_detected_and_comes_back_byte_for_byte(tmp_path):
         assert second.read_bytes() == first.read_bytes()
 
 
+def test_a_large_grid_is_not_taken_for_a_flat_one_in_another_layout(tmp_path, monkeypatch):
+    monkeypatch.setattr("bspline_mdao.grids.plot3d._NODES_JUDGED", 100)  # a few planes, as of a grid of millions
+    nodes = smooth_nodes((21, 21, 31)) * [1.0, 1.0, 3.0]
+    for layout in ("whole", "planes"):
+        grid = Grid((Block(nodes, "block 1"),))
+        write_plot3d(tmp_path / "grid", grid, Plot3dDialect("raw", layout=layout))
+        assert_same_grid(read_plot3d(tmp_path / "grid"), grid)
+
+
 def test_double_precision_survives_every_encoding(tmp_path):
     nodes = smooth_nodes((4, 5, 6)) + np.random.default_rng(1).normal(size=(4, 5, 6, 3)) * 1e-9
     grid = Grid((Block(nodes, "block 1"),))

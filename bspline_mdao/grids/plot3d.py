@@ -23,6 +23,7 @@ __all__ = ["read_plot3d", "write_plot3d"]
 
 _CLEARLY_SMOOTHER = 0.5
 _NODES_JUDGED = 200_000
+_FLATTEST = 1e-6  # mean volume of unit edges, below which cells are all equally flat
 
 
 def read_plot3d(path: str | os.PathLike) -> Grid:
@@ -54,7 +55,7 @@ def read_plot3d(path: str | os.PathLike) -> Grid:
 
 
 def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect, tuple[Block, ...]]:
-    """Choose the one reading that gives a grid: finite, of sane size, and clearly smoother than any other."""
+    """Choose the one reading that gives a grid: finite, of sane size, and clearly sounder than any other."""
     grids = [(reading, _read_blocks(reading)) for reading in readings]
     sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
     if not sane:
@@ -116,13 +117,17 @@ def _as_int32(values: np.ndarray) -> np.ndarray:
 
 
 def _roughness(blocks: Iterable[Block]) -> float:
-    """Mean change of a cell edge from cell to cell, relative to the edge: near 0 for a grid, near 1.5 for noise."""
+    """Mean change of a cell edge from cell to cell, relative to the edge, by how far cells are from being flat.
+
+    Near 0 for a grid and above 1.5 for noise; large, too, where x, y and z are planes of one and the same coordinate.
+    """
     total, n_judged = 0.0, 0
     for block in blocks:
         n_planes = max(3, _NODES_JUDGED // (block.shape[0] * block.shape[1]))
         nodes = block.nodes[:, :, :n_planes]
         n_judged += nodes.size
-        total += nodes.size * float(np.mean([_bend(nodes, d, e) for d in range(3) for e in range(3)]))
+        bend = float(np.mean([_bend(nodes, d, e) for d in range(3) for e in range(3)]))
+        total += nodes.size * bend / max(_fullness(nodes), _FLATTEST)
         if n_judged > 3 * _NODES_JUDGED:
             break
     return total / n_judged
@@ -136,6 +141,18 @@ def _bend(nodes: np.ndarray, d: int, e: int) -> float:
     if changes.size == 0 or length == 0.0:
         return 0.0
     return float(np.linalg.norm(changes, axis=-1).mean() * edges.size / (3.0 * length))
+
+
+def _fullness(nodes: np.ndarray) -> float:
+    """Mean volume of the unit edges of a cell, or their area where there is one node in a direction; 1 for lines."""
+    corner = nodes[tuple(slice(0, max(n - 1, 1)) for n in nodes.shape[:3])]
+    edges = [np.diff(nodes, axis=d)[tuple(map(slice, corner.shape[:3]))] for d in range(3) if nodes.shape[d] > 1]
+    if len(edges) < 2:
+        return 1.0
+    normals = np.cross(edges[0], edges[1])
+    contents = np.einsum("...c,...c", normals, edges[2]) if len(edges) == 3 else np.linalg.norm(normals, axis=-1)
+    lengths = np.prod([np.linalg.norm(edge, axis=-1) for edge in edges], axis=0)
+    return float(np.mean(np.abs(contents[lengths > 0.0]) / lengths[lengths > 0.0])) if lengths.any() else 0.0
 
 
 def write_plot3d(path: str | os.PathLike, grid: Grid, dialect: Plot3dDialect | None = None) -> None:
