@@ -133,7 +133,7 @@ def draw_errors(folder, models: dict) -> None:
                     np.maximum(distance, 1e-17), np.arange(1, distance.size + 1) / distance.size, color, label=label
                 )
             axes.axvline(PAPER[name]["rms"], color=GRAY, linestyle=":", label="RMS in the paper")
-            axes.set(title=CASES[name][1], xlabel="error of a node, chords")
+            axes.set(title=CASES[name][1], xlabel="error of a node, chords", xlim=(1e-8, 1e-2), ylim=(1e-6, 2))
         axes.legend()
         canvas.axes[0].set_ylabel("fraction of nodes with a larger error")
 

@@ -197,10 +197,10 @@ def test_lines_leave_the_blunt_leading_edge_half_way_between_tangent_and_stagnat
 def test_plate_has_curved_lines_and_q_like_the_papers():
     grid = flat_plate_grid((45, 45, 45))
     assert 0.74 < min(quality.q.min() for quality in qualities(grid)) < 0.9
-    line = grid.blocks[4].nodes[11, :, 11]
-    chord = line[-1] - line[0]
-    away = np.linalg.norm(np.cross(line - line[0], chord), axis=-1) / np.linalg.norm(chord)
-    assert away.max() > 1e-2
+    lines = grid.blocks[9].nodes.swapaxes(0, 1)
+    away = lines - lines[0]
+    across = np.cross(away, away[-1]) / np.linalg.norm(away[-1], axis=-1, keepdims=True)
+    assert np.linalg.norm(across, axis=-1).max() > 0.05
 
 
 def test_too_few_nodes_are_refused():

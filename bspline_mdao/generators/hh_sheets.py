@@ -60,12 +60,15 @@ class FarField:
     ----------
     distance : float
         From the wing to the outer boundary on all sides (m).
+    spread : float
+        How far the lines that leave the edges of the wing have moved outwards at the outer boundary (m).
     relaxation : float
         Intervals at the outer boundary over those next to the wing. Where it is not 1 the grid lines curve.
     """
 
     distance: float = 10.0
-    relaxation: float = 2.25
+    spread: float = 0.05
+    relaxation: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -130,10 +133,11 @@ def sheets(layout: Layout, side: int) -> list[Sheet]:
     flat = _patches(layout, plate, side)
     relaxed = _patches(replace(layout, spacing=layout.spacing.widened(layout.far.relaxation)), plate, side)
     on_wing = [flat[0], _surface(layout, layout.wing, side), *flat[2:]]
-    return [
-        Sheet(points, patch, far, *_away(layout, flat, n))
-        for n, (points, patch, far) in enumerate(zip(on_wing, flat, relaxed))
-    ]
+    patches = []
+    for n, points in enumerate(on_wing):
+        far = relaxed[n] + layout.far.spread * _outwards(layout, relaxed, n)
+        patches.append(Sheet(points, flat[n], far, *_away(layout, flat, n)))
+    return patches
 
 
 def _patches(layout, plate, side):
@@ -187,6 +191,19 @@ def _away(layout, patches, n):
     away_x = zero if n % 3 == 1 else (points[..., 0] - edge) / (end - edge)
     away_z = (points[..., 2] - layout.wing.planform.semi_span) / layout.far.distance if n >= 3 else zero
     return away_x, away_z
+
+
+def _outwards(layout, patches, n):
+    """Displacement of patch n that moves the edges of the wing outwards by one and leaves the boundary in place."""
+    points, (away_x, away_z) = patches[n], _away(layout, patches, n)
+    move = np.zeros_like(points)
+    if n % 3 == 1:
+        x = points[..., 0]
+        move[..., 0] = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+    else:
+        move[..., 0] = (1.0 - away_x) * (-1.0 if n % 3 == 0 else 1.0)
+    move[..., 2] = 1.0 - away_z if n >= 3 else points[..., 2] / layout.wing.planform.semi_span
+    return move
 
 
 def edges(wing: Wing) -> tuple[np.ndarray, np.ndarray]:

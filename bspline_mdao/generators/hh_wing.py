@@ -161,7 +161,7 @@ def _near(distance, reach):
 
 def _ramp(t):
     """Smooth step from 0 to 1 with level ends."""
-    return t * t * (2.0 - t * t)
+    return t * t * (2.5 - t - 0.5 * t * t)
 
 
 def _outer(s, t):
