@@ -134,4 +134,5 @@ def test_openmdao_lists_the_components():
     assert found == {
         "bspline_mdao.components.fit:Fit",
         "bspline_mdao.components.grid_evaluate:GridEvaluate",
+        "bspline_mdao.components.live_grid_evaluate:LiveGridEvaluate",
     }

@@ -82,14 +82,14 @@ def _token_starts(plain: bytes) -> np.ndarray:
 
 
 def _parse_plain(plain: bytes) -> np.ndarray:
-    """Numbers of a text separated by blanks; fewer than there are where one cannot be read."""
+    """Numbers of a text separated by blanks; none where one cannot be read."""
     if not plain.strip():
         return np.empty(0)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # the caller sees unread tokens by their number
+        warnings.simplefilter("error", DeprecationWarning)  # what NumPy before 2.3 says of text that it cannot read
         try:
             return np.fromstring(plain, dtype=np.float64, sep=" ")
-        except ValueError:
+        except (ValueError, DeprecationWarning):
             return np.empty(0)
 
 
