@@ -5,6 +5,7 @@ import pytest
 from fit_cases import bend, bent_block, c_grid, grid_of, lattice, two_blocks
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.fit import control_counts
 from bspline_mdao.fit.control_counts import choose_counts
 from bspline_mdao.grids.topology import find_topology
 
@@ -83,3 +84,14 @@ def test_orders_beyond_what_8_byte_reals_carry_are_an_error(order):
 def test_a_direction_of_one_node_may_have_order_1():
     counts = counts_of(grid_of(bend(lattice(9, 8, 1))), order=(4, 3, 1))
     np.testing.assert_array_equal(counts.orders, [[4, 3, 1]])
+
+
+def test_choice_keeps_the_least_squares_of_large_blocks_small(monkeypatch):
+    usual = counts_of(two_blocks())
+    monkeypatch.setattr(control_counts, "LARGEST_CHOICE", 2000)
+    counts = counts_of(two_blocks())
+    assert (counts.n_control <= usual.n_control).all() and counts.n_control[0, 1] == counts.n_control[1, 2]
+    assert all(8 * np.prod(n - 2) ** 2 <= 2000 for n in counts.n_control)
+    assert "block 1, 2" in counts.warnings[0]
+    given = [(5, 7, 6), (6, 8, 7)]
+    np.testing.assert_array_equal(counts_of(two_blocks(), given).n_control, given)

@@ -187,7 +187,7 @@ def test_transfinite_interpolation_reproduces_a_tensor_lattice_and_has_its_trans
 
 def test_a_gram_matrix_beyond_memory_is_refused(monkeypatch):
     monkeypatch.setattr(least_squares, "LARGEST_GRAM", 1000)
-    with pytest.raises(InputError, match=r"block 1 face imin.*too many for the memory"):
+    with pytest.raises(InputError, match=r"block 1 face imin.*use fewer, or split the block"):
         fit_grid(bent_block())
 
 

@@ -6,6 +6,7 @@ control points and one order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,9 @@ from ..grids.topology import Topology
 
 NODES_PER_SPAN = 4
 """Cells along a knot span where the number of control points is chosen from the grid."""
+
+LARGEST_CHOICE = 2**29
+"""Bytes of the largest Gram matrix that a choice from the grid leads to; it takes some seconds to factorize."""
 
 HIGHEST_ORDER = 16
 """Beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
@@ -61,7 +65,8 @@ def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
         Segments and their links.
     n_control : None, triple of int or sequence of triples, optional
         Control points of every block, or of each block. Segments of a cut block share the block's number in proportion
-        to their cells. None: about one span to four cells; a direction of up to six nodes keeps them all.
+        to their cells. None: about one span to four cells, fewer in blocks of millions of nodes; a direction of up to
+        six nodes keeps them all.
     order : int, triple of int or sequence of triples
         Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
         where a direction has fewer control points.
@@ -83,7 +88,8 @@ def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
     for number in range(classes.max() + 1):
         members = [tuple(m) for m in np.argwhere(classes == number)]
         n_result[classes == number], p_result[classes == number] = _agree(topology, members, wishes)
-    return ControlCounts(n_result, p_result, tuple(_lowered(topology, orders, p_result)))
+    limited = () if n_control is not None else tuple(_limit_size(topology, classes, n_result, p_result))
+    return ControlCounts(n_result, p_result, (*limited, *_lowered(topology, orders, p_result)))
 
 
 def _per_block(value, topology: Topology, name: str) -> np.ndarray:
@@ -130,6 +136,31 @@ def _sound_count(n_nodes: int, order: int) -> int:
     if n_nodes <= FEW_PLANES:
         return n_nodes
     return min(max(round((n_nodes - 1) / NODES_PER_SPAN) + order - 2, order + 1), n_nodes)
+
+
+def _limit_size(topology: Topology, classes: np.ndarray, n_control: np.ndarray, orders: np.ndarray) -> Iterator[str]:
+    """Lower counts in place until the least squares of every interior are of reasonable size; tell in one line."""
+    chosen = n_control.copy()
+    for s in range(len(classes)):
+        while _gram_bytes(n_control[s], orders[s]) > LARGEST_CHOICE:
+            steps = (n_control[s] - orders[s]) // 16
+            steps[np.argmax(n_control[s])] += not steps.any()
+            for number in set(classes[s]):
+                n_control[classes == number] -= steps[classes[s] == number].max()
+    lowered = sorted({topology.segments[s].block + 1 for s in np.flatnonzero((chosen != n_control).any(axis=1))})
+    if lowered:
+        yield (
+            f"large blocks get fewer control points than one to {NODES_PER_SPAN} cells: "
+            f"block {', '.join(map(str, lowered[:8]))}{', ...' if len(lowered) > 8 else ''}"
+        )
+
+
+def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
+    """Bytes of the Gram matrix of an interior, banded with the longest direction outermost where that is less work."""
+    n_free = sorted(max(int(n) - 2, 1) for n in n_control)
+    n_unknown, plane = math.prod(n_free), n_free[0] * n_free[1]
+    bandwidth = (int(orders.max()) - 1) * (plane + n_free[0] + 1)
+    return 8 * n_unknown * (bandwidth + 1 if 3 * bandwidth < n_unknown else n_unknown)
 
 
 def _agree(topology: Topology, members: Sequence[tuple[int, int]], wishes) -> tuple[int, int]:

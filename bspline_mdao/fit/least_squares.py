@@ -224,8 +224,10 @@ def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, 
     """Gram matrix of an entity, and whether it is banded: where that is less work."""
     n_columns, bandwidth = len(entity.unknown_ids), matrix.bandwidth(entity.columns)
     is_banded = 3 * bandwidth < n_columns
-    if 8 * n_columns * (bandwidth + 1 if is_banded else n_columns) > LARGEST_GRAM:
+    n_bytes = 8 * n_columns * (bandwidth + 1 if is_banded else n_columns)
+    if n_bytes > LARGEST_GRAM:
         raise InputError(
-            f"{name}: {n_columns} control points in one least squares are too many for the memory; use fewer"
+            f"{name}: least squares of {n_columns:,} control points need {n_bytes / 2**30:.1f} GiB, more than "
+            f"{LARGEST_GRAM / 2**30:g}; use fewer, or split the block"
         )
     return matrix.gram(entity.columns, n_columns, bandwidth if is_banded else None), is_banded
