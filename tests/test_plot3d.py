@@ -63,6 +63,18 @@ def test_a_large_grid_is_not_taken_for_a_flat_one_in_another_layout(tmp_path, mo
         assert_same_grid(read_plot3d(tmp_path / "grid"), grid)
 
 
+@pytest.mark.parametrize("x_is_flat", [False, True])
+def test_iblank_in_the_plane_is_not_taken_for_z(tmp_path, x_is_flat):
+    """The header 1 ni nj is that of one 2-D block, or of one 3-D block of one node in i without block count."""
+    nodes = smooth_nodes((6, 5, 1), n_dimensions=2)
+    flat = Grid((Block(nodes.transpose(2, 0, 1, 3), "block 1"),))
+    blanked = Grid((Block(nodes, "block 1", np.ones((6, 5, 1), np.int32)),))
+    for encoding in ("ascii", "raw", "fortran"):
+        options = {"has_block_count": False} if x_is_flat else {"n_dimensions": 2, "has_iblank": True}
+        write_plot3d(tmp_path / "grid", flat if x_is_flat else blanked, Plot3dDialect(encoding, **options))
+        assert_same_grid(read_plot3d(tmp_path / "grid"), flat if x_is_flat else blanked)
+
+
 def test_double_precision_survives_every_encoding(tmp_path):
     nodes = smooth_nodes((4, 5, 6)) + np.random.default_rng(1).normal(size=(4, 5, 6, 3)) * 1e-9
     grid = Grid((Block(nodes, "block 1"),))

@@ -23,6 +23,7 @@ __all__ = ["read_plot3d", "write_plot3d"]
 
 _CLEARLY_SMOOTHER = 0.5
 _NODES_JUDGED = 200_000
+_SMOOTHEST = 1e-3  # mean change of an edge, below which cells are all equally smooth
 _FLATTEST = 1e-6  # mean volume of unit edges, below which cells are all equally flat
 
 
@@ -67,7 +68,7 @@ def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect
     first, second = order[0], order[1]
     if roughness[first] <= _CLEARLY_SMOOTHER * roughness[second]:
         return sane[first][0].dialect, sane[first][1]
-    rivals = [sane[i] for i in order if roughness[i] * _CLEARLY_SMOOTHER < roughness[first]]
+    rivals = _by_blanking([sane[i] for i in order if roughness[i] * _CLEARLY_SMOOTHER < roughness[first]])
     if len({replace(reading.dialect, layout="whole", records="block") for reading, _ in rivals}) == 1:
         preferred = min(rivals, key=lambda rival: rival[0].dialect.layout != "whole")
         return preferred[0].dialect, preferred[1]
@@ -75,6 +76,15 @@ def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect
         f"{source}: can be read as PLOT3D ({rivals[0][0].dialect}) or ({rivals[1][0].dialect}); "
         "write it again with a block count"
     )
+
+
+def _by_blanking(rivals: list) -> list:
+    """Keep the readings in which whole numbers that are not all 0 are IBLANK rather than z; all 0 are rather z."""
+    is_blanked = [any(block.iblank is not None and block.iblank.any() for block in blocks) for _, blocks in rivals]
+    has_iblank = [reading.dialect.has_iblank for reading, _ in rivals]
+    if any(is_blanked) or not all(has_iblank):
+        return [rival for rival, b, has in zip(rivals, is_blanked, has_iblank) if b or not (has or any(is_blanked))]
+    return rivals
 
 
 def _read_blocks(reading: Reading) -> tuple[Block, ...]:
@@ -127,7 +137,7 @@ def _roughness(blocks: Iterable[Block]) -> float:
         nodes = block.nodes[:, :, :n_planes]
         n_judged += nodes.size
         bend = float(np.mean([_bend(nodes, d, e) for d in range(3) for e in range(3)]))
-        total += nodes.size * bend / max(_fullness(nodes), _FLATTEST)
+        total += nodes.size * (bend + _SMOOTHEST) / max(_fullness(nodes), _FLATTEST)
         if n_judged > 3 * _NODES_JUDGED:
             break
     return total / n_judged
