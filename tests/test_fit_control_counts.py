@@ -90,7 +90,8 @@ def test_choice_keeps_the_least_squares_of_large_blocks_small(monkeypatch):
     usual = counts_of(two_blocks())
     monkeypatch.setattr(control_counts, "LARGEST_CHOICE", 2000)
     counts = counts_of(two_blocks())
-    assert (counts.n_control <= usual.n_control).all() and counts.n_control[0, 1] == counts.n_control[1, 2]
+    assert (counts.n_control <= usual.n_control).all()
+    assert counts.n_control[0, 1] == counts.n_control[1, 2]
     assert all(8 * np.prod(n - 2) ** 2 <= 2000 for n in counts.n_control)
     assert "block 1, 2" in counts.warnings[0]
     given = [(5, 7, 6), (6, 8, 7)]
