@@ -63,11 +63,11 @@ class FitProblem:
 
     def steps(self, parameters: Sequence[np.ndarray]):
         """Yield the least squares of each entity, factored, for parameters of every segment."""
-        names = self.topology.segment_names
+        names, n_nodes = self.topology.segment_names, self.n_nodes
         for entity in self.entities:
             s, name = entity.segment, f"{self.topology.source}: {entity.describe(names)}"
             segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
-            yield build_step(entity, *segment, self.n_nodes, name, self.smoothing)
+            yield build_step(entity, *segment, n_nodes, name, self.smoothing)
 
     def operator(self, parameters: Sequence[np.ndarray]) -> FitOperator:
         """Linear map from nodes to control points for these parameters, with all factors kept."""
@@ -126,7 +126,9 @@ def fit_grid(
         Carry what the spline misses of the grid, so that the baseline is reproduced.
     smoothing : float
         Pull interior control points towards the coarse grid that they mimic (`bspline_mdao.fit.prior`); 0 is least
-        squares. Values up to 0.1 can unfold control elements inside blocks, at some loss of accuracy.
+        squares. Values up to 0.1 can unfold control elements inside blocks, at some loss of accuracy. Infinity makes
+        all control points that coarse grid itself, surfaces too: the control mesh is then as valid as the coarse grid,
+        and the residual carries what it misses, several cells in places.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 
@@ -263,8 +265,8 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
 def _check_options(corrections: int, smoothing: float):
     if corrections < 0:
         raise InputError(f"fit: {corrections} corrections; give a number of cycles of at least 0")
-    if not 0.0 <= smoothing < np.inf:
-        raise InputError(f"fit: smoothing = {smoothing}; give a number of at least 0, for example 0.1")
+    if not smoothing >= 0.0:
+        raise InputError(f"fit: smoothing = {smoothing}; give a number of at least 0, for example 0.1 or inf")
 
 
 def _no_progress(fraction: float, what: str) -> None:

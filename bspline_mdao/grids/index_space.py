@@ -16,6 +16,7 @@ it; a face, an edge, a corner or a sub-volume is a window that is flat in one, t
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +66,14 @@ class Window:
         d, side = divmod(face, 2)
         at = self.hi[d] if side else self.lo[d]
         return Window(self.block, _put(self.lo, d, at), _put(self.hi, d, at))
+
+
+def by_blocks(windows: Iterable[Window]) -> dict[int, list[Window]]:
+    """Sort windows into the blocks that hold them."""
+    sorted_windows: dict[int, list[Window]] = {}
+    for window in windows:
+        sorted_windows.setdefault(window.block, []).append(window)
+    return sorted_windows
 
 
 def _put(index: tuple[int, int, int], d: int, value: int) -> tuple[int, int, int]:

@@ -23,7 +23,7 @@ def overlapping(grid: Grid, interfaces: Sequence[Interface]) -> Iterator[Interfa
     """
     for interface in interfaces:
         a, b = interface.a, interface.b
-        if min(*grid.shapes[a.block], *grid.shapes[b.block]) > 1:
+        if min(*grid.blocks[a.block].shape, *grid.blocks[b.block].shape) > 1:
             normals = _normals(grid.blocks[a.block].nodes[a.slices])
             heights_a = _dot(normals, _inward(grid, a, Orientation()))
             heights_b = _dot(normals, _inward(grid, b, interface.orientation))

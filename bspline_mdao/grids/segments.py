@@ -9,7 +9,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from .entities import Collapse, Interface, Link, Section
-from .index_space import Orientation, Window
+from .index_space import Orientation, Window, by_blocks
 
 MAX_SEGMENTS = 64
 """Most segments of one block; interfaces and windows that would need more are not cut out."""
@@ -120,10 +120,12 @@ def interface_links(shapes, segments: Sequence[Window], interfaces: Sequence[Int
         for face in range(6)
         if shapes[segment.block][face // 2] > 1
     }
+    by_block = by_blocks(faces)
     links = []
     for interface in interfaces:
-        for window, (a, a_section) in faces.items():
+        for window in by_block[interface.a.block]:
             if interface.a.contains(window):
+                a, a_section = faces[window]
                 b, b_section = faces[carry(interface, window)]
                 links.append(Link(a, a_section, b, b_section, interface.orientation))
     return links

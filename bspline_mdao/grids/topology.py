@@ -7,6 +7,7 @@ between segments say which faces, edges and corners are one. A topology is found
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from .coincidence import Coincidence, find_coincidence
 from .completion import complete_regions
 from .entities import BoundaryFace, Collapse, Interface, Link, NearMiss
 from .faces import Face, block_faces, collapsed_windows
-from .index_space import Window
+from .index_space import Window, by_blocks
 from .junctions import junction_links
 from .matching import Matches, Quads, find_interfaces, find_regions, match_quads
 from .multiblock import Grid, Patch
@@ -77,7 +78,7 @@ class Topology:
     @property
     def n_nodes(self) -> int:
         """Nodes of all blocks."""
-        return sum(int(np.prod(shape)) for shape in self.shapes)
+        return sum(math.prod(shape) for shape in self.shapes)
 
     @property
     def segment_names(self) -> tuple[str, ...]:
@@ -170,10 +171,10 @@ def _is_on_face(window: Window, shape) -> bool:
 def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
     """Mask of the quads of all faces that lie in one of the windows."""
     masks = [np.zeros(face.n_quads, dtype=bool) for face in faces]
-    for window in windows:
-        for face, mask in zip(faces, masks):
-            if face.window.block == window.block:
-                mask |= face.covered(window)
+    by_block = by_blocks(windows)
+    for face, mask in zip(faces, masks):
+        for window in by_block.get(face.window.block, ()):
+            mask |= face.covered(window)
     return np.concatenate([mask.ravel() for mask in masks])
 
 
