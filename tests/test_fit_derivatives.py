@@ -159,7 +159,7 @@ def test_live_derivatives_agree_with_complex_step(case):
 
 
 @pytest.mark.parametrize("shape", ALL_SHAPES)
-@pytest.mark.parametrize("options", [{}, {"smoothing": 0.1}, {"knots": "constant", "order": 3}])
+@pytest.mark.parametrize("options", [{}, {"smoothing": 0.1}, {"smoothing": np.inf}, {"knots": "constant", "order": 3}])
 def test_live_transposes_pass_the_dot_test(shape, options):
     rng = np.random.default_rng(9)
     grid = ALL_SHAPES[shape]()

@@ -92,7 +92,8 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     default=0.0,
     show_default=True,
     metavar="S",
-    help="Pull of the inner control points towards their boundary; 0 is plain least squares.",
+    help="Pull of the control points towards a coarse copy of the grid: 0 is least squares; inf, the copy itself, "
+    "mends an invalid control mesh.",
 )
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @json_option

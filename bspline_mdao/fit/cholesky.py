@@ -41,6 +41,18 @@ class Cholesky:
         return routine(self.factor, right, lower=1)[0]
 
 
+@dataclass(frozen=True)
+class InfiniteShift:
+    """Limit of a `Cholesky` factor as the shift grows: every solution is zero."""
+
+    shift: float = np.inf
+    is_singular: bool = False
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Zeros of the shape of ``right``."""
+        return np.zeros_like(right)
+
+
 def factorize(gram: np.ndarray, is_banded: bool, unit: float, smoothing: float = 0.0) -> Cholesky:
     """Factor a Gram matrix.
 

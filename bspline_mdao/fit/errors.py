@@ -241,7 +241,7 @@ def _warn_of_invalid(shapes, nodes: np.ndarray, n_invalid: int, invalid: Sequenc
     if not n_invalid:
         return
     worst, n_cells = invalid[0], _count_invalid_cells(shapes, nodes)
-    advice = "a lower order or fewer control points often leave fewer, but nothing is sure to leave none"
+    advice = "fewer control points or a lower order may help, smoothing = inf does (a coarse copy of the grid)"
     if n_cells:
         advice = f"the grid has {n_cells} invalid cells itself, which come first"
     yield (

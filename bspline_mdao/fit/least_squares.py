@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
 from ..splines.volume import Volume
-from .cholesky import Cholesky, factorize
+from .cholesky import Cholesky, InfiniteShift, factorize
 from .design_matrix import DesignMatrix, build_design_matrix
 from .entities import Entity, whole_slices
 from .prior import Prior, greville_prior
@@ -37,7 +37,7 @@ class FitStep:
         Its nodes and control points.
     matrix : DesignMatrix
         A, of all control points of its section.
-    cholesky : Cholesky or None
+    cholesky : Cholesky, InfiniteShift or None
         Factor of the normal equations; None where all control points are known before.
     prior : Prior
         What the control points lean on where the Cholesky factor has a shift.
@@ -45,7 +45,7 @@ class FitStep:
 
     entity: Entity
     matrix: DesignMatrix
-    cholesky: Cholesky | None
+    cholesky: Cholesky | InfiniteShift | None
     prior: Prior
 
     def solve(self, nodes: np.ndarray, control_points: np.ndarray) -> None:
@@ -195,7 +195,7 @@ def build_step(
     name : str
         Name of the entity for messages.
     smoothing : float
-        Shift of the Gram matrix in nodes per control point, for interiors alone.
+        Shift of the Gram matrix in nodes per control point, for interiors alone; infinite: every entity is its prior.
 
     Returns
     -------
@@ -211,13 +211,19 @@ def build_step(
     blends = tuple(blend if free else np.zeros(1) for blend, free in zip(blends, entity.is_free))
     if n_columns == 0:
         return FitStep(entity, matrix, None, Prior(blends))
-    gram, is_banded = _gram(matrix, entity, name)
-    smoothing = smoothing if entity.kind == "interior" else 0.0
-    cholesky = factorize(gram, is_banded, matrix.shape[0] / n_columns, smoothing)
+    cholesky = _factor(matrix, entity, name, smoothing)
     if cholesky.shift == 0.0:
         return FitStep(entity, matrix, cholesky, Prior(blends))
     section_rows = rows[whole_slices(entity.section)]
     return FitStep(entity, matrix, cholesky, greville_prior(blends, section_rows, matrix.orders, n_rows))
+
+
+def _factor(matrix: DesignMatrix, entity: Entity, name: str, smoothing: float) -> Cholesky | InfiniteShift:
+    if smoothing == np.inf:
+        return InfiniteShift()
+    gram, is_banded = _gram(matrix, entity, name)
+    unit = matrix.shape[0] / len(entity.unknown_ids)
+    return factorize(gram, is_banded, unit, smoothing if entity.kind == "interior" else 0.0)
 
 
 def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, bool]:
