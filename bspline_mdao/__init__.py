@@ -5,18 +5,26 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _HOMES = {
+    "BilinearKnots": "splines.knots",
+    "ConstantKnots": "splines.knots",
     "Fit": "components.fit",
     "FittedModel": "model",
+    "FunctionKnots": "splines.knots",
     "Grid": "grids.multiblock",
     "GridEvaluate": "components.grid_evaluate",
     "InputError": "errors",
     "LiveGridEvaluate": "components.live_grid_evaluate",
+    "family_member": "evaluation.family",
     "find_topology": "grids.topology",
     "fit_grid": "fit.fitting",
     "flat_plate_grid": "generators.canonical",
+    "invert_points": "evaluation.inversion",
     "onera_m6_grid": "generators.canonical",
     "read_grid": "grids.files",
+    "require_inside": "evaluation.inversion",
+    "ride": "evaluation.inversion",
     "write_grid": "grids.files",
+    "write_vtk": "grids.vtk",
 }
 
 __all__ = list(_HOMES)
