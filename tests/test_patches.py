@@ -252,3 +252,10 @@ def test_grid_is_read_by_content_and_written_by_dialect_or_name(tmp_path):
     (tmp_path / "adf").write_bytes(b"@(#)ADF Database Version A02012>" + bytes(500))
     with pytest.raises(InputError, match="old ADF format"):
         read_grid(tmp_path / "adf")
+
+
+def test_a_name_that_promises_another_format_is_refused(tmp_path):
+    for name in ("a.vtk", "a.VTS", "a.h5"):
+        with pytest.raises(InputError, match=r"name it \\.vtm"):
+            write_grid(tmp_path / name, smooth_grid())
+    assert not list(tmp_path.iterdir())

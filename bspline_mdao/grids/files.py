@@ -18,6 +18,7 @@ __all__ = ["read_grid", "write_grid"]
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ADF = b"@(#)ADF Database"
 _ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
+_OTHER_SUFFIXES = (".vtk", ".vts", ".vtu", ".vtp", ".pvd", ".su2", ".msh", ".h5")
 
 
 def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:
@@ -75,9 +76,11 @@ def write_grid(path: str | os.PathLike, grid: Grid) -> None:
     Raises
     ------
     InputError
-        When the format cannot hold the grid or the file cannot be written.
+        When the format cannot hold the grid, the name promises another format, or the file cannot be written.
     """
     suffix = Path(path).suffix.lower()
+    if suffix in _OTHER_SUFFIXES:
+        raise InputError(f"{path}: no '{suffix}' files are written; name it .vtm (ParaView), .cgns, .xyz or .fmt")
     if suffix == ".cgns":
         write_cgns(path, grid)
     elif suffix == ".vtm":
