@@ -34,10 +34,15 @@ def section(name: str) -> str:
     script.main(figures=folder)
     title = script.__doc__.strip().splitlines()[0].rstrip(".")
     images = [
-        f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n   :width: 85%\n"
+        f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n   :width: {width(path)}px\n"
         for path in sorted(folder.glob("*.png"))
     ]
     return "\n".join([title, "-" * len(title), "", f"``run_scripts/{name}.py``", "", *images]) if images else ""
+
+
+def width(path: Path) -> int:
+    """Width of a PNG file at 85 dots per inch, so that text is of one size in all pictures of 200."""
+    return int.from_bytes(path.read_bytes()[16:20], "big") * 85 // 200
 
 
 if __name__ == "__main__":

@@ -54,26 +54,24 @@ def draw(folder, model: FittedModel) -> None:
     """Draw the symmetry plane near the wing, and the wing."""
     nodes = [block.nodes for block in model.regenerate().blocks]
     nets = model.mesh.nets(model.control_points)
-    with figure(folder, "control_mesh", size=(9.0, 3.6)) as canvas:
-        plane, wing = canvas.add_subplot(1, 2, 1), canvas.add_subplot(1, 2, 2, projection="3d")
+    with figure(folder, "control_mesh", size=(9.0, 4.0)) as canvas:
+        grid = canvas.add_gridspec(1, 2, width_ratios=(1.45, 1.0))
+        plane, wing = canvas.add_subplot(grid[0]), canvas.add_subplot(grid[1])
         for face in faces_of(model, "symmetry", nodes):
             draw_lines(plane, face[..., :2], color=GRAY, linewidth=0.25)
         for face in faces_of(model, "symmetry", nets):
-            draw_lines(plane, face[..., :2], color=BLUE, linewidth=0.9, marker="o", markersize=2.5)
-        plane.set(xlim=(-0.6, 1.6), ylim=(-0.75, 0.75), aspect="equal", xlabel="$x$", ylabel="$y$")
-        draw_wing(wing, faces_of(model, "wing", nodes), faces_of(model, "wing_upper", nets))
-
-
-def draw_wing(axes, surfaces, nets) -> None:
-    """Draw the wing with its surface grid, and the control points of its upper side."""
-    for face in surfaces:
-        x, y, z = np.moveaxis(face, -1, 0)
-        axes.plot_surface(x, z, y, rstride=1, cstride=1, color="#e4e9ef", edgecolor=GRAY, linewidth=0.2, shade=False)
-    for face in nets:
-        draw_lines(axes, face[..., [0, 2, 1]], color=ORANGE, linewidth=0.9, marker="o", markersize=2.5, zorder=5)
-    axes.set_axis_off()
-    axes.set_box_aspect([np.ptp(axis) for axis in (x, z, y)], zoom=1.45)
-    axes.view_init(elev=38, azim=-115)
+            draw_lines(plane, face[..., :2], color=BLUE, linewidth=0.7, marker="o", markersize=2.2)
+        plane.set(xlim=(-0.55, 1.55), ylim=(-0.75, 0.75), xlabel="$x$", ylabel="$y$", title="symmetry plane")
+        for face in faces_of(model, "wing_upper", nodes):
+            draw_lines(wing, face[..., [0, 2]], color=GRAY, linewidth=0.25)
+        for face in faces_of(model, "wing_upper", nets):
+            draw_lines(wing, face[..., [0, 2]], color=ORANGE, linewidth=0.7, marker="o", markersize=2.2)
+        wing.set(xlabel="$x$", ylabel="$z$", title="upper side of the wing")
+        for axes, color in ((plane, BLUE), (wing, ORANGE)):
+            axes.set_aspect("equal")
+            axes.plot([], [], color=GRAY, linewidth=0.5, label="grid")
+            axes.plot([], [], color=color, linewidth=0.7, marker="o", markersize=2.2, label="control mesh")
+            axes.legend(loc="upper left", frameon=True, framealpha=1.0)
 
 
 def draw_lines(axes, points: np.ndarray, **style) -> None:

@@ -56,7 +56,7 @@ def main(paper: bool = False, figures=None) -> dict:
     print(table(numbers))
     if figures:
         draw_grids(figures, grids)
-        draw_errors(figures, models)
+        draw_errors(figures, models, paper)
     return numbers
 
 
@@ -103,18 +103,16 @@ def table(numbers: dict) -> str:
 
 def draw_grids(folder, grids: dict) -> None:
     """Draw the symmetry plane and the plane of the wing of both grids."""
-    with figure(folder, "table1_grids", size=(9, 8.4)) as canvas:
+    with figure(folder, "table1_grids", size=(8.2, 8.4)) as canvas:
         for row, (name, grid) in zip(canvas.subplots(2, 2), grids.items()):
             for block in grid.blocks[3:6]:
                 draw_plane(row[0], block.nodes[:, :, 0, :2], BLUE)
             for n in (3, 4, 5, 9, 10, 11):
                 draw_plane(row[1], grid.blocks[n].nodes[:, 0][..., ::2], ORANGE if n == 4 else BLUE)
-            row[0].set(
-                title=f"{CASES[name][1]}: symmetry plane", xlim=(-0.6, 1.6), ylim=(0, 1.6), xlabel="x", ylabel="y"
-            )
-            row[1].set(title="plane of the wing", xlim=(-0.6, 2.2), ylim=(0, 2.6), xlabel="x", ylabel="z")
+            row[0].set(title=f"{CASES[name][1]}: symmetry plane", ylabel="$y$")
+            row[1].set(title=f"{CASES[name][1]}: wing and its plane", ylabel="$z$")
             for axes in row:
-                axes.set_aspect("equal")
+                axes.set(xlim=(-0.6, 2.2), ylim=(0, 2.6), xlabel="$x$", aspect="equal")
 
 
 def draw_plane(axes, points: np.ndarray, color: str) -> None:
@@ -123,8 +121,8 @@ def draw_plane(axes, points: np.ndarray, color: str) -> None:
         axes.plot(lines[..., 0].T, lines[..., 1].T, color=color, linewidth=0.3)
 
 
-def draw_errors(folder, models: dict) -> None:
-    """Draw how many nodes have errors larger than a given one."""
+def draw_errors(folder, models: dict, paper: bool) -> None:
+    """Draw how many nodes have errors larger than a given one; beside the paper's errors at the paper's size."""
     with figure(folder, "table1_errors", size=(7.5, 3.4)) as canvas:
         for axes, (name, pair) in zip(canvas.subplots(1, 2, sharey=True), models.items()):
             for model, label, color in zip(pair, ("chord length", "corrected"), (BLUE, ORANGE)):
@@ -132,8 +130,9 @@ def draw_errors(folder, models: dict) -> None:
                 axes.loglog(
                     np.maximum(distance, 1e-17), np.arange(1, distance.size + 1) / distance.size, color, label=label
                 )
-            axes.axvline(PAPER[name]["rms"], color=GRAY, linestyle=":", label="RMS in the paper")
-            axes.set(title=CASES[name][1], xlabel="error of a node, chords", xlim=(1e-8, 1e-2), ylim=(1e-6, 2))
+            if paper:
+                axes.axvline(PAPER[name]["rms"], color=GRAY, linestyle=":", label="RMS in the paper")
+            axes.set(title=CASES[name][1], xlabel="error of a node (chords)", xlim=(1e-8, 1e-2), ylim=(1e-6, 2))
         axes.legend()
         canvas.axes[0].set_ylabel("fraction of nodes with a larger error")
 
