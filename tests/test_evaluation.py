@@ -5,9 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from evaluation_cases import ORDERS, cloud, mixed_volume, random_mesh, random_parameters, random_volume
+from numba.core.errors import TypingError
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.evaluation.contraction import EMITTER_SOURCE
 from bspline_mdao.evaluation.evaluator import CHUNK_NODES, Evaluator
+from bspline_mdao.evaluation.kernels import forward_kernel, reverse_kernel
 from bspline_mdao.evaluation.lanes import LANES
 from bspline_mdao.evaluation.runs import sort_nodes
 from bspline_mdao.splines.knots import ConstantKnots
@@ -266,3 +269,25 @@ print(compiled)
         subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True) for _ in range(2)
     ]
     assert results[1].stdout.strip() == "[]"
+
+
+def test_orders_may_be_numpy_integers():
+    knots = ConstantKnots.uniform(n_control=np.int64(7), order=np.int32(7))
+    mesh = BSplineMesh((Volume.of(knots),), (np.arange(7).reshape(7, 1, 1),), 7)
+    evaluator = Evaluator.build(mesh, [np.array([[0.0, 0, 0], [1.0, 0, 0]])], [np.arange(2)], n_rows=2)
+    np.testing.assert_array_equal(evaluator.forward(np.eye(7, 3)), [[1, 0, 0], [0, 0, 0]])
+
+
+def test_orders_that_are_no_constants_are_refused_by_name():
+    kernel = forward_kernel.__wrapped__(np.int64(2), 2, 2)  # not the one that others share
+    evaluator = cloud(np.random.default_rng(0), random_mesh(np.random.default_rng(0), (2, 2, 2)), 5)[0]
+    with pytest.raises(TypingError, match=r"orders .* must be Python integers"):
+        kernel(0, 0, *evaluator.runs[0].arrays, np.zeros(0), np.zeros(0))
+
+
+@pytest.mark.parametrize("kernel", [forward_kernel, reverse_kernel])
+def test_kernels_are_cached_by_the_orders_and_the_source_of_their_intrinsics(kernel):
+    first, second = ([cell.cell_contents for cell in kernel(*p).py_func.__closure__] for p in ((2, 3, 4), (4, 3, 2)))
+    assert first != second  # numba's key holds the closure in order
+    assert EMITTER_SOURCE in first
+    assert EMITTER_SOURCE in second

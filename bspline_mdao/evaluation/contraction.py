@@ -20,12 +20,21 @@ last node.
 
 from __future__ import annotations
 
+import zlib
+from pathlib import Path
+
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 
+from . import lanes
 from .lanes import INT, LANES, ZERO, Emitter, constant
+
+EMITTER_SOURCE = zlib.crc32(b"".join(Path(file).read_bytes() for file in (__file__, lanes.__file__)))
+"""Checksum of what emits the code. numba looks for changes of a kernel's own file alone before it takes it from the
+cache, so a kernel that calls these intrinsics holds this number in its closure, which is part of the cache's key."""
 
 GROUPS_AHEAD = 8
 """Distance at which memory is asked for: far enough to hide its latency, by measurement."""
@@ -362,6 +371,9 @@ def _first_component(builder, rows, i):
 
 
 def _literal_values(*literals) -> list[int]:
+    """Values of compile-time constants; a NumPy integer in a closure is none."""
+    if not all(isinstance(literal, types.IntegerLiteral) for literal in literals):
+        raise RequireLiteralValue(f"orders of types {literals}; they must be Python integers of the kernel's closure")
     return [literal.literal_value for literal in literals]
 
 

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from .contraction import TILE, add_net, gather_points, load_net, sum_over_net, sum_over_nodes
+from .contraction import EMITTER_SOURCE, TILE, add_net, gather_points, load_net, sum_over_net, sum_over_nodes
 from .lanes import LANES
 
 
@@ -29,11 +29,13 @@ def forward_kernel(p_0: int, p_1: int, p_2: int):
     """
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
+    emitter = EMITTER_SOURCE
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def forward(
         first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, control_points, out
     ):
+        _ = emitter  # a cell of the closure, and so part of the key of the cache
         net = np.empty(size)
         for run in range(first_run, last_run):
             steps = control_point_steps(n_control, corners[run])
@@ -65,11 +67,13 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
     """
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
+    emitter = EMITTER_SOURCE
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def reverse(
         first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, bar, first_layer, out
     ):
+        _ = emitter  # a cell of the closure, and so part of the key of the cache
         net, points = np.empty(size + LANES), np.empty(3 * TILE)
         first_control_point = first_layer * n_control[1] * n_control[2]
         copy = np.searchsorted(copy_nodes, starts[first_run])

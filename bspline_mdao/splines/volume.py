@@ -52,12 +52,12 @@ class Volume:
     @property
     def orders(self) -> tuple[int, int, int]:
         """Order of the basis in each direction."""
-        return tuple(k.order for k in self.knots)
+        return tuple(int(k.order) for k in self.knots)
 
     @property
     def n_control(self) -> tuple[int, int, int]:
         """Number of control points in each direction."""
-        return tuple(k.n_control for k in self.knots)
+        return tuple(int(k.n_control) for k in self.knots)
 
 
 def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
