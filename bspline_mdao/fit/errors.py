@@ -241,7 +241,7 @@ def _warn_of_invalid(shapes, nodes: np.ndarray, n_invalid: int, invalid: Sequenc
     if not n_invalid:
         return
     worst, n_cells = invalid[0], _count_invalid_cells(shapes, nodes)
-    advice = "fewer control points or a lower order may help, smoothing = inf does (a coarse copy of the grid)"
+    advice = "fewer control points or a lower order may help; smoothing = inf mostly does, but errs by whole cells"
     if n_cells:
         advice = f"the grid has {n_cells} invalid cells itself, which come first"
     yield (
