@@ -10,7 +10,6 @@ from .errors import InputError
 from .evaluation.evaluator import Evaluator
 from .fit.errors import FitReport
 from .grids.multiblock import Block, Grid, Patch
-from .grids.sharing import node_sharing
 from .grids.topology import Topology
 from .splines.mesh import BSplineMesh
 
@@ -121,10 +120,7 @@ class FittedModel:
 
     def evaluator(self) -> Evaluator:
         """Operator from the control points to the nodes of the grid, Eq. (3)."""
-        sharing = node_sharing(self.topology)
-        parameters = [x[own] for x, own in zip(self.parameters, sharing.is_evaluated)]
-        rows = [r[own] for r, own in zip(sharing.rows, sharing.is_evaluated)]
-        return Evaluator.build(self.mesh, parameters, rows, self.n_nodes, copies=sharing.copies)
+        return Evaluator.of_grid(self.topology, self.mesh, self.parameters)
 
     def regenerate(self, control_points: np.ndarray | None = None) -> Grid:
         """Grid of given control points, shape (n_control_points, 3), with the residual where it is carried.

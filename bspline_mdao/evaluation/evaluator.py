@@ -16,9 +16,12 @@ import scipy.sparse
 from numba import njit
 
 from ..errors import InputError
+from ..grids.sharing import node_sharing
+from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .assembly import assemble
 from .kernels import forward_kernel, reverse_kernel
+from .rows import check_rows, copies_by_volume
 from .runs import Runs, sort_nodes
 from .threads import run_tasks, thread_count
 
@@ -119,8 +122,8 @@ class Evaluator:
         parameters = [np.asarray(p, dtype=float) for p in parameters]
         rows = [np.asarray(r, dtype=np.int64) for r in rows]
         copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies, dtype=np.int64)
-        is_complete = _check_rows(mesh, parameters, rows, n_rows, copies)
-        copies = _copies_by_volume(rows, n_rows, copies)
+        is_complete = check_rows(mesh, parameters, rows, n_rows, copies)
+        copies = copies_by_volume(rows, n_rows, copies)
         runs: list = [None] * len(rows)
 
         def sort(v: int):
@@ -129,6 +132,28 @@ class Evaluator:
         run_tasks(sort, len(rows), n_threads_now)
         ids = tuple(np.asarray(ids).reshape(-1) for ids in mesh.control_ids)
         return cls(ids, tuple(runs), _cut(runs), mesh.n_control_points, n_rows, is_complete, n_threads)
+
+    @classmethod
+    def of_grid(
+        cls, topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], n_threads: int | None = None
+    ) -> Evaluator:
+        """Operator to the nodes of a grid; shared nodes are evaluated once and copied.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+            Parameters of the nodes of every segment.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+        """
+        sharing = node_sharing(topology)
+        own_parameters = [x[own] for x, own in zip(parameters, sharing.is_evaluated)]
+        own_rows = [rows[own] for rows, own in zip(sharing.rows, sharing.is_evaluated)]
+        return cls.build(mesh, own_parameters, own_rows, topology.n_nodes, sharing.copies, n_threads)
 
     def with_threads(self, n_threads: int | None) -> Evaluator:
         """Return the same map on another number of threads."""
@@ -246,51 +271,3 @@ def _checked(array, n: int, name: str) -> np.ndarray:
     if array.shape != (n, 3):
         raise InputError(f"evaluation: {name} of shape {array.shape}; give shape ({n}, 3)")
     return np.ascontiguousarray(array, dtype=complex if np.iscomplexobj(array) else float)
-
-
-def _check_rows(mesh: BSplineMesh, parameters, rows, n_rows: int, copies) -> bool:
-    """Check the arguments of `Evaluator.build`; return whether every row belongs to a node."""
-    if not len(mesh.volumes) == len(parameters) == len(rows):
-        raise InputError(
-            f"evaluation: {len(mesh.volumes)} volumes, parameters for {len(parameters)} and rows for {len(rows)}; "
-            f"give one array of each per volume"
-        )
-    for v, (p, r) in enumerate(zip(parameters, rows), start=1):
-        if p.shape != (r.size, 3) or r.ndim != 1:
-            raise InputError(
-                f"evaluation: volume {v} has parameters of shape {p.shape} and rows of shape {r.shape}; "
-                f"give shapes (n, 3) and (n,)"
-            )
-        if not np.isfinite(p).all():
-            q = int(np.argmin(np.isfinite(p).all(axis=1)))
-            raise InputError(f"evaluation: parameters of point {q + 1} of volume {v} are not finite; give numbers")
-    if copies.ndim != 2 or copies.shape[1] != 2:
-        raise InputError(f"evaluation: copies of shape {copies.shape}; give shape (n, 2)")
-    return _check_destinations(np.concatenate([*rows, copies[:, 0]]), n_rows)
-
-
-def _check_destinations(destinations, n_rows: int) -> bool:
-    """Check that every row is written once at most; return whether every row is written."""
-    if n_rows >= 2**32:
-        raise InputError(f"evaluation: {n_rows} rows; split the grid into pieces of fewer than {2**32}")
-    if destinations.size and not 0 <= destinations.min() <= destinations.max() < n_rows:
-        raise InputError(f"evaluation: a row lies outside 0 .. {n_rows - 1}; number the rows from 0")
-    count = np.bincount(destinations, minlength=n_rows)
-    if n_rows and count.max() > 1:
-        raise InputError(f"evaluation: row {int(count.argmax()) + 1} is given twice; evaluate each row once")
-    return bool(count.all())
-
-
-def _copies_by_volume(rows, n_rows: int, copies) -> list[np.ndarray]:
-    """Per volume, the row of each copy and the number of the node that it copies."""
-    starts = np.cumsum([0] + [r.size for r in rows])
-    node_of_row = np.full(n_rows, -1, dtype=np.int64)
-    for start, r in zip(starts, rows):
-        node_of_row[r] = start + np.arange(r.size)
-    is_inside = (copies[:, 1] >= 0) & (copies[:, 1] < n_rows)
-    nodes = np.where(is_inside, node_of_row[np.where(is_inside, copies[:, 1], 0)] if n_rows else -1, -1)
-    if (nodes < 0).any():
-        bad = copies[np.argmin(nodes)]
-        raise InputError(f"evaluation: row {bad[0] + 1} copies row {bad[1] + 1}, which no volume evaluates")
-    volume = np.searchsorted(starts, nodes, side="right") - 1
-    return [np.stack([copies[volume == v, 0], nodes[volume == v] - starts[v]], axis=1) for v in range(len(rows))]

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..grids.multiblock import Grid, Patch
-from ..grids.sharing import node_sharing
 from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .evaluator import Evaluator
@@ -55,29 +54,7 @@ class FamilyMember:
 
     def evaluator(self, n_threads: int | None = None) -> Evaluator:
         """Operator from the control points to the nodes of the member, Eq. (3)."""
-        return grid_evaluator(self.topology, self.mesh, self.parameters, n_threads)
-
-
-def grid_evaluator(
-    topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], n_threads: int | None = None
-) -> Evaluator:
-    """Operator from the control points to the nodes of a grid; shared nodes are evaluated once and copied.
-
-    Parameters
-    ----------
-    topology : Topology
-        Topology of the grid.
-    mesh : BSplineMesh
-        One volume per segment.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
-    n_threads : int, optional
-        Number of threads; by default ``NUMBA_NUM_THREADS``.
-    """
-    sharing = node_sharing(topology)
-    own_parameters = [x[own] for x, own in zip(parameters, sharing.is_evaluated)]
-    own_rows = [rows[own] for rows, own in zip(sharing.rows, sharing.is_evaluated)]
-    return Evaluator.build(mesh, own_parameters, own_rows, topology.n_nodes, sharing.copies, n_threads)
+        return Evaluator.of_grid(self.topology, self.mesh, self.parameters, n_threads)
 
 
 def refine(topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarray], factor: float) -> FamilyMember:
