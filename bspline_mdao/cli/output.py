@@ -137,6 +137,9 @@ def progress_bar() -> Iterator:
     """Give a function of the fraction done and what is being done, which moves a bar on a terminal's standard error."""
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    if not console.is_terminal:
+        yield lambda fraction, what: None
+        return
+    with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("", total=1.0)
         yield lambda fraction, what: progress.update(task, completed=fraction, description=what)
