@@ -12,10 +12,10 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numba import set_num_threads
 from scipy.interpolate import NdBSpline
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
@@ -44,9 +44,9 @@ def _curve(knots: ConstantKnots) -> BilinearKnots:
     return BilinearKnots(knots.knots ** powers[..., None], knots.order)
 
 
-def ours(mesh, control_points, points):
+def ours(mesh, control_points, points, n_threads: int = 1):
     """Invert with this package."""
-    return invert_points(mesh, control_points, points).parameters
+    return invert_points(mesh, control_points, points, n_threads=n_threads).parameters
 
 
 def scipy_per_point(mesh, control_points, points):
@@ -92,7 +92,7 @@ def measure_outside(mesh, control_points, n: int) -> dict:
     """Time points of which most are outside."""
     points = np.random.default_rng(2).uniform(-0.5, 1.5, (n, 3))
     started = time.perf_counter()
-    inversion = invert_points(mesh, control_points, points)
+    inversion = invert_points(mesh, control_points, points, n_threads=1)
     seconds = time.perf_counter() - started
     return {"n_points": n, "points_per_second": n / seconds, "n_outside": int((~inversion.is_inside).sum())}
 
@@ -113,8 +113,7 @@ def main(n_points: int = 100_000) -> dict:
     straight, curved = warped_box(curved=False), warped_box(curved=True)
     parameters = np.random.default_rng(1).random((n_points, 3))
     ours(*straight, straight[1][:10])
-    numbers = {"two_threads": measure(ours, *straight, parameters)}
-    set_num_threads(1)
+    numbers = {"two_threads": measure(partial(ours, n_threads=2), *straight, parameters)}
     numbers["one_thread"] = measure(ours, *straight, parameters)
     numbers["curved_knots"] = measure(ours, *curved, parameters)
     numbers["outside"] = measure_outside(*curved, n_points // 10)

@@ -1,3 +1,5 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from inversion_cases import row_of_volumes, sample, sector, single
@@ -199,16 +201,21 @@ def test_both_ways_of_descending_take_the_same_steps(rng, monkeypatch):
     np.testing.assert_allclose(together.distance, one_by_one.distance, atol=1e-11)
 
 
-def test_results_are_the_same_bits_on_any_number_of_threads_and_in_any_company(rng):
-    from numba import get_num_threads, set_num_threads
+def test_points_can_be_inverted_from_several_threads_of_the_caller(rng):
+    mesh, control_points = row_of_volumes(rng)
+    points = sample(mesh, control_points, rng.random((300, 3)))
+    with ThreadPoolExecutor(3) as pool:
+        results = [job.result() for job in [pool.submit(invert_points, mesh, control_points, points) for _ in range(6)]]
+    for result in results:
+        assert result.is_inside.all()
+        np.testing.assert_array_equal(result.parameters, results[0].parameters)
 
+
+def test_results_are_the_same_bits_on_any_number_of_threads_and_in_any_company(rng):
     mesh, control_points = row_of_volumes(rng)
     points = np.concatenate([sample(mesh, control_points, rng.random((500, 3))), rng.uniform(-1, 4, (100, 3))])
-    n_threads = get_num_threads()
-    first = invert_points(mesh, control_points, points)
-    set_num_threads(1)
-    second = invert_points(mesh, control_points, points[::-1])
-    set_num_threads(n_threads)
+    first = invert_points(mesh, control_points, points, n_threads=3)
+    second = invert_points(mesh, control_points, points[::-1], n_threads=1)
     for name in ("volume", "parameters", "distance", "is_inside"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name)[::-1])
 

@@ -1,17 +1,18 @@
 """Parameters of the point of one volume closest to each of many points, from given starts.
 
-Volumes with bilinear and constant knots are followed point by point in numba, in parallel over the points. Knots that
-are a user's Python functions can only be evaluated for many points at once: there all points take their steps together.
+Volumes with bilinear and constant knots are followed point by point in numba, on several threads. Knots that are a
+user's Python functions can only be evaluated for many points at once: there all points take their steps together.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..splines.volume import Volume, evaluate, evaluate_gradients
 from .closest_point import advance, column_norm, is_collapsed, start
 from .point_mapping import bilinear_corners, map_point, map_point_scratch
+from .threads import run_tasks
 
 __all__ = ["descend"]
 
@@ -33,7 +34,9 @@ SAME_PLACE = 1 + 1e-6
 _POINTS_PER_TASK = 64
 
 
-def descend(volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndarray, target: float):
+def descend(
+    volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndarray, target: float, n_threads: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Closest points of a volume, each the best that its starts lead to.
 
     Parameters
@@ -49,6 +52,8 @@ def descend(volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndar
         within ``target``.
     target : float
         Distance at which a point counts as found; a few units of round-off of the coordinates.
+    n_threads : int
+        Number of threads.
 
     Returns
     -------
@@ -62,28 +67,32 @@ def descend(volume: Volume, net: np.ndarray, points: np.ndarray, starts: np.ndar
     if any(c is None for c in corners):
         _descend_together(volume, net, points, starts, target, parameters, distance)
     else:
-        _descend_each(corners, np.ascontiguousarray(net), points, starts, target, parameters, distance)
+        net = np.ascontiguousarray(net)
+
+        def follow(number: int):
+            task = slice(number * _POINTS_PER_TASK, (number + 1) * _POINTS_PER_TASK)
+            _descend_each(corners, net, points[task], starts[task], target, parameters[task], distance[task])
+
+        run_tasks(follow, -(-len(points) // _POINTS_PER_TASK), n_threads)
     return parameters, distance
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _descend_each(corners, net, points, starts, target, parameters, distance):
-    n = len(points)
-    for task in prange((n + _POINTS_PER_TASK - 1) // _POINTS_PER_TASK):
-        mapping = corners, net, map_point_scratch(corners, net)
-        state = np.empty(3), np.empty((3, 3)), np.empty((8, 3)), np.empty(3)
-        xi = np.empty(3)
-        for q in range(task * _POINTS_PER_TASK, min((task + 1) * _POINTS_PER_TASK, n)):
-            n_agreeing = 0
-            for m in range(starts.shape[1]):
-                xi[:] = starts[q, m]
-                found = _descend_from(mapping, points[q], xi, target, state)
-                n_agreeing = _count_agreeing(found, distance[q], n_agreeing)
-                if found < distance[q]:
-                    distance[q] = found
-                    parameters[q] = xi
-                if distance[q] <= target or n_agreeing == AGREEING_STARTS:
-                    break
+    mapping = corners, net, map_point_scratch(corners, net)
+    state = np.empty(3), np.empty((3, 3)), np.empty((8, 3)), np.empty(3)
+    xi = np.empty(3)
+    for q in range(len(points)):
+        n_agreeing = 0
+        for m in range(starts.shape[1]):
+            xi[:] = starts[q, m]
+            found = _descend_from(mapping, points[q], xi, target, state)
+            n_agreeing = _count_agreeing(found, distance[q], n_agreeing)
+            if found < distance[q]:
+                distance[q] = found
+                parameters[q] = xi
+            if distance[q] <= target or n_agreeing == AGREEING_STARTS:
+                break
 
 
 @njit(cache=True)

@@ -16,6 +16,7 @@ from .descent import descend
 from .evaluator import Evaluator
 from .search import VolumeSamples, nearest_samples, sample_mesh
 from .shared_sections import section_codes, shared_with_lower
+from .threads import thread_count
 
 __all__ = ["PointInversion", "invert_points", "require_inside", "ride"]
 
@@ -60,7 +61,11 @@ class PointInversion:
 
 
 def invert_points(
-    mesh: BSplineMesh, control_points: np.ndarray, points: np.ndarray, tolerance: float | None = None
+    mesh: BSplineMesh,
+    control_points: np.ndarray,
+    points: np.ndarray,
+    tolerance: float | None = None,
+    n_threads: int | None = None,
 ) -> PointInversion:
     """Find the parameters of points in the volumes of a mesh.
 
@@ -75,6 +80,8 @@ def invert_points(
     tolerance : float, optional
         Distance in metres up to which a point counts as inside. By default 1e-9 of the diagonal of the control mesh:
         nodes of a fitted grid that lie on its boundary are off by the fit error, and need more than that.
+    n_threads : int, optional
+        Number of threads; by default ``NUMBA_NUM_THREADS``.
 
     Returns
     -------
@@ -96,6 +103,7 @@ def invert_points(
         is_shared=shared_with_lower(mesh),
         target=ROUND_OFF * np.abs(control_points).max(),
         found=max(FOUND * diagonal, 4 * ROUND_OFF * np.abs(control_points).max()),
+        n_threads=thread_count(n_threads),
     )
     nearest = nearest_samples(search.samples)
     chunks = [_invert_chunk(search, nearest, points[i : i + CHUNK]) for i in range(0, max(len(points), 1), CHUNK)]
@@ -115,10 +123,11 @@ class _Search:
     is_shared: np.ndarray
     target: float
     found: float
+    n_threads: int
 
     def descend(self, volume: int, points, starts):
         """Closest points of one volume."""
-        return descend(self.mesh.volumes[volume], self.nets[volume], points, starts, self.target)
+        return descend(self.mesh.volumes[volume], self.nets[volume], points, starts, self.target, self.n_threads)
 
 
 def _invert_chunk(search: _Search, nearest, points: np.ndarray):
