@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from ..splines.basis import find_span
-from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots
+from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots, bilinear_slopes
 
 
 def gradient_jets(knots: Knots, direction: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,11 +50,8 @@ def _bilinear_jets(corners, order, direction, parameters, firsts, jets):
     for q in range(parameters.shape[0]):
         s, t = parameters[q, (direction + 1) % 3], parameters[q, (direction + 2) % 3]
         bilinear_knots(corners, s, t, T)
-        for i in range(T.size):
-            c_00, c_10, c_01, c_11 = corners[0, 0, i], corners[1, 0, i], corners[0, 1, i], corners[1, 1, i]
-            slopes[i, 0] = (1.0 - t) * (c_10 - c_00) + t * (c_11 - c_01)
-            slopes[i, 1] = (1.0 - s) * (c_01 - c_00) + s * (c_11 - c_10)
-        firsts[q] = _jets_at(T, slopes, order, direction, parameters[q, direction], jets[q])
+        bilinear_slopes(corners, s, t, 0, T.size, slopes)
+        firsts[q] = _write_jets(T, slopes, order, direction, parameters[q, direction], jets[q])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -62,13 +59,32 @@ def _jets(knots, slopes, order, direction, parameters, firsts, jets):
     """Knots of shape (n, N + p) and their slopes of shape (n, N + p, 2), or one of each for all points."""
     for q in range(parameters.shape[0]):
         at = min(q, knots.shape[0] - 1)
-        firsts[q] = _jets_at(knots[at], slopes[at], order, direction, parameters[q, direction], jets[q])
+        firsts[q] = _write_jets(knots[at], slopes[at], order, direction, parameters[q, direction], jets[q])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _jets_at(T, slopes, order, direction, xi, out):
+def _write_jets(T, slopes, order, direction, xi, out):
     """Write the jets at one point to ``out``, shape (p, 4); return the first control point."""
     s = find_span(T, order, T.size - order, xi)
+    gradient_jets_at(T, slopes, order, s, direction, xi, out)
+    return s - order + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def gradient_jets_at(T, slopes, order, s, direction, xi, out):
+    """Write the gradient jets of the ``p`` functions on span ``s`` to ``out``, for use inside numba kernels.
+
+    Parameters
+    ----------
+    T, slopes : ndarray, shapes (N + p,) and (N + p, 2)
+        Knots, and their derivatives in the next two parameters in cyclic order.
+    order, s, direction : int
+        Order p, span, and the direction of the knots.
+    xi : float
+        Parameter of this direction.
+    out : ndarray, shape (>= p, 4)
+        Receives the jets.
+    """
     own, second, third = 1 + direction, 1 + (direction + 1) % 3, 1 + (direction + 2) % 3
     out[0, 0] = 1.0
     out[0, 1:] = 0.0
@@ -91,4 +107,3 @@ def _jets_at(T, slopes, order, direction, xi, out):
             saved_second = left * ratio_second - slopes[low, 0] * ratio
             saved_third = left * ratio_third - slopes[low, 1] * ratio
         out[r, 0], out[r, own], out[r, second], out[r, third] = saved, saved_own, saved_second, saved_third
-    return s - order + 1

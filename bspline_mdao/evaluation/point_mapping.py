@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 
 from ..splines.basis import find_span
-from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots
+from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots, bilinear_slopes
+from .basis_gradients import gradient_jets_at
 
 __all__ = ["bilinear_corners", "map_point", "map_point_scratch"]
 
@@ -31,10 +32,10 @@ def bilinear_corners(knots: Knots) -> np.ndarray | None:
 
 @njit(cache=True, error_model="numpy")
 def map_point_scratch(corners, control_points):
-    """Scratch arrays of `map_point`: knots with their derivatives, basis jets of the three directions."""
+    """Scratch arrays of `map_point`: knots, their derivatives, and basis jets of the three directions."""
     n_knots = max(corners[0].shape[2], corners[1].shape[2], corners[2].shape[2])
     order = max(n_knots - min(control_points.shape[:3]), 1)
-    return np.empty((3, n_knots)), np.empty((3, order, 4))
+    return np.empty(n_knots), np.empty((n_knots, 2)), np.empty((3, order, 4))
 
 
 @njit(cache=True, error_model="numpy")
@@ -55,10 +56,10 @@ def map_point(corners, control_points, xi, scratch, position, jacobian):
         Overwritten; column d of the Jacobian belongs to parameter d. It is 0 in a degenerate direction, whose parameter
         is not free to change, even where the knots of others depend on it.
     """
-    knots, bases = scratch
-    i = _direction_jets(corners[0], control_points.shape[0], xi[0], xi[1], xi[2], knots, bases[0])
-    j = _direction_jets(corners[1], control_points.shape[1], xi[1], xi[2], xi[0], knots, bases[1])
-    k = _direction_jets(corners[2], control_points.shape[2], xi[2], xi[0], xi[1], knots, bases[2])
+    knots, slopes, bases = scratch
+    i = _direction_jets(corners[0], control_points.shape[0], xi[0], xi[1], xi[2], knots, slopes, bases[0])
+    j = _direction_jets(corners[1], control_points.shape[1], xi[1], xi[2], xi[0], knots, slopes, bases[1])
+    k = _direction_jets(corners[2], control_points.shape[2], xi[2], xi[0], xi[1], knots, slopes, bases[2])
     orders = (
         corners[0].shape[2] - control_points.shape[0],
         corners[1].shape[2] - control_points.shape[1],
@@ -71,39 +72,14 @@ def map_point(corners, control_points, xi, scratch, position, jacobian):
 
 
 @njit(cache=True, error_model="numpy")
-def _direction_jets(corners, n_control, x, s, t, knots, jets):
+def _direction_jets(corners, n_control, x, s, t, knots, slopes, jets):
     """First control point and jets in (x, s, t) of the basis functions of one direction."""
     order = corners.shape[2] - n_control
-    bilinear_knots(corners, s, t, knots[0])
-    span = find_span(knots[0], order, n_control, x)
-    for i in range(span - order + 2, span + order):
-        knots[1, i] = (1.0 - t) * (corners[1, 0, i] - corners[0, 0, i]) + t * (corners[1, 1, i] - corners[0, 1, i])
-        knots[2, i] = (1.0 - s) * (corners[0, 1, i] - corners[0, 0, i]) + s * (corners[1, 1, i] - corners[1, 0, i])
-    jets[0, 0], jets[0, 1], jets[0, 2], jets[0, 3] = 1.0, 0.0, 0.0, 0.0
-    for r in range(1, order):
-        _raise_order(knots, span, r, x, jets)
+    bilinear_knots(corners, s, t, knots)
+    span = find_span(knots, order, n_control, x)
+    bilinear_slopes(corners, s, t, span - order + 2, span + order, slopes)
+    gradient_jets_at(knots, slopes, order, span, 0, x, jets)
     return span - order + 1
-
-
-@njit(cache=True, error_model="numpy")
-def _raise_order(knots, span, r, x, jets):
-    """Take a step of the de Boor triangle, as in `bspline_mdao.splines.basis`, with jets kept in registers."""
-    saved, saved_x, saved_s, saved_t = 0.0, 0.0, 0.0, 0.0
-    for m in range(r):
-        a, a_s, a_t = knots[0, span + 1 - r + m], knots[1, span + 1 - r + m], knots[2, span + 1 - r + m]
-        b, b_s, b_t = knots[0, span + 1 + m], knots[1, span + 1 + m], knots[2, span + 1 + m]
-        reciprocal = 1.0 / (b - a)
-        ratio = jets[m, 0] * reciprocal
-        ratio_x = jets[m, 1] * reciprocal
-        ratio_s = (jets[m, 2] - ratio * (b_s - a_s)) * reciprocal
-        ratio_t = (jets[m, 3] - ratio * (b_t - a_t)) * reciprocal
-        jets[m, 0] = saved + (b - x) * ratio
-        jets[m, 1] = saved_x + (b - x) * ratio_x - ratio
-        jets[m, 2] = saved_s + (b - x) * ratio_s + b_s * ratio
-        jets[m, 3] = saved_t + (b - x) * ratio_t + b_t * ratio
-        saved, saved_x = (x - a) * ratio, (x - a) * ratio_x + ratio
-        saved_s, saved_t = (x - a) * ratio_s - a_s * ratio, (x - a) * ratio_t - a_t * ratio
-    jets[r, 0], jets[r, 1], jets[r, 2], jets[r, 3] = saved, saved_x, saved_s, saved_t
 
 
 @njit(cache=True, error_model="numpy")

@@ -158,10 +158,9 @@ class BilinearKnots:
 
     def gradients(self, s: np.ndarray, t: np.ndarray) -> np.ndarray:
         """First derivatives of the knots in s and t, shape (n, N + p, 2)."""
-        c, s, t = self.corners, s[:, None], t[:, None]
-        d_s = (1 - t) * (c[1, 0] - c[0, 0]) + t * (c[1, 1] - c[0, 1])
-        d_t = (1 - s) * (c[0, 1] - c[0, 0]) + s * (c[1, 1] - c[1, 0])
-        return np.stack([d_s, d_t], axis=-1)
+        out = np.empty((s.size, self.corners.shape[2], 2))
+        _blend_slopes(self.corners, s, t, out)
+        return out
 
     def hessians(self, s: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Second derivatives of the knots in ss, st and tt, shape (n, N + p, 3)."""
@@ -193,9 +192,23 @@ def bilinear_knots(corners, s, t, out):
 
 
 @njit(cache=True, error_model="numpy")
+def bilinear_slopes(corners, s, t, first, last, out):
+    """Write the derivatives of `bilinear_knots` ``first .. last - 1`` in s and t to ``out``, shape (N + p, 2)."""
+    for i in range(first, last):
+        out[i, 0] = (1.0 - t) * (corners[1, 0, i] - corners[0, 0, i]) + t * (corners[1, 1, i] - corners[0, 1, i])
+        out[i, 1] = (1.0 - s) * (corners[0, 1, i] - corners[0, 0, i]) + s * (corners[1, 1, i] - corners[1, 0, i])
+
+
+@njit(cache=True, error_model="numpy")
 def _blend(corners, s, t, out):
     for q in range(s.size):
         bilinear_knots(corners, s[q], t[q], out[q])
+
+
+@njit(cache=True, error_model="numpy")
+def _blend_slopes(corners, s, t, out):
+    for q in range(s.size):
+        bilinear_slopes(corners, s[q], t[q], 0, corners.shape[2], out[q])
 
 
 @dataclass(frozen=True, eq=False)
