@@ -1,7 +1,5 @@
 """Fitted models and their files."""
 
-from contextlib import suppress
-
 import h5py
 import numpy as np
 import pytest
@@ -103,12 +101,16 @@ def test_a_changed_or_missing_part_is_noticed(saved, name):
 def test_damaged_files_never_end_in_another_error(saved):
     rng = np.random.default_rng(11)
     content = np.frombuffer(saved.read_bytes(), np.uint8)
+    n_refused = 0
     for trial in range(60):
         damaged = content.copy()
         damaged[rng.integers(0, len(content), 3)] = rng.integers(0, 256, 3)
         saved.write_bytes(damaged[: rng.integers(1, len(content))].tobytes() if trial % 3 == 0 else damaged.tobytes())
-        with suppress(InputError):
+        try:
             FittedModel.load(saved)
+        except InputError:
+            n_refused += 1
+    assert n_refused > 20  # of 60; bytes that nothing in the file depends on may change
 
 
 def test_an_old_file_stays_when_a_new_one_cannot_be_written(saved):

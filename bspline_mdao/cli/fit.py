@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..fit.fitting import fit_grid
 from ..model import FittedModel
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
 from .sources import file_of, load_grid
 
 
@@ -27,7 +27,7 @@ class FitOptions:
     patches : Path, optional
         Patches of the grid.
     smoothing : float
-        Pull of the inner control points towards their boundary.
+        Pull of the inner control points towards a coarse copy of the grid.
     no_residual : bool
         Do not carry the residual.
     """
@@ -101,7 +101,7 @@ def show_fit(model: FittedModel, output: Path) -> None:
     report, worst = model.report, model.report.worst
     print_title(f"{model.header.source}: {report.n_nodes:,} nodes, {report.n_control_points:,} control points")
     rows = [
-        (number, _by(shape), " + ".join(map(_by, counts)), math.hypot(*block.rms), *block.max_error)
+        (number, counts_text(shape), " + ".join(map(counts_text, counts)), math.hypot(*block.rms), *block.max_error)
         for number, (block, shape, counts) in enumerate(zip(report.blocks, model.topology.shapes, _counts(model)), 1)
     ]
     print_table(["block", "nodes", "control points", "RMS (m)", "max x", "max y", "max z"], rows)
@@ -122,7 +122,3 @@ def _counts(model: FittedModel) -> list[list[tuple[int, int, int]]]:
     for segment, volume in zip(model.topology.segments, model.mesh.volumes):
         counts[segment.block].append(volume.n_control)
     return counts
-
-
-def _by(shape) -> str:
-    return " x ".join(str(n) for n in shape)

@@ -10,7 +10,7 @@ from ..grids.index_space import FACE_NAMES, Window
 from ..grids.multiblock import Grid, Patch
 from ..grids.patch_guess import draft_patches, guess_patches
 from ..grids.topology import Topology, find_topology
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
 from .sources import file_of, load_grid
 
 
@@ -144,7 +144,7 @@ def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
     rows = []
     for b, block in enumerate(grid.blocks):
         counts = (blocks.count(b) for blocks in (sides, boundary, collapsed))
-        rows.append((b + 1, " x ".join(map(str, block.shape)), *counts, block.name))
+        rows.append((b + 1, counts_text(block.shape), *counts, block.name))
     return rows
 
 

@@ -126,6 +126,11 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, mos
         print_lines([f"... and {len(rows) - most} more"])
 
 
+def counts_text(counts: Sequence[int]) -> str:
+    """Write counts per direction, for example ``13 x 13 x 9``."""
+    return " x ".join(map(str, counts))
+
+
 def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.1e}"

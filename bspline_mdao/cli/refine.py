@@ -9,7 +9,7 @@ from ..evaluation.family import family_member
 from ..evaluation.index_scaling import refined_topology
 from ..grids.files import write_grid
 from ..model import FittedModel
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
 
 MOST_NODES = 100_000_000
 """Nodes beyond which a member is refused: its evaluation takes some 200 bytes a node."""
@@ -49,7 +49,7 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
             write_grid(output, grid)
     print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / model.n_nodes:.3g} times those of {model_file}")
     rows = [
-        (number, " x ".join(map(str, before)), " x ".join(map(str, block.shape)), block.name)
+        (number, counts_text(before), counts_text(block.shape), block.name)
         for number, (block, before) in enumerate(zip(grid.blocks, model.topology.shapes), start=1)
     ]
     print_table(["block", "nodes before", "nodes", "name"], rows)

@@ -36,11 +36,11 @@ def run_tasks(task, n_tasks: int, n_threads: int):
                 return
             task(number)
 
-    n_helpers = min(n_threads, n_tasks) - 1
-    if n_helpers < 1:
+    n_others = min(n_threads, n_tasks) - 1
+    if n_others < 1:
         return work()
-    with ThreadPoolExecutor(n_helpers) as pool:
-        helpers = [pool.submit(work) for _ in range(n_helpers)]
+    with ThreadPoolExecutor(n_others) as pool:
+        others = [pool.submit(work) for _ in range(n_others)]
         work()
-    for helper in helpers:
-        helper.result()
+    for other in others:
+        other.result()

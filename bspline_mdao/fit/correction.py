@@ -8,7 +8,7 @@ J. Hoschek, "Intrinsic parametrization for approximation", Computer Aided Geomet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations, product
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,8 @@ import numpy as np
 
 from ..grids.entities import Section
 from ..grids.index_space import Orientation
-from .entities import Entity, inner_slices, sections_of, source_rows, whole_slices
+from ..grids.sections import inner_slices, sections_of, whole_slices
+from .entities import Entity, source_rows
 from .projection import project
 
 if TYPE_CHECKING:
@@ -47,9 +48,9 @@ def correct_parameters(
     """Correct the parameters of a fit; knots stay as they are.
 
     Each cycle moves the parameters of edges, faces and interiors towards the closest points and solves the least
-    squares anew; a cycle that does not lower the RMS error ends the correction. The last word is a move of parameters,
-    which lowers the distance of every node or leaves it. A node that segments share is moved by the one that fits it;
-    the others take over its parameters.
+    squares anew; a cycle that does not lower the RMS error is dropped and ends the correction. The last word is least
+    squares, so that the control points are those that the nodes have for the corrected parameters. A node that
+    segments share is moved by the one that fits it; the others take over its parameters.
 
     Parameters
     ----------
@@ -76,39 +77,32 @@ def correct_parameters(
     from .fitting import solve_fit
 
     followers = _find_followers(problem)
-    best = _move(problem, followers, parameters, nodes, solution)
     for cycle in range(cycles):
         progress(cycle / cycles, "parameter correction")
-        moved, _ = best
+        moved = _move(problem, followers, parameters, nodes, solution.control_points)
         refitted = solve_fit(problem, moved, nodes)
-        trial = _move(problem, followers, moved, nodes, refitted)
-        if not _square(nodes, trial[1]) < _square(nodes, best[1]):
+        if not _square(nodes, refitted) < _square(nodes, solution):
             break
-        best = trial
-    return best
+        parameters, solution = moved, refitted
+    return list(parameters), solution
 
 
 def _square(nodes: np.ndarray, solution: Solution) -> float:
     return float(((nodes - solution.fitted) ** 2).sum())
 
 
-def _move(problem: FitProblem, followers, parameters, nodes, solution: Solution) -> tuple[list[np.ndarray], Solution]:
+def _move(problem: FitProblem, followers, parameters, nodes, control_points) -> list[np.ndarray]:
     """Move the parameters of all entities for fixed control points."""
-    parameters, fitted = [array.copy() for array in parameters], solution.fitted.copy()
-    nets = problem.mesh.nets(solution.control_points)
+    parameters, nets = [array.copy() for array in parameters], problem.mesh.nets(control_points)
     for entity in problem.entities:
         if any(entity.is_free):
             section, s = parameters[entity.segment][whole_slices(entity.section)], entity.segment
-            moved, points = project(
+            section[...] = project(
                 problem.mesh.volumes[s], nets[s], section, entity.is_free, nodes[entity.rows], STEPS
             )
-            section[...] = moved
-            fitted[entity.rows] = points
     for follower in followers:
         _take_over(follower, parameters)
-    copies = problem.sharing.copies
-    fitted[copies[:, 0]] = fitted[copies[:, 1]]
-    return parameters, replace(solution, fitted=fitted)
+    return parameters
 
 
 def _take_over(follower: _Follower, parameters) -> None:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from ..grids.entities import Section
 from ..grids.index_space import FACE_NAMES
+from ..grids.sections import inner_slices, sections_of, whole_slices
 from ..grids.sharing import NodeSharing
 
 _KINDS = ("corner", "edge", "face", "interior")
@@ -71,16 +71,6 @@ class Entity:
         return " ".join([names[self.segment], self.kind, *ends])
 
 
-def inner_slices(section: Section) -> tuple[slice, slice, slice]:
-    """Slices of the inner points of a section."""
-    return tuple(slice(1, -1) if end is None else slice(end, end + 1 or None) for end in section)
-
-
-def whole_slices(section: Section) -> tuple[slice, slice, slice]:
-    """Slices of all points of a section."""
-    return tuple(slice(None) if end is None else slice(end, end + 1 or None) for end in section)
-
-
 def source_rows(sharing: NodeSharing) -> np.ndarray:
     """Row that stands for each row of the grid vector: its own, or that of the node that it is a copy of."""
     source = np.arange(1 + max(int(rows.max()) for rows in sharing.rows))
@@ -117,12 +107,6 @@ def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) 
                 is_seen[inner_rows] = True
                 is_known[unknown_ids] = True
                 yield Entity(segment, section, inner_rows, own_ids, unknown_ids, columns)
-
-
-def sections_of(shape, n_free: int) -> list[Section]:
-    """Sections with a number of free directions; a direction of one node has one end and is never free."""
-    ends = [(0,) if n == 1 else (0, None, -1) for n in shape]
-    return [section for section in product(*ends) if section.count(None) == n_free]
 
 
 def _number_unknowns(control_ids: np.ndarray, is_known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

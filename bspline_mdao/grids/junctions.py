@@ -8,9 +8,9 @@ count.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from .entities import Link, Section
 from .faces import block_faces
 from .index_space import Orientation, Window
 from .matching import Quads
+from .sections import sections_of, whole_slices
 from .segments import Segmentation
 from .sharing import block_rows, shared_ids
 
@@ -99,29 +100,16 @@ def _apart_pairs(shared: np.ndarray) -> set[tuple[int, int]]:
 def _coincident_junctions(segments, ids, shared, n_free: int) -> list[list[Junction]]:
     """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
     groups: dict[bytes, dict[bytes, Junction]] = {}
-    for number, section in _sections(segments, n_free):
-        junction = _junction(segments[number], number, section, ids, shared)
-        if junction.points.min() >= 0 and (n_free == 0 or np.ptp(junction.points) > 0):
-            groups.setdefault(junction.points.tobytes(), {}).setdefault(junction.shared.tobytes(), junction)
+    for number, segment in enumerate(segments):
+        for section in sections_of(segment.shape, n_free):
+            junction = _junction(segment, number, section, ids, shared)
+            if junction.points.min() >= 0 and (n_free == 0 or np.ptp(junction.points) > 0):
+                groups.setdefault(junction.points.tobytes(), {}).setdefault(junction.shared.tobytes(), junction)
     return [list(group.values()) for group in groups.values() if len(group) > 1]
 
 
-def _sections(segments: Sequence[Window], n_free: int) -> Iterator[tuple[int, Section]]:
-    """All edges (one free direction) or all corners (none) of all segments."""
-    for number, segment in enumerate(segments):
-        ends = [(0, -1) if n > 1 else (0,) for n in segment.shape]
-        for free in [(d,) for d in range(3) if segment.shape[d] > 1] if n_free else [()]:
-            for section in product(*((None,) if d in free else ends[d] for d in range(3))):
-                yield number, section
-
-
 def _junction(segment: Window, number: int, section: Section, ids, shared) -> Junction:
-    nodes = tuple(
-        slice(lo, hi + 1) if end is None else (hi if end else lo)
-        for lo, hi, end in zip(segment.lo, segment.hi, section)
-    )
-    points = np.atleast_1d(ids[segment.block][nodes])
-    numbers = np.atleast_1d(shared[segment.block][nodes])
+    points, numbers = (array[segment.block][segment.slices][whole_slices(section)].ravel() for array in (ids, shared))
     is_reversed = points.tolist() > points[::-1].tolist()
     step = -1 if is_reversed else 1
     return Junction(number, section, points[::step], numbers[::step], is_reversed)
