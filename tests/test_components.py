@@ -127,7 +127,9 @@ def test_the_assembled_jacobian_is_the_matrix_free_one(model):
     np.testing.assert_allclose(assembled, matrix_free, atol=1e-15)
 
 
-def test_fit_reproduces_the_control_points_of_the_model(model):
+@pytest.mark.parametrize("options", [{}, {"corrections": 2}, {"smoothing": 0.1}, {"smoothing": np.inf}])
+def test_fit_reproduces_the_control_points_of_the_model(options):
+    model = small_model(**options)
     problem = run_problem(Fit, model)
     np.testing.assert_allclose(problem.get_val(CONTROL_POINTS_INITIAL), model.control_points.ravel(), atol=1e-13)
 

@@ -215,9 +215,20 @@ def test_a_gram_matrix_beyond_memory_is_refused(monkeypatch):
         fit_grid(bent_block())
 
 
-@pytest.mark.parametrize("options", [{"corrections": -1}, {"smoothing": -0.1}, {"smoothing": float("nan")}])
-def test_bad_options_are_an_error(options):
-    with pytest.raises(InputError):
+BAD_OPTIONS = [
+    ({"corrections": -1}, "cycles"),
+    ({"corrections": 1.5}, "whole number of cycles"),
+    ({"smoothing": -0.1}, "smoothing"),
+    ({"smoothing": float("nan")}, "smoothing"),
+    ({"knots": None}, "curved"),
+    ({"knots": "straight"}, "straight"),
+    ({"topology": find_topology(bent_block((4, 5, 6)))}, "other blocks"),
+]
+
+
+@pytest.mark.parametrize(("options", "word"), BAD_OPTIONS)
+def test_bad_options_are_an_error(options, word):
+    with pytest.raises(InputError, match=word):
         fit_grid(wedge(), **options)
 
 

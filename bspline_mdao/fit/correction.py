@@ -97,9 +97,8 @@ def _move(problem: FitProblem, followers, parameters, nodes, control_points) -> 
     for entity in problem.entities:
         if any(entity.is_free):
             section, s = parameters[entity.segment][whole_slices(entity.section)], entity.segment
-            section[...] = project(
-                problem.mesh.volumes[s], nets[s], section, entity.is_free, nodes[entity.rows], STEPS
-            )
+            volume, inner_nodes = problem.mesh.volumes[s], nodes[entity.rows]
+            section[...], _ = project(volume, nets[s], section, entity.is_free, inner_nodes, STEPS)
     for follower in followers:
         _take_over(follower, parameters)
     return parameters

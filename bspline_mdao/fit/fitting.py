@@ -145,6 +145,8 @@ def fit_grid(
     _check_options(corrections, smoothing)
     progress(0.0, "topology")
     topology = find_topology(grid) if topology is None else topology
+    if topology.shapes != grid.shapes:
+        raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
     counts = choose_counts(topology, n_control, order)
     nodes = grid.to_vector().reshape(-1, 3)
     parameters = segment_parameters(grid, topology)
@@ -197,8 +199,11 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     """
     if isinstance(knots, str):
         knots = [knots_of_segment(x, n, p, knots) for x, n, p in zip(parameters, n_control, orders)]
-    if len(knots) != len(topology.segments):
-        raise InputError(f"{topology.source}: knots of {len(knots)} segments; give {len(topology.segments)}")
+    n_segments = len(topology.segments)
+    if not isinstance(knots, Sequence) or len(knots) != n_segments:
+        raise InputError(
+            f'{topology.source}: knots are "curved", "constant" or three objects for each of the {n_segments} segments'
+        )
     mesh = _share_mesh(topology, [Volume(tuple(triple)) for triple in knots])
     return problem_of_mesh(topology, mesh, smoothing)
 
@@ -263,8 +268,8 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
 
 
 def _check_options(corrections: int, smoothing: float):
-    if corrections < 0:
-        raise InputError(f"fit: {corrections} corrections; give a number of cycles of at least 0")
+    if corrections < 0 or corrections != int(corrections):
+        raise InputError(f"fit: {corrections} corrections; give a whole number of cycles of at least 0")
     if not smoothing >= 0.0:
         raise InputError(f"fit: smoothing = {smoothing}; give a number of at least 0, for example 0.1 or inf")
 
