@@ -14,7 +14,7 @@ _HOMES = {
     "GridEvaluate": "components.grid_evaluate",
     "InputError": "errors",
     "LiveGridEvaluate": "components.live_grid_evaluate",
-    "family_member": "evaluation.family",
+    "family_member": "model",
     "find_topology": "grids.topology",
     "fit_grid": "fit.fitting",
     "flat_plate_grid": "generators.canonical",

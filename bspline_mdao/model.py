@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .errors import InputError
 from .evaluation.evaluator import Evaluator
+from .evaluation.family import refine
+from .evaluation.index_scaling import IndexScaling
 from .fit.errors import FitReport
 from .grids.multiblock import Block, Grid, Patch
 from .grids.topology import Topology
@@ -152,3 +154,45 @@ class FittedModel:
         from .model_file import read_model
 
         return read_model(path)
+
+
+def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
+    """Grid of a fitted model with ``factor`` times the cells per direction.
+
+    The residual of the fit belongs to the nodes of the fitted grid and is not carried over.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model.
+    factor : float
+        Cells per direction of the member, by those of the grid.
+    control_points : ndarray, shape (n_control_points, 3), optional
+        Moved control points (m); the fitted ones by default.
+
+    Returns
+    -------
+    Grid
+        Nodes in metres; patches and blanking are scaled.
+
+    Raises
+    ------
+    InputError
+        If the factor is not a positive number.
+    """
+    member = refine(model.topology, model.mesh, model.parameters, factor)
+    nodes = member.evaluator().forward(model.control_points if control_points is None else control_points)
+    scaling = IndexScaling.of(model.topology, factor)
+    header = replace(
+        model.header,
+        patches=tuple(_scaled_patch(patch, scaling) for patch in model.header.patches),
+        iblanks=tuple(
+            None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
+            for block, iblank in enumerate(model.header.iblanks)
+        ),
+    )
+    return header.grid(member.topology.shapes, nodes)
+
+
+def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:
+    return replace(patch, windows=tuple(map(scaling.window, patch.windows)))

@@ -4,7 +4,7 @@ from topology_cases import ORIENTATIONS, o_grid, patch, smooth_box, split, turne
 from topology_cases import grid_of as make_grid
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.evaluation.family import family_member, interpolate, refine, refine_parameters
+from bspline_mdao.evaluation.family import interpolate, refine, refine_parameters
 from bspline_mdao.evaluation.index_scaling import IndexScaling, refined_topology, scaled_count
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators.canonical import onera_m6_grid
@@ -12,6 +12,7 @@ from bspline_mdao.grids.hexahedron import cell_quality
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.sharing import node_sharing
 from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.model import family_member
 from bspline_mdao.splines.volume import evaluate
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError
-from ..evaluation.family import family_member
 from ..evaluation.index_scaling import refined_topology
 from ..grids.files import write_grid
-from ..model import FittedModel
+from ..model import FittedModel, family_member
 from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
 
 MOST_NODES = 100_000_000

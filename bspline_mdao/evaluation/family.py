@@ -19,19 +19,14 @@ F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..grids.multiblock import Grid, Patch
 from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .evaluator import Evaluator
-from .index_scaling import IndexScaling, refined_topology
-
-if TYPE_CHECKING:
-    from ..model import FittedModel
+from .index_scaling import refined_topology
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,48 +78,6 @@ def refine(topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarra
     member = refined_topology(topology, factor)
     refined = tuple(refine_parameters(x, s.shape) for x, s in zip(parameters, member.segments))
     return FamilyMember(member, mesh, refined)
-
-
-def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
-    """Grid of a fitted model with ``factor`` times the cells per direction.
-
-    The residual of the fit belongs to the nodes of the fitted grid and is not carried over.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The model.
-    factor : float
-        Cells per direction of the member, by those of the grid.
-    control_points : ndarray, shape (n_control_points, 3), optional
-        Moved control points (m); the fitted ones by default.
-
-    Returns
-    -------
-    Grid
-        Nodes in metres; patches and blanking are scaled.
-
-    Raises
-    ------
-    InputError
-        If the factor is not a positive number.
-    """
-    member = refine(model.topology, model.mesh, model.parameters, factor)
-    nodes = member.evaluator().forward(model.control_points if control_points is None else control_points)
-    scaling = IndexScaling.of(model.topology, factor)
-    header = replace(
-        model.header,
-        patches=tuple(_scaled_patch(patch, scaling) for patch in model.header.patches),
-        iblanks=tuple(
-            None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
-            for block, iblank in enumerate(model.header.iblanks)
-        ),
-    )
-    return header.grid(member.topology.shapes, nodes)
-
-
-def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:
-    return replace(patch, windows=tuple(map(scaling.window, patch.windows)))
 
 
 def refine_parameters(parameters: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
