@@ -272,10 +272,10 @@ print(compiled)
 
 
 def test_orders_may_be_numpy_integers():
-    knots = ConstantKnots.uniform(n_control=np.int64(7), order=np.int32(7))
-    mesh = BSplineMesh((Volume.of(knots),), (np.arange(7).reshape(7, 1, 1),), 7)
-    evaluator = Evaluator.build(mesh, [np.array([[0.0, 0, 0], [1.0, 0, 0]])], [np.arange(2)], n_rows=2)
-    np.testing.assert_array_equal(evaluator.forward(np.eye(7, 3)), [[1, 0, 0], [0, 0, 0]])
+    degenerate, knots = ConstantKnots.uniform(1, 1), ConstantKnots.uniform(n_control=np.int64(5), order=np.int32(5))
+    mesh = BSplineMesh((Volume((degenerate, degenerate, knots)),), (np.arange(5).reshape(1, 1, 5),), 5)
+    evaluator = Evaluator.build(mesh, [np.array([[0.0, 0, 0], [0, 0, 1.0]])], [np.arange(2)], n_rows=2)
+    np.testing.assert_array_equal(evaluator.forward(np.eye(5, 3)), [[1, 0, 0], [0, 0, 0]])
 
 
 def test_orders_that_are_no_constants_are_refused_by_name():
