@@ -84,7 +84,7 @@ def test_a_grid_sampled_from_the_users_knots_is_recovered_to_round_off(model):
 
 def test_knots_of_the_wrong_number_of_segments_are_refused():
     knots = tuple(bent_knots(4, n) for n in (7, 8, 6))
-    with pytest.raises(InputError, match="knots of 2 segments; give 1|each of the 1 segments"):
+    with pytest.raises(InputError, match=r"knots of 2 segments; give 1|each of the 1 segments"):
         fit_grid(bent_block(), knots=[knots, knots])
 
 
