@@ -15,7 +15,6 @@ Layout, version 1::
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 from dataclasses import fields, is_dataclass, replace
@@ -26,9 +25,9 @@ import numpy as np
 
 from .errors import InputError
 from .fit.errors import BlockError, FitReport, InvalidElement, WorstNode
-from .grids.atomic import replaced_file
 from .grids.cgns import CgnsDialect
 from .grids.entities import BoundaryFace, Collapse, Interface, Link, NearMiss
+from .grids.hdf5 import replaced_hdf5_file
 from .grids.index_space import Orientation, Window
 from .grids.multiblock import Patch
 from .grids.plot3d_dialect import Plot3dDialect
@@ -73,14 +72,11 @@ def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = Tr
     arrays = _arrays_of(model)
     document = json.dumps(_encode(_document_of(model))).encode()
     options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
-    buffer = io.BytesIO()  # HDF5 writes to memory, since it takes the process down with it when a disk is full
-    with h5py.File(buffer, "w") as file:
+    with replaced_hdf5_file(path) as file:
         file.attrs.update(format=FORMAT, version=VERSION, checksum=_checksum(document, arrays))
         file["document"] = np.frombuffer(document, np.uint8)
         for name, array in arrays.items():
             file.create_dataset(name, data=array, **options)
-    with replaced_file(path) as temporary:
-        temporary.write_bytes(buffer.getbuffer())
 
 
 def read_model(path: str | os.PathLike) -> FittedModel:

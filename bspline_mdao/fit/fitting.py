@@ -199,11 +199,10 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     """
     if isinstance(knots, str):
         knots = [knots_of_segment(x, n, p, knots) for x, n, p in zip(parameters, n_control, orders)]
-    n_segments = len(topology.segments)
-    if not isinstance(knots, Sequence) or len(knots) != n_segments:
-        raise InputError(
-            f'{topology.source}: knots are "curved", "constant" or three objects for each of the {n_segments} segments'
-        )
+    if not isinstance(knots, Sequence):
+        raise InputError(f'{topology.source}: knots = {knots}; use "curved", "constant" or three objects per segment')
+    if len(knots) != len(topology.segments):
+        raise InputError(f"{topology.source}: knots of {len(knots)} segments; give {len(topology.segments)}")
     mesh = _share_mesh(topology, [Volume(tuple(triple)) for triple in knots])
     return problem_of_mesh(topology, mesh, smoothing)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from .cgns_nodes import (
     value,
     word,
 )
+from .hdf5 import replaced_hdf5_file
 from .multiblock import Block, Grid
 from .node_check import find_fault
 
@@ -182,19 +182,22 @@ def write_cgns(path: str | os.PathLike, grid: Grid) -> None:
     fault = find_fault(grid.blocks)
     if fault:
         raise InputError(f"{grid.source}: {fault}; nothing was written")
-    with replaced_file(path) as temporary:
-        if isinstance(grid.dialect, CgnsDialect):
-            _write_copy(temporary, grid)
-        else:
-            _write_new(temporary, grid)
+    (_write_copy if isinstance(grid.dialect, CgnsDialect) else _write_new)(path, grid)
 
 
-def _write_copy(path: Path, grid: Grid) -> None:
+def _write_copy(path: str | os.PathLike, grid: Grid) -> None:
     source = grid.dialect.path
     if not os.path.isfile(source):
         raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
-    shutil.copyfile(source, path)
-    with damaged_is_input_error(source), h5py.File(path, "r+") as file, h5py.File(source, "r") as original:
+    with replaced_file(path) as temporary:
+        shutil.copyfile(source, temporary)
+        with damaged_is_input_error(source):
+            _replace_coordinates(temporary, source, grid)
+
+
+def _replace_coordinates(path: Path, source: str, grid: Grid) -> None:
+    """Put the nodes of a grid into a copy of the file that it was read from."""
+    with h5py.File(path, "r+") as file, h5py.File(source, "r") as original:
         _resolve_links(file, original)
         zones = _find_zones(file, source)
         names = [name for name, _, _ in zones]
@@ -222,16 +225,14 @@ def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
         _resolve_links(group[name], target)
 
 
-def _write_new(path: Path, grid: Grid) -> None:
-    buffer = io.BytesIO()  # HDF5 writes to memory, since it takes the process down with it when a disk is full
-    with h5py.File(buffer, "w", track_order=True) as file:
+def _write_new(path: str | os.PathLike, grid: Grid) -> None:
+    with replaced_hdf5_file(path) as file:
         _write_root(file)
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3
         base = add_node(file, "Base", "CGNSBase_t", np.array([n_indices, 3], np.int32))
         zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
         add_boundaries(base, zones, grid)
-    path.write_bytes(buffer.getbuffer())
 
 
 def _write_root(file: h5py.File) -> None:
