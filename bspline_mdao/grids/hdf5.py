@@ -35,5 +35,5 @@ def replaced_hdf5_file(path: str | os.PathLike) -> Iterator[h5py.File]:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", track_order=True) as file:
         yield file
-    with replaced_file(path) as temporary, buffer.getbuffer() as content:
-        temporary.write_bytes(content)
+    with replaced_file(path) as temporary:
+        temporary.write_bytes(buffer.getvalue())
