@@ -52,6 +52,11 @@ def test_disagreeing_orders_are_an_error():
         counts_of(two_blocks(), [(5, 7, 6), (6, 8, 7)], order=(4, 3, 2))
 
 
+def test_disagreeing_orders_are_an_error_where_the_counts_are_chosen():
+    with pytest.raises(InputError, match=r"order 4 in j .* order 3 in k"):
+        choose_counts(find_topology(two_blocks()), None, [(4, 4, 4), (4, 4, 3)])
+
+
 @pytest.mark.parametrize("n_control", [(14, 5, 5), (1, 5, 5)])
 def test_more_control_points_than_nodes_or_a_single_one_are_an_error(n_control):
     with pytest.raises(InputError, match=r"(14|1) control points in direction i of block 1 .* its 13 nodes"):

@@ -6,13 +6,14 @@ from fit_cases import ALL_SHAPES, bend, grid_of, lattice
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.derivatives import live_fit
-from bspline_mdao.fit.fitting import fit_grid, problem_of_mesh
+from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.fit.parameters import (
     chord_length_parameters,
     chord_length_parameters_jvp,
     chord_length_parameters_vjp,
 )
 from bspline_mdao.fit.prior import greville_prior
+from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.grids.sections import whole_slices
 
 

@@ -7,8 +7,9 @@ from fit_cases import ALL_SHAPES, bend, bent_block, grid_of, lattice, o_grid, tw
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit import least_squares
 from bspline_mdao.fit.design_matrix import build_design_matrix
-from bspline_mdao.fit.fitting import fit_grid, problem_of_mesh, segment_parameters, set_up_fit, solve_fit
+from bspline_mdao.fit.fitting import fit_grid, segment_parameters, set_up_fit
 from bspline_mdao.fit.prior import greville_places, greville_prior
+from bspline_mdao.fit.problem import problem_of_mesh, solve_fit
 from bspline_mdao.fit.transfinite import interpolate_boundary, interpolate_boundary_transpose
 from bspline_mdao.grids.topology import find_topology
 from bspline_mdao.splines.volume import evaluate

@@ -7,7 +7,7 @@ import openmdao.api as om
 
 from ..errors import InputError
 from ..fit.derivatives import LiveFit, live_fit
-from ..fit.fitting import problem_of_mesh
+from ..fit.problem import problem_of_mesh
 from ..model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
 from .jacobian import add_product, finite_points

@@ -49,11 +49,12 @@ class ControlCounts:
 
 @dataclass(frozen=True)
 class _Wish:
-    """What one segment direction asks for; a firm wish comes from the user and is not a share of a cut block's."""
+    """What one segment direction asks for; a firm count comes from the user and is not a share of a cut block's."""
 
     count: int
     order: int
     is_firm: bool
+    asked_order: int
 
 
 def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
@@ -117,7 +118,7 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     if counts is None:
         count = _sound_count(n_nodes, order)
-        return _Wish(count, min(order, count), False)
+        return _Wish(count, min(order, count), False, order)
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
         raise InputError(
@@ -125,10 +126,10 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
             f"with its {n_block} nodes; give {f'2 to {n_block}' if n_block > 1 else 1}"
         )
     if n_nodes == n_block:
-        return _Wish(whole, min(order, whole), True)
+        return _Wish(whole, min(order, whole), True, order)
     n_spans = max(round((whole + 1 - order) * (n_nodes - 1) / (n_block - 1)), 1)
     count = min(n_spans + order - 1, n_nodes)
-    return _Wish(count, min(order, count), False)
+    return _Wish(count, min(order, count), False, order)
 
 
 def _sound_count(n_nodes: int, order: int) -> int:
@@ -166,10 +167,12 @@ def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
 def _agree(topology: Topology, members: Sequence[tuple[int, int]], wishes) -> tuple[int, int]:
     """Settle the number of control points and the order of a class: what is firm wins, otherwise the largest."""
     firm = [m for m in members if wishes[m[0]][m[1]].is_firm]
+    for group, name in ((members, "asked_order"), (firm, "count")):
+        asked = [wishes[s][d] for s, d in group]
+        for member, wish in zip(group, asked):
+            if getattr(wish, name) != getattr(asked[0], name):
+                raise _disagreement(topology, group[0], asked[0], member, wish)
     asked = [wishes[s][d] for s, d in firm or members]
-    for member, wish in zip(firm, asked):
-        if (wish.count, wish.order) != (asked[0].count, asked[0].order):
-            raise _disagreement(topology, firm[0], asked[0], member, wish)
     return max(w.count for w in asked), max(w.order for w in asked)
 
 
@@ -179,7 +182,7 @@ def _disagreement(topology: Topology, first, first_wish: _Wish, other, other_wis
     for (segment, d), wish in ((first, first_wish), (other, other_wish)):
         block = topology.segments[segment].block
         faces = _faces_along(topology, segment, d)
-        texts.append(f"block {block + 1} has {wish.count} of order {wish.order} in {'ijk'[d]} (on {faces})")
+        texts.append(f"block {block + 1} has {wish.count} of order {wish.asked_order} in {'ijk'[d]} (on {faces})")
     return InputError(
         f"{topology.source}: numbers of control points disagree along interfaces: {' and '.join(texts)}; "
         f"give both the same"

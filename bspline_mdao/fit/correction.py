@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,13 +17,14 @@ from ..grids.entities import Section
 from ..grids.index_space import Orientation
 from ..grids.sections import inner_slices, sections_of, whole_slices
 from .entities import Entity, source_rows
+from .problem import FitProblem, Progress, Solution, part_of, solve_fit
 from .projection import project
-
-if TYPE_CHECKING:
-    from .fitting import FitProblem, Progress, Solution
 
 STEPS = 3
 """Gauss-Newton steps in each cycle."""
+
+CYCLE_COST = 6
+"""Time of a cycle by that of the least squares alone, about; most of it goes into the steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +74,10 @@ def correct_parameters(
     solution : Solution
         The fit for them.
     """
-    from .fitting import solve_fit
-
     followers = _find_followers(problem)
     for cycle in range(cycles):
-        progress(cycle / cycles, "parameter correction")
-        moved = _move(problem, followers, parameters, nodes, solution.control_points)
+        moving = part_of(progress, cycle / cycles, (cycle + 1) / cycles)
+        moved = _move(problem, followers, parameters, nodes, solution.control_points, moving)
         refitted = solve_fit(problem, moved, nodes)
         if not _square(nodes, refitted) < _square(nodes, solution):
             break
@@ -91,14 +89,17 @@ def _square(nodes: np.ndarray, solution: Solution) -> float:
     return float(((nodes - solution.fitted) ** 2).sum())
 
 
-def _move(problem: FitProblem, followers, parameters, nodes, control_points) -> list[np.ndarray]:
+def _move(problem: FitProblem, followers, parameters, nodes, control_points, progress) -> list[np.ndarray]:
     """Move the parameters of all entities for fixed control points."""
+    n_done, n_nodes = 0, problem.n_nodes
     parameters, nets = [array.copy() for array in parameters], problem.mesh.nets(control_points)
     for entity in problem.entities:
         if any(entity.is_free):
             section, s = parameters[entity.segment][whole_slices(entity.section)], entity.segment
             volume, inner_nodes = problem.mesh.volumes[s], nodes[entity.rows]
             section[...], _ = project(volume, nets[s], section, entity.is_free, inner_nodes, STEPS)
+            n_done += len(inner_nodes)
+            progress(n_done / n_nodes, "parameter correction")
     for follower in followers:
         _take_over(follower, parameters)
     return parameters

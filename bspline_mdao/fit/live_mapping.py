@@ -16,9 +16,9 @@ from ..splines.volume import Volume
 from .design_matrix import DesignMatrix, build_design_matrix
 from .edge_knots import knots_of_segment, knots_of_segment_jvp, knots_of_segment_vjp
 from .entities import Entity
-from .fitting import FitProblem, problem_of_mesh
 from .matrix_derivatives import LiveMatrix
 from .parameters import chord_length_parameters, chord_length_parameters_jvp, chord_length_parameters_vjp
+from .problem import FitProblem, problem_of_mesh
 
 
 @dataclass(frozen=True, eq=False)

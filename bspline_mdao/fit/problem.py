@@ -1,0 +1,148 @@
+"""A fit that is set up, and the pass of least squares that solves it, section II.D."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..grids.sharing import NodeSharing, node_sharing
+from ..grids.topology import Topology
+from ..splines.mesh import BSplineMesh
+from .entities import Entity, entities_in_order
+from .least_squares import FitOperator, build_step
+from .prior import edge_blends
+
+Progress = Callable[[float, str], None]
+"""Called with the fraction done and what is being done."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """A fit that is set up: everything except control points.
+
+    Parameters
+    ----------
+    topology : Topology
+        Segments and links.
+    sharing : NodeSharing
+        Rows of the nodes of every segment.
+    mesh : BSplineMesh
+        One volume per segment.
+    entities : tuple of Entity
+        In the order of section II.D.
+    blends : tuple of tuples of three ndarray
+        For the priors of every segment; they stay when the knots change.
+    smoothing : float
+        Pull of the interior control points towards the coarse grid that they mimic.
+    """
+
+    topology: Topology
+    sharing: NodeSharing
+    mesh: BSplineMesh
+    entities: tuple[Entity, ...]
+    blends: tuple[tuple[np.ndarray, ...], ...]
+    smoothing: float = 0.0
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of all blocks."""
+        return self.topology.n_nodes
+
+    def steps(self, parameters: Sequence[np.ndarray]):
+        """Yield the least squares of each entity, factored, for parameters of every segment."""
+        names, n_nodes = self.topology.segment_names, self.n_nodes
+        for entity in self.entities:
+            s, name = entity.segment, f"{self.topology.source}: {entity.describe(names)}"
+            segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
+            yield build_step(entity, *segment, n_nodes, name, self.smoothing)
+
+    def operator(self, parameters: Sequence[np.ndarray]) -> FitOperator:
+        """Linear map from nodes to control points for these parameters, with all factors kept."""
+        with threadpool_limits(1, "blas"):
+            return FitOperator(tuple(self.steps(parameters)), self.n_nodes, self.mesh.n_control_points)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a pass of least squares yields.
+
+    Parameters
+    ----------
+    control_points : ndarray, shape (n_control_points, 3)
+        Control points (m).
+    fitted : ndarray, shape (n_nodes, 3)
+        Points of the spline at the nodes (m).
+    warnings : tuple of str
+        Entities whose data do not determine all control points.
+    """
+
+    control_points: np.ndarray
+    fitted: np.ndarray
+    warnings: tuple[str, ...]
+
+
+def problem_of_mesh(topology: Topology, mesh: BSplineMesh, smoothing: float = 0.0) -> FitProblem:
+    """Set up the fit of a mesh that exists already, for example that of a fitted model."""
+    sharing = node_sharing(topology)
+    entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
+    blends = tuple(edge_blends(volume) for volume in mesh.volumes)
+    return FitProblem(topology, sharing, mesh, entities, blends, smoothing)
+
+
+def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> Solution:
+    """Solve the least squares of all entities in turn, keeping no factor.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        The fit.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    nodes : ndarray, shape (n_nodes, 3)
+        The grid (m).
+    progress : callable, optional
+        As for `fit_grid`.
+
+    Returns
+    -------
+    Solution
+    """
+    progress = progress or no_progress
+    control_points, fitted = np.zeros((problem.mesh.n_control_points, 3)), np.empty_like(nodes)
+    singular: list[Entity] = []
+    n_done, n_nodes = 0, problem.n_nodes
+    with threadpool_limits(1, "blas"):
+        for step in problem.steps(parameters):
+            step.solve(nodes, control_points)
+            fitted[step.entity.rows] = step.evaluate(control_points)
+            if step.cholesky is not None and step.cholesky.is_singular:
+                singular.append(step.entity)
+            n_done += len(step.entity.rows)
+            progress(n_done / n_nodes, "least squares")
+    copies = problem.sharing.copies
+    fitted[copies[:, 0]] = fitted[copies[:, 1]]
+    return Solution(control_points, fitted, _warn_of_singular(problem.topology, singular))
+
+
+def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[str, ...]:
+    """One line on the entities with too little data."""
+    if not entities:
+        return ()
+    names = topology.segment_names
+    shown = ", ".join(entity.describe(names) for entity in entities[:5]) + (", ..." if len(entities) > 5 else "")
+    return (
+        f"the nodes do not determine all control points of {len(entities)} parts ({shown}); these lean on the "
+        f"grid's own coarse nodes; fewer control points avoid it",
+    )
+
+
+def no_progress(fraction: float, what: str) -> None:
+    """Report nothing: the default `Progress`."""
+
+
+def part_of(progress: Progress, start: float, stop: float) -> Progress:
+    """Report the progress of a part of the work, which takes it from ``start`` to ``stop``."""
+    return lambda fraction, what: progress(start + (stop - start) * fraction, what)
