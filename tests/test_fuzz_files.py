@@ -122,7 +122,7 @@ def assert_read_or_refused(read, path):
     return True
 
 
-def fuzz(read, data, path, seed, compress=bytes):
+def check_mutations(read, data, path, seed, compress=bytes):
     """Try mutations of ``data``; neither all nor none of them may be readable."""
     random = np.random.default_rng(seed)
     n_read = 0
@@ -144,12 +144,12 @@ def test_damaged_plot3d_is_read_or_refused_in_one_line(tmp_path, dialect):
     shapes = ((4, 5, 6), (6, 4, 5)) if dialect.n_dimensions == 3 else ((5, 7, 1), (6, 4, 1))
     grid = smooth_grid(shapes if dialect.has_block_count else shapes[:1], dialect.n_dimensions, dialect.has_iblank)
     write_plot3d(tmp_path / "grid", grid, dialect)
-    fuzz(read_grid, (tmp_path / "grid").read_bytes(), tmp_path / "grid", 1)
+    check_mutations(read_grid, (tmp_path / "grid").read_bytes(), tmp_path / "grid", 1)
 
 
 def test_damaged_grid_in_a_sound_gzip_file_is_read_or_refused_in_one_line(tmp_path):
     write_plot3d(tmp_path / "grid", smooth_grid(), Plot3dDialect("raw"))
-    fuzz(
+    check_mutations(
         read_grid, (tmp_path / "grid").read_bytes(), tmp_path / "grid", 2, compress=lambda data: gzip.compress(data, 1)
     )
 
@@ -158,7 +158,7 @@ def test_damaged_cgns_is_read_or_refused_in_one_line(tmp_path):
     grid = smooth_grid()
     patches = (Patch("wing", "wall", (Window.whole(0, grid.shapes[0]).face(0),)),)
     write_cgns(tmp_path / "grid", Grid(grid.blocks, patches))
-    assert fuzz(read_grid, (tmp_path / "grid").read_bytes(), tmp_path / "grid", 3) > 0
+    assert check_mutations(read_grid, (tmp_path / "grid").read_bytes(), tmp_path / "grid", 3) > 0
 
 
 @pytest.mark.parametrize("kind", ["toml", "nmf"])
@@ -172,4 +172,4 @@ def test_damaged_patches_file_is_read_or_refused_in_one_line(tmp_path, kind):
     data = NMF if kind == "nmf" else draft_patches(grid, patches).encode() + b'[kinds]\n"*" = "wall"\n'
     window = Patch("old", "other", (whole[1].face(0),))
     grid = Grid(grid.blocks, () if kind == "nmf" else (window,))
-    assert fuzz(lambda path: read_patches(path, grid), data, tmp_path / "patches", 4) > 0
+    assert check_mutations(lambda path: read_patches(path, grid), data, tmp_path / "patches", 4) > 0
