@@ -93,7 +93,7 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     show_default=True,
     metavar="S",
     help="Pull of the control points towards a coarse copy of the grid: 0 is least squares; inf, the copy itself, "
-    "mends an invalid control mesh.",
+    "is valid where that coarse grid is.",
 )
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @json_option

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..errors import InputError
 from ..fit.derivatives import LiveFit, live_fit
 from ..fit.problem import problem_of_mesh
 from ..model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
-from .jacobian import add_product, finite_points
+from .jacobian import add_product, at_baseline, finite_points
 
 
 class Fit(om.ExplicitComponent):
@@ -74,17 +73,12 @@ class Fit(om.ExplicitComponent):
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
         if self.options["live"]:
-            fit = self._live_at(inputs[GRID_INITIAL].reshape(-1, 3))
+            fit = self._live_at(inputs[GRID_INITIAL])
             jvp, vjp = fit.jvp, fit.vjp
         else:
             jvp, vjp = self._frozen.forward, self._frozen.adjoint
         add_product(jvp, vjp, d_inputs, d_outputs, mode, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
 
     def _live_at(self, nodes: np.ndarray) -> LiveFit:
-        """Return the fit of these nodes: the last one if it was of the same."""
-        if not np.array_equal(nodes, self._live.nodes):
-            try:
-                self._live = live_fit(self.options["model"], nodes.copy())
-            except InputError as error:
-                raise om.AnalysisError(f"{self.msginfo}: {error}") from error
+        self._live = at_baseline(self._live, live_fit, self.options["model"], nodes, self.msginfo)
         return self._live

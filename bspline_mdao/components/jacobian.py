@@ -1,9 +1,11 @@
-"""What the components share: flat vectors as points, and products with a Jacobian."""
+"""What the components share: flat vectors as points, kernels that follow a baseline grid, products with a Jacobian."""
 
 from __future__ import annotations
 
 import numpy as np
 import openmdao.api as om
+
+from ..errors import InputError
 
 
 def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
@@ -32,6 +34,41 @@ def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
             f"{pathname}: {'xyz'[axis]} of point {row + 1} of '{name}' is {points[row, axis]}; take a smaller step"
         )
     return points
+
+
+def at_baseline(last, build, model, vector: np.ndarray, pathname: str):
+    """Give a kernel for a baseline grid: the last one if it was made for the same nodes.
+
+    Parameters
+    ----------
+    last : object
+        Kernel with the attribute ``nodes`` that it was made for.
+    build : callable
+        Makes a kernel from the model and nodes of shape (n, 3).
+    model : FittedModel
+        The model.
+    vector : ndarray, shape (3 n,)
+        Nodes of the baseline, xyz interleaved (m).
+    pathname : str
+        The component, for the message.
+
+    Returns
+    -------
+    object
+        A kernel such as ``last``.
+
+    Raises
+    ------
+    om.AnalysisError
+        If there is none for these nodes.
+    """
+    nodes = vector.reshape(-1, 3)
+    if np.array_equal(nodes, last.nodes):
+        return last
+    try:
+        return build(model, nodes.copy())
+    except InputError as error:
+        raise om.AnalysisError(f"{pathname}: {error}") from error
 
 
 def add_product(jvp, vjp, d_inputs, d_outputs, mode: str, *, of: str, wrt: str) -> None:

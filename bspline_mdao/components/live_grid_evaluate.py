@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..errors import InputError
 from ..fit.live_mapping import LiveMapping, live_mapping
 from ..model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
-from .jacobian import finite_points
+from .jacobian import at_baseline, finite_points
 
 
 class LiveGridEvaluate(om.ExplicitComponent):
@@ -87,13 +86,8 @@ class LiveGridEvaluate(om.ExplicitComponent):
             _add(d_inputs, CONTROL_POINTS_INITIAL, -control_bar)
 
     def _mapping_at(self, inputs) -> LiveMapping:
-        """Return the mapping of this baseline: the last one if it was of the same."""
-        nodes = inputs[GRID_INITIAL].reshape(-1, 3)
-        if not np.array_equal(nodes, self._mapping.nodes):
-            try:
-                self._mapping = live_mapping(self.options["model"], nodes.copy())
-            except InputError as error:
-                raise om.AnalysisError(f"{self.msginfo}: {error}") from error
+        nodes = inputs[GRID_INITIAL]
+        self._mapping = at_baseline(self._mapping, live_mapping, self.options["model"], nodes, self.msginfo)
         return self._mapping
 
 

@@ -17,10 +17,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
+from ..grids.sections import whole_slices
 from ..splines.volume import Volume
 from .cholesky import Cholesky, InfiniteShift, factorize
 from .design_matrix import DesignMatrix, build_design_matrix
-from .entities import Entity, whole_slices
+from .entities import Entity
 from .prior import Prior, greville_prior
 
 LARGEST_GRAM = 2**31
