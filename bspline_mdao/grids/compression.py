@@ -6,11 +6,10 @@ import gzip
 import io
 import os
 import zlib
-from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["MAX_RATIO", "MAX_SMALL", "read_bytes"]
+__all__ = ["MAX_RATIO", "MAX_SMALL", "read_bytes", "read_raw"]
 
 MAX_RATIO = 200
 MAX_SMALL = 2**26
@@ -37,14 +36,26 @@ def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool]:
     InputError
         When it cannot be read, is damaged, or grows beyond what a grid does.
     """
-    if not Path(path).is_file():
-        raise InputError(f"{path}: {'is not a file' if Path(path).exists() else 'does not exist'}; give a grid file")
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    data = read_raw(path)
     is_gzipped = data[:2] == b"\x1f\x8b"
     return (_decompress(data, path) if is_gzipped else data), is_gzipped
+
+
+def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
+    """Read the first ``size`` bytes of a file as they are, or all of them.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    if not os.path.isfile(path):
+        raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a grid file")
+    try:
+        with open(path, "rb") as file:
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def _decompress(data: bytes, path) -> bytes:

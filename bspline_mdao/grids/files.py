@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from .cgns import read_cgns, write_cgns
+from .compression import read_raw
 from .multiblock import Grid
 from .patches import read_patches
 from .plot3d import read_plot3d, write_plot3d
@@ -15,6 +16,7 @@ from .vtk import write_vtk
 
 __all__ = ["read_grid", "write_grid"]
 
+_HEAD = 4096  # bytes that tell the format
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ADF = b"@(#)ADF Database"
 _ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
@@ -41,22 +43,12 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
     InputError
         When a file cannot be read, in one line.
     """
-    head = _read_head(path)
+    head = read_raw(path, _HEAD)
     if head.startswith(_ADF) or head[4:].startswith(_ADF):
         raise InputError(f"{path}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
     is_hdf5 = any(head[start : start + 8] == _HDF5 for start in (0, 512, 1024, 2048))
     grid = read_cgns(path) if is_hdf5 else read_plot3d(path)
     return grid if patches is None else read_patches(patches, grid)
-
-
-def _read_head(path: str | os.PathLike) -> bytes:
-    if not os.path.isfile(path):
-        raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a grid file")
-    try:
-        with open(path, "rb") as file:
-            return file.read(4096)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def write_grid(path: str | os.PathLike, grid: Grid) -> None:
