@@ -1,6 +1,6 @@
-"""The one exception for unusable input."""
+"""The exceptions of the package: unusable input, and a movement that cannot be done."""
 
-__all__ = ["InputError"]
+__all__ = ["InputError", "MovementError"]
 
 
 class InputError(ValueError):
@@ -8,4 +8,12 @@ class InputError(ValueError):
 
     The message is one line that says what is wrong, where (file, block, index) and what to do. The command line
     prints it as it is and exits with status 2.
+    """
+
+
+class MovementError(ArithmeticError):
+    """A movement that cannot be done: a request that no mesh can follow, or a system that has no solution.
+
+    The message is one line that says where (increment, block, index) and what to do. Components raise it as
+    ``om.AnalysisError``, so that a driver takes a smaller step.
     """

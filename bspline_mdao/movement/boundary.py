@@ -1,0 +1,179 @@
+"""What the points of a mesh may do, from the patches of its grid.
+
+The points of the design surface are given. Those on symmetry planes slide in them; all others on the boundary are
+held, wherever they are not released. Where patches meet, the surface goes before the held and those before symmetry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from ..errors import InputError
+from ..grids.entities import BoundaryFace
+from ..grids.index_space import Window
+from ..grids.topology import Topology
+from ..model import FittedModel
+from ..splines.greville import greville_abscissae
+from .freedom import Freedom
+from .mesh import MovingMesh
+
+__all__ = ["moving_grid", "moving_mesh"]
+
+Selection = str | np.ndarray
+"""Patches by name or pattern, or points by number."""
+
+
+def moving_mesh(
+    model: FittedModel,
+    design: str | Sequence[str] | None = None,
+    pinned: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+) -> MovingMesh:
+    """Make the control mesh of a model ready to move.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    design : str or sequence of str, optional
+        Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
+    pinned : str, ndarray of int, or sequence of them
+        Patches, or numbers of control points (from 0), that are held where they are.
+    released : str or sequence of str
+        Patches whose control points are free.
+
+    Returns
+    -------
+    MovingMesh
+
+    Raises
+    ------
+    InputError
+        If a patch does not exist, a symmetry patch is not planar, there is no design surface, or a block is planar.
+    """
+    parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
+    return _mesh(
+        model.topology, model.mesh.control_ids, model.control_points, design, pinned, released, parameters=parameters
+    )
+
+
+def moving_grid(
+    topology: Topology,
+    nodes: np.ndarray,
+    design: str | Sequence[str] | None = None,
+    pinned: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+) -> tuple[MovingMesh, np.ndarray]:
+    """Make a grid ready to move node by node, as the paper's comparator does.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the grid.
+    nodes : ndarray, shape (n_nodes, 3)
+        All nodes of the grid (m), blocks in order, each in C order.
+    design, pinned, released
+        As for `moving_mesh`; numbers are those of the points of the mesh.
+
+    Returns
+    -------
+    mesh : MovingMesh
+        Every node of the grid once.
+    point_ids : ndarray of int32, shape (n_nodes,)
+        The point of each node: ``nodes = points[point_ids]``.
+
+    Raises
+    ------
+    InputError
+        As `moving_mesh`.
+    """
+    blocks = topology.node_ids()
+    rows = np.split(np.arange(topology.n_nodes), np.cumsum([np.prod(shape) for shape in topology.shapes])[:-1])
+    rows = [block.reshape(shape) for block, shape in zip(rows, topology.shapes)]
+    point_ids = np.empty(topology.n_nodes, dtype=np.int32)
+    for segment, ids in zip(topology.segments, blocks):
+        point_ids[rows[segment.block][segment.slices]] = ids
+    points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
+    points[point_ids] = nodes
+    return _mesh(topology, blocks, points, design, pinned, released), point_ids
+
+
+def _mesh(topology: Topology, blocks, points: np.ndarray, design, pinned, released, parameters=None) -> MovingMesh:
+    """Sort the boundary faces of all blocks by what is asked of them."""
+    for name, ids in zip(topology.segment_names, blocks):
+        if 1 in ids.shape:
+            raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
+    pins, pinned_ids = _split(pinned)
+    design, pins, released = (_matching(topology, patterns) for patterns in (_design(topology, design), pins, released))
+    freedom = Freedom.of(len(points))
+    freedom.hold(_checked(pinned_ids, len(points)))
+    for face, ids in _boundary_points(topology, blocks):
+        if face.patch in design:
+            freedom.surface[ids] = True
+        elif face.patch in pins:
+            freedom.hold(ids)
+        elif face.kind == "symmetry" and face.patch not in released:
+            freedom.keep_in_plane(ids, points, f"{topology.source}: patch {face.patch}")
+        elif face.patch not in released:
+            freedom.hold(ids)
+    names = topology.segment_names
+    return MovingMesh(tuple(blocks), names, points, **freedom.fields(), parameters=parameters)
+
+
+def _boundary_points(topology: Topology, blocks) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Boundary faces, each with the points of every face of a segment that is on it.
+
+    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """
+    for face in topology.boundary:
+        for number, segment in enumerate(topology.segments):
+            for side in range(6) if segment.block == face.window.block else ():
+                if _overlap(segment.face(side), face.window):
+                    yield face, np.unique(np.take(blocks[number], -(side % 2), axis=side // 2))
+
+
+def _overlap(a: Window, b: Window) -> bool:
+    """Whether two face windows of a block have cells in common."""
+    extents = [min(p, q) - max(r, s) for p, q, r, s in zip(a.hi, b.hi, a.lo, b.lo)]
+    return min(extents) == 0 and sorted(extents)[1] > 0 and a.shape.index(1) == extents.index(0)
+
+
+def _design(topology: Topology, design) -> str | Sequence[str]:
+    """Patches of the design surface: those asked for, or all walls."""
+    if design is not None:
+        return design
+    walls = tuple(sorted({face.patch for face in topology.boundary if face.kind == "wall"}))
+    if not walls:
+        raise InputError(
+            f"{topology.source}: no patch is a wall, so there is no design surface; name the patches in 'design'"
+        )
+    return walls
+
+
+def _matching(topology: Topology, patterns: str | Sequence[str]) -> frozenset[str]:
+    """Patches that match any of the patterns; each has to match one."""
+    names = {face.patch for face in topology.boundary if face.patch is not None}
+    found: set[str] = set()
+    for pattern in (patterns,) if isinstance(patterns, str) else patterns:
+        matches = {name for name in names if fnmatchcase(name, pattern)}
+        if not matches:
+            known = ", ".join(sorted(names)) or "none"
+            raise InputError(f"{topology.source}: no patch is called '{pattern}'; the patches are {known}")
+        found |= matches
+    return frozenset(found)
+
+
+def _split(pinned) -> tuple[list[str], np.ndarray]:
+    """Names and numbers of what is pinned."""
+    items = [pinned] if isinstance(pinned, str | np.ndarray) else list(pinned)
+    ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]
+    return [item for item in items if isinstance(item, str)], np.concatenate([np.zeros(0, dtype=int), *ids])
+
+
+def _checked(ids: np.ndarray, n_points: int) -> np.ndarray:
+    if not np.issubdtype(ids.dtype, np.integer) or (len(ids) and (ids.min() < 0 or ids.max() >= n_points)):
+        raise InputError(f"pinned points: give numbers from 0 to {n_points - 1}")
+    return ids

@@ -1,0 +1,103 @@
+"""Directions in which points may move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+__all__ = ["Freedom"]
+
+PLANAR = 1e-5
+"""A symmetry patch is planar when its points leave the plane by less than this part of the patch's size."""
+
+ALIGNED = 1e-5
+"""A normal that leaves a coordinate axis by less than this is that axis."""
+
+INDEPENDENT = 1e-3
+"""A normal counts where it leaves the span of the others by more than this."""
+
+
+@dataclass(eq=False)
+class Freedom:
+    """Freedom of points, gathered face by face.
+
+    Parameters
+    ----------
+    surface, held : ndarray of bool, shape (n_points,)
+        Points on the design surface, and points that may not move.
+    n_normals : ndarray of int, shape (n_points,)
+        Number of directions in which each point may not move.
+    basis : ndarray, shape (n_points, 3, 3)
+        Its first ``n_normals`` rows are these directions, orthonormal; the others are zero.
+    """
+
+    surface: np.ndarray
+    held: np.ndarray
+    n_normals: np.ndarray
+    basis: np.ndarray
+
+    @classmethod
+    def of(cls, n_points: int) -> Freedom:
+        """Points that may all move."""
+        no = np.zeros(n_points, dtype=bool)
+        return cls(no, no.copy(), np.zeros(n_points, dtype=np.int8), np.zeros((n_points, 3, 3)))
+
+    def hold(self, ids: np.ndarray) -> None:
+        """Hold points in all directions."""
+        self.held[ids] = True
+
+    def keep_in_plane(self, ids: np.ndarray, points: np.ndarray, what: str) -> None:
+        """Hold the points ``ids`` of a planar face in the direction of its normal."""
+        normal = _normal(points[ids], what)
+        left = normal - np.einsum("nij,ni->nj", self.basis[ids], self.basis[ids] @ normal)
+        length = np.linalg.norm(left, axis=1)
+        is_new = (length > INDEPENDENT) & (self.n_normals[ids] < 3)
+        new = ids[is_new]
+        self.basis[new, self.n_normals[new]] = left[is_new] / length[is_new, None]
+        self.n_normals[new] += 1
+
+    def fields(self) -> dict[str, np.ndarray | None]:
+        """What a `MovingMesh` keeps of it.
+
+        Raises
+        ------
+        InputError
+            If no point is on the design surface.
+        """
+        surface_ids = np.flatnonzero(self.surface).astype(np.int32)
+        if not len(surface_ids):
+            raise InputError("movement: no point is on the design surface; check the patches")
+        counts = self.n_normals[surface_ids]
+        rail_rows = np.repeat(np.arange(len(surface_ids), dtype=np.int32), counts)
+        of_rail = np.concatenate([np.zeros(0, dtype=int), *(np.arange(n) for n in counts[counts > 0])])
+        is_free, frames = self._directions()
+        is_free[self.held | self.surface] = False
+        return {
+            "surface_ids": surface_ids,
+            "is_free": is_free,
+            "frames": frames,
+            "rail_rows": rail_rows,
+            "rail_normals": self.basis[surface_ids[rail_rows], of_rail],
+        }
+
+    def _directions(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Free directions, in the coordinate axes where all normals are such and in frames otherwise."""
+        if ((np.abs(self.basis) == 1.0).sum(axis=(1, 2)) == self.n_normals).all():
+            return ~(self.basis != 0.0).any(axis=1), None
+        _, _, rows = np.linalg.svd(self.basis)  # the rows of the normals' space come first, the null space last
+        return np.arange(3) >= self.n_normals[:, None], rows
+
+
+def _normal(points: np.ndarray, what: str) -> np.ndarray:
+    """Unit normal of points in a plane."""
+    centred = points - points.mean(axis=0)
+    _, sizes, directions = np.linalg.svd(centred, full_matrices=False)
+    distance = np.abs(centred @ directions[2]).max()
+    if distance > PLANAR * sizes[0] / np.sqrt(len(points)):
+        raise InputError(f"{what} is of kind symmetry, but leaves its plane by {distance:.3g} m; make its kind 'other'")
+    axis = np.argmax(np.abs(directions[2]))
+    is_axis = 1.0 - abs(directions[2, axis]) < ALIGNED**2 / 2.0
+    return np.eye(3)[axis] if is_axis else directions[2]

@@ -1,0 +1,125 @@
+"""A move in increments, Eq. (8), with its exact derivative through all of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from .mesh import MovingMesh
+from .mover import IncrementReport, MovementReport, Step, check_request
+
+__all__ = ["IncrementalMovement", "in_increments"]
+
+
+@dataclass(frozen=True, eq=False)
+class IncrementalMovement:
+    """A move that was made in increments.
+
+    Parameters
+    ----------
+    surface_ids : ndarray of int, shape (n_surface,)
+        Points on the surface.
+    steps : tuple of Step
+        The increments.
+    report : MovementReport
+        What they did.
+    """
+
+    surface_ids: np.ndarray
+    steps: tuple[Step, ...]
+    report: MovementReport
+
+    @property
+    def points(self) -> np.ndarray:
+        """Points after the last increment, shape (n_points, 3), in metres."""
+        return self.steps[-1].points
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points, shape (n_points, 3).
+
+        Parameters
+        ----------
+        d_initial : ndarray, shape (n_points, 3)
+            Change of the initial points.
+        d_surface : ndarray, shape (n_surface, 3)
+            Change of the surface points after the move.
+        """
+        d_points, m = d_initial, len(self.steps)
+        for i, step in enumerate(self.steps, start=1):
+            d_points = step.jvp(d_initial, d_points, _between(d_initial[self.surface_ids], d_surface, i, m))
+        return d_points
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_points, 3)
+            Derivative of a scalar with respect to the points.
+
+        Returns
+        -------
+        initial_bar : ndarray, shape (n_points, 3)
+        surface_bar : ndarray, shape (n_surface, 3)
+        """
+        m = len(self.steps)
+        initial_bar, surface_bar = np.zeros_like(bar), np.zeros((len(self.surface_ids), 3), dtype=bar.dtype)
+        for i, step in zip(range(m, 0, -1), reversed(self.steps)):
+            reference_bar, bar, target_bar = step.vjp(bar)
+            initial_bar += reference_bar
+            initial_bar[self.surface_ids] += (1.0 - i / m) * target_bar
+            surface_bar += (i / m) * target_bar
+        return initial_bar + bar, surface_bar
+
+
+def in_increments(
+    mesh: MovingMesh,
+    step: Callable[[np.ndarray, np.ndarray, np.ndarray], Step],
+    initial: np.ndarray,
+    surface: np.ndarray,
+    n_increments: int,
+) -> IncrementalMovement:
+    """Move the surface in equal increments along straight lines, and the mesh behind it.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    step : callable
+        ``step(initial, before, surface)`` makes one increment: from the initial points of the whole move, shape
+        (n_points, 3), the points before the increment, and the surface points after it, shape (n_surface, 3).
+    initial : ndarray, shape (n_points, 3)
+        Points before the move (m).
+    surface : ndarray, shape (n_surface, 3)
+        Surface points after it (m).
+    n_increments : int
+        The paper's m.
+
+    Raises
+    ------
+    InputError
+        If a shape or the number of increments is wrong.
+    MovementError
+        If the move cannot be done.
+    """
+    if n_increments < 1:
+        raise InputError(f"movement: {n_increments} increments; give at least 1")
+    check_request(mesh, initial, surface)
+    start, steps, reports = time.perf_counter(), [], []
+    before, surface_before = initial, initial[mesh.surface_ids]
+    for i in range(1, n_increments + 1):
+        steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
+        before = steps[-1].points
+        tangling = mesh.tangled(before)
+        reports.append(IncrementReport(steps[-1].report, tangling.n_tangled, tangling.place, tangling.min_corner))
+    report = MovementReport(tuple(reports), time.perf_counter() - start)
+    return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
+
+
+def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
+    """Surface after increment i of m: the last one ends exactly on ``stop``, and no move stays exactly at ``start``."""
+    return stop if i == m else start + (i / m) * (stop - start)

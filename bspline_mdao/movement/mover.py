@@ -1,0 +1,171 @@
+"""What every mover is, and what it reports.
+
+A mover moves the points of a `MovingMesh` behind its surface, in one or more increments. Three words are all there is:
+``move`` gives a movement, and the movement gives ``jvp`` and ``vjp``, the products with its exact derivative and with
+the transpose. A user's own mover is any object with a ``mesh`` and a ``move``; what it does in one increment, it may
+leave to `bspline_mdao.movement.increments.in_increments` to repeat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import InputError, MovementError
+from .mesh import MovingMesh
+
+__all__ = ["IncrementReport", "Movement", "MovementReport", "Mover", "SolveReport", "Step", "check_request"]
+
+PLANE_TOLERANCE = 1e-9
+"""A surface point may leave its symmetry plane by this fraction of the mesh's size."""
+
+
+@dataclass(frozen=True)
+class SolveReport:
+    """How the linear system of one increment was solved.
+
+    Parameters
+    ----------
+    solver : str
+        Name of the solver.
+    iterations : int
+        0 where it is direct.
+    residual : float
+        2-norm of the residual by that of the right-hand side.
+    seconds : float
+        Wall clock of factor and solution.
+    """
+
+    solver: str
+    iterations: int
+    residual: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class IncrementReport:
+    """What one increment did.
+
+    Parameters
+    ----------
+    solve : SolveReport or None
+        None for a mover that solves nothing.
+    n_tangled : int
+        Elements that are valid on the baseline and not any more.
+    place : str
+        The worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty where there is none.
+    min_corner : float
+        Smallest corner triple product of the elements that are valid on the baseline.
+    """
+
+    solve: SolveReport | None
+    n_tangled: int
+    place: str
+    min_corner: float
+
+
+@dataclass(frozen=True)
+class MovementReport:
+    """What a movement did, increment by increment.
+
+    Parameters
+    ----------
+    increments : tuple of IncrementReport
+        In order.
+    seconds : float
+        Wall clock of the whole move.
+    """
+
+    increments: tuple[IncrementReport, ...]
+    seconds: float
+
+    def first_tangled(self) -> tuple[int, IncrementReport] | None:
+        """Number, from 1, and report of the first increment that tangles; None where none does."""
+        tangled = ((n, report) for n, report in enumerate(self.increments, start=1) if report.n_tangled)
+        return next(tangled, None)
+
+
+class Movement(Protocol):
+    """A move that was made, with its exact derivative."""
+
+    points: np.ndarray
+    """Moved points, shape (n_points, 3), in metres."""
+
+    report: MovementReport
+    """What the move did."""
+
+    def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points for changes of the initial points and of the surface points, each of its shape."""
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`: derivatives with respect to the initial points and the surface points."""
+
+
+class Mover(Protocol):
+    """Moves the points of a mesh behind its surface."""
+
+    mesh: MovingMesh
+    """What is moved."""
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        Surface points end exactly on ``surface``, held ones stay, and sliding ones stay in their planes.
+        """
+
+
+class Step(Protocol):
+    """One increment that was made, with its exact derivative.
+
+    It depends on the initial points (reference stiffness), on the points before the increment, and on the surface
+    points after it.
+    """
+
+    points: np.ndarray
+    """Points after the increment, shape (n_points, 3), in metres."""
+
+    report: SolveReport | None
+    """How the system of the increment was solved, if there was one."""
+
+    def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points after the increment, shape (n_points, 3)."""
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+
+
+def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) -> None:
+    """Refuse what no mover can follow.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    initial : ndarray, shape (n_points, 3)
+        Points before the move (m).
+    surface : ndarray, shape (n_surface, 3)
+        Surface points after it (m).
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong.
+    MovementError
+        If a coordinate is not finite, or a surface point leaves the symmetry plane that it lies on.
+    """
+    for name, array, n in (("points", initial, mesh.n_points), ("surface points", surface, len(mesh.surface_ids))):
+        if array.shape != (n, 3):
+            raise InputError(f"movement: {name} of shape {array.shape}; give shape ({n}, 3)")
+        is_bad = ~np.isfinite(array).all(axis=1)
+        if is_bad.any():
+            raise MovementError(f"movement: {name[:-1]} {np.argmax(is_bad) + 1} is not finite; take a smaller step")
+    rails = mesh.rail_rows
+    off = np.abs(((surface - initial[mesh.surface_ids])[rails] * mesh.rail_normals).sum(axis=1))
+    if len(rails) and off.max() > PLANE_TOLERANCE * mesh.size:
+        worst = np.argmax(off)
+        raise MovementError(
+            f"movement: {mesh.place_of_point(mesh.surface_ids[rails[worst]])} leaves its symmetry plane by "
+            f"{off[worst]:.3g} m; keep surface points on symmetry planes in them"
+        )
