@@ -1,0 +1,1 @@
+"""Sparse symmetric matrices of 3 x 3 blocks and their solvers."""

@@ -1,0 +1,156 @@
+"""Sparse symmetric matrices of 3 x 3 blocks, one block row per point.
+
+Only the lower triangle is stored, by rows::
+
+    row 0   [d]                     d = diagonal block, last of its row, both of its halves filled
+    row 1   [b d]                   b = block (row, column) with column < row; the one above the diagonal is b^T
+    row 2   [  b d] ...
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numba import njit
+
+from ..errors import InputError
+from .element_pattern import lower_pattern
+
+__all__ = ["BlockMatrix", "BlockPattern"]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPattern:
+    """Where a symmetric matrix of 3 x 3 blocks differs from zero: its lower triangle, by rows.
+
+    Parameters
+    ----------
+    indptr : ndarray of int64, shape (n + 1,)
+        Where each row starts.
+    indices : ndarray of int32, shape (n_blocks,)
+        Columns, ascending within a row; the last of every row is the diagonal.
+
+    Raises
+    ------
+    InputError
+        If a row does not end with its diagonal.
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+
+    def __post_init__(self):
+        is_short = np.diff(self.indptr) < 1
+        is_wrong = is_short if is_short.any() else self.indices[self.indptr[1:] - 1] != np.arange(self.n)
+        if is_wrong.any():
+            raise InputError(
+                f"block pattern: row {np.argmax(is_wrong) + 1} does not end with its diagonal; store it last"
+            )
+
+    @property
+    def n(self) -> int:
+        """Block rows."""
+        return len(self.indptr) - 1
+
+    @property
+    def n_blocks(self) -> int:
+        """Stored blocks."""
+        return len(self.indices)
+
+    @classmethod
+    def of_elements(cls, element_points: np.ndarray, n: int) -> BlockPattern:
+        """Pattern of a matrix that couples all points of an element with each other.
+
+        Parameters
+        ----------
+        element_points : ndarray of int32, shape (n_elements, m)
+            Block row of every corner; -1 where a point has no freedom. A number may occur twice in an element.
+        n : int
+            Block rows. A row without an element holds its diagonal alone.
+        """
+        return cls(*lower_pattern(np.ascontiguousarray(element_points, np.int32), n))
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMatrix:
+    """Symmetric matrix of 3 x 3 blocks.
+
+    Parameters
+    ----------
+    pattern : BlockPattern
+        Where the blocks are.
+    data : ndarray, shape (n_blocks, 3, 3)
+        The blocks. Diagonal ones hold both halves.
+
+    Raises
+    ------
+    InputError
+        If the data are not of the pattern's shape.
+    """
+
+    pattern: BlockPattern
+    data: np.ndarray
+
+    def __post_init__(self):
+        if self.data.shape != (self.pattern.n_blocks, 3, 3):
+            shape = (self.pattern.n_blocks, 3, 3)
+            raise InputError(f"block matrix: data of shape {self.data.shape}; give shape {shape} as in the pattern")
+
+    def dot(self, x: np.ndarray) -> np.ndarray:
+        """Product with ``x``, shape (n, 3)."""
+        if x.shape != (self.pattern.n, 3):
+            raise InputError(f"block matrix: vector of shape {x.shape}; give shape ({self.pattern.n}, 3)")
+        return _product(self.pattern.indptr, self.pattern.indices, self.data, np.ascontiguousarray(x, np.float64))
+
+    def to_scipy(self) -> scipy.sparse.csc_array:
+        """Lower triangle as a scalar matrix in compressed columns, rows ascending; zeros are kept."""
+        size = 3 * self.pattern.n
+        indptr, rows, values = _lower_columns(self.pattern.indptr, self.pattern.indices, self.data)
+        return scipy.sparse.csc_array((values, rows, indptr), shape=(size, size))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _product(indptr, indices, data, x):
+    """Symmetric product: every stored block below the diagonal is used twice while it is in a register."""
+    y = np.zeros_like(x)
+    for row in range(len(indptr) - 1):
+        x_0, x_1, x_2 = x[row, 0], x[row, 1], x[row, 2]
+        y_0 = y_1 = y_2 = 0.0
+        last = indptr[row + 1] - 1
+        for entry in range(indptr[row], last + 1):
+            column, block = indices[entry], data[entry]
+            z_0, z_1, z_2 = x[column, 0], x[column, 1], x[column, 2]
+            y_0 += block[0, 0] * z_0 + block[0, 1] * z_1 + block[0, 2] * z_2
+            y_1 += block[1, 0] * z_0 + block[1, 1] * z_1 + block[1, 2] * z_2
+            y_2 += block[2, 0] * z_0 + block[2, 1] * z_1 + block[2, 2] * z_2
+            if entry < last:
+                y[column, 0] += block[0, 0] * x_0 + block[1, 0] * x_1 + block[2, 0] * x_2
+                y[column, 1] += block[0, 1] * x_0 + block[1, 1] * x_1 + block[2, 1] * x_2
+                y[column, 2] += block[0, 2] * x_0 + block[1, 2] * x_1 + block[2, 2] * x_2
+        y[row, 0] += y_0
+        y[row, 1] += y_1
+        y[row, 2] += y_2
+    return y
+
+
+@njit(cache=True)
+def _lower_columns(indptr, indices, data):
+    """Scalar lower triangle by columns; rows come out ascending because the block rows are taken in order."""
+    starts = np.zeros(3 * (len(indptr) - 1) + 1, np.int64)
+    for row in range(len(indptr) - 1):
+        for entry in range(indptr[row], indptr[row + 1]):
+            for c in range(3):
+                starts[3 * indices[entry] + c + 1] += 3 if indices[entry] < row else 3 - c
+    starts = np.cumsum(starts)
+    rows, values = np.empty(starts[-1], np.int32), np.empty(starts[-1])
+    ends = starts[:-1].copy()
+    for row in range(len(indptr) - 1):
+        for entry in range(indptr[row], indptr[row + 1]):
+            for c in range(3):
+                column = 3 * indices[entry] + c
+                for r in range(0 if indices[entry] < row else c, 3):
+                    rows[ends[column]], values[ends[column]] = 3 * row + r, data[entry, r, c]
+                    ends[column] += 1
+    return starts, rows, values
