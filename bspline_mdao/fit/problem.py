@@ -51,10 +51,10 @@ class FitProblem:
         """Nodes of all blocks."""
         return self.topology.n_nodes
 
-    def steps(self, parameters: Sequence[np.ndarray]):
-        """Yield the least squares of each entity, factored, for parameters of every segment."""
+    def steps(self, parameters: Sequence[np.ndarray], entities: Sequence[Entity] | None = None):
+        """Yield the least squares of each entity, or of given ones, factored, for parameters of every segment."""
         names, n_nodes = self.topology.segment_names, self.n_nodes
-        for entity in self.entities:
+        for entity in self.entities if entities is None else entities:
             s, name = entity.segment, f"{self.topology.source}: {entity.describe(names)}"
             segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
             yield build_step(entity, *segment, n_nodes, name, self.smoothing)

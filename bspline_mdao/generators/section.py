@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
 
-__all__ = ["Section", "flat_section", "naca_section"]
+__all__ = ["Section", "cambered_section", "flat_section", "naca_section"]
 
 _SAMPLES = 1000
 """Points at which the speed along a section is sampled; arc lengths are then good to 1e-9 chords."""
@@ -108,10 +108,43 @@ def naca_section(thickness: float = 0.12) -> Section:
     Section
         The last coefficient, 0.1036 instead of 0.1015, closes the trailing edge.
     """
+    x, y = _naca_upper(thickness)
+    return Section.symmetric(np.column_stack([x, y]), nose_radius=_naca_nose_radius(thickness))
+
+
+def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Section:
+    """Make a section with the thickness of a four-digit NACA section about a camber line.
+
+    Parameters
+    ----------
+    thickness : float
+        Thickness in chords.
+    camber : float
+        Height of the camber line ``4 camber x (1 - x) (1 - reflex x)`` in the middle of the chord if there is no reflex.
+    reflex : float
+        Above 1 the camber line turns up behind ``x = 1 / reflex``.
+
+    Returns
+    -------
+    Section
+        The thickness is laid off vertically, so that the tangent at the nose is vertical.
+    """
+    x, y = _naca_upper(thickness)
+    line = 4.0 * camber * x * (1.0 - x) * (1.0 - reflex * x)
+    sides = (np.column_stack([x, line + side * y]) for side in (1.0, -1.0))
+    return Section(*sides, nose_radius=_naca_nose_radius(thickness))
+
+
+def _naca_upper(thickness):
+    """Upper side of a symmetric four-digit NACA section with a closed trailing edge."""
     x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 201)))
     y = 5.0 * thickness * (0.2969 * np.sqrt(x) - x * (0.1260 + x * (0.3516 - x * (0.2843 - x * 0.1036))))
     y[[0, -1]] = 0.0
-    return Section.symmetric(np.column_stack([x, y]), nose_radius=0.5 * (5.0 * thickness * 0.2969) ** 2)
+    return x, y
+
+
+def _naca_nose_radius(thickness):
+    return 0.5 * (5.0 * thickness * 0.2969) ** 2
 
 
 def _spline(points, nose_radius, side):

@@ -11,10 +11,10 @@ from .planform import Planform
 from .section import Section
 from .stretching import stretch_lines
 
-__all__ = ["Wing", "surface_grid"]
+__all__ = ["Wing", "surface_grid", "tip_clustered"]
 
 _STATIONS = 120
-"""Span stations at which the surface is sampled before its spanwise lines are divided by arc length."""
+"""Span stations at which the surface is sampled before its spanwise lines are divided."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,40 @@ class Wing:
         """Radius of the leading edge at the root (m)."""
         return self.section.nose_radius * self.planform.root_chord
 
+    @property
+    def stations(self) -> np.ndarray:
+        """Span positions (m), dense towards the tip, where the thickness goes as the root of the distance."""
+        return self.planform.semi_span * tip_clustered(_STATIONS)
+
+    def sections(self, side: int, fractions: np.ndarray) -> np.ndarray:
+        """Points of all sections in their planes.
+
+        Parameters
+        ----------
+        side : int
+            +1 upper, -1 lower.
+        fractions : ndarray, shape (n_stations, n)
+            Fractions of the arc length of each section from the leading to the trailing edge.
+
+        Returns
+        -------
+        ndarray, shape (n_stations, n, 2)
+            Coordinate x and height (m).
+        """
+        planform, stations, factor = self.planform, self.stations, self.thickness_factor(self.stations)
+        shape = self.section.points(side, fractions, factor)
+        if self.tip_section is not None:
+            weight = (stations / planform.semi_span)[:, None, None]
+            shape = (1.0 - weight) * shape + weight * self.tip_section.points(side, fractions, factor)
+        x, y = np.moveaxis(shape, 2, 0)
+        chord = planform.x(1.0, stations) - planform.x(0.0, stations)
+        return np.stack([planform.x(x, stations[:, None]), chord[:, None] * y], axis=-1)
+
+    def place(self, sections: np.ndarray) -> np.ndarray:
+        """Points in space, shape (n_stations, n, 3), of points of all sections, shape (n_stations, n, 2)."""
+        x, height = np.moveaxis(sections, 2, 0)
+        return np.stack([x, height, np.broadcast_to(self.stations[:, None], x.shape)], axis=-1)
+
     def thickness_factor(self, z):
         """Factor on the thickness at span positions z, shape (m,)."""
         if self.rounded_length == 0.0:
@@ -89,8 +123,7 @@ def surface_grid(wing: Wing, side: int, counts: tuple[int, int], leading, traili
         Nodes. Those of the leading edge, the trailing edge and the tip have y = 0, those of the root z = 0, exactly.
     """
     n_chord, n_span = counts
-    stations = _stations(wing)
-    samples = _chordwise_lines(wing, side, n_chord, stations, leading, trailing)
+    samples = _chordwise_lines(wing, side, n_chord, leading, trailing)
     nodes = np.stack([_divide(line, n_span, root, tip) for line in samples])
     nodes[:, 0, 2], nodes[:, -1, 2] = 0.0, wing.planform.semi_span
     nodes[[0, -1], :, 1] = 0.0
@@ -99,25 +132,18 @@ def surface_grid(wing: Wing, side: int, counts: tuple[int, int], leading, traili
     return nodes
 
 
-def _stations(wing):
-    """Span positions, dense towards the tip, where the thickness goes as the root of the distance."""
-    span = wing.planform.semi_span
-    return span * (1.0 - np.linspace(1.0, 0.0, _STATIONS) ** 4)
+def tip_clustered(n: int) -> np.ndarray:
+    """Distribute n points over [0, 1], the closer the nearer to 1."""
+    return 1.0 - np.linspace(1.0, 0.0, n) ** 4
 
 
-def _chordwise_lines(wing, side, n_chord, stations, leading, trailing):
+def _chordwise_lines(wing, side, n_chord, leading, trailing):
     """Points of the surface at all stations, shape (n_chord, n_stations, 3)."""
-    planform, factor = wing.planform, wing.thickness_factor(stations)
+    planform, stations = wing.planform, wing.stations
     chord = planform.x(1.0, stations) - planform.x(0.0, stations)
-    fractions = stretch_lines(chord * wing.section.length(side, factor), n_chord, leading, trailing)
-    shape = wing.section.points(side, fractions, factor)
-    if wing.tip_section is not None:
-        weight = (stations / planform.semi_span)[:, None, None]
-        shape = (1.0 - weight) * shape + weight * wing.tip_section.points(side, fractions, factor)
-    x, y = np.moveaxis(shape, 2, 0)
-    return np.stack(
-        [planform.x(x, stations[:, None]), chord[:, None] * y, np.broadcast_to(stations[:, None], x.shape)], -1
-    ).swapaxes(0, 1)
+    length = chord * wing.section.length(side, wing.thickness_factor(stations))
+    fractions = stretch_lines(length, n_chord, leading, trailing)
+    return wing.place(wing.sections(side, fractions)).swapaxes(0, 1)
 
 
 def _divide(line, n, first, last):

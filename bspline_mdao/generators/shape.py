@@ -1,0 +1,116 @@
+"""Lay the wall nodes of one wing on another shape of the same topology.
+
+A shape is a map from side, chord fraction and span fraction to space. The *chord fraction* is that of the arc of a
+section from the leading to the trailing edge. The *span fraction* is that of a line of constant chord fraction from the
+symmetry plane to the tip, measured across the stream, so that sweep does not count: along the spine and over the
+rounded tip.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..errors import InputError
+from ..grids.index_space import Window
+from ..grids.multiblock import Grid
+
+__all__ = ["Shape", "lay_nodes", "lay_walls"]
+
+_SIDES = {"wing_lower": -1, "wing_upper": 1}
+
+
+class Shape(Protocol):
+    """A surface with two sides that meet at the leading edge, the trailing edge and the tip."""
+
+    stations: np.ndarray
+    """Distances from the symmetry plane along the span, shape (m,), ascending (m)."""
+
+    def sections(self, side: int, fractions: np.ndarray) -> np.ndarray:
+        """Coordinate x and height, shape (m, n, 2), of fractions (m, n) of the arc of the section at every station."""
+
+    def place(self, sections: np.ndarray) -> np.ndarray:
+        """Points in space, shape (m, n, 3), of points of the sections, shape (m, n, 2)."""
+
+
+def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """Lay nodes on one side of a shape.
+
+    Parameters
+    ----------
+    shape : Shape
+        The surface.
+    side : int
+        +1 upper, -1 lower.
+    chord, span : ndarray, shape (ni, nk)
+        Fractions of every node, from 0 to 1, ascending along i and along k.
+
+    Returns
+    -------
+    ndarray, shape (ni, nk, 3)
+        Nodes (m). Both sides give the same ones at the leading edge, the trailing edge and the tip, those of the root
+        are in the plane z = 0.
+    """
+    stations = shape.stations
+    along = stations / stations[-1]
+    fractions = np.stack([np.interp(along, g, f) for f, g in zip(chord, span)], axis=1)
+    sections = shape.sections(side, fractions)
+    lines = shape.place(sections).swapaxes(0, 1)
+    heights = sections[..., 1].T
+    return np.stack([_divide(line, stations, h, g) for line, h, g in zip(lines, heights, span)])
+
+
+def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
+    """Lay the wall nodes of a grid about a wing on another shape, fractions kept.
+
+    Parameters
+    ----------
+    grid : Grid
+        Grid with patches ``wing_upper`` and ``wing_lower``, i along the chord and k along the span, as `hh_wing_grid`
+        makes it.
+    shape : Shape
+        The other shape.
+
+    Returns
+    -------
+    list of (Window, ndarray of the window's shape and 3)
+        New nodes of the walls (m).
+
+    Raises
+    ------
+    InputError
+        If the grid has no such patches.
+    """
+    windows = {patch.name: patch.windows for patch in grid.patches}
+    for name in _SIDES:
+        if len(windows.get(name, ())) != 1 or windows[name][0].shape[1] != 1:
+            raise InputError(f"{grid.source}: needs one face along i and k as patch {name}; use a grid about a wing")
+    walls = []
+    for name, side in _SIDES.items():
+        window = windows[name][0]
+        fractions = _fractions(grid.blocks[window.block].nodes[window.slices][:, 0])
+        walls.append((window, lay_nodes(shape, side, *fractions)[:, None]))
+    return walls
+
+
+def _fractions(nodes):
+    """Chord and span fractions of wall nodes (ni, nk, 3)."""
+    chord = _arc(nodes)
+    span = _arc(nodes[..., 1:].swapaxes(0, 1)).T
+    return chord / chord[-1], span / span[:, -1:]
+
+
+def _arc(points):
+    """Arc length along the first axis."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=-1)
+    return np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+
+
+def _divide(line, stations, heights, fractions):
+    """Divide a line of samples (m, 3) at fractions of its length across the stream."""
+    arc = _arc(np.stack([stations, heights], axis=1))
+    nodes = CubicSpline(arc, line)(arc[-1] * fractions)
+    nodes[[0, -1]] = line[[0, -1]]
+    return nodes
