@@ -11,6 +11,7 @@ _HOMES = {
     "FittedModel": "model",
     "FunctionKnots": "splines.knots",
     "Grid": "grids.multiblock",
+    "Held": "movement.held",
     "GridEvaluate": "components.grid_evaluate",
     "InputError": "errors",
     "MovementError": "errors",

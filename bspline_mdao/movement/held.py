@@ -1,0 +1,59 @@
+"""The mover that moves nothing but the surface: the first one of the paper's section III.A."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .increments import IncrementalMovement, in_increments
+from .interpolation import InterpolatedStep, interpolated_step
+from .mesh import MovingMesh
+
+__all__ = ["Held"]
+
+
+@dataclass(frozen=True, eq=False)
+class _NoDisplacement:
+    """Interpolation that displaces no point."""
+
+    values: np.ndarray
+    n_surface: int
+
+    def jvp(self, d_points: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
+        return np.zeros_like(d_points)
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros_like(bar), np.zeros((self.n_surface, 3), dtype=bar.dtype)
+
+
+@dataclass(frozen=True)
+class Held:
+    """Hold all points where they are, except those of the surface.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    n_increments : int
+        Increments of the move; they change nothing but the report.
+    """
+
+    mesh: MovingMesh
+    n_increments: int = 1
+
+    name = "held"
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        Raises
+        ------
+        InputError, MovementError
+            As `in_increments`.
+        """
+        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
+
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
+        nothing = _NoDisplacement(np.zeros_like(before), len(surface))
+        return interpolated_step(self.mesh, before, surface, nothing)

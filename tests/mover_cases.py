@@ -1,0 +1,119 @@
+"""Small meshes, large moves and what every mover must pass, for the tests of movers."""
+
+from functools import cache
+
+import numpy as np
+from topology_cases import box, grid_of, patch
+
+from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
+from bspline_mdao.grids.index_space import Orientation, Window
+from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.movement.boundary import moving_grid, moving_mesh
+
+
+def rotation(seed=3):
+    """Orthogonal matrix of determinant 1 that has no coordinate axis."""
+    q = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return q * np.sign(np.linalg.det(q))
+
+
+def channel_grid(turn=None):
+    """Two boxes of unequal sizes in a row, the second left-handed, above a wall and beside a symmetry plane."""
+    y, z = np.linspace(0.0, 1.0, 5) ** 1.2, np.linspace(0.0, 0.8, 6) ** 1.3
+    first = box(np.linspace(0.0, 1.0, 4), y, z)
+    second = Orientation((1, 0, 2), (False, False, False)).apply(box(np.linspace(1.0, 2.5, 6), y, z))
+    nodes = [first, second] if turn is None else [first @ turn.T, second @ turn.T]
+    walls = [Window(0, (0, 0, 0), (3, 4, 0)), Window(1, (0, 0, 0), (4, 5, 0))]
+    planes = [Window(0, (0, 0, 0), (3, 0, 5)), Window(1, (0, 0, 0), (0, 5, 5))]
+    return grid_of(*nodes, patches=[patch("wall", *walls), patch("symmetry", *planes)])
+
+
+def mesh_of(grid, **options):
+    """Every node of a grid as a moving mesh."""
+    return moving_grid(find_topology(grid), grid.to_vector().reshape(-1, 3), **options)[0]
+
+
+@cache
+def channel(is_oblique=False):
+    """Moving mesh of `channel_grid`, its symmetry plane in or out of the coordinate planes."""
+    return mesh_of(channel_grid(rotation() if is_oblique else None))
+
+
+@cache
+def plate():
+    """Moving mesh about a flat plate, whose two sides coincide."""
+    return mesh_of(flat_plate_grid((5, 4, 5)))
+
+
+@cache
+def wing():
+    """Control mesh about a wing: twelve blocks of unequal sizes, half of them left-handed."""
+    return moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+
+
+def in_symmetry(mesh, displacement):
+    """Displacement of the surface points, without what would leave a symmetry plane."""
+    displacement = displacement.copy()
+    for _ in range(2):  # planes that are not perpendicular would need more
+        across = (displacement[mesh.rail_rows] * mesh.rail_normals).sum(axis=1)
+        np.subtract.at(displacement, mesh.rail_rows, across[:, None] * mesh.rail_normals)
+    return displacement
+
+
+def bent_surface(mesh, size=0.15, seed=0):
+    """Initial points near the baseline, and a surface bent and shifted far, that stays on symmetry planes."""
+    random = np.random.default_rng(seed)
+    initial = mesh.points + mesh.slide(random.normal(scale=1e-4, size=mesh.points.shape))
+    x = mesh.points[mesh.surface_ids]
+    extent = np.ptp(x, axis=0).max()
+    modes = np.sin(x / extent @ random.uniform(-3.0, 3.0, (3, 3)) + random.uniform(0.0, 3.0, 3))
+    return initial, x + in_symmetry(mesh, size * extent * modes)
+
+
+def random_changes(mesh, seed=1):
+    """Changes of initial points and surface along which a move may be differentiated."""
+    random = np.random.default_rng(seed)
+    d_initial = random.normal(size=mesh.points.shape)
+    d_initial[mesh.surface_ids] = in_symmetry(mesh, d_initial[mesh.surface_ids])
+    return d_initial, in_symmetry(mesh, random.normal(size=(len(mesh.surface_ids), 3)))
+
+
+def assert_known_points_match(mesh, initial, surface, points):
+    """Surface points are where they were asked to be, held ones stay, and all others keep what they may not change."""
+    np.testing.assert_array_equal(points[mesh.surface_ids], surface)
+    np.testing.assert_array_equal(points[mesh.held_ids], initial[mesh.held_ids])
+    inner = np.delete(np.arange(mesh.n_points), mesh.surface_ids)
+    change = points - initial
+    np.testing.assert_allclose((change - mesh.slide(change))[inner], 0.0, atol=1e-15 * mesh.size)
+
+
+def assert_derivative_is_transposed(movement, seed=2):
+    """Dot test of the products with the derivative of a move and with its transpose."""
+    random = np.random.default_rng(seed)
+    n_surface = len(movement.surface_ids)
+    d_initial, d_surface = random.normal(size=movement.points.shape), random.normal(size=(n_surface, 3))
+    bar = random.normal(size=movement.points.shape)
+    d_points = movement.jvp(d_initial, d_surface)
+    initial_bar, surface_bar = movement.vjp(bar)
+    forward, reverse = (bar * d_points).sum(), (initial_bar * d_initial).sum() + (surface_bar * d_surface).sum()
+    scale = np.linalg.norm(bar) * np.linalg.norm(d_points)
+    assert abs(forward - reverse) <= 1e-11 * scale
+
+
+def assert_derivative_is_exact(mover, initial, surface, tolerance=1e-8, seed=1):
+    """Central difference of fourth order at its best step, with respect to initial points and surface in turn."""
+    movement, (d_initial, d_surface) = mover.move(initial, surface), random_changes(mover.mesh, seed)
+    for d_i, d_s in ((d_initial, 0.0 * d_surface), (0.0 * d_initial, d_surface)):
+        exact = movement.jvp(d_i, d_s)
+        errors = [
+            np.abs(_difference(mover, initial, surface, d_i, d_s, h) - exact).max() for h in (1e-3, 3e-4, 1e-4, 3e-5)
+        ]
+        assert min(errors) <= tolerance * np.abs(exact).max(), errors
+
+
+def _difference(mover, initial, surface, d_initial, d_surface, h):
+    def points(t):
+        return mover.move(initial + t * d_initial, surface + t * d_surface).points
+
+    return (8.0 * (points(h) - points(-h)) - (points(2.0 * h) - points(-2.0 * h))) / (12.0 * h)
