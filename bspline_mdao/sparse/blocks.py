@@ -45,9 +45,7 @@ class BlockPattern:
         is_short = np.diff(self.indptr) < 1
         is_wrong = is_short if is_short.any() else self.indices[self.indptr[1:] - 1] != np.arange(self.n)
         if is_wrong.any():
-            raise InputError(
-                f"block pattern: row {np.argmax(is_wrong) + 1} does not end with its diagonal; store it last"
-            )
+            raise InputError(f"block pattern: row {np.argmax(is_wrong) + 1} lacks its diagonal; store it last")
 
     @property
     def n(self) -> int:

@@ -54,7 +54,7 @@ def _slots(indptr, indices, element_points):
 
 @njit(cache=True)
 def lower_pattern(element_points, n):
-    """Lower triangle by rows, as ``indptr`` and ``indices``: counted first, then filled, so that no pair is stored twice."""
+    """Lower triangle by rows: rows are counted first, then filled, so that no pair is held twice."""
     starts, elements = _elements_of_points(element_points, n)
     indptr = np.zeros(n + 1, np.int64)
     seen = np.full(n, -1, np.int32)

@@ -1,0 +1,69 @@
+"""SciPy's BLAS and LAPACK, callable from compiled kernels that hold no lock and are kept on disk.
+
+A kernel that refers to a function by its address cannot be kept from one process to the next. Here the address is an
+ordinary number that the kernel is given; `call` turns it into a call of a Fortran routine.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import get_cython_function_address, intrinsic
+
+__all__ = ["LEFT", "LOWER", "NOT_TRANSPOSED", "NOT_UNIT", "RIGHT", "TRANSPOSED", "Routines", "call", "routines"]
+
+LOWER, NOT_UNIT, LEFT, RIGHT, TRANSPOSED, NOT_TRANSPOSED = (np.uint8(ord(letter)) for letter in "LNLRTN")
+
+
+class Routines(NamedTuple):
+    """Addresses of the routines that a Cholesky factorisation needs."""
+
+    potrf: int
+    trsm: int
+    syrk: int
+    gemm: int
+    trsv: int
+    gemv: int
+
+
+def routines(dtype) -> Routines:
+    """Routines for real numbers of this precision, single or double."""
+    letter = "s" if np.dtype(dtype) == np.float32 else "d"
+    potrf = get_cython_function_address("scipy.linalg.cython_lapack", f"{letter}potrf")
+    names = ("trsm", "syrk", "gemm", "trsv", "gemv")
+    others = [get_cython_function_address("scipy.linalg.cython_blas", letter + name) for name in names]
+    return Routines(potrf, *others)
+
+
+@intrinsic
+def call(typing_context, address, arguments):
+    """Call the Fortran routine at an address: ``call(address, (LOWER, n, array, n, info))``.
+
+    Everything goes by reference: numpy characters (uint8), integers (as 32-bit ones), real numbers, and arrays, of
+    which the address of the first entry is passed.
+    """
+    signature = types.void(types.intp, arguments)
+
+    def generate(context, builder, signature, values):
+        pointers = [
+            _reference(context, builder, kind, builder.extract_value(values[1], place))
+            for place, kind in enumerate(signature.args[1].types)
+        ]
+        function_type = ir.FunctionType(ir.VoidType(), [pointer.type for pointer in pointers])
+        builder.call(builder.inttoptr(values[0], function_type.as_pointer()), pointers)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _reference(context, builder, kind, value):
+    """Pointer to an argument of a Fortran routine."""
+    if isinstance(kind, types.Array):
+        return context.make_array(kind)(context, builder, value).data
+    if isinstance(kind, types.Integer) and kind.bitwidth > 8:
+        value = builder.trunc(value, ir.IntType(32)) if kind.bitwidth > 32 else value
+    return cgutils.alloca_once_value(builder, value)

@@ -1,0 +1,167 @@
+"""Numeric Cholesky factorisation, front by front, and the solution of the two triangular systems.
+
+See `.fronts` for the storage. A front is assembled from blocks of the matrix and from the updates of its children, its
+own columns are factored by LAPACK, and the Schur complement of its rows is its update [Duff and Reid, ACM Trans. Math.
+Softw. 9 (1983)]. Arithmetic is in the precision of the factor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .lapack import LOWER, NOT_TRANSPOSED, NOT_UNIT, RIGHT, TRANSPOSED, call
+
+__all__ = ["factorize", "solve"]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def factorize(first, last, supernodes, fronts, routines, data, factor, workspace):
+    """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done.
+
+    Parameters
+    ----------
+    first, last : int
+        Supernodes to do.
+    supernodes : Supernodes
+    fronts : Fronts
+    routines : Routines
+        Of the precision of the factor.
+    data : ndarray, shape (n_blocks, 3, 3)
+        Blocks of the matrix.
+    factor : ndarray, shape (n_factor,)
+        The panels, to be filled.
+    workspace : ndarray, shape (n_workspace,)
+        The updates.
+
+    Returns
+    -------
+    int
+        Place of the first point whose pivot is not positive, or -1.
+    """
+    numbers = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
+    minus_one, zero, one = numbers[0:1], numbers[1:2], numbers[2:3]
+    info = np.zeros(1, np.int32)
+    for s in range(first, last):
+        n_own = 3 * (supernodes.firsts[s + 1] - supernodes.firsts[s])
+        n_rest = 3 * (supernodes.row_starts[s + 1] - supernodes.row_starts[s])
+        n = n_own + n_rest
+        panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
+        update = workspace[fronts.update_starts[s] : fronts.update_starts[s] + n_rest * n_rest]
+        panel[:] = 0.0
+        _add_blocks(s, fronts, data, factor, n)
+        n_children = fronts.child_starts[s + 1] - fronts.child_starts[s]
+        if n_children:
+            update[:] = 0.0
+        for child in fronts.children[fronts.child_starts[s] : fronts.child_starts[s + 1]]:
+            low, high = supernodes.row_starts[child], supernodes.row_starts[child + 1]
+            child_update = workspace[fronts.update_starts[child] :]
+            _add_update(fronts.positions[low:high], child_update, panel, n, n_own, update, n_rest)
+        call(routines.potrf, (LOWER, n_own, panel, n, info))
+        if info[0] > 0:
+            return supernodes.firsts[s] + (info[0] - 1) // 3
+        if n_rest:
+            below = panel[n_own:]
+            call(
+                routines.trsm,
+                (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, n_rest, n_own, one, panel, n, below, n),
+            )
+            beta = one if n_children else zero
+            call(
+                routines.syrk,
+                (LOWER, NOT_TRANSPOSED, n_rest, n_own, minus_one, below, n, beta, update, n_rest),
+            )
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add_blocks(s, fronts, data, factor, n):
+    """Add the blocks of the matrix to a panel of ``n`` scalar rows."""
+    for entry in range(fronts.block_starts[s], fronts.block_starts[s + 1]):
+        block, place = data[fronts.blocks[entry]], fronts.block_places[entry]
+        if place >= 0:
+            for c in range(3):
+                for r in range(3):
+                    factor[place + c * n + r] = block[r, c]
+        else:
+            for c in range(3):
+                for r in range(3):
+                    factor[~place + c * n + r] = block[c, r]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_update(positions, child, panel, n, n_own, update, n_rest):
+    """Add the update of a child, of ``3 len(positions)`` rows, to the two pieces of its parent's front."""
+    n_child = 3 * len(positions)
+    for j in range(len(positions)):
+        column = 3 * positions[j]
+        for c in range(3):
+            source = child[(3 * j + c) * n_child : (3 * j + c + 1) * n_child]
+            if column < n_own:
+                _add_column(source, positions, j, c, panel[(column + c) * n :], 0)
+            else:
+                _add_column(source, positions, j, c, update[(column + c - n_own) * n_rest :], n_own)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add_column(source, positions, j, c, target, n_above):
+    """Add scalar column ``3 j + c`` of an update to a column of its parent that starts below ``n_above`` rows."""
+    above = 3 * positions[j] - n_above
+    for r in range(c, 3):
+        target[above + r] += source[3 * j + r]
+    for i in range(j + 1, len(positions)):
+        row = 3 * positions[i] - n_above
+        target[row] += source[3 * i]
+        target[row + 1] += source[3 * i + 1]
+        target[row + 2] += source[3 * i + 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve(supernodes, fronts, routines, factor, x):
+    """Solve with the factor and with its transpose, in place.
+
+    Parameters
+    ----------
+    supernodes : Supernodes
+    fronts : Fronts
+    routines : Routines
+        Of the precision of the factor.
+    factor : ndarray, shape (n_factor,)
+        The panels, as `factorize` left them.
+    x : ndarray, shape (3 n, m)
+        Right-hand sides in the order of elimination, of the precision of the factor; becomes the solutions.
+    """
+    numbers = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
+    minus_one, zero, one = numbers[0:1], numbers[1:2], numbers[2:3]
+    n_supernodes, m = len(fronts.panel_starts) - 1, x.shape[1]
+    rest = np.empty((3 * np.max(np.diff(supernodes.row_starts)), m), factor.dtype)
+    for s in range(n_supernodes):
+        rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
+        first, n_own, n_rest = (
+            3 * supernodes.firsts[s],
+            3 * (supernodes.firsts[s + 1] - supernodes.firsts[s]),
+            3 * len(rows),
+        )
+        n, panel, own = n_own + n_rest, factor[fronts.panel_starts[s] :], x[first : first + n_own]
+        below = panel[n_own:]
+        call(routines.trsm, (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
+        call(routines.gemm, (NOT_TRANSPOSED, TRANSPOSED, m, n_rest, n_own, one, own, m, below, n, zero, rest, m))
+        for i in range(len(rows)):
+            for r in range(3):
+                x[3 * rows[i] + r] -= rest[3 * i + r]
+    for s in range(n_supernodes - 1, -1, -1):
+        rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
+        first, n_own, n_rest = (
+            3 * supernodes.firsts[s],
+            3 * (supernodes.firsts[s + 1] - supernodes.firsts[s]),
+            3 * len(rows),
+        )
+        n, panel, own = n_own + n_rest, factor[fronts.panel_starts[s] :], x[first : first + n_own]
+        below = panel[n_own:]
+        for i in range(len(rows)):
+            for r in range(3):
+                rest[3 * i + r] = x[3 * rows[i] + r]
+        call(
+            routines.gemm, (NOT_TRANSPOSED, NOT_TRANSPOSED, m, n_own, n_rest, minus_one, rest, m, below, n, one, own, m)
+        )
+        call(routines.trsm, (RIGHT, LOWER, NOT_TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
