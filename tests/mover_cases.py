@@ -26,7 +26,9 @@ def channel_grid(turn=None):
     nodes = [first, second] if turn is None else [first @ turn.T, second @ turn.T]
     walls = [Window(0, (0, 0, 0), (3, 4, 0)), Window(1, (0, 0, 0), (4, 5, 0))]
     planes = [Window(0, (0, 0, 0), (3, 0, 5)), Window(1, (0, 0, 0), (0, 5, 5))]
-    return grid_of(*nodes, patches=[patch("wall", *walls), patch("symmetry", *planes)])
+    far = [Window(0, (0, 0, 0), (0, 4, 5)), Window(0, (0, 4, 0), (3, 4, 5)), Window(0, (0, 0, 5), (3, 4, 5))]
+    far += [Window(1, (4, 0, 0), (4, 5, 5)), Window(1, (0, 5, 0), (4, 5, 5)), Window(1, (0, 0, 5), (4, 5, 5))]
+    return grid_of(*nodes, patches=[patch("wall", *walls), patch("symmetry", *planes), patch("farfield", *far)])
 
 
 def mesh_of(grid, **options):
@@ -35,20 +37,25 @@ def mesh_of(grid, **options):
 
 
 @cache
-def channel(is_oblique=False):
+def channel(is_oblique=False, released=()):
     """Moving mesh of `channel_grid`, its symmetry plane in or out of the coordinate planes."""
-    return mesh_of(channel_grid(rotation() if is_oblique else None))
+    return mesh_of(channel_grid(rotation() if is_oblique else None), released=released)
+
+
+def oblique_channel(released=()):
+    """`channel` turned."""
+    return channel(True, released)
 
 
 @cache
 def plate():
     """Moving mesh about a flat plate, whose two sides coincide."""
-    return mesh_of(flat_plate_grid((5, 4, 5)))
+    return mesh_of(flat_plate_grid((6, 5, 7)))
 
 
 @cache
 def wing():
-    """Control mesh about a wing: twelve blocks of unequal sizes, half of them left-handed."""
+    """Control mesh about a wing: twelve blocks with unequal numbers of control points."""
     return moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
 
 
@@ -117,3 +124,17 @@ def _difference(mover, initial, surface, d_initial, d_surface, h):
         return mover.move(initial + t * d_initial, surface + t * d_surface).points
 
     return (8.0 * (points(h) - points(-h)) - (points(2.0 * h) - points(-2.0 * h))) / (12.0 * h)
+
+
+def both_sides(mesh):
+    """Points of the `plate` on its lower and on its upper side, in one order; at its rim they are the same."""
+    return mesh.blocks[1][:, -1].ravel(), mesh.blocks[4][:, 0].ravel()
+
+
+def opened(mesh, opening=0.1):
+    """Surface of the `plate` whose two sides are moved apart."""
+    lower, upper = both_sides(mesh)
+    points = mesh.points.copy()
+    points[lower[lower != upper], 1] -= opening
+    points[upper[lower != upper], 1] += opening
+    return points[mesh.surface_ids]
