@@ -182,7 +182,7 @@ def generic_blended_wing_body() -> BlendedWingBody:
     -------
     BlendedWingBody
         Centre body 1.5 long and 17 % thick with a reflexed section, an outer wing swept by 35 deg, and winglets that
-        turn up through 75 deg; semi-span 1.83, 2.16 along the spine.
+        turn up through 75 deg; semi-span 1.86, 2.16 along the spine.
     """
     body, wing, winglet = (cambered_section(*shape) for shape in ((0.17, 0.02, 1.6), (0.11, 0.015, 0.5), (0.09, 0.0)))
     middle = cambered_section(0.15, 0.02, 1.2)

@@ -120,7 +120,7 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
     thickness : float
         Thickness in chords.
     camber : float
-        Height of the camber line ``4 camber x (1 - x) (1 - reflex x)`` in the middle of the chord if there is no reflex.
+        Of the camber line ``4 camber x (1 - x) (1 - reflex x)``; without reflex its largest height.
     reflex : float
         Above 1 the camber line turns up behind ``x = 1 / reflex``.
 
