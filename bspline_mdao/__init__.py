@@ -7,6 +7,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "BilinearKnots": "splines.knots",
     "ConstantKnots": "splines.knots",
+    "ControlMeshMove": "components.control_mesh_move",
     "Fit": "components.fit",
     "FittedModel": "model",
     "FunctionKnots": "splines.knots",

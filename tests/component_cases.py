@@ -1,9 +1,15 @@
 """Small fitted grids for the tests of components and command line."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.grids.multiblock import Block, Grid
+from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.multiblock import Block, Grid, Patch
+from bspline_mdao.movement.increments import in_increments
+from bspline_mdao.movement.interpolation import interpolated_step
+from bspline_mdao.movement.mesh import MovingMesh
 
 
 def two_blocks(seed: int = 0) -> Grid:
@@ -11,9 +17,8 @@ def two_blocks(seed: int = 0) -> Grid:
     rng = np.random.default_rng(seed)
     bend = rng.uniform(-0.15, 0.15, (3, 3))
     ends = ((0.0, 1.0, 7), (1.0, 2.5, 9))
-    return Grid(
-        tuple(Block(_bent(*end, bend), f"block {n}") for n, end in enumerate(ends, start=1)), source="two blocks"
-    )
+    blocks = tuple(Block(_bent(*end, bend), f"block {n}") for n, end in enumerate(ends, start=1))
+    return Grid(blocks, source="two blocks")
 
 
 def _bent(start: float, stop: float, n: int, bend: np.ndarray) -> np.ndarray:
@@ -25,3 +30,58 @@ def _bent(start: float, stop: float, n: int, bend: np.ndarray) -> np.ndarray:
 def small_model(**options):
     """Fit of `two_blocks` with unequal numbers of control points."""
     return fit_grid(two_blocks(), n_control=[(4, 6, 5), (6, 6, 5)], **options)
+
+
+def movable_model(**options):
+    """Fit of `two_blocks` above a wall."""
+    grid = two_blocks()
+    wall = Patch(
+        "floor", "wall", tuple(Window(n, (0, 0, 0), (i - 1, j - 1, 0)) for n, (i, j, _) in enumerate(grid.shapes))
+    )
+    grid = Grid(grid.blocks, (wall,), grid.source)
+    return fit_grid(grid, n_control=[(4, 6, 5), (6, 6, 5)], **options)
+
+
+@dataclass(frozen=True)
+class Shear:
+    """A user's own mover: takes every point along as the mean of the surface, the less the farther off it is.
+
+    The share is a smooth function of the initial points, so that every derivative has something to show.
+    """
+
+    mesh: MovingMesh
+    n_increments: int = 2
+
+    def move(self, initial, surface):
+        return in_increments(self.mesh, self.step, initial, surface, self.n_increments)
+
+    def step(self, initial, before, surface):
+        return interpolated_step(self.mesh, before, surface, _MeanDisplacement.of(self.mesh, before, surface))
+
+
+@dataclass(frozen=True)
+class _MeanDisplacement:
+    mesh: MovingMesh
+    points: np.ndarray
+    mean: np.ndarray
+
+    @classmethod
+    def of(cls, mesh, points, surface):
+        return cls(mesh, points, (surface - points[mesh.surface_ids]).mean(axis=0))
+
+    @property
+    def share(self):
+        return np.exp(-self.points[:, 2:])
+
+    @property
+    def values(self):
+        return self.share * self.mean
+
+    def jvp(self, d_points, d_displacement):
+        return self.share * d_displacement.mean(axis=0) - d_points[:, 2:] * self.values
+
+    def vjp(self, bar):
+        points_bar = np.zeros_like(bar)
+        points_bar[:, 2] = -(bar * self.values).sum(axis=1)
+        n_surface = len(self.mesh.surface_ids)
+        return points_bar, np.tile((self.share * bar).sum(axis=0) / n_surface, (n_surface, 1))

@@ -7,15 +7,19 @@ import tracemalloc
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import small_model, two_blocks
+from component_cases import Shear, movable_model, small_model, two_blocks
 
 import bspline_mdao.components
+from bspline_mdao.components.control_mesh_move import ControlMeshMove
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
 from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.grids.multiblock import Block, Grid
-from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
+from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.movement.elasticity import LinearElasticity
+from bspline_mdao.movement.held import Held
+from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL, SURFACE_CONTROL_POINTS
 
 PARTIALS = {
     "Fit": (Fit, {}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
@@ -25,6 +29,11 @@ PARTIALS = {
     "LiveGridEvaluate, control points": (LiveGridEvaluate, {}, GRID, CONTROL_POINTS),
     "LiveGridEvaluate, fitted control points": (LiveGridEvaluate, {}, GRID, CONTROL_POINTS_INITIAL),
     "LiveGridEvaluate, grid": (LiveGridEvaluate, {}, GRID, GRID_INITIAL),
+    **{
+        f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": mover}, CONTROL_POINTS, wrt)
+        for mover in (LinearElasticity, Held, Shear)
+        for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
+    },
 }
 """Every component in every mode: class, options, output, input."""
 
@@ -33,16 +42,20 @@ every_component = pytest.mark.parametrize(("component", "options", "of", "wrt"),
 
 @pytest.fixture(scope="module")
 def model():
-    return small_model()
+    return movable_model()
 
 
 def run_problem(component, model, **options) -> om.Problem:
     problem = om.Problem(reports=False)
-    problem.model.add_subsystem("component", component(model=model, **options), promotes=["*"])
+    if component is ControlMeshMove:
+        options["mover"] = options["mover"](moving_mesh(model))
+    else:
+        options["model"] = model
+    problem.model.add_subsystem("component", component(**options), promotes=["*"])
     problem.setup(force_alloc_complex=False)
-    if component is LiveGridEvaluate:  # away from the fit, so that the mapping matters
-        moved = model.control_points + np.random.default_rng(7).normal(scale=0.05, size=model.control_points.shape)
-        problem.set_val(CONTROL_POINTS, moved.ravel())
+    for name in {LiveGridEvaluate: [CONTROL_POINTS], ControlMeshMove: [SURFACE_CONTROL_POINTS]}.get(component, []):
+        value = problem.get_val(name)  # away from the baseline, so that all terms of the derivative matter
+        problem.set_val(name, value + np.random.default_rng(7).normal(scale=0.02, size=value.shape))
     problem.run_model()
     return problem
 

@@ -132,6 +132,7 @@ def test_openmdao_lists_the_components():
         entry.value for entry in entry_points(group="openmdao_component") if entry.value.startswith("bspline_mdao")
     }
     assert found == {
+        "bspline_mdao.components.control_mesh_move:ControlMeshMove",
         "bspline_mdao.components.fit:Fit",
         "bspline_mdao.components.grid_evaluate:GridEvaluate",
         "bspline_mdao.components.live_grid_evaluate:LiveGridEvaluate",

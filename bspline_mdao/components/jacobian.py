@@ -91,3 +91,29 @@ def add_product(jvp, vjp, d_inputs, d_outputs, mode: str, *, of: str, wrt: str) 
         d_outputs[of] += jvp(d_inputs[wrt].reshape(-1, 3)).ravel()
     else:
         d_inputs[wrt] += vjp(d_outputs[of].reshape(-1, 3)).ravel()
+
+
+def direction_in(d_inputs, inputs, name: str) -> np.ndarray | float:
+    """Give the direction in an input of ``compute_jacvec_product``.
+
+    Parameters
+    ----------
+    d_inputs, inputs : Vector
+        OpenMDAO's linear vector, which leaves out what plays no part, and the inputs.
+    name : str
+        The input.
+
+    Returns
+    -------
+    ndarray, shape (n, 3), or float
+        Zeros where OpenMDAO leaves it out; the number 0 where the component has no such input.
+    """
+    if name in d_inputs:
+        return d_inputs[name].reshape(-1, 3)
+    return np.zeros((inputs[name].size // 3, 3)) if name in inputs else 0.0
+
+
+def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
+    """Add a derivative, shape (n, 3), to the linear vector of an input, unless OpenMDAO leaves it out."""
+    if name in d_inputs:
+        d_inputs[name] += bar.ravel()

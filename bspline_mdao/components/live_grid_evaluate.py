@@ -8,7 +8,7 @@ import openmdao.api as om
 from ..fit.live_mapping import LiveMapping, live_mapping
 from ..model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
-from .jacobian import at_baseline, finite_points
+from .jacobian import add_bar, at_baseline, direction_in, finite_points
 
 
 class LiveGridEvaluate(om.ExplicitComponent):
@@ -74,16 +74,16 @@ class LiveGridEvaluate(om.ExplicitComponent):
         mapping, displacement = self._mapping_at(inputs), _displacement(inputs)
         carries = float(CONTROL_POINTS_INITIAL in inputs)  # whether the baseline itself is part of the sum
         if mode == "fwd":
-            d_nodes = _points_or_zeros(d_inputs, inputs, GRID_INITIAL)
-            d_control = _points_or_zeros(d_inputs, inputs, CONTROL_POINTS)
-            d_control = d_control - _points_or_zeros(d_inputs, inputs, CONTROL_POINTS_INITIAL)
+            d_nodes = direction_in(d_inputs, inputs, GRID_INITIAL)
+            d_control = direction_in(d_inputs, inputs, CONTROL_POINTS)
+            d_control = d_control - direction_in(d_inputs, inputs, CONTROL_POINTS_INITIAL)
             d_outputs[GRID] += (mapping.jvp(displacement, d_nodes, d_control) + carries * d_nodes).ravel()
         else:
             bar = d_outputs[GRID].reshape(-1, 3)
             nodes_bar, control_bar = mapping.vjp(displacement, bar)
-            _add(d_inputs, GRID_INITIAL, nodes_bar + carries * bar)
-            _add(d_inputs, CONTROL_POINTS, control_bar)
-            _add(d_inputs, CONTROL_POINTS_INITIAL, -control_bar)
+            add_bar(d_inputs, GRID_INITIAL, nodes_bar + carries * bar)
+            add_bar(d_inputs, CONTROL_POINTS, control_bar)
+            add_bar(d_inputs, CONTROL_POINTS_INITIAL, -control_bar)
 
     def _mapping_at(self, inputs) -> LiveMapping:
         nodes = inputs[GRID_INITIAL]
@@ -97,15 +97,3 @@ def _displacement(inputs) -> np.ndarray:
     if CONTROL_POINTS_INITIAL in inputs:
         control_points = control_points - inputs[CONTROL_POINTS_INITIAL]
     return control_points.reshape(-1, 3)
-
-
-def _points_or_zeros(d_inputs, inputs, name: str) -> np.ndarray | float:
-    """Direction in an input, shape (n, 3): zero where OpenMDAO leaves it out, a number where there is no such input."""
-    if name in d_inputs:
-        return d_inputs[name].reshape(-1, 3)
-    return np.zeros((inputs[name].size // 3, 3)) if name in inputs else 0.0
-
-
-def _add(d_inputs, name: str, bar: np.ndarray) -> None:
-    if name in d_inputs:
-        d_inputs[name] += bar.ravel()

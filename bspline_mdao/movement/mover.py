@@ -86,6 +86,23 @@ class MovementReport:
         tangled = ((n, report) for n, report in enumerate(self.increments, start=1) if report.n_tangled)
         return next(tangled, None)
 
+    def require_valid(self) -> None:
+        """Refuse a mesh that is tangled at the end.
+
+        Raises
+        ------
+        MovementError
+            If it is: names the increment where that began and the worst element there.
+        """
+        if not (self.increments and self.increments[-1].n_tangled):
+            return
+        number, first = self.first_tangled()
+        raise MovementError(
+            f"movement: increment {number} of {len(self.increments)} inverts {first.place} (corner triple product "
+            f"{first.min_corner:.2g}); {self.increments[-1].n_tangled} elements are inverted at the end; "
+            f"take a smaller step or more increments"
+        )
+
 
 class Movement(Protocol):
     """A move that was made, with its exact derivative."""
