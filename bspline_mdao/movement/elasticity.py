@@ -1,0 +1,114 @@
+"""Linear elasticity in increments (section III.B, Eqs. 6 to 8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from ..sparse.solvers import default_solver
+from . import element
+from .equilibrium import Equilibrium, EquilibriumStep
+from .increments import IncrementalMovement, in_increments
+from .mesh import MovingMesh
+from .stiffness import OrthogonalityLaw, StiffnessLaw
+
+__all__ = ["LinearElasticity"]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearElasticity:
+    """Moves a mesh as a linear elastic solid, one linear system per increment.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    poisson_ratio : float
+        Between -1 and 0.5.
+    n_increments : int
+        The paper's m.
+    stiffness : StiffnessLaw
+        Young's modulus of the elements at the start of every increment; the paper's by default.
+    solver : object
+        Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
+    keep_factors : bool
+        Keep the factor of every increment as long as the movement lives, which makes a product with its derivative
+        cost a fraction of the move. Otherwise only that of the first increment is kept, and each product factorises
+        the others again.
+
+    Raises
+    ------
+    InputError
+        If Poisson's ratio is out of range.
+    """
+
+    mesh: MovingMesh
+    poisson_ratio: float = -0.2
+    n_increments: int = 5
+    stiffness: StiffnessLaw = field(default_factory=OrthogonalityLaw)
+    solver: object = field(default_factory=default_solver)
+    keep_factors: bool = True
+
+    def __post_init__(self):
+        if not -1.0 < self.poisson_ratio < 0.5:
+            raise InputError(f"elasticity: Poisson's ratio {self.poisson_ratio}; give a number between -1 and 0.5")
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+        """Move points behind the surface, see `bspline_mdao.movement.mover.Mover.move`.
+
+        Raises
+        ------
+        InputError
+            If a shape or the number of increments is wrong.
+        MovementError
+            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
+        """
+        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        return Equilibrium(self.mesh, self.solver, self.keep_factors)
+
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
+        modulus = self.stiffness.modulus(self.mesh, initial, before)
+        lame = element.lame_constants(self.poisson_ratio)
+        elements = ElasticElements(self.mesh, self.stiffness, lame, initial, before, modulus)
+        return self._equilibrium.step(elements, initial, before, surface)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticElements:
+    """Elastic elements at given points, see `bspline_mdao.movement.equilibrium.Elements`."""
+
+    mesh: MovingMesh
+    law: StiffnessLaw
+    lame: tuple[float, float]
+    initial: np.ndarray
+    points: np.ndarray
+    modulus: np.ndarray
+
+    @property
+    def _arguments(self):
+        return self.points, self.mesh.elements, self.mesh.handedness, self.modulus, self.lame
+
+    def add_stiffness(self, element_rows, slots, data):
+        """Add the stiffness to blocks."""
+        element.add_stiffness(*self._arguments, element_rows, slots, data)
+
+    def force(self, displacement):
+        """Force on all points."""
+        return element.force(*self._arguments, displacement)
+
+    def force_jvp(self, displacement, d_initial, d_points, d_displacement):
+        """Change of the force."""
+        d_modulus = self.law.modulus_jvp(self.mesh, self.initial, self.points, d_initial, d_points)
+        return element.force_jvp(*self._arguments, displacement, d_points, d_modulus, d_displacement)
+
+    def force_vjp(self, displacement, bar):
+        """Transpose of `force_jvp`."""
+        points_bar, modulus_bar, displacement_bar = element.force_vjp(*self._arguments, displacement, bar)
+        initial_bar, by_modulus = self.law.modulus_vjp(self.mesh, self.initial, self.points, modulus_bar)
+        return initial_bar, points_bar + by_modulus, displacement_bar

@@ -1,0 +1,46 @@
+"""Vectors of three numbers as tuples, for kernels whose loops are to vectorise: no array, no allocation.
+
+The numbers are real or complex; nothing is conjugated.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+__all__ = ["add", "cross", "dot", "less", "scaled", "triple"]
+
+
+@njit(cache=True, inline="always")
+def add(u, v):
+    """``u + v``."""
+    return u[0] + v[0], u[1] + v[1], u[2] + v[2]
+
+
+@njit(cache=True, inline="always")
+def less(u, v):
+    """``u - v``."""
+    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
+
+
+@njit(cache=True, inline="always")
+def scaled(factor, u):
+    """``factor u``."""
+    return factor * u[0], factor * u[1], factor * u[2]
+
+
+@njit(cache=True, inline="always")
+def dot(u, v):
+    """``u . v``."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@njit(cache=True, inline="always")
+def cross(u, v):
+    """``u x v``."""
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+
+
+@njit(cache=True, inline="always")
+def triple(u, v, w):
+    """``(u x v) . w``."""
+    return dot(cross(u, v), w)
