@@ -15,6 +15,7 @@ _HOMES = {
     "GridEvaluate": "components.grid_evaluate",
     "Held": "movement.held",
     "InputError": "errors",
+    "LinearElasticity": "movement.elasticity",
     "LiveGridEvaluate": "components.live_grid_evaluate",
     "MovementError": "errors",
     "family_member": "model",
