@@ -16,6 +16,7 @@ _HOMES = {
     "Held": "movement.held",
     "InputError": "errors",
     "LinearElasticity": "movement.elasticity",
+    "InverseDistance": "movement.inverse_distance",
     "LiveGridEvaluate": "components.live_grid_evaluate",
     "MovementError": "errors",
     "family_member": "model",

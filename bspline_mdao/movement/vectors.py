@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from numba import njit
 
-__all__ = ["add", "cross", "dot", "less", "scaled", "triple"]
+__all__ = ["add", "add_to", "cross", "dot", "less", "row", "scaled", "triple"]
+
+
+@njit(cache=True, inline="always")
+def row(points, n):
+    """Row n of an array of vectors."""
+    return points[n, 0], points[n, 1], points[n, 2]
 
 
 @njit(cache=True, inline="always")
@@ -44,3 +50,11 @@ def cross(u, v):
 def triple(u, v, w):
     """``(u x v) . w``."""
     return dot(cross(u, v), w)
+
+
+@njit(cache=True, inline="always")
+def add_to(points, n, u):
+    """``points[n] += u``."""
+    points[n, 0] += u[0]
+    points[n, 1] += u[1]
+    points[n, 2] += u[2]
