@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from .mesh import MovingMesh
+from .mover import SolveReport
 
 __all__ = ["InterpolatedStep", "Interpolation", "interpolated_step"]
 
@@ -44,14 +45,14 @@ class InterpolatedStep:
         Points after the increment (m).
     interpolation : Interpolation
         What carried the displacement of the surface.
-    report : None
-        No system of elements was solved.
+    report : SolveReport or None
+        How the interpolation was solved for, where it had to be.
     """
 
     mesh: MovingMesh
     points: np.ndarray
     interpolation: Interpolation
-    report: None = None
+    report: SolveReport | None = None
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3); ``d_initial`` plays no part."""
@@ -71,7 +72,11 @@ class InterpolatedStep:
 
 
 def interpolated_step(
-    mesh: MovingMesh, before: np.ndarray, surface: np.ndarray, interpolation: Interpolation
+    mesh: MovingMesh,
+    before: np.ndarray,
+    surface: np.ndarray,
+    interpolation: Interpolation,
+    report: SolveReport | None = None,
 ) -> InterpolatedStep:
     """Take of an interpolation what every point may do.
 
@@ -85,6 +90,8 @@ def interpolated_step(
         Surface points after it (m).
     interpolation : Interpolation
         What carries the displacement of the surface.
+    report : SolveReport, optional
+        How it was solved for.
 
     Returns
     -------
@@ -92,4 +99,4 @@ def interpolated_step(
     """
     points = before + mesh.slide(interpolation.values)
     points[mesh.surface_ids] = surface
-    return InterpolatedStep(mesh, points, interpolation)
+    return InterpolatedStep(mesh, points, interpolation, report)

@@ -1,0 +1,144 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mover_cases import (
+    assert_derivative_is_exact,
+    assert_derivative_is_transposed,
+    assert_known_points_match,
+    bent_surface,
+    both_sides,
+    channel,
+    channel_grid,
+    in_symmetry,
+    mesh_of,
+    oblique_channel,
+    opened,
+    plate,
+    rotation,
+    wing,
+)
+
+from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.movement.centres import find_centres
+from bspline_mdao.movement.radial_basis import MOST_CENTRES, RadialBasis
+from bspline_mdao.movement.radial_functions import COMPACT, GLOBAL, NEEDS_LINEAR
+from bspline_mdao.movement.radial_interpolation import radial_interpolation
+
+SMOOTH_RADIUS = {"gaussian": 0.1, "multiquadric": 0.1, "inverse multiquadric": 0.1}
+"""Infinitely smooth functions give systems near singular where they are wide."""
+
+
+def mover_of(mesh, kernel="wendland c2", **options):
+    return RadialBasis(mesh, kernel, SMOOTH_RADIUS.get(kernel, 0.5), **options)
+
+
+@pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
+def test_known_points_match_and_others_slide(make):
+    mesh = make()
+    initial, surface = bent_surface(mesh)
+    points = RadialBasis(mesh, n_increments=2).move(initial, surface).points
+    assert_known_points_match(mesh, initial, surface, points)
+    assert np.abs(points - initial)[mesh.is_free.any(axis=1)].max() > 0.01 * np.ptp(surface)
+
+
+@pytest.mark.parametrize("kernel", [*COMPACT, *GLOBAL])
+def test_displacements_of_all_centres_are_matched(kernel):
+    random = np.random.default_rng(0)
+    centres, displacement = random.normal(size=(40, 3)), random.normal(size=(40, 3))
+    made = radial_interpolation(kernel, 1.0, kernel in NEEDS_LINEAR, centres.copy(), centres, displacement)
+    np.testing.assert_allclose(made.values, displacement, atol=1e-10)
+    assert made.report.residual < 1e-10
+
+
+@pytest.mark.parametrize("kernel", COMPACT)
+def test_compact_functions_are_not_felt_beyond_their_radius(kernel):
+    near, far = np.zeros((1, 3)), np.array([[0.0, 0.7, 0.0], [0.0, 0.699, 0.0]])
+    values = radial_interpolation(kernel, 0.7, False, far, near, np.ones((1, 3))).values
+    np.testing.assert_array_equal(values[0], 0.0)
+    assert (values[1] > 0.0).all()
+
+
+@pytest.mark.parametrize("kernel", [*NEEDS_LINEAR, "wendland c2"])
+def test_affine_displacements_are_reproduced_with_the_linear_polynomial(kernel):
+    mesh = mesh_of(channel_grid(rotation()), design="*")
+    matrix, shift = np.random.default_rng(0).normal(size=(3, 3)), [0.1, 0.2, 0.3]
+    moved = mesh.points @ matrix + shift
+    points = mover_of(mesh, kernel, has_linear=True).move(mesh.points, moved[mesh.surface_ids]).points
+    np.testing.assert_allclose(points, moved, atol=1e-10)
+
+
+def test_everything_follows_a_translation_where_the_far_field_may():
+    mesh = oblique_channel(released=("farfield",))
+    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.rail_rows[0]]
+    initial = mesh.points.copy()
+    initial[mesh.surface_ids] += 0.1 * np.sin(3.0 * initial[mesh.surface_ids, :1]) * rotation()[:, 2]  # off one plane
+    points = mover_of(mesh, "volume").move(initial, initial[mesh.surface_ids] + shift).points
+    np.testing.assert_allclose(points, initial + shift, atol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [*COMPACT, *GLOBAL])
+def test_derivatives_of_every_kernel_are_exact(kernel):
+    mover = mover_of(oblique_channel(), kernel, n_increments=2)
+    initial, surface = bent_surface(mover.mesh)
+    assert_derivative_is_transposed(mover.move(initial, surface))
+    assert_derivative_is_exact(mover, initial, surface)
+
+
+@pytest.mark.parametrize("n_increments", [1, 5])
+@pytest.mark.parametrize("has_linear", [False, True])
+def test_derivatives_are_exact_in_any_number_of_increments(n_increments, has_linear):
+    mover = RadialBasis(channel(), has_linear=has_linear, n_increments=n_increments)
+    initial, surface = bent_surface(mover.mesh)
+    assert_derivative_is_transposed(mover.move(initial, surface))
+    assert_derivative_is_exact(mover, initial, surface)
+
+
+def test_derivatives_about_a_plate_with_coincident_sides_are_exact_to_the_condition_of_the_system():
+    mover = RadialBasis(plate(), n_increments=2)
+    initial, surface = bent_surface(mover.mesh)
+    assert_derivative_is_transposed(mover.move(initial, surface))
+    assert_derivative_is_exact(mover, initial, surface, tolerance=1e-7)
+
+
+def test_the_coincident_sides_of_a_plate_take_the_points_beside_them_along():
+    mesh = plate()
+    inner = slice(1, -1), slice(1, -1)
+    lower, upper = both_sides(mesh)
+    movement = RadialBasis(mesh).move(mesh.points, opened(mesh))
+    moved = (movement.points - mesh.points)[..., 1]
+    assert (mesh.points[lower] == mesh.points[upper]).all()
+    assert (moved[mesh.blocks[1][:, -2][inner]] < 0.0).all()
+    assert (moved[mesh.blocks[4][:, 1][inner]] > 0.0).all()
+    assert movement.report.increments[0].solve.residual < 1e-9
+
+
+def test_centres_that_stay_at_one_place_count_once():
+    mesh = plate()
+    is_free = np.zeros_like(mesh.is_free)  # nothing free beside the plate, and nothing but the surface to go to
+    mesh = replace(mesh, surface_ids=np.arange(mesh.n_points, dtype=np.int32), is_free=is_free)
+    mesh = replace(mesh, rail_rows=np.zeros(0, dtype=int), rail_normals=np.zeros((0, 3)))
+    lower, upper = both_sides(mesh)
+    assert len(find_centres(mesh).ids) == mesh.n_points - (lower != upper).sum()
+
+
+def test_a_singular_system_is_told_with_what_to_do():
+    mesh = wing()
+    initial, surface = bent_surface(mesh)
+    with pytest.raises(MovementError, match="take a smaller radius or another kernel"):
+        RadialBasis(mesh, "gaussian", radius=10.0).move(initial, surface)
+
+
+@pytest.mark.parametrize(
+    "setting", [{"kernel": "cubic"}, {"radius": 0.0}, {"radius": np.nan}, {"kernel": "volume", "has_linear": False}]
+)
+def test_settings_that_mean_nothing_are_refused(setting):
+    with pytest.raises(InputError, match="radial basis"):
+        RadialBasis(channel(), **setting)
+
+
+def test_too_many_centres_are_refused_before_anything_is_built():
+    many = np.arange(MOST_CENTRES + 1, dtype=np.int32)
+    mesh = replace(channel(), surface_ids=many, points=np.zeros((len(many), 3)), is_free=np.zeros((len(many), 3), bool))
+    with pytest.raises(InputError, match="move the control mesh"):
+        RadialBasis(mesh)
