@@ -62,14 +62,14 @@ class Deformation:
         d_moved = d_points
         for point_map in self.maps:
             points, d_moved = point_map.apply(points), jvp(point_map, points, d_moved)
-        return d_points + self._slide(d_moved - d_points)
+        return d_points + self.slide(d_moved - d_points)
 
     def vjp(self, points: np.ndarray, bar: np.ndarray) -> np.ndarray:
         """Transpose of `jvp`: shape (n_surface, 3), of shape (n_surface, 3)."""
         before = [points]
         for point_map in self.maps[:-1]:
             before.append(point_map.apply(before[-1]))
-        slid = self._slide(bar)
+        slid = self.slide(bar)
         points_bar = slid
         for point_map, at in zip(self.maps[::-1], before[::-1]):
             points_bar = vjp(point_map, at, points_bar)
@@ -86,11 +86,11 @@ class Deformation:
                 f"m; choose one that keeps the plane"
             )
         kept = moved.copy()
-        kept[rows] = (points + self._slide(moved - points))[rows]
+        kept[rows] = (points + self.slide(moved - points))[rows]
         return kept
 
-    def _slide(self, displacement):
-        """Take the normal part off displacements of points on planes of symmetry; its own transpose."""
+    def slide(self, displacement: np.ndarray) -> np.ndarray:
+        """Take the normal part off displacements (n_surface, 3) of points on planes of symmetry; its own transpose."""
         rows, normals = self.mesh.rail_rows, self.mesh.rail_normals
         slid = displacement.copy()
         np.subtract.at(slid, rows, np.sum(displacement[rows] * normals, axis=1)[:, None] * normals)
