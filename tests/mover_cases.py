@@ -108,9 +108,27 @@ def assert_derivative_is_transposed(movement, seed=2):
     assert abs(forward - reverse) <= 1e-11 * scale
 
 
-def assert_derivative_is_exact(mover, initial, surface, tolerance=1e-8, seed=1):
-    """Central difference of fourth order at its best step, with respect to initial points and surface in turn."""
+def spacings(mesh):
+    """Length of the shortest edge at every point, shape (n_points, 1)."""
+    shortest = np.full((mesh.n_points, 1), np.inf)
+    for ids in mesh.blocks:
+        for d in range(3):
+            start, end = np.moveaxis(ids, d, 0)[:-1].ravel(), np.moveaxis(ids, d, 0)[1:].ravel()
+            lengths = np.linalg.norm(mesh.points[end] - mesh.points[start], axis=1)[:, None]
+            lengths[lengths == 0.0] = np.inf
+            np.minimum.at(shortest, start, lengths)
+            np.minimum.at(shortest, end, lengths)
+    return shortest
+
+
+def assert_derivative_is_exact(mover, initial, surface, tolerance=1e-8, seed=1, scale=1.0):
+    """Central difference of fourth order at its best step, with respect to initial points and surface in turn.
+
+    The changes are random numbers times ``scale``, a number or one for each point.
+    """
     movement, (d_initial, d_surface) = mover.move(initial, surface), random_changes(mover.mesh, seed)
+    scale = np.broadcast_to(scale, (mover.mesh.n_points, 1))
+    d_initial, d_surface = scale * d_initial, scale[mover.mesh.surface_ids] * d_surface
     for d_i, d_s in ((d_initial, 0.0 * d_surface), (0.0 * d_initial, d_surface)):
         exact = movement.jvp(d_i, d_s)
         steps = (3e-5, 1e-4, 1e-5, 3e-6)
