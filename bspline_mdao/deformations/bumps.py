@@ -18,8 +18,8 @@ _N_WAVES = 32
 class Bumps:
     """Move points by a smooth vector field of their place: a sum of plane waves.
 
-    A field moves both sides of a thin wing alike, keeps closed edges closed, and leaves planes of symmetry in place
-    since it is the mean of itself and its mirror images.
+    A field moves both sides of a thin wing alike and keeps closed edges closed. Towards a plane of symmetry its normal
+    component fades as ``1 - exp(-(d / reach)^2)`` with the distance d.
 
     Parameters
     ----------
@@ -29,28 +29,26 @@ class Bumps:
         Wave vectors (rad/m) and phases (rad).
     directions : ndarray, shape (n, 3)
         Displacement at the crest of each wave, by the height.
+    reach : float
+        Distance from a plane of symmetry over which bumps fade (m).
     planes : tuple of Plane
-        Planes of symmetry, at right angles to each other.
+        Planes of symmetry, at right angles or parallel to each other.
     """
 
     amount: float
     waves: np.ndarray
     phases: np.ndarray
     directions: np.ndarray
+    reach: float
     planes: tuple[Plane, ...] = ()
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points (n, 3), in metres."""
-        return points + self.amount * self._field(points, self.planes)
-
-    def _field(self, points, planes):
-        if not planes:
-            return np.cos(points @ self.waves.T + self.phases) @ self.directions
-        plane, *others = planes
-        mirrored = points - 2.0 * np.outer(points @ plane.normal - plane.offset, plane.normal)
-        image = self._field(mirrored, others)
-        image = image - 2.0 * np.outer(image @ plane.normal, plane.normal)
-        return 0.5 * (self._field(points, others) + image)
+        field = np.cos(points @ self.waves.T + self.phases) @ self.directions
+        for plane in self.planes:
+            faded = np.exp(-(((points @ plane.normal - plane.offset) / self.reach) ** 2))
+            field = field - (faded * (field @ plane.normal))[:, None] * plane.normal
+        return points + self.amount * field
 
 
 def random_bumps(
@@ -84,11 +82,12 @@ def random_bumps(
     waves, directions = _directions(rng), _directions(rng)
     waves *= 2.0 * np.pi / wavelength * rng.uniform(0.5, 1.0, (_N_WAVES, 1))
     phases = rng.uniform(0.0, 2.0 * np.pi, _N_WAVES)
-    unit = Bumps(1.0, waves, phases, directions, planes)
+    reach = 0.25 * wavelength
+    unit = Bumps(1.0, waves, phases, directions, reach, planes)
     largest = np.linalg.norm(unit.apply(points) - points, axis=1).max()
     if not largest > 0.0:
         raise InputError("deformation: bumps move no point of this surface; all of it is on planes of symmetry")
-    return Bumps(height, waves, phases, directions / largest, planes)
+    return Bumps(height, waves, phases, directions / largest, reach, planes)
 
 
 def _directions(rng):
