@@ -191,8 +191,8 @@ def generic_blended_wing_body() -> BlendedWingBody:
             Rib(0.00, -0.50, 1.50, body, twist=1.0),
             Rib(0.42, 0.00, 1.03, middle, twist=1.0, cant=1.5),
             Rib(0.78, 0.40, 0.56, wing, twist=0.5, cant=3.0),
-            Rib(1.52, 0.92, 0.29, wing, twist=-2.0, cant=5.0),
-            Rib(1.86, 1.19, 0.20, winglet, cant=75.0),
-            Rib(2.16, 1.44, 0.12, winglet, cant=75.0),
+            Rib(1.52, 0.92, 0.33, wing, twist=-2.0, cant=5.0),
+            Rib(1.86, 1.12, 0.27, winglet, cant=75.0),
+            Rib(2.16, 1.25, 0.22, winglet, cant=75.0),
         )
     )
