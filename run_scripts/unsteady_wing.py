@@ -1,0 +1,133 @@
+"""Shape control in unsteady flow (section II.E): a pitching and a flapping wing, with exact grid velocities."""
+
+from __future__ import annotations
+
+import numpy as np
+from common import BLUE, GRAY, ORANGE, figure, run
+
+from bspline_mdao import LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao.grids.hexahedron import cell_quality
+from bspline_mdao.motion import UnsteadyGrid, flapping, pitching
+
+PERIOD = 1.0
+"""Period of both motions (s)."""
+
+TIME = 0.07
+"""When velocities are compared with differences in time (s)."""
+
+STEPS = PERIOD / np.array([50.0, 100.0, 200.0, 400.0])
+"""Steps of the differences (s)."""
+
+COLORS = {"pitching": BLUE, "flapping": ORANGE}
+
+
+def main(paper: bool = False, figures=None) -> dict:
+    """Move the M6 wing through a period of each motion.
+
+    Parameters
+    ----------
+    paper : bool
+        12 blocks of 45 x 65 x 33 nodes and 16 times; some 20,000 nodes and 8 times by default.
+    figures : path-like, optional
+        Folder for ``unsteady_wing.png``.
+
+    Returns
+    -------
+    dict
+        For each motion: ``max_speed`` (m/s); ``differences``, the largest error of central differences in time for
+        ``steps`` (s), by the largest speed; ``rate``, its order; ``velocity_error``, what is left when they are
+        extrapolated; over the period ``phases``, smallest corner triple product ``min_corner`` and ``q_min`` of the
+        grid, and ``n_inverted``.
+    """
+    grid = onera_m6_grid() if paper else onera_m6_grid((13, 15, 11))
+    model = fit_grid(grid, n_control=(13, 13, 9) if paper else (7, 7, 6))
+    mesh = moving_mesh(model)
+    mover = LinearElasticity(mesh, n_increments=2)
+    motions = {
+        "pitching": pitching(mesh, np.radians(15.0), 1.0 / PERIOD),
+        "flapping": flapping(mesh, np.radians(40.0), 1.0 / PERIOD),
+    }
+    grids = {name: UnsteadyGrid(model, mover, motion) for name, motion in motions.items()}
+    phases = np.arange(16 if paper else 8) / (16 if paper else 8)
+    states = {name: [unsteady.at(phase * PERIOD) for phase in phases] for name, unsteady in grids.items()}
+    numbers = {
+        name: {"phases": phases.tolist(), **quality_over(model, states[name]), **compare_velocities(unsteady)}
+        for name, unsteady in grids.items()
+    }
+    if figures:
+        draw(figures, model, states, numbers)
+    return numbers
+
+
+def compare_velocities(unsteady: UnsteadyGrid) -> dict:
+    """Hold the velocities against central differences in time, of ever smaller steps and extrapolated."""
+    exact = unsteady.at(TIME).velocities
+    differences = [(unsteady.at(TIME + step).nodes - unsteady.at(TIME - step).nodes) / (2.0 * step) for step in STEPS]
+    speed = np.abs(exact).max()
+    errors = np.array([np.abs(difference - exact).max() for difference in differences]) / speed
+    return {
+        "max_speed": speed,
+        "steps": STEPS,
+        "differences": errors,
+        "rate": np.log2(errors[-2] / errors[-1]),
+        "velocity_error": np.abs(extrapolate(differences) - exact).max() / speed,
+    }
+
+
+def extrapolate(differences: list[np.ndarray]) -> np.ndarray:
+    """Limit of central differences whose steps are halved: Richardson's table, even powers of the step."""
+    order = 1
+    while len(differences) > 1:
+        factor = 4.0**order
+        differences = [(factor * fine - coarse) / (factor - 1.0) for coarse, fine in zip(differences, differences[1:])]
+        order += 1
+    return differences[0]
+
+
+def quality_over(model, states) -> dict:
+    """Worst cells of the grid at every time."""
+    qualities = [
+        [cell_quality(block.nodes) for block in model.header.grid(model.topology.shapes, state.nodes).blocks]
+        for state in states
+    ]
+    return {
+        "min_corner": [min(float(quality.min_corner.min()) for quality in blocks) for blocks in qualities],
+        "q_min": [min(float(quality.q.min()) for quality in blocks) for blocks in qualities],
+        "n_inverted": sum(int((~quality.is_valid).sum()) for blocks in qualities for quality in blocks),
+    }
+
+
+def draw(folder, model, states, numbers) -> None:
+    """Draw the moving wing, the velocities' error and the quality over the period."""
+    with figure(folder, "unsteady_wing", size=(10.0, 6.0)) as canvas:
+        (side, front), (error, quality) = canvas.subplots(2, 2)
+        for state in states["pitching"]:
+            draw_state(side, model, state, (0, 1), root=True)
+        for state in states["flapping"]:
+            draw_state(front, model, state, (2, 1), root=False)
+        side.set(xlabel="$x$", ylabel="$y$", title="pitching: root section, with velocities", aspect="equal")
+        front.set(xlabel="$z$", ylabel="$y$", title="flapping: leading edge, with velocities", aspect="equal")
+        for name, results in numbers.items():
+            error.loglog(results["steps"], results["differences"], "o-", color=COLORS[name], label=name)
+            quality.plot(results["phases"], results["min_corner"], "o-", color=COLORS[name], label=name)
+        error.loglog(STEPS, 20.0 * STEPS**2, "--", color=GRAY, label="order 2")
+        error.set(xlabel="time step (s)", ylabel="difference from exact velocity")
+        quality.set(xlabel="time by period", ylabel="smallest corner triple product", ylim=(0.0, None))
+        for axes in (error, quality):
+            axes.legend()
+
+
+def draw_state(axes, model, state, plane, root) -> None:
+    """Draw one line of the wing at one time and arrows of its velocities, in a coordinate plane."""
+    block = 4  # above the wing
+    shape = model.topology.shapes[block]
+    start = sum(int(np.prod(s)) for s in model.topology.shapes[:block])
+    place = np.s_[:, 0, 0] if root else np.s_[0, 0, :]
+    rows = (start + np.arange(np.prod(shape)).reshape(shape))[place]
+    points, velocities = state.nodes[rows][:, plane], state.velocities[rows][:, plane]
+    axes.plot(*points.T, color=GRAY, linewidth=0.8)
+    axes.quiver(*points[::2].T, *velocities[::2].T, color=BLUE if root else ORANGE, angles="xy", scale=40, width=2e-3)
+
+
+if __name__ == "__main__":
+    run(main, __doc__)
