@@ -25,23 +25,27 @@ _STYLE = {
 }
 
 
-def parse_arguments(description: str) -> argparse.Namespace:
+def parse_arguments(description: str, **options: dict) -> argparse.Namespace:
     """Read the arguments of a run script from the command line.
 
     Parameters
     ----------
     description : str
         What the script does.
+    **options
+        Further options by name, each with the keywords of ``argparse``'s ``add_argument``.
 
     Returns
     -------
     argparse.Namespace
-        ``paper`` (bool: the paper's size), ``json`` (file or None) and ``figures`` (folder or None).
+        ``paper`` (bool: the paper's size), ``json`` (file or None), ``figures`` (folder or None) and the options.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--paper", action="store_true", help="run at the paper's size")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="write the figures to DIR")
+    for name, keywords in options.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", **keywords)
     return parser.parse_args()
 
 
@@ -58,21 +62,25 @@ def write_numbers(path: Path, numbers: dict) -> None:
     Path(path).write_text(json.dumps(numbers, indent=2, default=_plain) + "\n")
 
 
-def run(main: Callable[..., dict], description: str) -> None:
+def run(main: Callable[..., dict], description: str, **options: dict) -> None:
     """Run a script from the command line: arguments in, numbers out.
 
     Parameters
     ----------
     main : callable
-        ``main(paper=..., figures=...)`` returns the numbers; it writes figures only if ``figures`` is a folder.
+        ``main(paper=..., figures=..., **options)`` returns the numbers; it writes figures only if ``figures`` is a
+        folder.
     description : str
         What the script does.
+    **options
+        Further options of the script, as for `parse_arguments`.
     """
-    arguments = parse_arguments(description)
-    numbers = main(paper=arguments.paper, figures=arguments.figures)
+    arguments = vars(parse_arguments(description, **options))
+    file = arguments.pop("json")
+    numbers = main(**arguments)
     print(json.dumps(numbers, indent=2, default=_plain))
-    if arguments.json:
-        write_numbers(arguments.json, numbers)
+    if file:
+        write_numbers(file, numbers)
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from common import BLUE, GRAY, ORANGE, figure, run
+from scenes import faces_of
 
 from bspline_mdao import FittedModel, fit_grid, onera_m6_grid
 
@@ -36,18 +37,6 @@ def main(paper: bool = False, figures=None) -> dict:
         "rms": model.report.rms,
         "n_wall_control_points": len(wall),
     }
-
-
-def faces_of(model: FittedModel, name: str, arrays) -> list[np.ndarray]:
-    """Cut the faces of the patches whose name begins with ``name`` out of one array per block."""
-    windows = [w for patch in model.header.patches if patch.name.startswith(name) for w in patch.windows]
-    return [face_of(arrays[window.block], window) for window in windows]
-
-
-def face_of(array: np.ndarray, window) -> np.ndarray:
-    """Cut a whole face out of an array over a block, whatever its resolution."""
-    flat = next(d for d in range(3) if window.lo[d] == window.hi[d])
-    return np.take(array, 0 if window.lo[flat] == 0 else -1, axis=flat)
 
 
 def draw(folder, model: FittedModel) -> None:
