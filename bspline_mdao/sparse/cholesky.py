@@ -44,7 +44,7 @@ class Cholesky:
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholeskyAnalysis:
         """Find the order of elimination and the fronts of a pattern, whose points have coordinates of shape (n, 3)."""
         graph = graph_of(pattern)
-        supernodes = find_supernodes(*graph, nested_dissection(graph, points))
+        supernodes = find_supernodes(*graph, nested_dissection(*graph))
         return CholeskyAnalysis(self, pattern, supernodes, lay_out(supernodes, pattern.indptr, pattern.indices))
 
 
