@@ -59,7 +59,8 @@ class Unknowns:
         Parameters
         ----------
         add_stiffness : callable
-            ``add_stiffness(element_rows, slots, data)`` adds the stiffness of all elements to the blocks.
+            ``add_stiffness(element_rows, slots, data)`` adds the stiffness of all elements to the blocks, shape
+            (n_blocks, 3, 3).
         """
         data = np.zeros((self.pattern.n_blocks, 3, 3))
         add_stiffness(self.element_rows, self.slots, data)

@@ -22,6 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .element_corners import add_element
 from .floors import FLAT, floored
 from .vectors import add, cross, dot, less, scaled
 
@@ -409,25 +410,12 @@ def add_stiffness(points, elements, signs, modulus, lame, rows, slots, data):
     data : ndarray, shape (n_blocks, 3, 3)
         Blocks of the lower triangle, added to.
     """
-    x, block = np.empty((3, 3, 8), points.dtype), np.empty((3, 3), points.dtype)
+    x, stiffness = np.empty((3, 3, 8), points.dtype), np.empty((8, 8, 3, 3), points.dtype)
     products = np.empty((3, 3, 8, 8), points.dtype)
     for e in range(len(elements)):
         _slopes(points, elements[e], x)
         _element_products(x, float(signs[e]), 0.125 * modulus[e], products)
         for a in range(8):
             for b in range(a + 1):
-                place = slots[e, a * (a + 1) // 2 + b]
-                if place >= 0:
-                    _pair_block(products, a, b, lame, block)
-                    _add_block(data[place], block, rows[e, a] - rows[e, b], a > b)
-
-
-@njit(cache=True)
-def _add_block(place, block, order, is_pair):
-    """Add a block below the diagonal, its transpose above; both where the two corners of a pair are one point."""
-    for c in range(3):
-        for d in range(3):
-            if order >= 0:
-                place[c, d] += block[c, d]
-            if order < 0 or (order == 0 and is_pair):
-                place[c, d] += block[d, c]
+                _pair_block(products, a, b, lame, stiffness[a, b])
+        add_element(stiffness, rows[e], slots[e], data)

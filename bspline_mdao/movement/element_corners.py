@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["add_at_corners", "contract"]
+__all__ = ["add_at_corners", "add_element", "contract"]
 
 
 @njit(cache=True)
@@ -23,3 +23,36 @@ def add_at_corners(elements, values, n_points):
 def contract(gradients: np.ndarray, elements: np.ndarray, d_points: np.ndarray) -> np.ndarray:
     """Sum gradients by the corners, shape (n_elements, 8, 3), times the change of the points: shape (n_elements,)."""
     return np.einsum("ecd,ecd->e", gradients, d_points[elements])
+
+
+@njit(cache=True)
+def add_element(stiffness, rows, slots, data):
+    """Add the stiffness of an element to the blocks of a symmetric matrix.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (8, 8, 3, 3)
+        Blocks (a, b) of corners b <= a.
+    rows : ndarray of int32, shape (8,)
+        Block row of every corner, -1 where it has none.
+    slots : ndarray of int32, shape (36,)
+        Place of every pair of corners, see `bspline_mdao.sparse.element_pattern.slots`.
+    data : ndarray, shape (n_blocks, 3, 3)
+        Blocks of the lower triangle, added to.
+    """
+    for a in range(8):
+        for b in range(a + 1):
+            place = slots[a * (a + 1) // 2 + b]
+            if place >= 0:
+                _add_block(data[place], stiffness[a, b], rows[a] - rows[b], a > b)
+
+
+@njit(cache=True)
+def _add_block(place, block, order, is_pair):
+    """Add a block below the diagonal, its transpose above; both where the two corners of a pair are one point."""
+    for c in range(3):
+        for d in range(3):
+            if order >= 0:
+                place[c, d] += block[c, d]
+            if order < 0 or (order == 0 and is_pair):
+                place[c, d] += block[d, c]

@@ -1,0 +1,133 @@
+"""Spring analogy: the mesh as a network of lineal springs, with torsional springs at the corners of elements if asked.
+
+The springs are those of `bspline_mdao.movement.spring_element`, stiffened anew at the start of every increment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..sparse.solvers import default_solver
+from . import spring_element
+from .equilibrium import Equilibrium, EquilibriumStep
+from .increments import IncrementalMovement, in_increments
+from .mesh import MovingMesh
+
+__all__ = ["LinealSprings", "TorsionalSprings"]
+
+
+class _Springs:
+    """What both networks share: a move is a sequence of equilibria."""
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+        """Move points behind the surface, see `bspline_mdao.movement.mover.Mover.move`.
+
+        Raises
+        ------
+        InputError
+            If a shape or the number of increments is wrong.
+        MovementError
+            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
+        """
+        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        return Equilibrium(self.mesh, self.solver, self.keep_factors)
+
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
+        elements = SpringElements(self.mesh, *self._network, before)
+        return self._equilibrium.step(elements, initial, before, surface)
+
+
+@dataclass(frozen=True, eq=False)
+class LinealSprings(_Springs):
+    """Moves a mesh as springs along the edges and diagonals of its elements.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    n_increments : int
+        Number of increments.
+    power : float
+        A spring of length L has the stiffness L^-power.
+    solver : object
+        Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
+    keep_factors : bool
+        As for `bspline_mdao.movement.elasticity.LinearElasticity`.
+    """
+
+    mesh: MovingMesh
+    n_increments: int = 5
+    power: float = 1.0
+    solver: object = field(default_factory=default_solver)
+    keep_factors: bool = True
+
+    @property
+    def _network(self):
+        return spring_element.N_LINEAL, (float(self.power), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TorsionalSprings(_Springs):
+    """Moves a mesh as lineal springs of stiffness 1 / L^2 and torsional springs at the corners of its elements.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    n_increments : int
+        Number of increments.
+    torsion : float
+        Stiffness of the torsional springs relative to that of the lineal ones.
+    solver : object
+        Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
+    keep_factors : bool
+        As for `bspline_mdao.movement.elasticity.LinearElasticity`.
+    """
+
+    mesh: MovingMesh
+    n_increments: int = 5
+    torsion: float = 1.0
+    solver: object = field(default_factory=default_solver)
+    keep_factors: bool = True
+
+    @property
+    def _network(self):
+        return spring_element.N_SPRINGS, (2.0, float(np.sqrt(self.torsion)))
+
+
+@dataclass(frozen=True, eq=False)
+class SpringElements:
+    """Springs of all elements at given points, see `bspline_mdao.movement.equilibrium.Elements`."""
+
+    mesh: MovingMesh
+    n_springs: int
+    settings: tuple[float, float]
+    points: np.ndarray
+
+    @property
+    def _arguments(self):
+        mesh = self.mesh
+        return self.points, mesh.elements, mesh.handedness, mesh.left_out, self.n_springs, self.settings
+
+    def add_stiffness(self, element_rows, slots, data):
+        """Add the stiffness to blocks."""
+        spring_element.add_stiffness(*self._arguments, element_rows, slots, data)
+
+    def force(self, displacement):
+        """Force on all points."""
+        return spring_element.force(*self._arguments, displacement)
+
+    def force_jvp(self, displacement, d_initial, d_points, d_displacement):
+        """Change of the force."""
+        return spring_element.force_jvp(*self._arguments, displacement, d_points, d_displacement)
+
+    def force_vjp(self, displacement, bar):
+        """Transpose of `force_jvp`."""
+        points_bar, displacement_bar = spring_element.force_vjp(*self._arguments, displacement, bar)
+        return np.zeros_like(self.points), points_bar, displacement_bar
