@@ -18,6 +18,9 @@ TIME = 0.07
 STEPS = PERIOD / np.array([50.0, 100.0, 200.0, 400.0])
 """Steps of the differences (s)."""
 
+ROOT_BLOCKS, WING_BLOCKS = range(6), (1, 4, 7, 10)
+"""Blocks at the symmetry plane, and those above and below the wing and outboard of it."""
+
 COLORS = {"pitching": BLUE, "flapping": ORANGE}
 
 
@@ -98,35 +101,37 @@ def quality_over(model, states) -> dict:
 
 
 def draw(folder, model, states, numbers) -> None:
-    """Draw the moving wing, the velocities' error and the quality over the period."""
-    with figure(folder, "unsteady_wing", size=(10.0, 6.0)) as canvas:
+    """Draw the moving grids with their speeds, the error of differences and the quality over the period."""
+    with figure(folder, "unsteady_wing", size=(10.0, 7.0)) as canvas:
         (side, front), (error, quality) = canvas.subplots(2, 2)
-        for state in states["pitching"]:
-            draw_state(side, model, state, (0, 1), root=True)
-        for state in states["flapping"]:
-            draw_state(front, model, state, (2, 1), root=False)
-        side.set(xlabel="$x$", ylabel="$y$", title="pitching: root section, with velocities", aspect="equal")
-        front.set(xlabel="$z$", ylabel="$y$", title="flapping: leading edge, with velocities", aspect="equal")
+        stream = model.topology.shapes[4][0]
+        draw_cut(side, model, states["pitching"][1], ROOT_BLOCKS, np.s_[:, :, 0], (0, 1))
+        draw_cut(front, model, states["flapping"][1], WING_BLOCKS, np.s_[stream // 2], (2, 1))
+        side.set(xlim=(-0.7, 1.7), ylim=(-0.8, 0.8), xlabel="$x$", ylabel="$y$", title="pitching: speed at the root")
+        front.set(xlim=(0.0, 2.4), ylim=(-0.5, 1.1), xlabel="$z$", ylabel="$y$", title="flapping: speed at mid-chord")
         for name, results in numbers.items():
             error.loglog(results["steps"], results["differences"], "o-", color=COLORS[name], label=name)
             quality.plot(results["phases"], results["min_corner"], "o-", color=COLORS[name], label=name)
         error.loglog(STEPS, 20.0 * STEPS**2, "--", color=GRAY, label="order 2")
-        error.set(xlabel="time step (s)", ylabel="difference from exact velocity")
+        error.set(xlabel="time step (s)", ylabel="error of differences in time")
         quality.set(xlabel="time by period", ylabel="smallest corner triple product", ylim=(0.0, None))
         for axes in (error, quality):
             axes.legend()
 
 
-def draw_state(axes, model, state, plane, root) -> None:
-    """Draw one line of the wing at one time and arrows of its velocities, in a coordinate plane."""
-    block = 4  # above the wing
-    shape = model.topology.shapes[block]
-    start = sum(int(np.prod(s)) for s in model.topology.shapes[:block])
-    place = np.s_[:, 0, 0] if root else np.s_[0, 0, :]
-    rows = (start + np.arange(np.prod(shape)).reshape(shape))[place]
-    points, velocities = state.nodes[rows][:, plane], state.velocities[rows][:, plane]
-    axes.plot(*points.T, color=GRAY, linewidth=0.8)
-    axes.quiver(*points[::2].T, *velocities[::2].T, color=BLUE if root else ORANGE, angles="xy", scale=40, width=2e-3)
+def draw_cut(axes, model, state, blocks, cut, plane) -> None:
+    """Draw a cut through blocks of the grid in a coordinate plane, coloured by the speed (m/s)."""
+    shapes = model.topology.shapes
+    nodes, velocities = (model.header.grid(shapes, x).blocks for x in (state.nodes, state.velocities))
+    speeds = {block: np.linalg.norm(velocities[block].nodes[cut], axis=-1) for block in blocks}
+    fastest = max(speed.max() for speed in speeds.values())
+    for block, speed in speeds.items():
+        x, y = np.moveaxis(nodes[block].nodes[cut], -1, 0)[list(plane)]
+        image = axes.pcolormesh(x, y, speed, shading="gouraud", cmap="viridis", vmin=0.0, vmax=fastest)
+        for lines in ((x, y), (x.T, y.T)):
+            axes.plot(*lines, color="white", linewidth=0.25)
+    axes.set_aspect("equal")
+    axes.figure.colorbar(image, ax=axes, shrink=0.8)
 
 
 if __name__ == "__main__":
