@@ -92,7 +92,7 @@ class TorsionalSprings(_Springs):
 
     mesh: MovingMesh
     n_increments: int = 5
-    torsion: float = 1.0
+    torsion: float = 0.01
     solver: object = field(default_factory=default_solver)
     keep_factors: bool = True
 
