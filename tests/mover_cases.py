@@ -121,12 +121,12 @@ def spacings(mesh):
     return shortest
 
 
-def assert_derivative_is_exact(mover, initial, surface, tolerance=1e-8, seed=1, scale=1.0):
+def assert_derivative_is_exact(mover, initial, surface, tolerance=1e-8, seed=1, scale=1.0, changes=random_changes):
     """Central difference of fourth order at its best step, with respect to initial points and surface in turn.
 
     The changes are random numbers times ``scale``, a number or one for each point.
     """
-    movement, (d_initial, d_surface) = mover.move(initial, surface), random_changes(mover.mesh, seed)
+    movement, (d_initial, d_surface) = mover.move(initial, surface), changes(mover.mesh, seed)
     scale = np.broadcast_to(scale, (mover.mesh.n_points, 1))
     d_initial, d_surface = scale * d_initial, scale[mover.mesh.surface_ids] * d_surface
     for d_i, d_s in ((d_initial, 0.0 * d_surface), (0.0 * d_initial, d_surface)):
