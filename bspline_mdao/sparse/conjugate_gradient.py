@@ -1,0 +1,264 @@
+"""Conjugate gradients for symmetric matrices of 3 x 3 blocks, preconditioned with any factor."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+
+from ..errors import MovementError
+from .blocks import BlockMatrix, BlockPattern
+from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
+from .solution import Solution, check_right
+
+__all__ = [
+    "ConjugateGradients",
+    "ConjugateGradientsAnalysis",
+    "PreconditionedMatrix",
+    "Preconditioner",
+    "preconditioned_solve",
+]
+
+ADVICE = "give more shift or a higher fill, or use a direct solver"
+
+
+class Preconditioner(Protocol):
+    """A symmetric positive definite approximation of a matrix that can be solved with."""
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that it takes."""
+
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Solve for a right-hand side, shape (n, 3)."""
+
+
+@dataclass(frozen=True)
+class ConjugateGradients:
+    """Conjugate gradients preconditioned with ILU(p), the solver of section III.B.
+
+    Parameters
+    ----------
+    fill : int, optional
+        Level of fill p of the incomplete factor.
+    shift : float, optional
+        Share of the diagonal blocks that is added to them before they are factored. The factor takes more where a pivot
+        is not positive otherwise.
+    tolerance : float, optional
+        Residual to reach in the 2-norm, relative to the right-hand side.
+    max_iterations : int, optional
+        Iterations after which to give up.
+    single : bool, optional
+        Store the factor in single precision, which halves its memory. The solution has the same accuracy.
+    """
+
+    fill: int = 1
+    shift: float = 4e-3
+    tolerance: float = 1e-12
+    max_iterations: int = 20_000
+    single: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return f"CG, ILU({self.fill})"
+
+    def analyze(self, pattern: BlockPattern, points: np.ndarray) -> ConjugateGradientsAnalysis:
+        """Find the pattern of the factor; the points, shape (n, 3), are not used."""
+        return ConjugateGradientsAnalysis(self, incomplete_pattern(pattern, narrow_order(pattern), self.fill))
+
+
+@dataclass(frozen=True, eq=False)
+class ConjugateGradientsAnalysis:
+    """The pattern of an incomplete factor, with the settings.
+
+    Parameters
+    ----------
+    settings : ConjugateGradients
+    pattern : IncompletePattern
+    """
+
+    settings: ConjugateGradients
+    pattern: IncompletePattern
+
+    def factorize(self, matrix: BlockMatrix) -> PreconditionedMatrix:
+        """Factor a matrix incompletely; `MovementError` if no sensible shift makes its pivots positive."""
+        settings = self.settings
+        dtype = np.float32 if settings.single else np.float64
+        factor: IncompleteFactor = incomplete_factor(matrix, self.pattern, settings.shift, dtype)
+        return PreconditionedMatrix(matrix, factor, settings.tolerance, settings.max_iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class PreconditionedMatrix:
+    """A matrix with its preconditioner.
+
+    Parameters
+    ----------
+    matrix : BlockMatrix
+    preconditioner : Preconditioner
+    tolerance : float
+    max_iterations : int
+    """
+
+    matrix: BlockMatrix
+    preconditioner: Preconditioner
+    tolerance: float
+    max_iterations: int
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of the preconditioner."""
+        return self.preconditioner.n_bytes
+
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Apply the preconditioner to a right-hand side, shape (n, 3)."""
+        return self.preconditioner.apply(right)
+
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> Solution:
+        """Solve for a right-hand side, shape (n, 3) or (n, 3, m); with ``matrix`` in place of the own one, if given."""
+        matrix = self.matrix if matrix is None else matrix
+        return preconditioned_solve(
+            matrix, self.preconditioner, right, self.tolerance, max_iterations=self.max_iterations
+        )
+
+
+def preconditioned_solve(
+    matrix: BlockMatrix,
+    factor: Preconditioner,
+    right: np.ndarray,
+    tolerance: float = 1e-12,
+    start: np.ndarray | None = None,
+    max_iterations: int = 20_000,
+) -> Solution:
+    """Solve with conjugate gradients and the factor of this matrix or one like it.
+
+    The iteration's own residual drifts from the true one by rounding. So the true one is computed when the former is
+    small enough, and the iteration starts again from there if need be.
+
+    Parameters
+    ----------
+    matrix : BlockMatrix
+        Symmetric positive definite matrix.
+    factor : Preconditioner
+        Factor of any solver, such as that of an earlier increment.
+    right : ndarray, shape (n, 3) or (n, 3, m)
+        Right-hand side, or m of them.
+    tolerance : float, optional
+        Residual to reach in the 2-norm, relative to the right-hand side.
+    start : ndarray, shape as ``right``, optional
+        Where to start; zero by default.
+    max_iterations : int, optional
+        Iterations after which to give up.
+
+    Returns
+    -------
+    Solution
+        With the true residual, and the largest number of iterations where there are several right-hand sides.
+
+    Raises
+    ------
+    MovementError
+        If the residual cannot be reached, or matrix or factor is not positive definite or not finite.
+    """
+    clock = time.perf_counter()
+    right = check_right(right, matrix.pattern.n)
+    start = np.zeros_like(right) if start is None else check_right(start, matrix.pattern.n)
+    sides = [...] if right.ndim == 2 else [(..., side) for side in range(right.shape[2])]
+    x, found = np.empty_like(right), [(0, 0.0)]
+    for side in sides:
+        x[side], *report = _solve_one(matrix, factor, right[side], tolerance, start[side], max_iterations)
+        found.append(report)
+    iterations, residuals = zip(*found)
+    return Solution(x, max(iterations), max(residuals), time.perf_counter() - clock)
+
+
+def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
+    """Solution, iterations and true relative residual of one right-hand side."""
+    right = np.ascontiguousarray(right)
+    size = np.sqrt(_dot(right, right))
+    if size == 0.0:
+        return np.zeros_like(right), 0, 0.0
+    if not np.isfinite(size):
+        raise MovementError("conjugate gradients: the right-hand side is not finite; look for points that are not")
+    x = np.array(start, order="C")
+    rest = right - matrix.dot(x)
+    iterations, residual = 0, np.sqrt(_dot(rest, rest)) / size
+    while not residual <= tolerance:
+        step, n_steps = _iterate(matrix, factor, rest, 0.5 * tolerance * size, max_iterations - iterations)
+        x += step
+        iterations += n_steps
+        rest = right - matrix.dot(x)
+        before, residual = residual, np.sqrt(_dot(rest, rest)) / size
+        if residual > tolerance and not residual < 0.5 * before:
+            raise MovementError(
+                f"conjugate gradients: the residual stays at {residual:.1e} after {iterations} iterations; "
+                "rounding allows no less: give a larger tolerance, or use a direct solver"
+            )
+    return x, iterations, float(residual)
+
+
+def _iterate(matrix, factor, right, target, max_iterations):
+    """Iterate from zero until the recurrence's residual is at most ``target``: solution and number of iterations.
+
+    Line numbers are those of Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., Algorithm 9.1.
+    """
+    x, residual = np.zeros_like(right), right.copy()
+    z = factor.apply(residual)
+    direction, energy = z, _dot(residual, z)  # line 1
+    for iteration in range(1, max_iterations + 1):
+        image = matrix.dot(direction)
+        curvature = _dot(direction, image)
+        _require_positive(energy, curvature, iteration)
+        size = np.sqrt(_advance(x, residual, direction, image, energy / curvature))  # lines 3 to 5
+        if size <= target:
+            return x, iteration
+        z = factor.apply(residual)  # line 6
+        before, energy = energy, _dot(residual, z)
+        _turn(direction, z, energy / before)  # lines 7 and 8
+    raise MovementError(
+        f"conjugate gradients: residual {size / target:.1e} times the tolerance after {max_iterations} iterations; "
+        f"allow more, {ADVICE}"
+    )
+
+
+def _require_positive(energy, curvature, iteration):
+    """Stop if the preconditioner or the matrix shows that it is not positive definite, or not finite."""
+    for value, what in ((energy, "preconditioner"), (curvature, "matrix")):
+        if not (value > 0.0 and np.isfinite(value)):
+            raise MovementError(
+                f"conjugate gradients: the {what} is not positive definite (iteration {iteration}, {value:.1e}); "
+                f"{ADVICE}"
+            )
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _dot(a, b):
+    """Inner product of two arrays, shape (n, 3)."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _advance(x, residual, direction, image, length):
+    """Go along ``direction``, whose product with the matrix is ``image``; square of the residual's norm."""
+    total = 0.0
+    for i in range(len(x)):
+        for a in range(3):
+            x[i, a] += length * direction[i, a]
+            residual[i, a] -= length * image[i, a]
+            total += residual[i, a] * residual[i, a]
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _turn(direction, z, share):
+    """Next direction, in place: ``z`` and a share of the last one."""
+    for i in range(len(z)):
+        for a in range(3):
+            direction[i, a] = z[i, a] + share * direction[i, a]

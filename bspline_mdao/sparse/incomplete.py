@@ -1,0 +1,249 @@
+"""Incomplete factorisation L D L^T of a symmetric matrix of 3 x 3 blocks, with level of fill p: ILU(p)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from ..errors import MovementError
+from .blocks import BlockMatrix, BlockPattern
+from .fill_pattern import fill_pattern
+from .graph import graph_of
+
+__all__ = ["IncompleteFactor", "IncompletePattern", "incomplete_factor", "incomplete_pattern", "narrow_order"]
+
+LARGEST_SHIFT = 10.0
+"""Where retries with ever larger shifts end: the factor is then hardly better than the diagonal."""
+
+SMALLEST_SHIFT, SHIFT_GROWTH = 1e-3, 4.0
+"""The first shift to try after none at all, and how shifts grow from one trial to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class IncompletePattern:
+    """Where an incomplete factor has blocks.
+
+    Parameters
+    ----------
+    order, rank : ndarray of int32, shape (n,)
+        Points in the order of elimination, and the place of every point in it.
+    starts : ndarray of int64, shape (n + 1,)
+        Where each row of the strict lower triangle starts.
+    columns : ndarray of int32, shape (n_blocks,)
+        Columns, ascending within a row.
+    """
+
+    order: np.ndarray
+    rank: np.ndarray
+    starts: np.ndarray
+    columns: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class IncompleteFactor:
+    """Incomplete factor L D L^T.
+
+    Parameters
+    ----------
+    pattern : IncompletePattern
+    lower : ndarray, shape (n_blocks, 3, 3)
+        Blocks of L below its unit diagonal.
+    inverse_diagonal : ndarray, shape (n, 3, 3)
+        Inverses of the blocks of D.
+    shift : float
+        Share of the diagonal blocks that was added to them.
+    breakdowns : tuple of (float, int)
+        Smaller shifts that were tried first, and the number of pivots that were not positive with each.
+    """
+
+    pattern: IncompletePattern
+    lower: np.ndarray
+    inverse_diagonal: np.ndarray
+    shift: float
+    breakdowns: tuple[tuple[float, int], ...]
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of the factor and its pattern."""
+        pattern = self.pattern
+        arrays = self.lower, self.inverse_diagonal, pattern.order, pattern.rank, pattern.starts, pattern.columns
+        return sum(array.nbytes for array in arrays)
+
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Solve L D L^T x = right, shape (n, 3)."""
+        pattern = self.pattern
+        return _solve(pattern.order, pattern.starts, pattern.columns, self.lower, self.inverse_diagonal, right)
+
+
+def incomplete_pattern(pattern: BlockPattern, order: np.ndarray, fill: int) -> IncompletePattern:
+    """Find where the incomplete factor of level ``fill`` has blocks, for points eliminated in ``order``."""
+    order = np.ascontiguousarray(order, np.int32)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    return IncompletePattern(order, rank, *fill_pattern(*graph_of(pattern), order, fill))
+
+
+def narrow_order(pattern: BlockPattern) -> np.ndarray:
+    """Order of elimination by reverse Cuthill and McKee, which gives the fewest iterations of those measured."""
+    graph = graph_of(pattern)
+    edges = np.ones(len(graph.neighbours), np.int8)
+    return reverse_cuthill_mckee(csr_array((edges, graph.neighbours, graph.starts), shape=(pattern.n,) * 2), True)
+
+
+def incomplete_factor(
+    matrix: BlockMatrix, pattern: IncompletePattern, shift: float, dtype=np.float32
+) -> IncompleteFactor:
+    """Factor a matrix incompletely.
+
+    The diagonal blocks are taken 1 + ``shift`` times. If a pivot is not positive in spite of that, all is done again
+    with a larger shift.
+
+    Raises
+    ------
+    MovementError
+        If no sensible shift is enough.
+    """
+    lower, diagonal = np.empty((len(pattern.columns), 3, 3), dtype), np.empty((len(pattern.order), 3, 3))
+    breakdowns = []
+    while shift <= LARGEST_SHIFT:
+        lower[:] = 0.0
+        _scatter(matrix.pattern, matrix.data, 1.0 + shift, pattern, lower, diagonal)
+        n_failed, first = _factorize(pattern.starts, pattern.columns, lower, diagonal)
+        if n_failed == 0:
+            return IncompleteFactor(pattern, lower, diagonal, shift, tuple(breakdowns))
+        breakdowns.append((shift, n_failed))
+        shift = max(SHIFT_GROWTH * shift, SMALLEST_SHIFT)
+    raise MovementError(
+        f"incomplete factor: {n_failed} pivots are not positive with a shift of {breakdowns[-1][0]:g}, the first at "
+        f"block row {pattern.order[first] + 1}; look for an inverted or collapsed element there, or use a direct solver"
+    )
+
+
+def _scatter(source, data, scale, pattern, lower, diagonal):
+    """Put the matrix where the factor will be."""
+    arrays = pattern.rank, pattern.starts, pattern.columns
+    _place_blocks(source.indptr, source.indices, data, *arrays, scale, lower, diagonal)
+
+
+@njit(cache=True, nogil=True)
+def _place_blocks(indptr, indices, data, rank, starts, columns, scale, lower, diagonal):
+    """Put the blocks at their places in the order of elimination, the diagonal ones scaled."""
+    for point in range(len(rank)):
+        last = indptr[point + 1] - 1
+        diagonal[rank[point]] = scale * data[last]
+        for entry in range(indptr[point], last):
+            row, column = rank[point], rank[indices[entry]]
+            is_turned = row < column
+            row, column = max(row, column), min(row, column)
+            place = starts[row] + np.searchsorted(columns[starts[row] : starts[row + 1]], column)
+            for a in range(3):
+                for b in range(3):
+                    lower[place, a, b] = data[entry, b, a] if is_turned else data[entry, a, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _factorize(starts, columns, lower, diagonal):
+    """Factor row by row in place, diagonal blocks into their inverses: how many pivots are not positive, first row."""
+    n, n_failed, first_failed = len(starts) - 1, 0, -1
+    place_of = np.full(n, -1, np.int32)
+    scaled = np.empty((max(1, np.max(np.diff(starts))), 3, 3))  # blocks of the row times D
+    for row in range(n):
+        first = starts[row]
+        for entry in range(first, starts[row + 1]):
+            block = scaled[entry - first]
+            for a in range(3):
+                for b in range(3):
+                    block[a, b] = lower[entry, a, b]
+            for other in range(starts[columns[entry]], starts[columns[entry] + 1]):
+                place = place_of[columns[other]]
+                if place >= 0:
+                    _subtract_product(block, scaled[place], lower[other])
+            place_of[columns[entry]] = entry - first
+        for entry in range(first, starts[row + 1]):
+            place_of[columns[entry]] = -1
+            _divide(scaled[entry - first], diagonal[columns[entry]], lower[entry], diagonal[row])
+        n_wrong = _invert(diagonal[row])
+        if n_wrong and not n_failed:
+            first_failed = row
+        n_failed += n_wrong
+    return n_failed, first_failed
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _subtract_product(block, scaled, lower):
+    """Subtract ``scaled`` times the transpose of ``lower`` from a block."""
+    for a in range(3):
+        for b in range(3):
+            block[a, b] -= scaled[a, 0] * lower[b, 0] + scaled[a, 1] * lower[b, 1] + scaled[a, 2] * lower[b, 2]
+
+
+@njit(cache=True, nogil=True)
+def _divide(scaled, inverse, block, diagonal):
+    """Block of L from the same times D, and what it takes from the diagonal."""
+    for a in range(3):
+        l_0 = scaled[a, 0] * inverse[0, 0] + scaled[a, 1] * inverse[1, 0] + scaled[a, 2] * inverse[2, 0]
+        l_1 = scaled[a, 0] * inverse[0, 1] + scaled[a, 1] * inverse[1, 1] + scaled[a, 2] * inverse[2, 1]
+        l_2 = scaled[a, 0] * inverse[0, 2] + scaled[a, 1] * inverse[1, 2] + scaled[a, 2] * inverse[2, 2]
+        block[a, 0], block[a, 1], block[a, 2] = l_0, l_1, l_2
+        for b in range(3):
+            diagonal[a, b] -= l_0 * scaled[b, 0] + l_1 * scaled[b, 1] + l_2 * scaled[b, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _invert(block):
+    """Invert a symmetric block in place from its lower triangle; count pivots that are not positive.
+
+    A block with such pivots is replaced, so that the others can still be counted.
+    """
+    d_0 = block[0, 0]
+    l_10, l_20 = block[1, 0] / d_0, block[2, 0] / d_0
+    d_1 = block[1, 1] - l_10 * block[1, 0]
+    l_21 = (block[2, 1] - l_20 * block[1, 0]) / d_1
+    d_2 = block[2, 2] - l_20 * block[2, 0] - l_21 * l_21 * d_1
+    n_wrong = (not d_0 > 0.0) + (not d_1 > 0.0) + (not d_2 > 0.0)
+    if n_wrong:
+        block[:] = np.eye(3) / (abs(block[0, 0]) + abs(block[1, 1]) + abs(block[2, 2]))
+        return n_wrong
+    m_20 = l_10 * l_21 - l_20  # inverse of the unit lower triangle
+    block[2, 2] = 1.0 / d_2
+    block[2, 1] = block[1, 2] = -l_21 / d_2
+    block[2, 0] = block[0, 2] = m_20 / d_2
+    block[1, 1] = 1.0 / d_1 + l_21 * l_21 / d_2
+    block[1, 0] = block[0, 1] = -l_10 / d_1 - l_21 * m_20 / d_2
+    block[0, 0] = 1.0 / d_0 + l_10 * l_10 / d_1 + m_20 * m_20 / d_2
+    return 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _solve(order, starts, columns, lower, inverse_diagonal, right):
+    """Solve with L, D and L^T, streaming through the factor twice."""
+    n = len(order)
+    x = np.empty((n, 3))
+    for row in range(n):
+        point = order[row]
+        x_0, x_1, x_2 = right[point, 0], right[point, 1], right[point, 2]
+        for entry in range(starts[row], starts[row + 1]):
+            l, z = lower[entry], x[columns[entry]]
+            x_0 -= l[0, 0] * z[0] + l[0, 1] * z[1] + l[0, 2] * z[2]
+            x_1 -= l[1, 0] * z[0] + l[1, 1] * z[1] + l[1, 2] * z[2]
+            x_2 -= l[2, 0] * z[0] + l[2, 1] * z[1] + l[2, 2] * z[2]
+        x[row, 0], x[row, 1], x[row, 2] = x_0, x_1, x_2
+    for row in range(n):
+        d, x_0, x_1, x_2 = inverse_diagonal[row], x[row, 0], x[row, 1], x[row, 2]
+        for a in range(3):
+            x[row, a] = d[a, 0] * x_0 + d[a, 1] * x_1 + d[a, 2] * x_2
+    out = np.empty((n, 3))
+    for row in range(n - 1, -1, -1):
+        x_0, x_1, x_2 = x[row, 0], x[row, 1], x[row, 2]
+        point = order[row]
+        out[point, 0], out[point, 1], out[point, 2] = x_0, x_1, x_2
+        for entry in range(starts[row], starts[row + 1]):
+            l, z = lower[entry], x[columns[entry]]
+            z[0] -= l[0, 0] * x_0 + l[1, 0] * x_1 + l[2, 0] * x_2
+            z[1] -= l[0, 1] * x_0 + l[1, 1] * x_1 + l[2, 1] * x_2
+            z[2] -= l[0, 2] * x_0 + l[1, 2] * x_1 + l[2, 2] * x_2
+    return out
