@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_docs import code_blocks
 
 from bspline_mdao import InputError, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.deformations import Translate
@@ -113,6 +114,14 @@ def test_motions_of_other_surfaces_and_movers_of_other_meshes_are_refused(model,
     other = moving_mesh(fit_grid(onera_m6_grid((9, 9, 9)), n_control=(5, 5, 5)))
     with pytest.raises(InputError, match="make the mesh of this model"):
         UnsteadyGrid(model, Transfinite(other), growing)
+
+
+@pytest.mark.parametrize("page", ["deformations", "unsteady"])
+def test_the_example_of_the_theory_page_runs(page):
+    (example,) = code_blocks(f"theory/{page}.rst", "python")
+    contents = {}
+    exec(example, contents)
+    assert np.isfinite(contents["surface"] if page == "deformations" else contents["state"].velocities).all()
 
 
 def test_unsteady_wing_has_exact_velocities_and_valid_grids(tmp_path, monkeypatch):
