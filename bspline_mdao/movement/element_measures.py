@@ -1,27 +1,30 @@
 """Orthogonality and volume of elements as the stiffness sees them: with floors, always positive.
 
-Both are given as logarithms, with their gradients by the corners, from which follow the derivatives in both directions.
+Both are given as logarithms, with the gradient of any combination of them by the corners, from which follow the
+derivatives in both directions.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+from functools import cached_property
 
-from ..grids.hexahedron_elements import element_measures, element_measures_vjp
+import numpy as np
+from numba import njit
+
+from ..grids.hexahedron_elements import ElementMeasures, element_measures, element_measures_vjp
 from .floors import FLAT, floored_array
 from .mesh import MovingMesh
 
-__all__ = ["log_orthogonality", "log_orthogonality_gradient", "log_volume", "log_volume_gradient"]
+__all__ = ["FlooredMeasures"]
 
 LEAST_ORTHOGONALITY = 1e-4
 """Q is floored here, which keeps Phi = 1 / Q^2 below 4e8."""
 
-_STARTS = np.array([[0, 2, 4, 6], [0, 1, 4, 5], [0, 1, 2, 3]])
-_ENDS = _STARTS + np.array([[1], [2], [4]])
 
-
-def log_orthogonality(mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
-    """Logarithm of Q, Eq. (9), with each factor and the product floored.
+@dataclass(frozen=True, eq=False)
+class FlooredMeasures:
+    """Orthogonality and volume of all elements.
 
     Parameters
     ----------
@@ -29,62 +32,86 @@ def log_orthogonality(mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
         Its baseline decides which corners are left out.
     points : ndarray, shape (n_points, 3)
         Points (m).
-
-    Returns
-    -------
-    ndarray, shape (n_elements,)
     """
-    triples = element_measures(points[mesh.elements], mesh.handedness, mesh.left_out).triples
-    factors, _ = floored_array(triples, FLAT)
-    return np.log(floored_array(factors.prod(axis=1), LEAST_ORTHOGONALITY)[0])
+
+    mesh: MovingMesh
+    points: np.ndarray
+
+    @property
+    def log_orthogonality(self) -> np.ndarray:
+        """Logarithm of Q, Eq. (9), with each factor and the product floored, shape (n_elements,)."""
+        factors, _ = floored_array(self._measures.triples, FLAT)
+        return np.log(floored_array(factors.prod(axis=1), LEAST_ORTHOGONALITY)[0])
+
+    @property
+    def log_volume(self) -> np.ndarray:
+        """Logarithm of the volume, floored relative to the product of the root-mean-square edge lengths."""
+        return np.log(floored_array(self._fullness, FLAT)[0]) + 0.5 * np.log(self._squares).sum(axis=1)
+
+    def gradient(self, of_orthogonality: float, of_volume: float) -> np.ndarray:
+        """Gradient by the corners of a combination of the two logarithms, shape (n_elements, 8, 3).
+
+        Parameters
+        ----------
+        of_orthogonality, of_volume : float
+            What each of them is multiplied with.
+        """
+        floor, slope = floored_array(self._fullness, FLAT)
+        by_volume = of_volume * slope / (floor * np.sqrt(self._squares.prod(axis=1)))
+        by_triples = of_orthogonality * self._orthogonality_by_triples()
+        mesh = self.mesh
+        total = element_measures_vjp(self._corners, mesh.handedness, mesh.left_out, by_triples, by_volume)
+        by_lengths = of_volume * (1.0 - self._fullness * slope / floor)
+        if by_lengths.any():
+            _add_length_gradients(self._corners, by_lengths[:, None] / (4.0 * self._squares), total)
+        return total
+
+    def _orthogonality_by_triples(self):
+        """Derivatives of the logarithm of Q by the corner triple products."""
+        factors, by_triples = floored_array(self._measures.triples, FLAT)
+        product = factors.prod(axis=1)
+        floor, by_product = floored_array(product, LEAST_ORTHOGONALITY)
+        return (product * by_product / floor)[:, None] * by_triples / factors
+
+    @cached_property
+    def _corners(self) -> np.ndarray:
+        return self.points[self.mesh.elements]
+
+    @cached_property
+    def _measures(self) -> ElementMeasures:
+        return element_measures(self._corners, self.mesh.handedness, self.mesh.left_out)
+
+    @cached_property
+    def _squares(self) -> np.ndarray:
+        return _mean_squares(self._corners)
+
+    @cached_property
+    def _fullness(self) -> np.ndarray:
+        """Volume by the product of the three lengths: 1 in a box, less in any other element."""
+        return self._measures.volume / np.sqrt(self._squares.prod(axis=1))
 
 
-def log_orthogonality_gradient(mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
-    """Gradient of `log_orthogonality` by the corners, shape (n_elements, 8, 3)."""
-    corners = points[mesh.elements]
-    triples = element_measures(corners, mesh.handedness, mesh.left_out).triples
-    factors, by_triples = floored_array(triples, FLAT)
-    product = factors.prod(axis=1)
-    floor, by_product = floored_array(product, LEAST_ORTHOGONALITY)
-    triples_bar = (product * by_product / floor)[:, None] * by_triples / factors
-    return element_measures_vjp(corners, mesh.handedness, mesh.left_out, triples_bar, np.zeros(len(corners)))
+@njit(cache=True)
+def _mean_squares(corners):
+    """Mean squares of the four edges along each direction, shape (n_elements, 3)."""
+    squares = np.zeros((len(corners), 3))
+    for element in range(len(corners)):
+        for direction in range(3):
+            for start in range(8):
+                end = start | 1 << direction
+                for d in range(3):
+                    squares[element, direction] += 0.25 * (corners[element, end, d] - corners[element, start, d]) ** 2
+    return squares
 
 
-def log_volume(mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
-    """Logarithm of the volume, floored relative to the product of the three root-mean-square edge lengths.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        Mesh.
-    points : ndarray, shape (n_points, 3)
-        Points (m).
-
-    Returns
-    -------
-    ndarray, shape (n_elements,)
-    """
-    fullness, squares, _ = _fullness(mesh, points[mesh.elements])
-    return np.log(floored_array(fullness, FLAT)[0]) + 0.5 * np.log(squares).sum(axis=1)
-
-
-def log_volume_gradient(mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
-    """Gradient of `log_volume` by the corners, shape (n_elements, 8, 3)."""
-    corners = points[mesh.elements]
-    fullness, squares, edges = _fullness(mesh, corners)
-    floor, slope = floored_array(fullness, FLAT)
-    by_volume = slope / floor / np.sqrt(squares.prod(axis=1))
-    gradient = element_measures_vjp(corners, mesh.handedness, mesh.left_out, np.zeros((len(corners), 8)), by_volume)
-    by_edges = (1.0 - fullness * slope / floor)[:, None, None, None] * edges / (4.0 * squares[:, :, None, None])
-    for starts, ends, by_edge in zip(_STARTS, _ENDS, by_edges.transpose(1, 0, 2, 3)):
-        gradient[:, ends] += by_edge
-        gradient[:, starts] -= by_edge
-    return gradient
-
-
-def _fullness(mesh, corners):
-    """Volume by the product of the three lengths, the squares of these (n_e, 3), and the edges (n_e, 3, 4, 3)."""
-    edges = corners[:, _ENDS] - corners[:, _STARTS]
-    squares = (edges * edges).sum(axis=(2, 3)) / 4.0
-    volume = element_measures(corners, mesh.handedness, mesh.left_out).volume
-    return volume / np.sqrt(squares.prod(axis=1)), squares, edges
+@njit(cache=True)
+def _add_length_gradients(corners, factors, gradient):
+    """Add factors, shape (n_elements, 3), times the edges along each direction to the ends of these."""
+    for element in range(len(corners)):
+        for direction in range(3):
+            for start in range(8):
+                end = start | 1 << direction
+                for d in range(3):
+                    pull = factors[element, direction] * (corners[element, end, d] - corners[element, start, d])
+                    gradient[element, end, d] += pull
+                    gradient[element, start, d] -= pull

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .element_corners import add_at_corners, contract
-from .element_measures import log_orthogonality, log_orthogonality_gradient, log_volume, log_volume_gradient
+from .element_measures import FlooredMeasures
 from .mesh import MovingMesh
 
 __all__ = ["ConstantLaw", "InverseVolumeLaw", "OrthogonalityLaw", "StiffnessLaw", "WallDistanceLaw"]
@@ -74,12 +74,12 @@ class OrthogonalityLaw(_CornerLaw):
 
     def modulus(self, mesh, initial, points):
         """See `StiffnessLaw.modulus`."""
-        loss = log_orthogonality(mesh, initial) - log_orthogonality(mesh, points)
-        return np.exp(2.0 * loss - log_volume(mesh, points))
+        at_start, now = FlooredMeasures(mesh, initial), FlooredMeasures(mesh, points)
+        return np.exp(2.0 * (at_start.log_orthogonality - now.log_orthogonality) - now.log_volume)
 
     def _log_gradients(self, mesh, initial, points):
-        by_initial = 2.0 * log_orthogonality_gradient(mesh, initial)
-        return by_initial, -2.0 * log_orthogonality_gradient(mesh, points) - log_volume_gradient(mesh, points)
+        at_start, now = FlooredMeasures(mesh, initial), FlooredMeasures(mesh, points)
+        return at_start.gradient(2.0, 0.0), now.gradient(-2.0, -1.0)
 
 
 @dataclass(frozen=True)
@@ -96,10 +96,10 @@ class InverseVolumeLaw(_CornerLaw):
 
     def modulus(self, mesh, initial, points):
         """See `StiffnessLaw.modulus`."""
-        return np.exp(-self.power * log_volume(mesh, points))
+        return np.exp(-self.power * FlooredMeasures(mesh, points).log_volume)
 
     def _log_gradients(self, mesh, initial, points):
-        return None, -self.power * log_volume_gradient(mesh, points)
+        return None, FlooredMeasures(mesh, points).gradient(0.0, -self.power)
 
 
 @dataclass(frozen=True)
