@@ -106,10 +106,10 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, design, pinned, releas
     for name, ids in zip(topology.segment_names, blocks):
         if 1 in ids.shape:
             raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
-    pins, pinned_ids = _split(pinned)
+    pins, pinned_ids = _split(pinned, len(points))
     design, pins, released = (_matching(topology, patterns) for patterns in (_design(topology, design), pins, released))
     freedom = Freedom.of(len(points))
-    freedom.hold(_checked(pinned_ids, len(points)))
+    freedom.hold(pinned_ids)
     for face, ids in _boundary_points(topology, blocks):
         if face.patch in design:
             freedom.surface[ids] = True
@@ -166,14 +166,12 @@ def _matching(topology: Topology, patterns: str | Sequence[str]) -> frozenset[st
     return frozenset(found)
 
 
-def _split(pinned) -> tuple[list[str], np.ndarray]:
+def _split(pinned, n_points: int) -> tuple[list[str], np.ndarray]:
     """Names and numbers of what is pinned."""
-    items = [pinned] if isinstance(pinned, str | np.ndarray) else list(pinned)
+    items = [pinned] if isinstance(pinned, np.ndarray) or np.isscalar(pinned) else list(pinned)
     ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]
+    ids = [numbers for numbers in ids if len(numbers)]
+    for numbers in ids:
+        if not np.issubdtype(numbers.dtype, np.integer) or numbers.min() < 0 or numbers.max() >= n_points:
+            raise InputError(f"pinned points: give numbers from 0 to {n_points - 1}")
     return [item for item in items if isinstance(item, str)], np.concatenate([np.zeros(0, dtype=int), *ids])
-
-
-def _checked(ids: np.ndarray, n_points: int) -> np.ndarray:
-    if not np.issubdtype(ids.dtype, np.integer) or (len(ids) and (ids.min() < 0 or ids.max() >= n_points)):
-        raise InputError(f"pinned points: give numbers from 0 to {n_points - 1}")
-    return ids

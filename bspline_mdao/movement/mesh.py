@@ -143,10 +143,11 @@ class MovingMesh:
         ):
             quality = cell_quality(points[ids], left_out)
             corner = quality.min_corner if quality.handedness == baseline.handedness else -np.abs(quality.min_corner)
+            corner = np.where(np.isnan(corner), -np.inf, corner)
             corner = np.where(baseline.is_valid, corner, np.inf)
-            n_tangled += int(np.count_nonzero(~(corner > 0.0)))
-            worst = np.unravel_index(np.argmin(corner), corner.shape)  # a NaN counts as the least
-            if not corner[worst] >= least:
+            n_tangled += int(np.count_nonzero(corner <= 0.0))
+            worst = np.unravel_index(np.argmin(corner), corner.shape)
+            if corner[worst] < least:
                 least = float(corner[worst])
                 place = "" if least > 0.0 else _place("element", worst, name)
         return Tangling(n_tangled, place, least)
