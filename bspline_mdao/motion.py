@@ -167,8 +167,8 @@ class GridState:
 class UnsteadyGrid:
     """The grid of a model whose surface moves in time.
 
-    Every state is moved from the baseline, so that it depends on its time alone: the grid of a periodic motion is
-    periodic to the last bit of the motion, and states may be asked for in any order.
+    Every state is moved from the baseline, so that it depends on its time alone: a periodic motion has a periodic grid,
+    and states may be asked for in any order.
 
     Parameters
     ----------

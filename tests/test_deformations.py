@@ -152,13 +152,27 @@ def test_bend_keeps_lengths_along_the_middle_and_folds_the_tip_by_its_angle():
     assert np.degrees(np.arctan2(steps[-1, 1], steps[-1, 2])) == pytest.approx(120.0)
 
 
-def test_faint_bend_goes_over_into_none_without_loss():
+def test_bend_moves_all_behind_its_arc_as_a_rigid_body():
     points = swept_wing()
-    frame = surface_frame(points, (SYMMETRY,))
-    for angle in (1e-2, 1e-5, 1e-9, 0.0):
-        series, exact = (Bend(frame, a, at=0.0, length=1.0).apply(points) for a in (angle, angle * (1 + 1e-9)))
-        np.testing.assert_allclose(series, exact, atol=1e-9)
-    np.testing.assert_allclose(Bend(frame, 0.0).apply(points), points, atol=1e-15)
+    bent = maps_of(points)["bend"].apply(points)
+    beyond = points[:, 2] > 0.7 * 3.0
+    distances = [np.linalg.norm(p[beyond][:, None] - p[beyond], axis=-1) for p in (points, bent)]
+    np.testing.assert_allclose(*distances, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [0.9e-2, 1e-4, 1e-9])
+def test_faint_bend_is_a_circle_to_round_off(angle):
+    z = np.linspace(0.0, 3.0, 50)
+    line = np.stack([np.tile([0.0, 1.0], 25), 0 * z, z], axis=1)
+    moved = Bend(surface_frame(line, (SYMMETRY,)), angle, at=0.0, length=1.0).apply(line)
+    radius, turn = 3.0 / angle, angle * z / 3.0
+    np.testing.assert_allclose(moved[:, 1], 2.0 * radius * np.sin(0.5 * turn) ** 2, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(moved[:, 2], radius * np.sin(turn), rtol=1e-13)
+
+
+def test_bend_by_nothing_leaves_points_in_place():
+    points = swept_wing()
+    np.testing.assert_allclose(Bend(surface_frame(points), 0.0).apply(points), points, atol=1e-15)
 
 
 def test_stretch_chord_and_thickness_scale_the_box():
@@ -265,12 +279,15 @@ def test_every_name_is_tried_above():
 
 
 def test_deformations_are_done_one_after_the_other_each_on_what_the_last_has_left(model, mesh, surface):
-    both = parse_deformation("stretch=2+bend=90@0.5", model, mesh)
-    listed = parse_deformation(["stretch=2", "bend=90@0.5"], model, mesh)
+    both = parse_deformation("stretch=2+bend=90@0.8", model, mesh)
+    listed = parse_deformation(["stretch=2", "bend=90@0.8"], model, mesh)
     np.testing.assert_array_equal(both.apply(surface), listed.apply(surface))
-    untouched = surface[:, 2] < 0.5 * 1.4843
     stretched = parse_deformation("stretch=2", model, mesh).apply(surface)
-    np.testing.assert_allclose(both.apply(surface)[untouched], stretched[untouched], atol=1e-14)
+    span = surface[:, 2].max()
+    is_inboard, is_beyond = surface[:, 2] < 0.8 * span, surface[:, 2] > 0.81 * span
+    assert (surface[is_inboard, 2] > 0.45 * span).any()
+    np.testing.assert_allclose(both.apply(surface)[is_inboard], stretched[is_inboard], atol=1e-14)
+    assert np.abs(both.apply(surface) - stretched)[is_beyond].max(axis=1).min() > 1e-3
 
 
 def test_height_in_cells_is_that_of_the_cells_at_the_wall(model, mesh, surface):
@@ -289,6 +306,14 @@ def test_leaving_the_symmetry_plane_is_refused(model, mesh, surface):
     across = Pitch(replace(surface_frame(surface, planes_of(mesh)), axes=np.eye(3)[[2, 1, 0]]), 0.3)
     with pytest.raises(InputError, match="plane of symmetry"):
         Deformation(mesh, (across,)).apply(surface)
+
+
+def test_round_off_across_the_symmetry_plane_is_taken_off(mesh, surface):
+    there = surface + [0.1, 0.0, 1e-12]
+    moved = Deformation(mesh, (GivenPoints(there),)).apply(surface)
+    np.testing.assert_array_equal(moved[mesh.rail_rows, 2], surface[mesh.rail_rows, 2])
+    is_off = np.isin(np.arange(len(surface)), mesh.rail_rows, invert=True)
+    np.testing.assert_array_equal(moved[is_off], there[is_off])
 
 
 def test_points_of_another_surface_are_refused(model, mesh, surface):

@@ -207,6 +207,17 @@ def test_winglets_turn_up_and_lengths_along_the_spine_are_kept():
     assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(body.developed_span, rel=1e-5)
 
 
+def test_upper_side_of_a_winglet_faces_inboard_and_twist_raises_the_nose():
+    body = generic_blended_wing_body()
+    lower, upper = (lay_nodes(body, side, *fractions(21, 61)) for side in (-1, 1))
+    on_winglet = upper[0, :-3, 1] > 0.2
+    assert on_winglet.sum() > 5
+    assert (upper[1:-1, :-3][:, on_winglet, 2] < lower[1:-1, :-3][:, on_winglet, 2]).all()
+    ribs = tuple(Rib(span, 0.0, 2.0, flat_section(), twist=30.0) for span in (0.0, 1.0))
+    plate = lay_nodes(BlendedWingBody(ribs), 1, *fractions(5, 7))
+    np.testing.assert_allclose(plate[-1, :, :2] - plate[0, :, :2], [[np.sqrt(3.0), -1.0]] * 7, atol=1e-12)
+
+
 def test_centre_body_is_thick_and_the_surface_is_smooth_across_the_symmetry_plane():
     lower, upper = (lay_nodes(generic_blended_wing_body(), side, *fractions(81, 401)) for side in (-1, 1))
     thickness = (upper - lower)[..., 1].max(axis=0)
