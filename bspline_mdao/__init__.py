@@ -9,6 +9,7 @@ _HOMES = {
     "ConjugateGradients": "sparse.conjugate_gradient",
     "ConstantKnots": "splines.knots",
     "ControlMeshMove": "components.control_mesh_move",
+    "DelaunayGraph": "movement.delaunay",
     "Fit": "components.fit",
     "FittedModel": "model",
     "FunctionKnots": "splines.knots",
