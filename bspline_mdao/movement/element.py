@@ -357,40 +357,46 @@ def force_vjp(points, elements, signs, modulus, lame, displacement, bar):
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _shape_gradients(f_s, sign, weight, g, gradients):
-    """Gradients of the corners' shape functions times J at a Gauss point, shape (3, 8), and the weight by J."""
-    f = _at(f_s, g)
-    a = _adjugate(f)
-    for d in range(3):
-        for c in range(8):
-            gradients[d, c] = a[0][d] * _SLOPES[g, 0, c] + a[1][d] * _SLOPES[g, 1, c] + a[2][d] * _SLOPES[g, 2, c]
-    divisor, _, _ = _divisor(f, a, sign)
-    return weight / divisor
+def _shape_gradients(f_s, sign, weight, gradients, weighted):
+    """Gradients of the corners' shape functions times J at all Gauss points g.
+
+    Component d of corner c is in ``gradients[g, 8 d + c]``, and times the weight by J in ``weighted[8 d + c, g]``.
+    """
+    for g in range(8):
+        f = _at(f_s, g)
+        a = _adjugate(f)
+        divisor, _, _ = _divisor(f, a, sign)
+        factor = weight / divisor
+        for d in range(3):
+            for c in range(8):
+                value = a[0][d] * _SLOPES[g, 0, c] + a[1][d] * _SLOPES[g, 1, c] + a[2][d] * _SLOPES[g, 2, c]
+                gradients[g, 8 * d + c] = value
+                weighted[8 * d + c, g] = factor * value
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _element_products(f_s, sign, weight, products):
-    """Integrals of dN_a/dx_c dN_b/dx_d, shape (3 c, 3 d, 8 a, 8 b), for c >= d."""
-    gradients = np.empty((3, 8), f_s.dtype)
-    products[:] = 0.0
-    for g in range(8):
-        factor = _shape_gradients(f_s, sign, weight, g, gradients)
-        for c in range(3):
-            for d in range(c + 1):
-                for a in range(8):
-                    left = factor * gradients[c, a]
-                    for b in range(8):
-                        products[c, d, a, b] += left * gradients[d, b]
+def _element_products(gradients, weighted, products):
+    """Integrals of dN_a/dx_c dN_b/dx_d in ``products[8 c + a, 8 d + b]`` for c >= d: sums over the Gauss points."""
+    for row in range(24):
+        w_0, w_1, w_2, w_3 = weighted[row, 0], weighted[row, 1], weighted[row, 2], weighted[row, 3]
+        w_4, w_5, w_6, w_7 = weighted[row, 4], weighted[row, 5], weighted[row, 6], weighted[row, 7]
+        for column in range(8 * (row // 8 + 1)):
+            products[row, column] = (
+                (w_0 * gradients[0, column] + w_1 * gradients[1, column])
+                + (w_2 * gradients[2, column] + w_3 * gradients[3, column])
+                + (w_4 * gradients[4, column] + w_5 * gradients[5, column])
+                + (w_6 * gradients[6, column] + w_7 * gradients[7, column])
+            )
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
 def _pair_block(products, a, b, lame, block):
-    """Stiffness between corners a and b: lambda S + mu S^T + mu tr(S) I with S_cd = products[c, d, a, b]."""
-    diagonal = lame[1] * (products[0, 0, a, b] + products[1, 1, a, b] + products[2, 2, a, b])
+    """Stiffness between corners a and b: lambda S + mu S^T + mu tr(S) I with S_cd an integral of `_element_products`."""
+    diagonal = lame[1] * (products[a, b] + products[8 + a, 8 + b] + products[16 + a, 16 + b])
     for c in range(3):
-        block[c, c] = (lame[0] + lame[1]) * products[c, c, a, b] + diagonal
+        block[c, c] = (lame[0] + lame[1]) * products[8 * c + a, 8 * c + b] + diagonal
         for d in range(c):
-            below, above = products[c, d, a, b], products[c, d, b, a]
+            below, above = products[8 * c + a, 8 * d + b], products[8 * c + b, 8 * d + a]
             block[c, d] = lame[0] * below + lame[1] * above
             block[d, c] = lame[0] * above + lame[1] * below
 
@@ -411,10 +417,12 @@ def add_stiffness(points, elements, signs, modulus, lame, rows, slots, data):
         Blocks of the lower triangle, added to.
     """
     x, stiffness = np.empty((3, 3, 8), points.dtype), np.empty((8, 8, 3, 3), points.dtype)
-    products = np.empty((3, 3, 8, 8), points.dtype)
+    gradients, weighted = np.empty((8, 24), points.dtype), np.empty((24, 8), points.dtype)
+    products = np.empty((24, 24), points.dtype)
     for e in range(len(elements)):
         _slopes(points, elements[e], x)
-        _element_products(x, float(signs[e]), 0.125 * modulus[e], products)
+        _shape_gradients(x, float(signs[e]), 0.125 * modulus[e], gradients, weighted)
+        _element_products(gradients, weighted, products)
         for a in range(8):
             for b in range(a + 1):
                 _pair_block(products, a, b, lame, stiffness[a, b])

@@ -43,16 +43,13 @@ def add_element(stiffness, rows, slots, data):
     for a in range(8):
         for b in range(a + 1):
             place = slots[a * (a + 1) // 2 + b]
-            if place >= 0:
-                _add_block(data[place], stiffness[a, b], rows[a] - rows[b], a > b)
-
-
-@njit(cache=True)
-def _add_block(place, block, order, is_pair):
-    """Add a block below the diagonal, its transpose above; both where the two corners of a pair are one point."""
-    for c in range(3):
-        for d in range(3):
-            if order >= 0:
-                place[c, d] += block[c, d]
-            if order < 0 or (order == 0 and is_pair):
-                place[c, d] += block[d, c]
+            if place < 0:
+                continue
+            if rows[a] >= rows[b]:  # below the diagonal or on it
+                for c in range(3):
+                    for d in range(3):
+                        data[place, c, d] += stiffness[a, b, c, d]
+            if rows[a] < rows[b] or (rows[a] == rows[b] and a > b):  # above it, or two corners are one point
+                for c in range(3):
+                    for d in range(3):
+                        data[place, c, d] += stiffness[a, b, d, c]
