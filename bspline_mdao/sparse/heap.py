@@ -1,4 +1,4 @@
-"""A heap of points by gain, largest first, in which the gain of any point can be changed."""
+"""A heap of points by gain, largest first, in which the gain of any point can rise."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-__all__ = ["Heap", "empty_heap", "insert", "pop", "remove", "reset"]
+__all__ = ["Heap", "empty_heap", "pop", "push", "reset"]
 
 
 class Heap(NamedTuple):
@@ -46,46 +46,13 @@ def reset(heap):
 
 
 @njit(cache=True)
-def insert(heap, point, gain):
-    """Put a point in, or change its gain if it is in."""
+def push(heap, point, gain):
+    """Put a point in, or raise its gain if it is in."""
     place = heap.places[point]
     if place == -1:
         place = heap.size[0]
         heap.size[0] += 1
     heap.gains[point] = gain
-    _down(heap, _up(heap, place, point), point)
-
-
-@njit(cache=True)
-def remove(heap, point):
-    """Take a point out, if it is in."""
-    place = heap.places[point]
-    if place == -1:
-        return
-    heap.places[point] = -1
-    heap.size[0] -= 1
-    if place < heap.size[0]:
-        last = heap.points[heap.size[0]]
-        _down(heap, _up(heap, place, last), last)
-
-
-@njit(cache=True)
-def pop(heap):
-    """Take the point of largest gain out and return it."""
-    point = heap.points[0]
-    remove(heap, point)
-    return point
-
-
-@njit(cache=True)
-def _is_before(heap, a, b):
-    """Whether point a comes before point b."""
-    return heap.gains[a] > heap.gains[b] or (heap.gains[a] == heap.gains[b] and a < b)
-
-
-@njit(cache=True)
-def _up(heap, place, point):
-    """Move a point from a place towards the top as far as it belongs; return where that is."""
     while place > 0:
         above = heap.points[(place - 1) // 2]
         if not _is_before(heap, point, above):
@@ -95,12 +62,29 @@ def _up(heap, place, point):
         place = (place - 1) // 2
     heap.points[place] = point
     heap.places[point] = place
-    return place
 
 
 @njit(cache=True)
-def _down(heap, place, point):
-    """Move a point from a place away from the top as far as it belongs."""
+def pop(heap):
+    """Take the point of largest gain out and return it."""
+    top = heap.points[0]
+    heap.places[top] = -1
+    heap.size[0] -= 1
+    if heap.size[0]:
+        _down(heap, heap.points[heap.size[0]])
+    return top
+
+
+@njit(cache=True)
+def _is_before(heap, a, b):
+    """Whether point a comes before point b."""
+    return heap.gains[a] > heap.gains[b] or (heap.gains[a] == heap.gains[b] and a < b)
+
+
+@njit(cache=True)
+def _down(heap, point):
+    """Put a point at the top and move it down as far as it belongs."""
+    place = 0
     while 2 * place + 1 < heap.size[0]:
         below = 2 * place + 1
         if below + 1 < heap.size[0] and _is_before(heap, heap.points[below + 1], heap.points[below]):

@@ -39,8 +39,8 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
     int
         Place of the first point whose pivot is not positive, or -1.
     """
-    numbers = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
-    minus_one, zero, one = numbers[0:1], numbers[1:2], numbers[2:3]
+    signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
+    minus_one, zero, one = signs[0:1], signs[1:2], signs[2:3]
     info = np.zeros(1, np.int32)
     for s in range(first, last):
         n_own = 3 * (supernodes.firsts[s + 1] - supernodes.firsts[s])
@@ -131,37 +131,48 @@ def solve(supernodes, fronts, routines, factor, x):
     x : ndarray, shape (3 n, m)
         Right-hand sides in the order of elimination, of the precision of the factor; becomes the solutions.
     """
-    numbers = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
-    minus_one, zero, one = numbers[0:1], numbers[1:2], numbers[2:3]
     n_supernodes, m = len(fronts.panel_starts) - 1, x.shape[1]
+    signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
     rest = np.empty((3 * np.max(np.diff(supernodes.row_starts)), m), factor.dtype)
     for s in range(n_supernodes):
         rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
-        first, n_own, n_rest = (
-            3 * supernodes.firsts[s],
-            3 * (supernodes.firsts[s + 1] - supernodes.firsts[s]),
-            3 * len(rows),
-        )
-        n, panel, own = n_own + n_rest, factor[fronts.panel_starts[s] :], x[first : first + n_own]
-        below = panel[n_own:]
-        call(routines.trsm, (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
-        call(routines.gemm, (NOT_TRANSPOSED, TRANSPOSED, m, n_rest, n_own, one, own, m, below, n, zero, rest, m))
+        own = x[3 * supernodes.firsts[s] : 3 * supernodes.firsts[s + 1]]
+        _forward(routines, factor[fronts.panel_starts[s] :], own, rest, 3 * len(rows), signs)
         for i in range(len(rows)):
             for r in range(3):
-                x[3 * rows[i] + r] -= rest[3 * i + r]
+                for side in range(m):
+                    x[3 * rows[i] + r, side] -= rest[3 * i + r, side]
     for s in range(n_supernodes - 1, -1, -1):
         rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
-        first, n_own, n_rest = (
-            3 * supernodes.firsts[s],
-            3 * (supernodes.firsts[s + 1] - supernodes.firsts[s]),
-            3 * len(rows),
-        )
-        n, panel, own = n_own + n_rest, factor[fronts.panel_starts[s] :], x[first : first + n_own]
-        below = panel[n_own:]
+        own = x[3 * supernodes.firsts[s] : 3 * supernodes.firsts[s + 1]]
         for i in range(len(rows)):
             for r in range(3):
-                rest[3 * i + r] = x[3 * rows[i] + r]
-        call(
-            routines.gemm, (NOT_TRANSPOSED, NOT_TRANSPOSED, m, n_own, n_rest, minus_one, rest, m, below, n, one, own, m)
-        )
-        call(routines.trsm, (RIGHT, LOWER, NOT_TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
+                for side in range(m):
+                    rest[3 * i + r, side] = x[3 * rows[i] + r, side]
+        _backward(routines, factor[fronts.panel_starts[s] :], own, rest, 3 * len(rows), signs)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _forward(routines, panel, own, rest, n_rest, signs):
+    """``own = L_11^-1 own`` and ``rest = L_21 own``; BLAS takes the rows of several sides for columns."""
+    n_own, m = own.shape
+    n, below, zero, one, step = n_own + n_rest, panel[n_own:], signs[1:2], signs[2:3], 1
+    if m == 1:
+        call(routines.trsv, (LOWER, NOT_TRANSPOSED, NOT_UNIT, n_own, panel, n, own, step))
+        call(routines.gemv, (NOT_TRANSPOSED, n_rest, n_own, one, below, n, own, step, zero, rest, step))
+        return
+    call(routines.trsm, (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))
+    call(routines.gemm, (NOT_TRANSPOSED, TRANSPOSED, m, n_rest, n_own, one, own, m, below, n, zero, rest, m))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _backward(routines, panel, own, rest, n_rest, signs):
+    """``own = L_11^-T (own - L_21^T rest)``."""
+    n_own, m = own.shape
+    n, below, minus_one, one, step = n_own + n_rest, panel[n_own:], signs[0:1], signs[2:3], 1
+    if m == 1:
+        call(routines.gemv, (TRANSPOSED, n_rest, n_own, minus_one, below, n, rest, step, one, own, step))
+        call(routines.trsv, (LOWER, TRANSPOSED, NOT_UNIT, n_own, panel, n, own, step))
+        return
+    call(routines.gemm, (NOT_TRANSPOSED, NOT_TRANSPOSED, m, n_own, n_rest, minus_one, rest, m, below, n, one, own, m))
+    call(routines.trsm, (RIGHT, LOWER, NOT_TRANSPOSED, NOT_UNIT, m, n_own, one, panel, n, own, m))

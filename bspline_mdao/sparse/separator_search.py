@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .heap import empty_heap, insert, pop, reset
+from .heap import empty_heap, pop, push, reset
 
 __all__ = ["SEPARATOR", "improve", "score"]
 
@@ -95,7 +95,7 @@ def _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heavi
     reset(heap)
     for point in range(len(weights)):
         if parts[point] == SEPARATOR:
-            insert(heap, point, _gain(starts, neighbours, weights, parts, point, side))
+            push(heap, point, _gain(starts, neighbours, weights, parts, point, side))
     best, best_end, end, n_since = score(totals, heaviest), 0, 0, 0
     while n_since < patience and heap.size[0] and totals[side] <= heaviest:
         end = _move(starts, neighbours, weights, parts, totals, heap, log, end, pop(heap), side)
@@ -129,10 +129,10 @@ def _pull(starts, neighbours, weights, parts, totals, heap, point, side):
     gain = np.int64(weights[point])
     for other in neighbours[starts[point] : starts[point + 1]]:
         if parts[other] == SEPARATOR and heap.places[other] != -1:
-            insert(heap, other, heap.gains[other] + weights[point])
+            push(heap, other, heap.gains[other] + weights[point])
         elif parts[other] == 1 - side:
             gain -= weights[other]
-    insert(heap, point, gain)
+    push(heap, point, gain)
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .coarsening import coarsen, common_neighbours
+from .coarsening import coarsen
 from .separator_search import SEPARATOR, improve
 
 __all__ = ["find_separator"]
@@ -25,13 +25,15 @@ LARGEST_SIDE = 0.58
 
 
 @njit(cache=True)
-def find_separator(starts, neighbours):
+def find_separator(starts, neighbours, edge_weights):
     """Cut a graph in two.
 
     Parameters
     ----------
     starts, neighbours : ndarray of int
         The graph.
+    edge_weights : ndarray of int32
+        How closely the ends of its edges belong together.
 
     Returns
     -------
@@ -39,7 +41,7 @@ def find_separator(starts, neighbours):
         Part of every point: side 0, side 1 or `SEPARATOR`. No edge joins the two sides.
     """
     n = len(starts) - 1
-    edge_weights, weights = common_neighbours(starts, neighbours), np.ones(n, np.int32)
+    weights = np.ones(n, np.int32)
     heaviest = max(1, int(LARGEST_SIDE * n))
     levels = [(starts, neighbours, weights)]
     maps = [np.empty(0, np.int32)]
@@ -56,7 +58,7 @@ def find_separator(starts, neighbours):
     for level in range(len(levels) - 2, -1, -1):
         parts = parts[maps[level + 1]]
         starts, neighbours, weights = levels[level]
-        improve(starts, neighbours, weights, parts, heaviest, 6, 60)
+        improve(starts, neighbours, weights, parts, heaviest, 4, 40)
     return parts
 
 
@@ -67,7 +69,7 @@ def _best_grown(starts, neighbours, weights, heaviest):
     best, best_parts = np.inf, np.zeros(n, np.int8)
     for number in range(min(n, N_STARTS)):
         parts = _grow(starts, neighbours, weights, number * n // min(n, N_STARTS))
-        score = improve(starts, neighbours, weights, parts, heaviest, 8, 50)
+        score = improve(starts, neighbours, weights, parts, heaviest, 4, 25)
         if score < best:
             best, best_parts = score, parts
     return best_parts
