@@ -38,7 +38,7 @@ def main(paper: bool = False, figures=None) -> dict:
     """
     numbers = {}
     for name, (case, camera) in CASES.items():
-        morph = Morph.of(case, *case.sizes[paper])
+        morph = case.morph(paper)
         moved, control_points = morph.move_control_mesh()
         numbers[name] = describe(morph, moved)
         if figures:

@@ -45,6 +45,11 @@ class Case:
     sizes: dict[bool, tuple[tuple[int, int, int], tuple[int, int, int]]]
     paper_seconds: tuple[float, float]
 
+    def morph(self, paper: bool) -> Morph:
+        """Prepare the case at the paper's size, or small."""
+        shape, n_control = self.sizes[paper]
+        return Morph.of(self, self.make_grid(shape), n_control)
+
 
 ONERA_M6 = Case(
     "ONERA M6 to rectangular wing",
@@ -119,9 +124,8 @@ class Morph:
     surface: np.ndarray
 
     @classmethod
-    def of(cls, case: Case, shape: tuple[int, int, int], n_control: tuple[int, int, int]) -> Morph:
-        """Prepare a case with these nodes and control points in each block."""
-        grid = case.make_grid(shape)
+    def of(cls, case: Case, grid: Grid, n_control: tuple[int, int, int]) -> Morph:
+        """Prepare a case with a grid about its first shape and these control points in each block."""
         model = fit_grid(grid, n_control=n_control, keep_residual=False)
         mesh = moving_mesh(model)
         return cls(grid, model, mesh, fit_shape(model, mesh.surface_ids, case.make_shape()))

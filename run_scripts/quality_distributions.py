@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from common import BLUE, GRAY, ORANGE, figure
-from morphs import COARSE, Case, Morph, measure_cells
+from morphs import COARSE, Case, measure_cells
 from scipy.signal import find_peaks
 
 from bspline_mdao import Grid, family_member
@@ -40,7 +40,7 @@ def study(case: Case, paper: bool, node_based: str | None) -> dict:
         B-spline's result on the nodes that moved one by one. Each has the numbers of `measure`, the moves those of
         `Moved.numbers` too.
     """
-    morph = Morph.of(case, *case.sizes[paper])
+    morph = case.morph(paper)
     moved, control_points = morph.move_control_mesh()
     numbers = {
         "initial": measure(morph.grid, morph.grid),

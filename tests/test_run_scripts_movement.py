@@ -95,3 +95,32 @@ def test_camera_looks_along_its_direction(script):
     assert right[1] == 0.0
     assert up[1] > 0.0
     np.testing.assert_allclose(camera.project(np.array([1.0, 2.0, 3.0]) + 2.0 * towards), [0.0, 0.0, 2.0], atol=1e-15)
+
+
+def test_section4_cpu_of_the_b_spline_mover_is_smaller_and_the_gap_grows(script, tmp_path):
+    numbers = script("section4_cpu").main(figures=tmp_path)
+    for name, paper_ratio in (("onera_m6", 441), ("blended_wing_body", 911)):
+        case = numbers[name]
+        assert case["ratio"]["paper"] == pytest.approx(paper_ratio, rel=2e-3)
+        for kind in ("same_algorithm", "best_solvers"):
+            assert case["ratio"][kind]["measured"] > 1.0
+        for times in case["node_based"].values():
+            assert times["n_points"] == sorted(times["n_points"])
+            assert times["exponent"] > 1.0
+            assert case["full_grid"]["n_points"] > 2 * times["n_points"][-1]
+        assert case["full_grid"]["is_extrapolated"]
+        assert case["ratio"]["same_algorithm"]["full_grid"] > 2 * case["ratio"]["same_algorithm"]["measured"]
+        assert min(case["node_based"]["conjugate_gradients"]["iterations"][-1]) > 100
+    assert (tmp_path / "section4_cpu.png").stat().st_size > 20_000
+
+
+def test_section4_cpu_stops_at_the_mesh_that_the_time_allows_and_extrapolates(script):
+    section4_cpu = script("section4_cpu")
+    series = section4_cpu.Series([100, 200, 400], [1.0, 4.0, 16.0], [[1]] * 3)
+    assert series.exponent == pytest.approx(2.0)
+    assert series.at(800) == pytest.approx(64.0)
+    study = section4_cpu.prepare(script("morphs").BLENDED_WING_BODY, paper=False)
+    for level in study.levels:
+        study.measure(level, deadline=0.0)
+    assert [len(times.n_points) for times in study.node_based.values()] == [1, 1]  # the first is always tried
+    assert [len(times.n_points) for times in study.b_spline.values()] == [2, 2]
