@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from common import run
+from common import figure, run
 from morphs import ONERA_M6
 from quality_distributions import NODE_BASED, draw, study
 
@@ -26,7 +26,8 @@ def main(paper: bool = False, figures=None, node_based: str | None = None) -> di
     """
     numbers = study(ONERA_M6, paper, node_based)
     if figures:
-        draw(figures, "figure4_m6", numbers)
+        with figure(figures, "figure4_m6", size=(5.2, 3.6)) as canvas:
+            draw(canvas, numbers)
     return numbers
 
 

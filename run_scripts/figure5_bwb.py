@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from common import run
+from common import figure, run
 from morphs import BLENDED_WING_BODY
 from quality_distributions import NODE_BASED, draw, study
 
@@ -26,7 +26,8 @@ def main(paper: bool = False, figures=None, node_based: str | None = None) -> di
     """
     numbers = study(BLENDED_WING_BODY, paper, node_based)
     if figures:
-        draw(figures, "figure5_bwb", numbers, log=True)
+        with figure(figures, "figure5_bwb", size=(5.2, 3.6)) as canvas:
+            draw(canvas, numbers, log=True)
     return numbers
 
 

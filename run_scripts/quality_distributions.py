@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from common import BLUE, GRAY, ORANGE, figure
+from common import BLUE, GRAY, ORANGE
 from morphs import COARSE, Case, measure_cells
 from scipy.signal import find_peaks
 
@@ -93,25 +93,23 @@ def centers(n_bins: int) -> np.ndarray:
     return (np.arange(n_bins) + 0.5) / n_bins
 
 
-def draw(folder, name: str, numbers: dict, log: bool = False) -> None:
-    """Draw the distributions over each other, as the paper does."""
-    is_smaller = "node_based" in numbers and numbers["node_based"]["n_cells"] < numbers["b_spline"]["n_cells"]
-    size = f" ({numbers['node_based']['n_cells']:,} cells)" if is_smaller else ""
+def draw(canvas, numbers: dict, log: bool = False) -> None:
+    """Draw the distributions over each other into an empty figure, as the paper does."""
+    n_cells = {name: grid["n_cells"] for name, grid in numbers.items()}
+    is_coarse = n_cells.get("node_based", n_cells["b_spline"]) < n_cells["b_spline"]
+    size = f" ({n_cells['node_based']:,} cells)" if is_coarse else ""
     looks = {
         "initial": ("initial", {"color": GRAY, "linestyle": "--", "linewidth": 1.0}),
         "b_spline": ("B-spline", {"color": BLUE}),
         "b_spline_same_size": (f"B-spline{size}", {"color": BLUE, "linestyle": ":"}),
         "node_based": (f"node-based{size}", {"color": ORANGE}),
     }
-    if not is_smaller:
-        del looks["b_spline_same_size"]
-    with figure(folder, name, size=(5.2, 3.6)) as canvas:
-        axes = canvas.subplots()
-        for key, (label, look) in looks.items():
-            if key not in numbers:
-                continue
-            distribution = numbers[key]["distribution"]
-            axes.plot(centers(N_BINS), np.where(distribution > 0.0, distribution, np.nan), label=label, **look)
-        axes.set(xlabel="orthogonality $Q$", ylabel="distribution of cells", xlim=(0, 1))
-        axes.set(yscale="log") if log else axes.set(ylim=(0, None))
-        axes.legend(loc="upper left")
+    names = [name for name in looks if name in numbers and (is_coarse or name != "b_spline_same_size")]
+    axes = canvas.subplots()
+    for name in names:
+        label, look = looks[name]
+        distribution = numbers[name]["distribution"]
+        axes.plot(centers(N_BINS), np.where(distribution > 0.0, distribution, np.nan), label=label, **look)
+    axes.set(xlabel="orthogonality $Q$", ylabel="distribution of cells", xlim=(0, 1))
+    axes.set(yscale="log") if log else axes.set(ylim=(0, None))
+    axes.legend(loc="upper left")
