@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from elastic_cases import assembled, by_columns, crooked_points
 
-from bspline_mdao.movement import element
+from bspline_mdao.movement import element, element_stiffness
 from bspline_mdao.movement.floors import FLAT, floored, floored_array
 
 ONE = np.arange(8, dtype=np.int32)[None]
@@ -67,7 +67,7 @@ def test_stiffness_of_valid_elements_is_the_integral_of_the_strain_energy(name, 
 def test_assembled_blocks_are_the_stiffness_of_the_force(name):
     args = arguments(*ELEMENTS[name])
     from_force = by_columns(lambda u: element.force(*args, u), 8)
-    from_blocks = assembled(lambda *rest: element.add_stiffness(*args, *rest), ONE, 8)
+    from_blocks = assembled(lambda *rest: element_stiffness.add_stiffness(*args, *rest), ONE, 8)
     np.testing.assert_allclose(from_blocks, from_force, atol=1e-13 * np.abs(from_force).max())
 
 
@@ -79,7 +79,7 @@ def test_collapsed_edges_and_any_numbering_assemble_the_same(corners):
     x[corners] = crooked_cube()
     args = x, elements, *arguments(x, 1)[2:]
     from_force = by_columns(lambda u: element.force(*args, u), n)
-    from_blocks = assembled(lambda *rest: element.add_stiffness(*args, *rest), elements, n)
+    from_blocks = assembled(lambda *rest: element_stiffness.add_stiffness(*args, *rest), elements, n)
     assert np.isfinite(from_force).all()
     np.testing.assert_allclose(from_blocks, from_force, atol=1e-13 * np.abs(from_force).max())
 

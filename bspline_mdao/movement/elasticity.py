@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..sparse.solvers import default_solver
-from . import element
+from . import element, element_stiffness
 from .equilibrium import Equilibrium, EquilibriumStep
 from .increments import IncrementalMovement, in_increments
 from .mesh import MovingMesh
@@ -96,7 +96,7 @@ class ElasticElements:
 
     def add_stiffness(self, element_rows, slots, data):
         """Add the stiffness to blocks."""
-        element.add_stiffness(*self._arguments, element_rows, slots, data)
+        element_stiffness.add_stiffness(*self._arguments, element_rows, slots, data)
 
     def force(self, displacement):
         """Force on all points."""

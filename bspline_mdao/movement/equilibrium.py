@@ -30,7 +30,7 @@ class Elements(Protocol):
     """Elements at given points: their force is linear in the displacement, their stiffness is symmetric."""
 
     def add_stiffness(self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray) -> None:
-        """Add the stiffness to blocks, see `bspline_mdao.movement.element.add_stiffness`."""
+        """Add the stiffness to blocks, see `bspline_mdao.movement.element_stiffness.add_stiffness`."""
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points, shape (n_points, 3)."""

@@ -265,7 +265,7 @@ def force_vjp(points, elements, signs, left_out, n_springs, settings, displaceme
 
 @njit(cache=True)
 def add_stiffness(points, elements, signs, left_out, n_springs, settings, rows, slots, data):
-    """Add the stiffness of all springs to blocks, see `bspline_mdao.movement.element.add_stiffness`."""
+    """Add the stiffness of all springs to blocks, see `bspline_mdao.movement.element_stiffness.add_stiffness`."""
     x, g, stiffness = np.empty((8, 3)), np.empty((4, 3)), np.empty((8, 8, 3, 3))
     for e in range(len(elements)):
         _gather(points, elements[e], x)

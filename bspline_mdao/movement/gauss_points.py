@@ -1,0 +1,164 @@
+"""Coordinates at the Gauss points of a trilinear hexahedron: slopes, adjugate and a positive divisor for the Jacobian.
+
+With the slopes f_i = dx/dxi_i at a Gauss point, the rows of the adjugate are a_0 = f_1 x f_2, a_1 = f_2 x f_0 and
+a_2 = f_0 x f_1, and the Jacobian is J = f_0 . a_0. Edges may have no length: only the Gauss points count.
+
+Slopes at all Gauss points of an element are computed at once, the Gauss points being the vector lanes. All kernels take
+real or complex points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .floors import FLAT, floored
+from .vectors import add, cross, dot, less, scaled
+
+__all__ = [
+    "FAST",
+    "SLOPES",
+    "add_slopes_transposed",
+    "adjugate",
+    "adjugate_jvp",
+    "adjugate_vjp",
+    "at_point",
+    "divisor_gradient",
+    "divisor_of",
+    "put_at_point",
+    "slopes_of",
+]
+
+_AT = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+_GAUSS = np.array([(_AT[a], _AT[b], _AT[d]) for d in (0, 1) for b in (0, 1) for a in (0, 1)])
+
+_EDGES = np.array(
+    [[(0, 1), (2, 3), (4, 5), (6, 7)], [(0, 2), (1, 3), (4, 6), (5, 7)], [(0, 4), (1, 5), (2, 6), (3, 7)]]
+)
+"""Corners at the ends of the four edges along each direction."""
+
+
+def _edge_weights():
+    """Weights of the four edges in the slope along each direction at each Gauss point, shape (3, 4, 8)."""
+    ends = np.stack([1.0 - _GAUSS, _GAUSS])
+    weights = np.empty((3, 4, 8))
+    for d, (low, high) in enumerate(((1, 2), (0, 2), (0, 1))):
+        weights[d] = [ends[a, :, low] * ends[b, :, high] for b in (0, 1) for a in (0, 1)]
+    return weights
+
+
+def _corner_slopes():
+    """Slopes of the shape functions at each Gauss point, shape (8 Gauss points, 3, 8 corners)."""
+    slopes = np.zeros((8, 3, 8))
+    for direction, edge in np.ndindex(3, 4):
+        low, high = _EDGES[direction, edge]
+        slopes[:, direction, low] -= _WEIGHTS[direction, edge]
+        slopes[:, direction, high] += _WEIGHTS[direction, edge]
+    return slopes
+
+
+_WEIGHTS = _edge_weights()
+SLOPES = _corner_slopes()
+_TINY = 1e-290
+FAST = {"contract", "nsz", "reassoc"}
+
+
+@njit(cache=True, inline="always")
+def at_point(slopes, g):
+    """Three slopes at a Gauss point."""
+    return (
+        (slopes[0, 0, g], slopes[0, 1, g], slopes[0, 2, g]),
+        (slopes[1, 0, g], slopes[1, 1, g], slopes[1, 2, g]),
+        (slopes[2, 0, g], slopes[2, 1, g], slopes[2, 2, g]),
+    )
+
+
+@njit(cache=True, inline="always")
+def put_at_point(vectors, g, slopes):
+    """Store three vectors of a Gauss point."""
+    for i in range(3):
+        for d in range(3):
+            slopes[i, d, g] = vectors[i][d]
+
+
+@njit(cache=True, inline="always")
+def adjugate(f):
+    """Rows of the adjugate of the matrix with columns f."""
+    return cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])
+
+
+@njit(cache=True, inline="always")
+def adjugate_jvp(f, df):
+    """Change of the adjugate."""
+    return (
+        add(cross(df[1], f[2]), cross(f[1], df[2])),
+        add(cross(df[2], f[0]), cross(f[2], df[0])),
+        add(cross(df[0], f[1]), cross(f[0], df[1])),
+    )
+
+
+@njit(cache=True, inline="always")
+def adjugate_vjp(f, bar):
+    """Transpose of `adjugate_jvp`."""
+    return (
+        less(cross(f[1], bar[2]), cross(f[2], bar[1])),
+        less(cross(f[2], bar[0]), cross(f[0], bar[2])),
+        less(cross(f[0], bar[1]), cross(f[1], bar[0])),
+    )
+
+
+@njit(cache=True, inline="always")
+def divisor_of(f, a, sign):
+    """Positive divisor that is |J| in valid elements, and its derivatives by J and by the logarithms of the |f_i|^2.
+
+    |f_0| |f_1| |f_2| times the floored triple product of the unit slopes.
+    """
+    jacobian = sign * dot(f[0], a[0])
+    lengths = np.sqrt(dot(f[0], f[0]) * dot(f[1], f[1]) * dot(f[2], f[2]) + _TINY)
+    flatness = jacobian / lengths
+    height, slope = floored(flatness, FLAT)
+    return lengths * height, sign * slope, lengths * (height - flatness * slope)
+
+
+@njit(cache=True, inline="always")
+def divisor_gradient(f, a, by_jacobian, by_lengths):
+    """Derivatives of the divisor with respect to the slopes f_i."""
+    return (
+        add(scaled(by_jacobian, a[0]), scaled(by_lengths / (dot(f[0], f[0]) + _TINY), f[0])),
+        add(scaled(by_jacobian, a[1]), scaled(by_lengths / (dot(f[1], f[1]) + _TINY), f[1])),
+        add(scaled(by_jacobian, a[2]), scaled(by_lengths / (dot(f[2], f[2]) + _TINY), f[2])),
+    )
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def slopes_of(values, element, slopes):
+    """Slopes of the corner values at all Gauss points, shape (3 directions, 3 components, 8)."""
+    for i in range(3):
+        for d in range(3):
+            along = slopes[i, d]
+            edges = _EDGES[i]
+            e_0 = values[element[edges[0, 1]], d] - values[element[edges[0, 0]], d]
+            e_1 = values[element[edges[1, 1]], d] - values[element[edges[1, 0]], d]
+            e_2 = values[element[edges[2, 1]], d] - values[element[edges[2, 0]], d]
+            e_3 = values[element[edges[3, 1]], d] - values[element[edges[3, 0]], d]
+            for g in range(8):
+                along[g] = (
+                    _WEIGHTS[i, 0, g] * e_0
+                    + _WEIGHTS[i, 1, g] * e_1
+                    + _WEIGHTS[i, 2, g] * e_2
+                    + _WEIGHTS[i, 3, g] * e_3
+                )
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_slopes_transposed(slopes, element, values):
+    """Transpose of `slopes_of`, added to the corner values."""
+    for i in range(3):
+        for edge in range(4):
+            low, high = element[_EDGES[i, edge, 0]], element[_EDGES[i, edge, 1]]
+            for d in range(3):
+                total = slopes[i, d, 0] * _WEIGHTS[i, edge, 0]
+                for g in range(1, 8):
+                    total += slopes[i, d, g] * _WEIGHTS[i, edge, g]
+                values[high, d] += total
+                values[low, d] -= total
