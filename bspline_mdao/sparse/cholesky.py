@@ -11,17 +11,22 @@ from threadpoolctl import threadpool_limits
 from ..errors import InputError, MovementError
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern
+from .conjugate_gradient import preconditioned_solve
 from .fronts import Fronts, lay_out
 from .graph import graph_of
 from .lapack import routines
 from .ordering import nested_dissection
-from .solution import Solution, check_right, relative_residual
+from .scaling import inverse_root_diagonal, scaled_blocks
+from .solution import Solution, check_right, product, relative_residual, residual_norm
 from .supernodes import Supernodes, find_supernodes
 
 __all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor"]
 
-REFINE_ABOVE = 1e-13
+REFINE_ABOVE = 1e-12
 """A solution with a larger relative residual gets one step of refinement."""
+
+CG_TOLERANCE = 1e-12
+"""Relative residual at which conjugate gradients end."""
 
 
 @dataclass(frozen=True)
@@ -71,28 +76,38 @@ class CholeskyAnalysis:
         return int(self.fronts.panel_starts[-1])
 
     def factorize(self, matrix: BlockMatrix) -> CholeskyFactor:
-        """Factor a matrix of the pattern; `MovementError` if it is not positive definite."""
+        """Factor a matrix of the pattern.
+
+        Raises
+        ------
+        MovementError
+            If the matrix is not positive definite.
+        """
         if matrix.pattern is not self.pattern:
             raise InputError("Cholesky: the matrix has another pattern; analyze its own")
-        dtype = np.float32 if self.settings.single else np.float64
-        panels, workspace = np.empty(self.n_factor, dtype), np.empty(self.fronts.n_workspace, dtype)
-        with threadpool_limits(1, "blas"):
-            failed = multifrontal.factorize(
-                0,
-                len(self.supernodes.parents),
-                self.supernodes,
-                self.fronts,
-                routines(dtype),
-                matrix.data,
-                panels,
-                workspace,
-            )
+        if self.settings.single:
+            scale = inverse_root_diagonal(self.pattern.indptr, matrix.data)
+            scaled = scaled_blocks(self.pattern.indptr, self.pattern.indices, matrix.data, scale)
+            panels, failed = self._factor(scaled)
+            if failed < 0:
+                return CholeskyFactor(self, matrix, panels, scale)
+        panels, failed = self._factor(matrix.data)
         if failed >= 0:
             raise MovementError(
                 f"Cholesky: the matrix is not positive definite at block row {self.supernodes.order[failed] + 1}; "
                 "look for an inverted or collapsed element there, or for a point that nothing holds"
             )
-        return CholeskyFactor(self, matrix, panels)
+        return CholeskyFactor(self, matrix, panels, None)
+
+    def _factor(self, data: np.ndarray) -> tuple[np.ndarray, int]:
+        """Factor in the precision of the blocks; the place of the first pivot that is not positive, or -1."""
+        panels, workspace = np.empty(self.n_factor, data.dtype), np.empty(self.fronts.n_workspace, data.dtype)
+        n_supernodes = len(self.supernodes.parents)
+        with threadpool_limits(1, "blas"):
+            failed = multifrontal.factorize(
+                0, n_supernodes, self.supernodes, self.fronts, routines(data.dtype), data, panels, workspace
+            )
+        return panels, failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,12 +120,15 @@ class CholeskyFactor:
     matrix : BlockMatrix
         What was factored.
     panels : ndarray, shape (n_factor,)
-        The factor.
+        The factor, in double or in single precision.
+    scale : ndarray, shape (n, 3), or None
+        What the rows and columns of the matrix were multiplied by before they were factored in single precision.
     """
 
     analysis: CholeskyAnalysis
     matrix: BlockMatrix
     panels: np.ndarray
+    scale: np.ndarray | None = None
 
     @property
     def n_bytes(self) -> int:
@@ -119,8 +137,15 @@ class CholeskyFactor:
 
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Solve with the factor as it is, shape (n, 3) or (n, 3, m): a preconditioner."""
+        if self.scale is None:
+            return self._substitute(right)
+        scale = self.scale.reshape(self.scale.shape + (1,) * (right.ndim - 2))
+        return scale * self._substitute(scale * right)
+
+    def _substitute(self, right: np.ndarray) -> np.ndarray:
+        """Forward and backward substitution."""
         supernodes, dtype = self.analysis.supernodes, self.panels.dtype
-        x = right.reshape(len(right), -1)[supernodes.order].reshape(3 * len(right), -1).astype(dtype)
+        x = right[supernodes.order].reshape(3 * len(right), -1).astype(dtype)
         with threadpool_limits(1, "blas"):
             multifrontal.solve(supernodes, self.analysis.fronts, routines(dtype), self.panels, x)
         return x.reshape(right.shape)[supernodes.rank].astype(np.float64)
@@ -133,27 +158,24 @@ class CholeskyFactor:
         right : ndarray, shape (n, 3) or (n, 3, m)
             Right-hand side, or m of them.
         matrix : BlockMatrix, optional
-            Matrix of the residual; by default the one that was factored.
+            Matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as
+            the preconditioner. A factor in single precision is always used in that way.
 
         Returns
         -------
         Solution
         """
         start = time.perf_counter()
-        matrix = self.matrix if matrix is None else matrix
-        right = check_right(right, matrix.pattern.n)
+        right = check_right(right, self.matrix.pattern.n)
+        if self.panels.dtype == np.float32 or (matrix is not None and matrix is not self.matrix):
+            return preconditioned_solve(self.matrix if matrix is None else matrix, self, right, CG_TOLERANCE)
         x = self.apply(right)
-        rest = right - _product(matrix, x)
+        rest = right - product(self.matrix, x)
         residual = relative_residual(rest, right)
         if residual <= REFINE_ABOVE:
             return Solution(x, 0, residual, time.perf_counter() - start)
-        x += self.apply(rest)
-        residual = relative_residual(right - _product(matrix, x), right)
+        refined = x + self.apply(rest)
+        new_residual = residual_norm(self.matrix, refined, right)
+        if new_residual < residual:
+            x, residual = refined, new_residual
         return Solution(x, 1, residual, time.perf_counter() - start)
-
-
-def _product(matrix: BlockMatrix, x: np.ndarray) -> np.ndarray:
-    """Product with one vector or with several."""
-    if x.ndim == 2:
-        return matrix.dot(x)
-    return np.stack([matrix.dot(x[..., side]) for side in range(x.shape[2])], axis=2)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 
-__all__ = ["Solution", "check_right", "relative_residual"]
+__all__ = ["Solution", "check_right", "product", "relative_residual", "residual_norm"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,3 +44,16 @@ def relative_residual(residual: np.ndarray, right: np.ndarray) -> float:
     """Largest 2-norm of a residual relative to its right-hand side, shapes (n, 3) or (n, 3, m); 0 where both are 0."""
     norms, scales = (np.sqrt(np.einsum("ij...,ij...->...", v, v)) for v in (residual, right))
     return float(np.max(np.divide(norms, scales, out=np.where(norms > 0, np.inf, 0.0), where=scales > 0), initial=0.0))
+
+
+def product(matrix: BlockMatrix, x: np.ndarray) -> np.ndarray:
+    """Product of a matrix with one vector, shape (n, 3), or with several, shape (n, 3, m)."""
+    if x.ndim == 2:
+        return matrix.dot(x)
+    sides = [matrix.dot(x[..., side]) for side in range(x.shape[2])]
+    return np.stack(sides, axis=2) if sides else np.zeros_like(x)
+
+
+def residual_norm(matrix: BlockMatrix, x: np.ndarray, right: np.ndarray) -> float:
+    """Relative residual of a solution; see `relative_residual`."""
+    return relative_residual(right - product(matrix, x), right)

@@ -1,0 +1,99 @@
+"""CHOLMOD of SuiteSparse, where scikit-sparse is installed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..errors import InputError, MovementError
+from .blocks import BlockMatrix, BlockPattern
+from .conjugate_gradient import preconditioned_solve
+from .solution import Solution, check_right, residual_norm
+
+__all__ = ["Cholmod", "CholmodAnalysis", "CholmodFactor"]
+
+
+@dataclass(frozen=True)
+class Cholmod:
+    """Direct solver of SuiteSparse (GPL), supernodal, with the METIS order; needs the package scikit-sparse."""
+
+    @property
+    def name(self) -> str:
+        """Name for reports."""
+        return "CHOLMOD"
+
+    def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholmodAnalysis:
+        """Analyse a pattern; the points are not used. `InputError` where scikit-sparse is not installed."""
+        try:
+            from sksparse import cholmod
+        except ImportError:
+            raise InputError("CHOLMOD: scikit-sparse is not installed; install it, or use Cholesky()") from None
+        ones = BlockMatrix(pattern, np.ones((pattern.n_blocks, 3, 3))).to_scipy()
+        return CholmodAnalysis(pattern, cholmod.analyze(ones, mode="supernodal", ordering_method="metis"))
+
+
+@dataclass(frozen=True, eq=False)
+class CholmodAnalysis:
+    """Symbolic factor of a pattern.
+
+    Parameters
+    ----------
+    pattern : BlockPattern
+    symbolic : sksparse.cholmod.Factor
+    """
+
+    pattern: BlockPattern
+    symbolic: object
+
+    def factorize(self, matrix: BlockMatrix) -> CholmodFactor:
+        """Factor a matrix of the pattern; `MovementError` if it is not positive definite."""
+        from sksparse.cholmod import CholmodNotPositiveDefiniteError
+
+        if matrix.pattern is not self.pattern:
+            raise InputError("CHOLMOD: the matrix has another pattern; analyze its own")
+        try:
+            with threadpool_limits(1, "blas"):
+                return CholmodFactor(matrix, self.symbolic.cholesky(matrix.to_scipy()))
+        except CholmodNotPositiveDefiniteError as error:
+            row = self.symbolic.P()[error.column] // 3 + 1
+            raise MovementError(
+                f"CHOLMOD: the matrix is not positive definite near block row {row}; "
+                "look for an inverted or collapsed element there, or for a point that nothing holds"
+            ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class CholmodFactor:
+    """Factor of a matrix.
+
+    Parameters
+    ----------
+    matrix : BlockMatrix
+    factor : sksparse.cholmod.Factor
+    """
+
+    matrix: BlockMatrix
+    factor: object
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of the factor; counts a copy of it, so that asking takes time."""
+        return self.factor.L().data.nbytes
+
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Solve with the factor, shape (n, 3) or (n, 3, m)."""
+        columns = np.asfortranarray(right.reshape(3 * len(right), -1))
+        with threadpool_limits(1, "blas"):
+            return self.factor(columns).reshape(right.shape)
+
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> Solution:
+        """Solve, or solve with another matrix preconditioned by this factor; see `CholeskyFactor.solve`."""
+        start = time.perf_counter()
+        right = check_right(right, self.matrix.pattern.n)
+        if matrix is not None and matrix is not self.matrix:
+            return preconditioned_solve(matrix, self, right)
+        x = self.apply(right)
+        return Solution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
