@@ -18,7 +18,9 @@ from mover_cases import (
     rotation,
     wing,
 )
+from topology_cases import grid_of, patch
 
+from bspline_mdao.grids.index_space import Window
 from bspline_mdao.movement.corners import free_corners
 from bspline_mdao.movement.transfinite import Transfinite
 
@@ -62,6 +64,20 @@ def test_the_order_of_the_blocks_does_not_matter_in_a_grid_of_boxes():
     other = replace(mesh, blocks=mesh.blocks[::-1], names=mesh.names[::-1])
     points = Transfinite(mesh).move(initial, surface).points
     np.testing.assert_allclose(Transfinite(other).move(initial, surface).points, points, atol=1e-14)
+
+
+def test_corners_between_two_known_ends_move_by_the_length_of_the_edges():
+    boxes = channel_grid().blocks
+    ends = {"left": Window(0, (0, 0, 0), (0, 4, 5)), "right": Window(1, (0, 5, 0), (4, 5, 5))}
+    grid = grid_of(*(block.nodes for block in boxes), patches=[patch("wall", w, name=n) for n, w in ends.items()])
+    sides = [Window(0, (0, 0, 0), (3, 0, 5)), Window(0, (0, 4, 0), (3, 4, 5)), Window(0, (0, 0, 0), (3, 4, 0))]
+    sides += [Window(0, (0, 0, 5), (3, 4, 5)), Window(1, (0, 0, 0), (0, 5, 5)), Window(1, (4, 0, 0), (4, 5, 5))]
+    sides += [Window(1, (0, 0, 0), (4, 5, 0)), Window(1, (0, 0, 5), (4, 5, 5))]
+    grid = replace(grid, patches=(*grid.patches, patch("other", *sides)))
+    mesh = mesh_of(grid, design="left", released="other")
+    points = Transfinite(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.1]).points
+    assert len(free_corners(mesh).ids) == 4
+    np.testing.assert_allclose((points - mesh.points)[:, 2], 0.1 * (1.0 - mesh.points[:, 0] / 2.5), atol=1e-15)
 
 
 @pytest.mark.parametrize("n_increments", [1, 2, 5])
