@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from .stages import Stages
 from .supernodes import Supernodes
 
 __all__ = ["Fronts", "lay_out"]
@@ -56,12 +57,12 @@ class Fronts(NamedTuple):
     block_places: np.ndarray
 
 
-def lay_out(supernodes: Supernodes, indptr: np.ndarray, indices: np.ndarray) -> Fronts:
+def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices: np.ndarray) -> Fronts:
     """Find a place for the fronts of a forest and for the blocks of a pattern."""
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     panel_starts = np.concatenate(([0], np.cumsum(9 * sizes * (sizes + n_rows))))
     child_starts, children = _children(supernodes.parents)
-    update_starts, n_workspace = _allocate(9 * n_rows * n_rows, child_starts, children)
+    update_starts, n_workspace = _allocate(9 * n_rows * n_rows, child_starts, children, *stages)
     blocks = _place_blocks(indptr, indices, supernodes, panel_starts)
     return Fronts(panel_starts, update_starts, n_workspace, _positions(supernodes), child_starts, children, *blocks)
 
@@ -102,28 +103,43 @@ def _positions(supernodes):
 
 
 @njit(cache=True)
-def _allocate(n_scalars, child_starts, children):
-    """Place of every update in the workspace: the first gap that is large enough while those alive stay put."""
-    n = len(n_scalars)
-    starts, alive, n_alive, n_workspace = np.zeros(n, np.int64), np.empty(n, np.int32), 0, 0
-    for s in range(n):
-        start, place = 0, 0
+def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
+    """Place of every update in the workspace: each task has a piece of its own, since others work at the same time."""
+    starts, n_workspace = np.zeros(len(n_scalars), np.int64), 0
+    for task in range(len(ranges)):
+        first, last = ranges[task]
+        n_workspace += _allocate_task(first, last, n_scalars, child_starts, children, starts, n_workspace)
+    return starts, n_workspace
+
+
+@njit(cache=True)
+def _allocate_task(first, last, n_scalars, child_starts, children, starts, offset):
+    """Give every update of a task the first gap that is large enough while those alive stay put; return the size."""
+    alive, n_alive, size = np.empty(last - first, np.int32), 0, 0
+    for s in range(first, last):
+        start, place = offset, 0
         while place < n_alive and starts[alive[place]] - start < n_scalars[s]:
             start = starts[alive[place]] + n_scalars[alive[place]]
             place += 1
         starts[s] = start
-        n_workspace = max(n_workspace, start + n_scalars[s])
+        size = max(size, start + n_scalars[s] - offset)
         alive[place + 1 : n_alive + 1] = alive[place:n_alive].copy()
         alive[place] = s
-        n_alive += 1
-        for child in children[child_starts[s] : child_starts[s + 1]]:
-            kept = 0
-            for other in alive[:n_alive]:
-                if other != child:
-                    alive[kept] = other
-                    kept += 1
-            n_alive = kept
-    return starts, n_workspace
+        n_alive = _drop(alive, n_alive + 1, children[child_starts[s] : child_starts[s + 1]])
+    return size
+
+
+@njit(cache=True)
+def _drop(alive, n_alive, done):
+    """Take the updates that have been used off the list; return its length."""
+    for child in done:
+        n_kept = 0
+        for other in alive[:n_alive]:
+            if other != child:
+                alive[n_kept] = other
+                n_kept += 1
+        n_alive = n_kept
+    return n_alive
 
 
 @njit(cache=True)

@@ -37,7 +37,7 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
     Returns
     -------
     int
-        Place of the first point whose pivot is not positive, or -1.
+        Place of the first point whose pivot is not positive and finite, or -1.
     """
     signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
     minus_one, zero, one = signs[0:1], signs[1:2], signs[2:3]
@@ -58,8 +58,9 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
             child_update = workspace[fronts.update_starts[child] :]
             _add_update(fronts.positions[low:high], child_update, panel, n, n_own, update, n_rest)
         call(routines.potrf, (LOWER, n_own, panel, n, info))
-        if info[0] > 0:
-            return supernodes.firsts[s] + (info[0] - 1) // 3
+        failed = info[0] - 1 if info[0] > 0 else _first_unusable(panel, n, n_own)
+        if failed >= 0:
+            return supernodes.firsts[s] + failed // 3
         if n_rest:
             below = panel[n_own:]
             call(
@@ -71,6 +72,15 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
                 routines.syrk,
                 (LOWER, NOT_TRANSPOSED, n_rest, n_own, minus_one, below, n, beta, update, n_rest),
             )
+    return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_unusable(panel, n, n_own):
+    """First column whose pivot is not a positive finite number, which LAPACK may let pass; -1 if there is none."""
+    for column in range(n_own):
+        if not 0.0 < panel[column * n + column] < np.inf:
+            return column
     return -1
 
 
