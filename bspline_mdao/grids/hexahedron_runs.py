@@ -37,17 +37,12 @@ RUN = 32
 TINY = 1e-190
 """Added to a squared length before it is inverted, so that an edge of no length has a triple product of 0."""
 
-_EDGE = 8 * RUN
+_EDGE = 7 * RUN
 _TRIPLE = 12 * _EDGE
 _JACOBIAN = _TRIPLE + 8 * RUN
 _VOLUME = _JACOBIAN + 8 * RUN
-_POINTS = _VOLUME + RUN
-_SIZE = _POINTS + 24 * RUN
-
-_STARTS = (0, 2, 4, 6, 0, 1, 4, 5, 0, 1, 2, 3)
-"""Corner at which each edge starts: four along i, four along j, four along k."""
-
-_ENDS = (1, 3, 5, 7, 2, 3, 6, 7, 4, 5, 6, 7)
+_POINT = _VOLUME + RUN
+_SIZE = _POINT + 24 * RUN
 
 
 def as_points(nodes: np.ndarray) -> np.ndarray:
@@ -65,39 +60,14 @@ def as_points(nodes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(nodes, dtype=np.float64).view(POINT)[..., 0]
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _edge(start, end, edge, n):
-    """Edges between two rows of points with their inverse lengths."""
-    for k in range(n):
-        x, y, z = end[k].x - start[k].x, end[k].y - start[k].y, end[k].z - start[k].z
-        edge[k], edge[RUN + k], edge[2 * RUN + k] = x, y, z
-        edge[3 * RUN + k] = 1.0 / np.sqrt(x * x + y * y + z * z + TINY)
-
-
-@njit(cache=True)
-def _edge_change(start, end, edge, n):
-    """Change of the edges with the points."""
-    for k in range(n):
-        edge[4 * RUN + k] = end[k].x - start[k].x
-        edge[5 * RUN + k] = end[k].y - start[k].y
-        edge[6 * RUN + k] = end[k].z - start[k].z
-
-
-@njit(cache=True)
-def _slice_of(work, m):
-    return work[m * _EDGE : (m + 1) * _EDGE]
-
-
-@njit(cache=True)
-def _edges_at(work, corner):
-    """The three edges that meet at a corner."""
-    a, b, d = corner & 1, (corner >> 1) & 1, corner >> 2
-    return _slice_of(work, b + 2 * d), _slice_of(work, 4 + a + 2 * d), _slice_of(work, 8 + a + 2 * b)
+@njit(cache=True, inline="always")
+def _vector(work, at):
+    return work[at], work[at + RUN], work[at + 2 * RUN]
 
 
 @njit(cache=True, inline="always")
-def _vector(row, at):
-    return row[at], row[RUN + at], row[2 * RUN + at]
+def _set(work, at, x, y, z):
+    work[at], work[at + RUN], work[at + 2 * RUN] = x, y, z
 
 
 @njit(cache=True, inline="always")
@@ -110,48 +80,127 @@ def _dot(u, v):
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-@njit(cache=True, fastmath={"contract"})
-def _corner(u, v, w, sign, at, n):
+@njit(inline="always")
+def _edge(work, edge, start, end, n):
+    """Edges between two corners with their inverse lengths."""
+    for k in range(n):
+        p, q = _vector(work, start + k), _vector(work, end + k)
+        x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        _set(work, edge + k, x, y, z)
+        work[edge + 3 * RUN + k] = 1.0 / np.sqrt(x * x + y * y + z * z + TINY)
+
+
+@njit(inline="always")
+def _edge_change(work, edge, start, end, n):
+    """Change of the edges with the corners."""
+    for k in range(n):
+        p, q = _vector(work, start + k), _vector(work, end + k)
+        _set(work, edge + 4 * RUN + k, q[0] - p[0], q[1] - p[1], q[2] - p[2])
+
+
+@njit(inline="always")
+def _corner(work, u, v, w, corner, sign, n):
     """Triple products of unit edges and Jacobians at one corner."""
     for k in range(n):
-        jacobian = sign * _dot(_cross(_vector(u, k), _vector(v, k)), _vector(w, k))
-        at[k] = jacobian * (u[3 * RUN + k] * v[3 * RUN + k] * w[3 * RUN + k])
-        at[8 * RUN + k] = jacobian
+        jacobian = sign * _dot(_cross(_vector(work, u + k), _vector(work, v + k)), _vector(work, w + k))
+        inverse = work[u + 3 * RUN + k] * work[v + 3 * RUN + k] * work[w + 3 * RUN + k]
+        work[_TRIPLE + corner * RUN + k] = jacobian * inverse
+        work[_JACOBIAN + corner * RUN + k] = jacobian
 
 
-@njit(cache=True, fastmath={"contract"})
-def _corner_jvp(u, v, w, sign, at, n):
+@njit(inline="always")
+def _corner_jvp(work, u, v, w, corner, sign, n):
     """Change of the triple products and Jacobians at one corner."""
     for k in range(n):
-        a, b, c = _vector(u, k), _vector(v, k), _vector(w, k)
-        d_a, d_b, d_c = _vector(u, 4 * RUN + k), _vector(v, 4 * RUN + k), _vector(w, 4 * RUN + k)
-        i_a, i_b, i_c = u[3 * RUN + k], v[3 * RUN + k], w[3 * RUN + k]
-        ab, inverse = _cross(a, b), i_a * i_b * i_c
+        a, b, c = _vector(work, u + k), _vector(work, v + k), _vector(work, w + k)
+        i_a, i_b, i_c = work[u + 3 * RUN + k], work[v + 3 * RUN + k], work[w + 3 * RUN + k]
+        d_a, d_b, d_c = _vector(work, u + 4 * RUN + k), _vector(work, v + 4 * RUN + k), _vector(work, w + 4 * RUN + k)
+        ab = _cross(a, b)
         change = sign * (_dot(_cross(b, c), d_a) + _dot(_cross(c, a), d_b) + _dot(ab, d_c))
         stretch = i_a * i_a * _dot(a, d_a) + i_b * i_b * _dot(b, d_b) + i_c * i_c * _dot(c, d_c)
-        at[k] = inverse * (change - sign * _dot(ab, c) * stretch)
-        at[8 * RUN + k] = change
+        work[_TRIPLE + corner * RUN + k] = (i_a * i_b * i_c) * (change - sign * _dot(ab, c) * stretch)
+        work[_JACOBIAN + corner * RUN + k] = change
 
 
 @njit(cache=True, inline="always")
-def _add(row, k, factor, cross, shrink, edge):
+def _add(work, at, factor, cross, shrink, edge):
     """Add ``factor cross - shrink edge`` to the adjoint of an edge."""
-    row[4 * RUN + k] += factor * cross[0] - shrink * edge[0]
-    row[5 * RUN + k] += factor * cross[1] - shrink * edge[1]
-    row[6 * RUN + k] += factor * cross[2] - shrink * edge[2]
+    work[at] += factor * cross[0] - shrink * edge[0]
+    work[at + RUN] += factor * cross[1] - shrink * edge[1]
+    work[at + 2 * RUN] += factor * cross[2] - shrink * edge[2]
 
 
-@njit(cache=True, fastmath={"contract"})
-def _corner_vjp(u, v, w, sign, at, n):
+@njit(inline="always")
+def _corner_vjp(work, u, v, w, corner, sign, n):
     """Add what one corner's adjoints give to the adjoints of its edges."""
     for k in range(n):
-        a, b, c = _vector(u, k), _vector(v, k), _vector(w, k)
-        i_a, i_b, i_c = u[3 * RUN + k], v[3 * RUN + k], w[3 * RUN + k]
-        ab, scaled = _cross(a, b), sign * at[k] * (i_a * i_b * i_c)
-        factor, shrink = sign * at[8 * RUN + k] + scaled, scaled * _dot(ab, c)
-        _add(u, k, factor, _cross(b, c), shrink * i_a * i_a, a)
-        _add(v, k, factor, _cross(c, a), shrink * i_b * i_b, b)
-        _add(w, k, factor, ab, shrink * i_c * i_c, c)
+        a, b, c = _vector(work, u + k), _vector(work, v + k), _vector(work, w + k)
+        i_a, i_b, i_c = work[u + 3 * RUN + k], work[v + 3 * RUN + k], work[w + 3 * RUN + k]
+        ab, scaled = _cross(a, b), sign * work[_TRIPLE + corner * RUN + k] * (i_a * i_b * i_c)
+        factor, shrink = sign * work[_JACOBIAN + corner * RUN + k] + scaled, scaled * _dot(ab, c)
+        _add(work, u + 4 * RUN + k, factor, _cross(b, c), shrink * i_a * i_a, a)
+        _add(work, v + 4 * RUN + k, factor, _cross(c, a), shrink * i_b * i_b, b)
+        _add(work, w + 4 * RUN + k, factor, ab, shrink * i_c * i_c, c)
+
+
+@njit(inline="always")
+def _point_adjoint(work, u, v, w, corner, sign, n):
+    """Adjoint of a corner from those of its three edges, each of which it starts or ends."""
+    s, t, r = 2.0 * (corner & 1) - 1.0, 2.0 * ((corner >> 1) & 1) - 1.0, 2.0 * (corner >> 2) - 1.0
+    for k in range(n):
+        a, b, c = _vector(work, u + 4 * RUN + k), _vector(work, v + 4 * RUN + k), _vector(work, w + 4 * RUN + k)
+        x, y, z = s * a[0] + t * b[0] + r * c[0], s * a[1] + t * b[1] + r * c[1], s * a[2] + t * b[2] + r * c[2]
+        _set(work, _POINT + 3 * RUN * corner + k, x, y, z)
+
+
+def _at_each_edge(task):
+    """Kernel that runs a task for every edge, told where the edge and the corners at its ends are in the workspace.
+
+    The places are constants, so that the compiler knows how far apart the rows are.
+    """
+
+    @njit(error_model="numpy", fastmath={"contract"})
+    def run(work, n):
+        task(work, 0, _POINT, _POINT + 3 * RUN, n)
+        task(work, _EDGE, _POINT + 6 * RUN, _POINT + 9 * RUN, n)
+        task(work, 2 * _EDGE, _POINT + 12 * RUN, _POINT + 15 * RUN, n)
+        task(work, 3 * _EDGE, _POINT + 18 * RUN, _POINT + 21 * RUN, n)
+        task(work, 4 * _EDGE, _POINT, _POINT + 6 * RUN, n)
+        task(work, 5 * _EDGE, _POINT + 3 * RUN, _POINT + 9 * RUN, n)
+        task(work, 6 * _EDGE, _POINT + 12 * RUN, _POINT + 18 * RUN, n)
+        task(work, 7 * _EDGE, _POINT + 15 * RUN, _POINT + 21 * RUN, n)
+        task(work, 8 * _EDGE, _POINT, _POINT + 12 * RUN, n)
+        task(work, 9 * _EDGE, _POINT + 3 * RUN, _POINT + 15 * RUN, n)
+        task(work, 10 * _EDGE, _POINT + 6 * RUN, _POINT + 18 * RUN, n)
+        task(work, 11 * _EDGE, _POINT + 9 * RUN, _POINT + 21 * RUN, n)
+
+    return run
+
+
+def _at_each_corner(task):
+    """Kernel that runs a task for every corner, told where its three edges are in the workspace."""
+
+    @njit(error_model="numpy", fastmath={"contract"})
+    def run(work, sign, n):
+        task(work, 0, 4 * _EDGE, 8 * _EDGE, 0, sign, n)
+        task(work, 0, 5 * _EDGE, 9 * _EDGE, 1, sign, n)
+        task(work, _EDGE, 4 * _EDGE, 10 * _EDGE, 2, sign, n)
+        task(work, _EDGE, 5 * _EDGE, 11 * _EDGE, 3, sign, n)
+        task(work, 2 * _EDGE, 6 * _EDGE, 8 * _EDGE, 4, sign, n)
+        task(work, 2 * _EDGE, 7 * _EDGE, 9 * _EDGE, 5, sign, n)
+        task(work, 3 * _EDGE, 6 * _EDGE, 10 * _EDGE, 6, sign, n)
+        task(work, 3 * _EDGE, 7 * _EDGE, 11 * _EDGE, 7, sign, n)
+
+    return run
+
+
+_edges, _edge_changes = _at_each_edge(_edge), _at_each_edge(_edge_change)
+_corners, _corners_jvp, _corners_vjp = (
+    _at_each_corner(_corner),
+    _at_each_corner(_corner_jvp),
+    _at_each_corner(_corner_vjp),
+)
+_point_adjoints = _at_each_corner(_point_adjoint)
 
 
 @njit(cache=True, inline="always")
@@ -256,44 +305,23 @@ def _volume_vjp(work, sign, n):
 
 
 @njit(cache=True)
-def _load_points(rows, work, n):
-    """Take the edges of a run from its corners."""
-    for m in range(12):
-        _edge(rows[_STARTS[m]], rows[_ENDS[m]], _slice_of(work, m), n)
-
-
-@njit(cache=True)
-def _load_changes(rows, work, n):
-    """Take the changes of the edges of a run from those of its corners."""
-    for m in range(12):
-        _edge_change(rows[_STARTS[m]], rows[_ENDS[m]], _slice_of(work, m), n)
-
-
-@njit(cache=True)
-def _point_adjoint(point, u, v, w, sides, n):
-    """Adjoint of a corner from those of its three edges, which it ends (+1) or starts (-1)."""
-    s, t, r = sides
-    for k in range(3 * RUN):
-        point[k] = s * u[4 * RUN + k] + t * v[4 * RUN + k] + r * w[4 * RUN + k]
-
-
-@njit(cache=True)
-def _add_point(row, point, n):
-    for k in range(n):
-        row[k].x += point[k]
-        row[k].y += point[RUN + k]
-        row[k].z += point[2 * RUN + k]
-
-
-@njit(cache=True)
-def _add_points(work, rows, n):
-    """Add the adjoints of the edges of a run to those of its corners."""
+def _load(rows, work, n):
+    """Take the points of a run, or their changes, from eight rows."""
     for corner in range(8):
-        sides = 2.0 * (corner & 1) - 1.0, 2.0 * ((corner >> 1) & 1) - 1.0, 2.0 * (corner >> 2) - 1.0
-        point = work[_POINTS + 3 * RUN * corner : _POINTS + 3 * RUN * (corner + 1)]
-        u, v, w = _edges_at(work, corner)
-        _point_adjoint(point, u, v, w, sides, n)
-        _add_point(rows[corner], point, n)
+        row, point = rows[corner], work[_POINT + 3 * RUN * corner : _SIZE]
+        for k in range(n):
+            point[k], point[RUN + k], point[2 * RUN + k] = row[k].x, row[k].y, row[k].z
+
+
+@njit(cache=True)
+def _add_to(rows, work, n):
+    """Add the adjoints of the points of a run to eight rows."""
+    for corner in range(8):
+        row, point = rows[corner], work[_POINT + 3 * RUN * corner : _SIZE]
+        for k in range(n):
+            row[k].x += point[k]
+            row[k].y += point[RUN + k]
+            row[k].z += point[2 * RUN + k]
 
 
 @njit(cache=True)
@@ -341,10 +369,9 @@ def _load_adjoints(triples, jacobians, volume, work, first, n):
 
 @njit(cache=True)
 def _measure_run(rows, bits, sign, work, n):
-    _load_points(rows, work, n)
-    for corner in range(8):
-        u, v, w = _edges_at(work, corner)
-        _corner(u, v, w, sign, work[_TRIPLE + corner * RUN : _SIZE], n)
+    _load(rows, work, n)
+    _edges(work, n)
+    _corners(work, sign, n)
     _volume(work, sign, n)
     if _any_bit(bits, n):
         _set_left_out(work, bits, 1.0, np.inf, n)
@@ -352,11 +379,11 @@ def _measure_run(rows, bits, sign, work, n):
 
 @njit(cache=True)
 def _jvp_run(rows, changes, bits, sign, work, n):
-    _load_points(rows, work, n)
-    _load_changes(changes, work, n)
-    for corner in range(8):
-        u, v, w = _edges_at(work, corner)
-        _corner_jvp(u, v, w, sign, work[_TRIPLE + corner * RUN : _SIZE], n)
+    _load(rows, work, n)
+    _edges(work, n)
+    _load(changes, work, n)
+    _edge_changes(work, n)
+    _corners_jvp(work, sign, n)
     _volume_jvp(work, sign, n)
     if _any_bit(bits, n):
         _set_left_out(work, bits, 0.0, 0.0, n)
@@ -364,14 +391,14 @@ def _jvp_run(rows, changes, bits, sign, work, n):
 
 @njit(cache=True)
 def _vjp_run(rows, bits, sign, work, adjoints, n):
-    _load_points(rows, work, n)
+    _load(rows, work, n)
+    _edges(work, n)
     if _any_bit(bits, n):
         _set_left_out(work, bits, 0.0, 0.0, n)
     _volume_vjp(work, sign, n)
-    for corner in range(8):
-        u, v, w = _edges_at(work, corner)
-        _corner_vjp(u, v, w, sign, work[_TRIPLE + corner * RUN : _SIZE], n)
-    _add_points(work, adjoints, n)
+    _corners_vjp(work, sign, n)
+    _point_adjoints(work, sign, n)
+    _add_to(adjoints, work, n)
 
 
 @njit(cache=True)
