@@ -52,6 +52,11 @@ class Cholesky:
         """Name for reports."""
         return "Cholesky, single precision" if self.single else "Cholesky"
 
+    @property
+    def threads(self) -> int:
+        """Number of threads to use."""
+        return thread_count(self.n_threads)
+
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholeskyAnalysis:
         """Find the order of elimination and the fronts of a pattern, whose points have coordinates of shape (n, 3)."""
         graph = graph_of(pattern)
@@ -112,18 +117,19 @@ class CholeskyAnalysis:
 
     def _factor(self, data: np.ndarray) -> tuple[np.ndarray, int]:
         """Factor in the precision of the blocks; the place of the first pivot that is not positive, or -1."""
-        panels, workspace = np.empty(self.n_factor, data.dtype), np.empty(self.fronts.n_workspace, data.dtype)
+        panels, kept = np.empty(self.n_factor, data.dtype), np.empty(self.fronts.n_kept, data.dtype)
+        structure, idle = (self.supernodes, self.fronts, routines(data.dtype), data, panels, kept), []
         ranges, starts = self.stages
-        structure, storage = (self.supernodes, self.fronts, routines(data.dtype)), (data, panels, workspace)
         failed = np.full(len(ranges), -1)
+
+        def factor(task):
+            scratch = idle.pop() if idle else np.empty(self.fronts.n_scratch, data.dtype)
+            failed[task] = multifrontal.factorize(*ranges[task], *structure, scratch)
+            idle.append(scratch)
+
         with threadpool_limits(1, "blas"):
             for start, end in zip(starts, starts[1:]):
-
-                def work(number, start=start):
-                    task = start + number
-                    failed[task] = multifrontal.factorize(*ranges[task], *structure, *storage)
-
-                run_tasks(work, int(end - start), thread_count(self.settings.n_threads))
+                run_tasks(lambda number, start=start: factor(start + number), int(end - start), self.settings.threads)
                 if (failed >= 0).any():
                     return panels, int(failed[failed >= 0].min())
         return panels, -1

@@ -29,9 +29,10 @@ class Fronts(NamedTuple):
     panel_starts : ndarray of int64, shape (n_supernodes + 1,)
         Where the panels are in the factor, in scalars.
     update_starts : ndarray of int64, shape (n_supernodes,)
-        Where the updates are in the workspace, in scalars; the same place serves many, one after the other.
-    n_workspace : int
-        Scalars of the workspace.
+        Where the updates are, in scalars: among those kept from task to task, or, inverted bitwise, in the scratch of
+        the task. The same place serves many, one after the other.
+    n_kept, n_scratch : int
+        Scalars of the updates that are kept, and of the scratch of a task.
     positions : ndarray of int32, shape (n_rows,)
         For every row of a supernode, its position in the front of the parent, in points.
     child_starts : ndarray of int32, shape (n_supernodes + 1,)
@@ -48,7 +49,8 @@ class Fronts(NamedTuple):
 
     panel_starts: np.ndarray
     update_starts: np.ndarray
-    n_workspace: int
+    n_kept: int
+    n_scratch: int
     positions: np.ndarray
     child_starts: np.ndarray
     children: np.ndarray
@@ -62,9 +64,9 @@ def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices:
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     panel_starts = np.concatenate(([0], np.cumsum(9 * sizes * (sizes + n_rows))))
     child_starts, children = _children(supernodes.parents)
-    update_starts, n_workspace = _allocate(9 * n_rows * n_rows, child_starts, children, *stages)
+    updates = _allocate(9 * n_rows * n_rows, child_starts, children, *stages)
     blocks = _place_blocks(indptr, indices, supernodes, panel_starts)
-    return Fronts(panel_starts, update_starts, n_workspace, _positions(supernodes), child_starts, children, *blocks)
+    return Fronts(panel_starts, *updates, _positions(supernodes), child_starts, children, *blocks)
 
 
 @njit(cache=True)
@@ -104,29 +106,49 @@ def _positions(supernodes):
 
 @njit(cache=True)
 def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
-    """Place of every update in the workspace: each task has a piece of its own, since others work at the same time."""
-    starts, n_workspace = np.zeros(len(n_scalars), np.int64), 0
-    for task in range(len(ranges)):
-        first, last = ranges[task]
-        n_workspace += _allocate_task(first, last, n_scalars, child_starts, children, starts, n_workspace)
-    return starts, n_workspace
+    """Place of every update, and the sizes of what is kept and of the scratch.
+
+    Within a task an update is in the scratch until its parent has used it. The last ones of a task are kept until the
+    stage of their parents has ended, since other tasks work at the same time.
+    """
+    n = len(n_scalars)
+    starts, alive, n_alive, n_kept, n_scratch = np.zeros(n, np.int64), np.empty(n, np.int32), 0, 0, 0
+    is_kept = np.ones(n, np.bool_)
+    for first, last in ranges:
+        for s in range(first, last):
+            for child in children[child_starts[s] : child_starts[s + 1]]:
+                is_kept[child] = child < first
+    for stage in range(len(stage_starts) - 1):
+        tasks = ranges[stage_starts[stage] : stage_starts[stage + 1]]
+        for first, last in tasks:
+            for s in range(first, last):
+                if is_kept[s]:
+                    n_alive = _place(s, n_scalars, starts, alive, n_alive)
+                    n_kept = max(n_kept, starts[s] + n_scalars[s])
+        for first, last in tasks:
+            for s in range(first, last):
+                n_alive = _drop(alive, n_alive, children[child_starts[s] : child_starts[s + 1]])
+    for first, last in ranges:
+        n_alive = 0
+        for s in range(first, last):
+            if not is_kept[s]:
+                n_alive = _place(s, n_scalars, starts, alive, n_alive)
+                n_scratch = max(n_scratch, starts[s] + n_scalars[s])
+            n_alive = _drop(alive, n_alive, children[child_starts[s] : child_starts[s + 1]])
+    return np.where(is_kept, starts, ~starts), n_kept, n_scratch
 
 
 @njit(cache=True)
-def _allocate_task(first, last, n_scalars, child_starts, children, starts, offset):
-    """Give every update of a task the first gap that is large enough while those alive stay put; return the size."""
-    alive, n_alive, size = np.empty(last - first, np.int32), 0, 0
-    for s in range(first, last):
-        start, place = offset, 0
-        while place < n_alive and starts[alive[place]] - start < n_scalars[s]:
-            start = starts[alive[place]] + n_scalars[alive[place]]
-            place += 1
-        starts[s] = start
-        size = max(size, start + n_scalars[s] - offset)
-        alive[place + 1 : n_alive + 1] = alive[place:n_alive].copy()
-        alive[place] = s
-        n_alive = _drop(alive, n_alive + 1, children[child_starts[s] : child_starts[s + 1]])
-    return size
+def _place(s, n_scalars, starts, alive, n_alive):
+    """Give an update the first gap that is large enough; return the number of those alive, which stay sorted."""
+    start, place = 0, 0
+    while place < n_alive and starts[alive[place]] - start < n_scalars[s]:
+        start = starts[alive[place]] + n_scalars[alive[place]]
+        place += 1
+    starts[s] = start
+    alive[place + 1 : n_alive + 1] = alive[place:n_alive].copy()
+    alive[place] = s
+    return n_alive + 1
 
 
 @njit(cache=True)

@@ -16,7 +16,7 @@ __all__ = ["factorize", "solve"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def factorize(first, last, supernodes, fronts, routines, data, factor, workspace):
+def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scratch):
     """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done.
 
     Parameters
@@ -31,8 +31,8 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
         Blocks of the matrix.
     factor : ndarray, shape (n_factor,)
         The panels, to be filled.
-    workspace : ndarray, shape (n_workspace,)
-        The updates.
+    kept, scratch : ndarray, shapes (n_kept,) and (n_scratch,)
+        The updates that other tasks use, and room for the others.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
         n_rest = 3 * (supernodes.row_starts[s + 1] - supernodes.row_starts[s])
         n = n_own + n_rest
         panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
-        update = workspace[fronts.update_starts[s] : fronts.update_starts[s] + n_rest * n_rest]
+        update = _update(fronts.update_starts[s], n_rest, kept, scratch)
         panel[:] = 0.0
         _add_blocks(s, fronts, data, factor, n)
         n_children = fronts.child_starts[s + 1] - fronts.child_starts[s]
@@ -55,7 +55,7 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
             update[:] = 0.0
         for child in fronts.children[fronts.child_starts[s] : fronts.child_starts[s + 1]]:
             low, high = supernodes.row_starts[child], supernodes.row_starts[child + 1]
-            child_update = workspace[fronts.update_starts[child] :]
+            child_update = _update(fronts.update_starts[child], 3 * (high - low), kept, scratch)
             _add_update(fronts.positions[low:high], child_update, panel, n, n_own, update, n_rest)
         call(routines.potrf, (LOWER, n_own, panel, n, info))
         failed = info[0] - 1 if info[0] > 0 else _first_unusable(panel, n, n_own)
@@ -73,6 +73,14 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, workspace
                 (LOWER, NOT_TRANSPOSED, n_rest, n_own, minus_one, below, n, beta, update, n_rest),
             )
     return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _update(start, n_rows, kept, scratch):
+    """The update of so many scalar rows that starts at a place, see `Fronts`."""
+    if start < 0:
+        return scratch[~start : ~start + n_rows * n_rows]
+    return kept[start : start + n_rows * n_rows]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
