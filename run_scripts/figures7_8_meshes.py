@@ -12,8 +12,8 @@ from morphs import BLENDED_WING_BODY, ONERA_M6, Morph, Moved, measure_cells
 from scenes import Camera, Scene, draw_scene, faces_of
 
 CASES = {
-    "figure7_m6": (ONERA_M6, Camera(focus=(0.68, -0.02, 0.75), direction=(-0.75, 0.62, 1.0), height=1.5)),
-    "figure8_bwb": (BLENDED_WING_BODY, Camera(focus=(0.58, 0.0, 0.98), direction=(-0.75, 0.75, 1.0), height=2.0)),
+    "figure7_m6": (ONERA_M6, Camera(focus=(0.6, 0.0, 0.72), direction=(-0.75, 0.62, 1.0), height=1.65)),
+    "figure8_bwb": (BLENDED_WING_BODY, Camera(focus=(0.47, 0.05, 0.92), direction=(-0.75, 0.75, 1.0), height=2.15)),
 }
 PANEL = (4.6, 3.4)
 """Width and height of one of the four pictures in inches."""

@@ -16,9 +16,14 @@ from bspline_mdao.movement.boundary import moving_grid, moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.movement.mover import MovementReport
+from bspline_mdao.sparse.cholesky import Cholesky
 
 COARSE = 0.5
 """Cells per direction of the largest grid that moves node by node within minutes, by those of the paper's."""
+
+
+ONE_THREAD = {"solver": Cholesky(n_threads=1), "keep_factors": False}
+"""Settings of moves that are timed and not differentiated."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +197,7 @@ class NodeBased:
 def elastic_move(mesh: MovingMesh, surface: np.ndarray, settings: dict):
     """Move a mesh as the paper does, on one thread: nu = -0.2 in five increments, which are the mover's defaults."""
     with threadpool_limits(1):
-        return LinearElasticity(mesh, **{"keep_factors": False, **settings}).move(mesh.points, surface)
+        return LinearElasticity(mesh, **{**ONE_THREAD, **settings}).move(mesh.points, surface)
 
 
 def measure_cells(before: Grid, after: Grid) -> tuple[np.ndarray, np.ndarray]:
