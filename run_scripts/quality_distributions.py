@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from common import BLUE, GRAY, ORANGE
-from morphs import COARSE, Case, measure_cells
+from morphs import COARSE, ONE_THREAD, Case, measure_cells, warm_up
 from scipy.signal import find_peaks
 
 from bspline_mdao import Grid, family_member
@@ -40,6 +40,7 @@ def study(case: Case, paper: bool, node_based: str | None) -> dict:
         B-spline's result on the nodes that moved one by one. Each has the numbers of `measure`, the moves those of
         `Moved.numbers` too.
     """
+    warm_up(ONE_THREAD["solver"])
     morph = case.morph(paper)
     moved, control_points = morph.move_control_mesh()
     numbers = {

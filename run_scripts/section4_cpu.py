@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 from common import BLUE, ORANGE, figure, run
-from morphs import BLENDED_WING_BODY, ONERA_M6, Case, Morph
+from morphs import BLENDED_WING_BODY, ONERA_M6, Case, Morph, warm_up
 
 from bspline_mdao import Grid
 from bspline_mdao.sparse.cholesky import Cholesky
@@ -174,7 +174,7 @@ def main(paper: bool = False, figures=None, minutes: float = 60.0) -> dict:
         ``same_algorithm``, with the ``best_solvers`` of each, and in the ``paper``.
     """
     deadline = time.monotonic() + 60.0 * minutes
-    warm_up()
+    warm_up(*SOLVERS.values())
     studies = {name: prepare(case, paper) for name, case in CASES.items()}
     for level in LEVELS[paper]:
         for study in studies.values():
@@ -189,14 +189,6 @@ def prepare(case: Case, paper: bool) -> Study:
     """Study of a case of which nothing was measured yet."""
     shape, n_control = case.sizes[True] if paper else SMALL
     return Study(case, case.make_grid(shape), n_control, LEVELS[paper])
-
-
-def warm_up() -> None:
-    """Compile what is timed."""
-    morph = Morph.of(ONERA_M6, ONERA_M6.make_grid((5, 5, 5)), (4, 4, 4))
-    for solver in SOLVERS.values():
-        _, control_points = morph.move_control_mesh(solver=solver)
-        morph.move_nodes(control_points, solver=solver)
 
 
 def fastest(series: dict[str, Series]) -> str:
