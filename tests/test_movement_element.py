@@ -5,7 +5,7 @@ import pytest
 from elastic_cases import assembled, by_columns, crooked_points
 
 from bspline_mdao.movement import element, element_stiffness
-from bspline_mdao.movement.floors import FLAT, floored, floored_array
+from bspline_mdao.movement.floors import FLAT_ELEMENT, floored, floored_array
 
 ONE = np.arange(8, dtype=np.int32)[None]
 CUBE = np.array([(a, b, d) for d in (0.0, 1.0) for b in (0.0, 1.0) for a in (0.0, 1.0)])
@@ -137,16 +137,16 @@ def test_reverse_is_the_transpose_of_forward():
 
 def test_floor_leaves_large_values_and_is_positive_and_twice_differentiable():
     t = np.linspace(-1.0, 1.0, 4001)
-    values, slopes = floored_array(t, FLAT)
-    np.testing.assert_array_equal(values[t >= FLAT], t[t >= FLAT])
-    assert values.min() > FLAT / 2.0
+    values, slopes = floored_array(t, FLAT_ELEMENT)
+    np.testing.assert_array_equal(values[t >= FLAT_ELEMENT], t[t >= FLAT_ELEMENT])
+    assert values.min() > FLAT_ELEMENT / 2.0
     assert (slopes > 0.0).all()
     h = 1e-30
-    for point in (-0.5, 0.0, 0.9 * FLAT, 0.5):
-        value, slope = floored(point + 1j * h, FLAT)
+    for point in (-0.5, 0.0, 0.9 * FLAT_ELEMENT, 0.5):
+        value, slope = floored(point + 1j * h, FLAT_ELEMENT)
         assert value.imag / h == pytest.approx(slope.real, rel=1e-14)
     for epsilon in (1e-4, 1e-5):  # the slope leaves 1 with the square of the distance
-        assert 1.0 - floored(FLAT * (1.0 - epsilon), FLAT)[1] < 30.0 * epsilon**2
+        assert 1.0 - floored(FLAT_ELEMENT * (1.0 - epsilon), FLAT_ELEMENT)[1] < 30.0 * epsilon**2
 
 
 def test_forces_of_a_lattice_without_strain_vanish():

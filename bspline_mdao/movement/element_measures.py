@@ -13,13 +13,13 @@ import numpy as np
 from numba import njit
 
 from ..grids.hexahedron_elements import ElementMeasures, element_measures, element_measures_vjp
-from .floors import FLAT, floored_array
+from .floors import FLAT_CORNER, FLAT_ELEMENT, floored_array
 from .mesh import MovingMesh
 
 __all__ = ["FlooredMeasures"]
 
-LEAST_ORTHOGONALITY = 1e-4
-"""Q is floored here, which keeps Phi = 1 / Q^2 below 4e8."""
+LEAST_ORTHOGONALITY = 1e-5
+"""Q is floored here, which keeps Phi = 1 / Q^2 below 4e10."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,13 @@ class FlooredMeasures:
     @property
     def log_orthogonality(self) -> np.ndarray:
         """Logarithm of Q, Eq. (9), with each factor and the product floored, shape (n_elements,)."""
-        factors, _ = floored_array(self._measures.triples, FLAT)
+        factors, _ = floored_array(self._measures.triples, FLAT_CORNER)
         return np.log(floored_array(factors.prod(axis=1), LEAST_ORTHOGONALITY)[0])
 
     @property
     def log_volume(self) -> np.ndarray:
         """Logarithm of the volume, floored relative to the product of the root-mean-square edge lengths."""
-        return np.log(floored_array(self._fullness, FLAT)[0]) + 0.5 * np.log(self._squares).sum(axis=1)
+        return np.log(floored_array(self._fullness, FLAT_ELEMENT)[0]) + 0.5 * np.log(self._squares).sum(axis=1)
 
     def gradient(self, of_orthogonality: float, of_volume: float) -> np.ndarray:
         """Gradient by the corners of a combination of the two logarithms, shape (n_elements, 8, 3).
@@ -56,7 +56,7 @@ class FlooredMeasures:
         of_orthogonality, of_volume : float
             What each of them is multiplied with.
         """
-        floor, slope = floored_array(self._fullness, FLAT)
+        floor, slope = floored_array(self._fullness, FLAT_ELEMENT)
         by_volume = of_volume * slope / (floor * np.sqrt(self._squares.prod(axis=1)))
         by_triples = of_orthogonality * self._orthogonality_by_triples()
         mesh = self.mesh
@@ -68,7 +68,7 @@ class FlooredMeasures:
 
     def _orthogonality_by_triples(self):
         """Derivatives of the logarithm of Q by the corner triple products."""
-        factors, by_triples = floored_array(self._measures.triples, FLAT)
+        factors, by_triples = floored_array(self._measures.triples, FLAT_CORNER)
         product = factors.prod(axis=1)
         floor, by_product = floored_array(product, LEAST_ORTHOGONALITY)
         return (product * by_product / floor)[:, None] * by_triples / factors

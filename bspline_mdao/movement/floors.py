@@ -11,10 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["FLAT", "floored", "floored_array"]
+__all__ = ["FLAT_CORNER", "FLAT_ELEMENT", "floored", "floored_array"]
 
-FLAT = 0.01
-"""Triple products of unit vectors, and what is like them, are floored here: 0.6 degrees from flat."""
+FLAT_CORNER = 0.01
+"""Floor of the triple product of unit edges at a corner: 0.6 degrees from flat."""
+
+FLAT_ELEMENT = 0.05
+"""Floor of the Jacobian by the lengths of the slopes, and of the volume by those of the edges: 3 degrees from flat."""
 
 
 @njit(cache=True, inline="always")

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .floors import FLAT, floored
+from .floors import FLAT_ELEMENT, floored
 from .vectors import add, cross, dot, less, scaled
 
 __all__ = [
@@ -116,7 +116,7 @@ def divisor_of(f, a, sign):
     jacobian = sign * dot(f[0], a[0])
     lengths = np.sqrt(dot(f[0], f[0]) * dot(f[1], f[1]) * dot(f[2], f[2]) + _TINY)
     flatness = jacobian / lengths
-    height, slope = floored(flatness, FLAT)
+    height, slope = floored(flatness, FLAT_ELEMENT)
     return lengths * height, sign * slope, lengths * (height - flatness * slope)
 
 

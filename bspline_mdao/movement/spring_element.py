@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from .element_corners import add_element
-from .floors import FLAT, floored
+from .floors import FLAT_CORNER, floored
 from .gauss_points import FAST
 from .vectors import add, cross, dot, less, scaled
 
@@ -111,7 +111,7 @@ def _angular(x, points, factor, g):
     a, by_a = _unit(vertex, _corner(x, points[1]))
     b, by_b = _unit(vertex, _corner(x, points[2]))
     cosine = dot(a, b)
-    slope = -factor * _inverse_floor(1.0 - cosine * cosine, FLAT * FLAT)
+    slope = -factor * _inverse_floor(1.0 - cosine * cosine, FLAT_CORNER * FLAT_CORNER)
     first = scaled(slope * by_a, less(b, scaled(cosine, a)))
     second = scaled(slope * by_b, less(a, scaled(cosine, b)))
     _put(g, 0, scaled(-1.0, add(first, second)))
@@ -128,7 +128,7 @@ def _solid(x, points, factor, sign, g):
     c, by_c = _unit(vertex, _corner(x, points[3]))
     bc, ca, ab = cross(b, c), cross(c, a), cross(a, b)
     t = dot(a, bc)
-    slope = sign * factor * _inverse_floor(sign * t, FLAT)
+    slope = sign * factor * _inverse_floor(sign * t, FLAT_CORNER)
     first = scaled(slope * by_a, less(bc, scaled(t, a)))
     second = scaled(slope * by_b, less(ca, scaled(t, b)))
     third = scaled(slope * by_c, less(ab, scaled(t, c)))
