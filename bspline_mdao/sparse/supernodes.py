@@ -111,7 +111,7 @@ def front_seconds(size, n_rows):
     """Model of the time of a front of so many own points and rows: arithmetic, memory, calls (s)."""
     own, rest = 3.0 * size, 3.0 * n_rows
     arithmetic = own * (own * own / 3.0 + own * rest + rest * rest)
-    return arithmetic / 3.5e10 + 1.2e-9 * rest * rest + 6e-10 * own * (own + rest) + 4e-6
+    return arithmetic / 3.5e10 + 6e-10 * rest * rest + 2e-9 * own * (own + rest) + 4e-6
 
 
 @njit(cache=True)
