@@ -32,6 +32,7 @@ json_option = click.option("--json", type=click.Path(path_type=Path), metavar="F
         f"{PROGRAM} inspect wing.xyz --draft wing.toml",
         f"{PROGRAM} fit wing.xyz --patches wing.toml -o wing.h5",
         f"{PROGRAM} refine wing.h5 --factor 2 -o fine.xyz",
+        f"{PROGRAM} move wing.h5 --deform twist=10deg -o moved.xyz",
     ),
 )
 @click.version_option(__version__, prog_name=PROGRAM)
@@ -126,3 +127,55 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
     from .refine import refine_model
 
     refine_model(model, factor, output, json)
+
+
+@bspline_mdao.command(epilog=example(f"{PROGRAM} move wing.h5 --deform twist=10deg --deform stretch=1.2 -o moved.xyz"))
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--deform",
+    multiple=True,
+    required=True,
+    metavar="SPEC",
+    help="Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
+    "dihedral, pitch, translate=0.1/0/0, bumps=0.01,seed=1; or a file of its new control points (.csv, .npy). "
+    "Several are done in turn.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@click.option(
+    "--mover",
+    default="elasticity",
+    show_default=True,
+    metavar="NAME",
+    help="What carries the control mesh along: elasticity, springs, torsional, transfinite, rbf, idw, delaunay, held.",
+)
+@click.option("--increments", type=click.IntRange(min=1), metavar="N", help="Increments; each mover has its default.")
+@click.option("--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default.")
+@click.option(
+    "--stiffness",
+    metavar="NAME",
+    help="Stiffness of elasticity: orthogonality (default), volume, distance, constant.",
+)
+@click.option(
+    "--solver", metavar="NAME", help="Solver of elasticity and springs: cholesky (default), cg, cholmod, pardiso."
+)
+@click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default.")
+@click.option("--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is.")
+@click.option(
+    "--surface",
+    type=click.Path(path_type=Path),
+    metavar="FILE.csv",
+    help="Write the new control points of the design surface, in the order in which --deform reads them.",
+)
+@click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
+@json_option
+def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], **options) -> None:
+    """Deform the design surface of a model, move the control mesh behind it and write the grid.
+
+    The extension of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView). PATCH is a name or a pattern,
+    such as 'wing*'; --deform, --design and --pin may be given more than once.
+    """
+    from .move import MoveOptions, move_model
+    from .movers import MoverOptions
+
+    mover = MoverOptions(**{name: options.pop(name) for name in ("mover", "increments", "nu", "stiffness", "solver")})
+    move_model(model, output, json, MoveOptions(deform, mover=mover, **options))

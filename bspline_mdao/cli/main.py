@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import click
 
-from ..errors import InputError
+from ..errors import InputError, MovementError
 from .commands import PROGRAM, bspline_mdao
 
 FAILED, INTERRUPTED = 2, 130
@@ -65,7 +65,7 @@ def describe(error: Exception) -> str:
         return f"{error.format_message()} Try '{command} --help'."
     if isinstance(error, click.ClickException):
         return error.format_message()
-    if isinstance(error, InputError):
+    if isinstance(error, InputError | MovementError):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'a file'}: {error.strerror or error}; check the file, its folder and the free space"

@@ -133,7 +133,7 @@ def counts_text(counts: Sequence[int]) -> str:
 
 def _cell(value: object) -> str:
     if isinstance(value, float):
-        return f"{value:.1e}"
+        return f"{value:.3g}" if 0.01 <= abs(value) < 1000.0 else f"{value:.1e}"
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 

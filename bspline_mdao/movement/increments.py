@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,10 @@ from ..errors import InputError
 from .mesh import MovingMesh
 from .mover import IncrementReport, MovementReport, Step, check_request
 
-__all__ = ["IncrementalMovement", "in_increments"]
+__all__ = ["LOGGER", "IncrementalMovement", "in_increments"]
+
+LOGGER = logging.getLogger(__name__)
+"""Tells of every increment that is done, with the arguments ``(increment, n_increments)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +120,7 @@ def in_increments(
         before = steps[-1].points
         tangling = mesh.tangled(before)
         reports.append(IncrementReport(steps[-1].report, tangling.n_tangled, tangling.place, tangling.min_corner))
+        LOGGER.info("increment %d of %d", i, n_increments)
     report = MovementReport(tuple(reports), time.perf_counter() - start)
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 

@@ -1,0 +1,234 @@
+"""The command ``move``."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..deformations import parse_deformation
+from ..errors import InputError, MovementError
+from ..grids.atomic import replaced_file
+from ..grids.files import write_grid
+from ..grids.multiblock import Grid
+from ..model import FittedModel
+from ..movement.boundary import moving_mesh
+from ..movement.increments import LOGGER
+from ..movement.mesh import MovingMesh
+from ..movement.mover import IncrementReport, Movement
+from .cells import CellChange, compare_cells
+from .movers import MoverOptions
+from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+
+QUALITY = {
+    "q_min": "smallest Q",
+    "q_mean": "mean Q",
+    "min_corner": "smallest corner",
+    "min_volume": "smallest volume (m^3)",
+    "n_inverted": "inverted cells",
+}
+"""Labels of what is shown of the quality."""
+
+INCREMENT_COLUMNS = ("increment", "inverted", "smallest corner", "time (s)", "residual", "iterations")
+"""Columns of the table of increments."""
+
+
+@dataclass(frozen=True)
+class MoveOptions:
+    """Options of ``move``.
+
+    Parameters
+    ----------
+    deform : tuple of str
+        Deformations of the design surface, one after the other.
+    design, pin : tuple of str
+        Patches that are the design surface (all walls where there is none), and patches to hold.
+    surface : Path, optional
+        File for the new control points of the design surface.
+    allow_invalid : bool
+        Write a grid with inverted cells all the same.
+    mover : MoverOptions
+        How to move.
+    """
+
+    deform: tuple[str, ...]
+    design: tuple[str, ...] = ()
+    pin: tuple[str, ...] = ()
+    surface: Path | None = None
+    allow_invalid: bool = False
+    mover: MoverOptions = field(default_factory=MoverOptions)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A grid that was moved, and what is told about it."""
+
+    mesh: MovingMesh
+    initial: np.ndarray
+    surface: np.ndarray
+    movement: Movement
+    grid: Grid
+    cells: CellChange
+
+    @property
+    def largest_displacement(self) -> float:
+        """Largest displacement of a surface control point (m)."""
+        return float(np.linalg.norm(self.surface - self.initial[self.mesh.surface_ids], axis=1).max())
+
+
+def move_model(model_file: Path, output: Path, json: Path | None, options: MoveOptions) -> None:
+    """Deform the design surface of a model, move the control mesh behind it and write the grid.
+
+    Parameters
+    ----------
+    model_file : Path
+        Fitted model.
+    output, json : Path
+        Grid and numbers to write.
+    options : MoveOptions
+        What to move where, and how.
+
+    Raises
+    ------
+    InputError
+        If the model, a deformation or a patch cannot be used, or a file cannot be written.
+    MovementError
+        If the move cannot be done, or inverts cells of the grid; nothing is written then.
+    """
+    check_outputs([output, json, options.surface], [model_file, *filter(os.path.isfile, options.deform)])
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model = FittedModel.load(model_file)
+        moved = _move(model, model_file, options, progress)
+        if moved.cells.n_inverted and not options.allow_invalid:
+            raise MovementError(_complaint(moved))
+        progress(0.9, "writing")
+        with written_json(json, move_numbers(model_file, output, moved, options)):
+            if options.surface:
+                _write_points(options.surface, moved.surface)
+            write_grid(output, moved.grid)
+    show_move(model_file, output, moved, options)
+
+
+def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) -> Moved:
+    """Make the move and measure it."""
+    if not model.header.patches:
+        raise InputError(
+            f"{model_file}: its grid has no patches, so nothing says what moves; write them with "
+            f"'bspline-mdao inspect GRID --draft patches.toml' and fit again with --patches patches.toml"
+        )
+    mesh = moving_mesh(model, design=options.design or None, pinned=options.pin)
+    mover = options.mover.make(mesh)
+    initial = model.control_points
+    surface = parse_deformation(options.deform, model, mesh).apply(initial[mesh.surface_ids])
+    with _shown_increments(lambda fraction, what: progress(0.1 + 0.6 * fraction, what)):
+        movement = mover.move(initial, surface)
+    progress(0.7, "evaluating")
+    baseline, grid = model.regenerate(), model.regenerate(movement.points)
+    progress(0.8, "quality")
+    return Moved(mesh, initial, surface, movement, grid, compare_cells(baseline, grid))
+
+
+def _write_points(path: Path, points: np.ndarray) -> None:
+    """Write points (n, 3) as ``--deform`` reads them back."""
+    with replaced_file(path) as part:
+        np.savetxt(part, points, fmt="%.17g", delimiter=",", header="x,y,z")
+
+
+@contextmanager
+def _shown_increments(progress: Callable[[float, str], None]) -> Iterator[None]:
+    """Show the increments of a move as they are done."""
+    handler = logging.Handler()
+    handler.emit = lambda record: progress(record.args[0] / record.args[1], record.getMessage())
+    level = LOGGER.level
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(logging.INFO)
+    progress(0.0, "first increment")
+    try:
+        yield
+    finally:
+        LOGGER.setLevel(level)
+        LOGGER.removeHandler(handler)
+
+
+def _complaint(moved: Moved) -> str:
+    """Say which cells are inverted, and where that began in the control mesh."""
+    first, where = moved.movement.report.first_tangled(), ""
+    if first:
+        n_increments = len(moved.movement.report.increments)
+        where = f"; the control mesh tangles in increment {first[0]} of {n_increments}, {first[1].place}"
+    return (
+        f"the move inverts {moved.cells.n_inverted:,} cells, the worst {moved.cells.place}{where}; nothing was "
+        f"written; take a smaller deformation, more --increments or another --mover, or --allow-invalid to see it"
+    )
+
+
+def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOptions) -> dict:
+    """Collect the numbers of a move for JSON."""
+    report = moved.movement.report
+    return {
+        "model": str(model_file),
+        "grid": str(output),
+        "deform": options.deform,
+        "mover": options.mover.mover,
+        "n_control_points": moved.mesh.n_points,
+        "n_surface_control_points": len(moved.surface),
+        "largest_displacement": moved.largest_displacement,
+        "increments": [
+            {
+                **(vars(increment.solve) if increment.solve else {}),
+                "n_tangled": increment.n_tangled,
+                "place": increment.place,
+                "min_corner": increment.min_corner,
+            }
+            for increment in report.increments
+        ],
+        "seconds": report.seconds,
+        "n_newly_inverted": moved.cells.n_inverted,
+        "before": moved.cells.before,
+        "after": moved.cells.after,
+    }
+
+
+def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions) -> None:
+    """Print the report of a move."""
+    report = moved.movement.report
+    print_title(f"{model_file}: {moved.mesh.n_points:,} control points, {len(moved.surface):,} on the design surface")
+    rows = [_row(number, increment) for number, increment in enumerate(report.increments, start=1)]
+    solve = report.increments[-1].solve
+    how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}"])
+    print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
+    print_table(
+        ["quality of the grid", "before", "after"],
+        [(label, moved.cells.before[name], moved.cells.after[name]) for name, label in QUALITY.items()],
+    )
+    print_lines(_warnings(moved), style="yellow")
+    print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
+
+
+def _row(number: int, increment: IncrementReport) -> tuple:
+    """Row of the table of increments: the solver only where there is one."""
+    row = number, increment.n_tangled, increment.min_corner
+    solve = increment.solve
+    return (*row, solve.seconds, solve.residual, solve.iterations) if solve else row
+
+
+def _warnings(moved: Moved) -> list[str]:
+    """What is wrong with a move that was made."""
+    warnings = []
+    if moved.largest_displacement == 0.0:
+        warnings.append("warning: the deformation moves no point of the design surface")
+    if moved.cells.n_inverted:
+        warnings.append(f"warning: {moved.cells.n_inverted:,} cells are inverted, the worst {moved.cells.place}")
+    last = moved.movement.report.increments[-1]
+    if last.n_tangled:
+        warnings.append(
+            f"warning: {last.n_tangled:,} elements of the control mesh are inverted, the worst {last.place}"
+        )
+    return warnings

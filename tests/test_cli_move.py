@@ -1,0 +1,178 @@
+"""The command ``move``: what it writes, tells and refuses."""
+
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from component_cases import movable_model, small_model
+from rich.console import Console
+from test_cli import fails_as_expected, numbers
+
+from bspline_mdao import FittedModel, fit_grid, flat_plate_grid, read_grid
+from bspline_mdao.cli import output
+from bspline_mdao.cli.main import run
+from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS
+from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.movement.elasticity import LinearElasticity
+from bspline_mdao.movement.stiffness import ConstantLaw
+
+FLOOR = ["--deform", "bumps=0.02,seed=3,wavelength=0.8"]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return movable_model()
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch, model):
+    monkeypatch.chdir(tmp_path)
+    model.save("floor.h5")
+    return tmp_path
+
+
+def move(*arguments):
+    return ["move", "floor.h5", *arguments, "-o", "moved.xyz", "--json", "m.json"]
+
+
+def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys):
+    assert run(move(*FLOOR, "--surface", "new.csv")) == 0
+    mesh = moving_mesh(model)
+    surface = np.loadtxt("new.csv", delimiter=",")
+    moved = LinearElasticity(mesh).move(model.control_points, surface).points
+    np.testing.assert_allclose(read_grid("moved.xyz").to_vector(), model.regenerate(moved).to_vector(), atol=1e-12)
+    found, table = numbers("m.json"), capsys.readouterr().out
+    assert (found["n_control_points"], found["n_surface_control_points"]) == (mesh.n_points, len(surface))
+    assert found["largest_displacement"] == pytest.approx(0.02, rel=0.5)
+    assert [set(row) for row in found["increments"]] == 5 * [
+        {"solver", "iterations", "residual", "seconds", "n_tangled", "place", "min_corner"}
+    ]
+    assert all(row["residual"] < 1e-12 for row in found["increments"])
+    assert found["before"]["q_min"] != found["after"]["q_min"] > 0.0
+    assert found["n_newly_inverted"] == found["after"]["n_inverted"] == 0
+    assert all(text in table for text in ("residual", "mean Q", found["increments"][0]["solver"], "moved.xyz written"))
+
+
+def test_surface_points_are_read_back_as_they_were_written(workplace):
+    assert run(move(*FLOOR, "--surface", "new.csv", "--mover", "transfinite")) == 0
+    first = Path("moved.xyz").read_bytes()
+    assert run(move("--deform", "new.csv", "--mover", "transfinite")) == 0
+    assert Path("moved.xyz").read_bytes() == first
+
+
+def test_no_deformation_gives_the_baseline_back(workplace, model):
+    assert run(move("--deform", "translate=0/0/0")) == 0
+    np.testing.assert_array_equal(read_grid("moved.xyz").to_vector(), model.regenerate().to_vector())
+
+
+def test_deformations_are_done_in_turn(workplace):
+    assert run(move("--deform", "translate=0/0/0.03", "--deform", "translate=0/0.01/-0.01", "--mover", "held")) == 0
+    assert numbers("m.json")["largest_displacement"] == pytest.approx(np.hypot(0.01, 0.02))
+
+
+def test_options_reach_the_mover(workplace, monkeypatch):
+    made = []
+
+    class Watched(LinearElasticity):
+        def move(self, initial, surface):
+            made.append(self)
+            return super().move(initial, surface)
+
+    monkeypatch.setitem(MOVERS, "elasticity", Watched)
+    options = ["--increments", "2", "--nu", "0.3", "--stiffness", "constant", "--solver", "cholesky"]
+    assert run(move(*FLOOR, *options)) == 0
+    (mover,) = made
+    assert (mover.n_increments, mover.poisson_ratio, mover.stiffness) == (2, 0.3, ConstantLaw())
+    assert len(numbers("m.json")["increments"]) == 2
+
+
+@pytest.mark.parametrize("mover", MOVERS)
+def test_every_mover_moves(workplace, mover):
+    assert run(move(*FLOOR, "--mover", mover)) == 0
+    assert numbers("m.json")["mover"] == mover
+
+
+@pytest.mark.parametrize("stiffness", STIFFNESS)
+def test_every_stiffness_moves(workplace, stiffness):
+    assert run(move(*FLOOR, "--increments", "1", "--stiffness", stiffness)) == 0
+
+
+def test_help_knows_all_names(capsys):
+    assert run(["move", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert [name for name in (*MOVERS, *STIFFNESS, *SOLVERS) if name not in text] == []
+
+
+def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, capsys):
+    arguments = move("--deform", "translate=0/0/0.6", "--mover", "held")
+    Path("moved.xyz").write_text("precious")
+    fails_as_expected(arguments, capsys, "inverts", "cell (", "of block", "increment 1 of 1", "--allow-invalid")
+    assert Path("moved.xyz").read_text() == "precious"
+    assert sorted(os.listdir()) == ["floor.h5", "moved.xyz"]
+
+
+def test_a_grid_with_inverted_cells_is_written_where_that_is_wanted(workplace, capsys):
+    assert run(move("--deform", "translate=0/0/0.6", "--mover", "held", "--allow-invalid")) == 0
+    found = numbers("m.json")
+    assert found["n_newly_inverted"] > 0
+    assert found["after"]["min_corner"] < 0.0
+    assert f"warning: {found['n_newly_inverted']:,} cells are inverted" in capsys.readouterr().out
+
+
+def test_patches_choose_what_moves_and_what_is_held(workplace, capsys):
+    fit_grid(flat_plate_grid((7, 7, 7))).save("plate.h5")
+    command = ["move", "plate.h5", "--deform", "translate=0/0.01/0", "-o", "moved.xyz", "--json", "m.json"]
+    counts = {}
+    for design in ("wing*", "wing_upper"):
+        assert run([*command, "--mover", "held", "--allow-invalid", "--design", design, "--pin", "symmetry"]) == 0
+        counts[design] = numbers("m.json")["n_surface_control_points"]
+    mesh = moving_mesh(FittedModel.load("plate.h5"), design="wing_upper")
+    assert counts == {"wing*": counts["wing*"], "wing_upper": len(mesh.surface_ids)}
+    assert counts["wing_upper"] < counts["wing*"]
+    fails_as_expected([*command, "--design", "wings*"], capsys, "no patch is called 'wings*'", "wing_lower")
+    fails_as_expected([*command, "--pin", "roof"], capsys, "no patch is called 'roof'")
+
+
+def test_increments_are_shown_on_a_terminal(workplace, monkeypatch):
+    terminal = Console(file=io.StringIO(), force_terminal=True, width=100)
+    seen = []
+    monkeypatch.setattr(output, "Console", lambda **_: terminal)
+    monkeypatch.setattr(output.Progress, "update", lambda self, task, **state: seen.append(state))
+    assert run(move(*FLOOR, "--increments", "3")) == 0
+    shown = [state["description"] for state in seen]
+    assert [text for text in shown if "increment " in text] == [f"increment {n} of 3" for n in (1, 2, 3)]
+    assert [state["completed"] for state in seen] == sorted(state["completed"] for state in seen)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--deform", "twust=3"], ["twust", "twist"]),
+        (["--deform", "none.csv"], ["none.csv"]),
+        ([], ["--deform"]),
+        ([*FLOOR, "--mover", "jelly"], ["--mover jelly", "elasticity", "held"]),
+        ([*FLOOR, "--mover", "held", "--nu", "0.1"], ["--nu", "held"]),
+        ([*FLOOR, "--nu", "0.5"], ["Poisson", "0.5"]),
+        ([*FLOOR, "--stiffness", "iron"], ["--stiffness iron", "orthogonality"]),
+        ([*FLOOR, "--solver", "abacus"], ["--solver abacus", "cholesky"]),
+        ([*FLOOR, "--increments", "0"], ["--increments"]),
+        ([*FLOOR, "--surface", "moved.xyz"], ["moved.xyz", "twice"]),
+        ([*FLOOR, "--surface", "no/new.csv"], ["no/new.csv", "folder"]),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(workplace, capsys, arguments, words):
+    fails_as_expected(move(*arguments), capsys, *words)
+    assert os.listdir() == ["floor.h5"]
+
+
+def test_a_grid_without_patches_is_told_how_to_get_them(workplace, capsys):
+    small_model().save("bare.h5")
+    command = ["move", "bare.h5", *FLOOR, "-o", "moved.xyz"]
+    fails_as_expected(command, capsys, "bare.h5", "no patches", "inspect GRID --draft", "--patches")
+
+
+def test_the_file_of_points_is_not_replaced(workplace, capsys):
+    assert run(move(*FLOOR, "--surface", "new.csv", "--mover", "transfinite")) == 0
+    fails_as_expected(move("--deform", "new.csv", "--surface", "new.csv"), capsys, "new.csv", "is read by this command")
