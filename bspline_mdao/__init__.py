@@ -22,6 +22,7 @@ _HOMES = {
     "LinearElasticity": "movement.elasticity",
     "LiveGridEvaluate": "components.live_grid_evaluate",
     "MovementError": "errors",
+    "Quality": "components.quality",
     "RadialBasis": "movement.radial_basis",
     "TorsionalSprings": "movement.springs",
     "Transfinite": "movement.transfinite",

@@ -14,6 +14,7 @@ from bspline_mdao.components.control_mesh_move import ControlMeshMove
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
 from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
+from bspline_mdao.components.quality import Quality
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.grids.multiblock import Block, Grid
 from bspline_mdao.movement.boundary import moving_mesh
@@ -34,6 +35,7 @@ PARTIALS = {
         for mover in (LinearElasticity, Held, Shear)
         for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
     },
+    "Quality, cells": (Quality, {"cells": True}, "cell_quality", GRID),
 }
 """Every component in every mode: class, options, output, input."""
 

@@ -136,4 +136,5 @@ def test_openmdao_lists_the_components():
         "bspline_mdao.components.fit:Fit",
         "bspline_mdao.components.grid_evaluate:GridEvaluate",
         "bspline_mdao.components.live_grid_evaluate:LiveGridEvaluate",
+        "bspline_mdao.components.quality:Quality",
     }

@@ -1,0 +1,127 @@
+"""The quality of the cells of a grid, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import openmdao.api as om
+
+from ..errors import InputError
+from ..model import FittedModel
+from ..names import GRID
+from ..quality.grid_quality import AGGREGATES, GridQuality, GridValues
+from ..quality.report import QualityReport, inverted_cells, report_quality
+from .jacobian import finite_points
+
+CELL_QUALITY = "cell_quality"
+
+
+class Quality(om.ExplicitComponent):
+    """Measure the cells of a grid: smooth lower bounds for constraints, and on demand Q of every cell, Eq. (9).
+
+    The bounds never exceed the smallest value, so that ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot see
+    a mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid.
+
+    ==================  ======  ===========  =====  ================================================================
+    name                role    shape        units  meaning
+    ==================  ======  ===========  =====  ================================================================
+    ``grid``            input   (3 n_nodes)  m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``quality_ks``      output  (1,)                Kreisselmeier-Steinhauser bound of Q
+    ``quality_pnorm``   output  (1,)                p-norm bound of Q
+    ``corner_ks``       output  (1,)                bound of the corner triple products of unit edges
+    ``corner_pnorm``    output  (1,)                p-norm bound of the same
+    ``jacobian_ks``     output  (1,)                bound of the corner Jacobians by the cell's volume in the baseline
+    ``volume_ks``       output  (1,)                bound of the cell volumes by those of the baseline
+    ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
+    ==================  ======  ===========  =====  ================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid. Its baseline decides which sign is right-handed and which corners have collapsed.
+    aggregates : sequence of str
+        Which bounds are outputs.
+    cells : bool
+        Whether ``cell_quality`` is an output.
+    rho : float
+        Sharpness of the Kreisselmeier-Steinhauser bounds: they are below the minimum by at most ln(n) / rho.
+    p : int
+        Power of the p-norms.
+    n_bins : int
+        Bins of the distribution in `report`.
+    require_valid : bool
+        Refuse grids with inverted cells that were valid on the baseline.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if an option cannot be used.
+    om.AnalysisError
+        In a run, if a node is not finite; with ``require_valid``, if a cell is inverted.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        default = ("quality_ks", "quality_pnorm", "corner_ks", "volume_ks")
+        self.options.declare("aggregates", default=default, desc="bounds that are outputs")
+        self.options.declare("cells", types=bool, default=False, desc="output Q of every cell")
+        self.options.declare("rho", default=100.0, desc="sharpness of Kreisselmeier-Steinhauser bounds")
+        self.options.declare("p", types=int, default=64, desc="power of p-norms")
+        self.options.declare("n_bins", types=int, default=50, desc="bins of the distribution of Q")
+        self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
+
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        unknown = [name for name in self.options["aggregates"] if name not in AGGREGATES]
+        if unknown:
+            raise InputError(f"{self.msginfo}: no aggregate '{unknown[0]}'; choose from {', '.join(AGGREGATES)}")
+        baseline = self.options["model"].regenerate()
+        self._quality = GridQuality.of_baseline(baseline, self.options["rho"], self.options["p"])
+        self.add_input(GRID, val=baseline.to_vector(), units="m")
+        for name in self.options["aggregates"]:
+            self.add_output(name)
+        if self.options["cells"]:
+            self.add_output(CELL_QUALITY, shape=self._quality.n_cells)
+
+    def compute(self, inputs, outputs):
+        """Measure the cells."""
+        nodes = finite_points(inputs[GRID], GRID, self.msginfo)
+        if self.options["require_valid"]:
+            self._refuse_inverted(nodes)
+        values = self._values(nodes)
+        for name, value in values.aggregates.items():
+            outputs[name] = value
+        if values.q is not None:
+            outputs[CELL_QUALITY] = values.q
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        if GRID not in d_inputs:
+            return
+        nodes = inputs[GRID].reshape(-1, 3)
+        values = self._values(nodes)
+        if mode == "fwd":
+            change = self._quality.jvp(nodes, d_inputs[GRID].reshape(-1, 3), values)
+            for name in d_outputs:
+                d_outputs[name] += change.q if name == CELL_QUALITY else change.aggregates[name]
+        else:
+            seeds = {name: d_outputs[name].item() for name in values.aggregates if name in d_outputs}
+            q_bar = d_outputs[CELL_QUALITY] if values.q is not None else None
+            d_inputs[GRID] += self._quality.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
+
+    def report(self) -> QualityReport:
+        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells by name."""
+        return report_quality(self._quality, self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
+
+    def _values(self, nodes):
+        return self._quality.evaluate(nodes, self.options["aggregates"], self.options["cells"])
+
+    def _refuse_inverted(self, nodes):
+        inverted = inverted_cells(self._quality, self._quality.cells(nodes), newly=True)
+        if inverted:
+            raise om.AnalysisError(
+                f"{self.msginfo}: {inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}; "
+                f"take a smaller step"
+            )

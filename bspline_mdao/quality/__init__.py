@@ -1,0 +1,1 @@
+"""Quality of the cells of a grid: measures, aggregates for optimization, reports."""

@@ -1,0 +1,127 @@
+"""Smooth lower bounds of the smallest of many numbers, taken in parts.
+
+A rule turns an array into a `Part`, the exact extreme and a sum relative to it that cannot overflow; parts of different
+arrays join into one, in the order given. What a number weighs in the result, its derivative, follows from the result
+alone. Numbers that are infinite weigh nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+
+__all__ = ["KreisselmeierSteinhauser", "PNorm", "Part"]
+
+
+class Part(NamedTuple):
+    """Extreme of an array, and the sum of its terms relative to that of the extreme (0: nothing to sum)."""
+
+    extreme: float
+    total: float
+
+
+@dataclass(frozen=True)
+class KreisselmeierSteinhauser:
+    """``m - ln(sum exp(-rho (x - m))) / rho`` with m the smallest x: between ``m - ln(n) / rho`` and m.
+
+    Parameters
+    ----------
+    rho : float
+        Sharpness.
+
+    Examples
+    --------
+    >>> rule = KreisselmeierSteinhauser(rho=100.0)
+    >>> round(rule.value(rule.part(np.array([0.5, 0.5, 0.9]))), 6)
+    0.493069
+    """
+
+    rho: float
+
+    def __post_init__(self):
+        if not 0.0 < self.rho < np.inf:
+            raise InputError(f"Kreisselmeier-Steinhauser aggregate: rho is {self.rho}; give a positive number")
+
+    def part(self, x: np.ndarray) -> Part:
+        """Sum over an array."""
+        smallest = float(x.min(initial=np.inf))
+        return Part(smallest, self._terms(x, smallest).sum() if np.isfinite(smallest) else 0.0)
+
+    def join(self, parts: Sequence[Part]) -> Part:
+        """Sum over all parts."""
+        smallest = min(part.extreme for part in parts)
+        scales = (np.exp(-self.rho * (part.extreme - smallest)) * part.total for part in parts if part.total)
+        return Part(smallest, sum(scales))
+
+    def value(self, part: Part) -> float:
+        """The bound; 1 where there is nothing to bound."""
+        return float(part.extreme - np.log(part.total) / self.rho) if part.total else 1.0
+
+    def weights(self, x: np.ndarray, value: float) -> np.ndarray:
+        """Derivative of the value in every x."""
+        return self._terms(x, value)
+
+    def _terms(self, x, reference):
+        terms = x - reference
+        terms *= -self.rho
+        return np.exp(terms, out=terms)
+
+
+@dataclass(frozen=True)
+class PNorm:
+    """``1 - |1 - x|_p`` of numbers that are at most 1: between ``1 - n^(1/p) (1 - m)`` and m, the smallest x.
+
+    Parameters
+    ----------
+    p : int
+        Power, at least 2.
+    """
+
+    p: int
+
+    def __post_init__(self):
+        if self.p < 2 or int(self.p) != self.p:
+            raise InputError(f"p-norm aggregate: p is {self.p}; give a whole number from 2 on")
+
+    def part(self, x: np.ndarray) -> Part:
+        """Sum over an array."""
+        largest = max(0.0, 1.0 - float(x.min(initial=1.0)))
+        return Part(largest, _power(self._shares(x, largest), self.p).sum() if largest > 0.0 else 0.0)
+
+    def join(self, parts: Sequence[Part]) -> Part:
+        """Sum over all parts."""
+        largest = max(part.extreme for part in parts)
+        return Part(largest, sum((part.extreme / largest) ** self.p * part.total for part in parts if part.total))
+
+    def value(self, part: Part) -> float:
+        """The bound."""
+        return float(1.0 - part.extreme * part.total ** (1.0 / self.p))
+
+    def weights(self, x: np.ndarray, value: float) -> np.ndarray:
+        """Derivative of the value in every x; 0 where all are perfect."""
+        if value >= 1.0:
+            return np.zeros_like(x)
+        return _power(self._shares(x, 1.0 - value), self.p - 1)
+
+    def _shares(self, x, largest):
+        """What each misses of 1, by the largest."""
+        shares = 1.0 - x
+        shares /= largest
+        shares[shares < 1e-300 ** (1.0 / self.p)] = 0.0  # their powers would be denormal numbers, which are slow
+        return shares
+
+
+def _power(x, n):
+    """``x**n`` by repeated squaring, in place."""
+    result = np.ones_like(x)
+    while n:
+        if n & 1:
+            result *= x
+        n >>= 1
+        x *= x
+    return result

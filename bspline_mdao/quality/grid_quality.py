@@ -1,0 +1,224 @@
+"""Quality of all cells of a grid as a function of its nodes: Q of every cell, aggregates, derivatives.
+
+The grid is worked through in slabs whose corner measures fit the cache. Slabs depend on the shapes of the blocks alone
+and their results are joined in order, so that nothing depends on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..evaluation.threads import run_tasks, thread_count
+from ..grids.hexahedron import CellQuality, cell_quality
+from ..grids.multiblock import Grid
+from .aggregates import KreisselmeierSteinhauser, PNorm
+from .block_cells import BlockCells, Slab
+from .slab_measures import Measures, slab_jvp, slab_measures, slab_vjp
+
+__all__ = ["AGGREGATES", "GridQuality", "GridValues"]
+
+AGGREGATES = ("quality_ks", "quality_pnorm", "corner_ks", "corner_pnorm", "jacobian_ks", "volume_ks")
+"""Measure and rule of the aggregates that there are."""
+
+
+@dataclass(frozen=True)
+class GridValues:
+    """Quality of a grid, or its change or adjoint.
+
+    Parameters
+    ----------
+    aggregates : dict of str to float
+        Smooth lower bounds, by the names of `AGGREGATES`.
+    q : ndarray, shape (n_cells,), or None
+        Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros.
+    """
+
+    aggregates: Mapping[str, float]
+    q: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GridQuality:
+    """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners.
+
+    Parameters
+    ----------
+    blocks : tuple of BlockCells
+        The blocks that have cells.
+    n_nodes : int
+        Nodes of all blocks.
+    rho : float
+        Sharpness of the Kreisselmeier-Steinhauser aggregates.
+    p : int
+        Power of the p-norms.
+    n_threads : int, optional
+        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
+
+    Raises
+    ------
+    InputError
+        If no block has cells, or rho or p cannot be used.
+    """
+
+    blocks: tuple[BlockCells, ...]
+    n_nodes: int
+    rho: float = 100.0
+    p: int = 64
+    n_threads: int | None = None
+
+    def __post_init__(self):
+        if not self.blocks:
+            raise InputError("quality: no block of the grid has cells in two directions; nothing can be measured")
+        for name in AGGREGATES:
+            self._rule(name)
+
+    @classmethod
+    def of_baseline(cls, grid: Grid, rho: float = 100.0, p: int = 64, n_threads: int | None = None) -> GridQuality:
+        """Look at the cells of a baseline grid."""
+        blocks, first_node, first_cell = [], 0, 0
+        for block in grid.blocks:
+            if sum(n > 1 for n in block.shape) > 1:
+                blocks.append(BlockCells.of_baseline(block.name, block.nodes, first_node, first_cell))
+                first_cell += blocks[-1].n_cells
+            first_node += int(np.prod(block.shape))
+        return cls(tuple(blocks), first_node, rho, p, n_threads)
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of all blocks."""
+        return self.blocks[-1].cells.stop
+
+    @property
+    def bytes_per_node(self) -> float:
+        """Memory that the state takes."""
+        return sum(block.n_bytes for block in self.blocks) / self.n_nodes
+
+    def cells(self, nodes: np.ndarray) -> list[CellQuality]:
+        """Measure every cell, block by block.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of all blocks (m).
+
+        Returns
+        -------
+        list of CellQuality
+            One per block that has cells.
+        """
+        return [cell_quality(block.nodes_of(nodes), block.left_out_of_block, block.handedness) for block in self.blocks]
+
+    def evaluate(self, nodes: np.ndarray, names: Sequence[str] = AGGREGATES, cells: bool = False) -> GridValues:
+        """Aggregate the quality of a grid.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of all blocks (m).
+        names : sequence of str
+            Aggregates wanted.
+        cells : bool
+            Whether Q of every cell is wanted.
+
+        Returns
+        -------
+        GridValues
+        """
+        q = np.empty(self.n_cells) if cells else None
+
+        def work(slab: Slab):
+            measures = slab_measures(slab, nodes)
+            if cells:
+                q[slab.in_grid] = measures.q
+            return [self._rule(name).part(measures.of(name)) for name in names]
+
+        parts = zip(*self._over_slabs(work))
+        rules = [self._rule(name) for name in names]
+        return GridValues({name: rule.value(rule.join(p)) for name, rule, p in zip(names, rules, parts)}, q)
+
+    def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
+        """Change of the quality with the nodes.
+
+        Parameters
+        ----------
+        nodes, d_nodes : ndarray, shape (n_nodes, 3)
+            Nodes and their change (m).
+        values : GridValues
+            What `evaluate` gives for the nodes.
+
+        Returns
+        -------
+        GridValues
+            Changes of what ``values`` holds.
+        """
+        d_q = np.empty(self.n_cells) if values.q is not None else None
+
+        def work(slab: Slab):
+            measures = slab_measures(slab, nodes)
+            change = slab_jvp(slab, nodes, d_nodes, measures)
+            if d_q is not None:
+                d_q[slab.in_grid] = change.q
+            return [_sum(self._weights(measures, values, name), change.of(name)) for name in values.aggregates]
+
+        changes = np.sum(self._over_slabs(work), axis=0)
+        return GridValues(dict(zip(values.aggregates, changes.tolist())), d_q)
+
+    def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
+        """Adjoint of the nodes from that of the quality.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of all blocks (m).
+        values : GridValues
+            What `evaluate` gives for the nodes.
+        bar : GridValues
+            Adjoints of some or all of that.
+
+        Returns
+        -------
+        ndarray, shape (n_nodes, 3)
+        """
+        nodes_bar = np.zeros((self.n_nodes, 3))
+        seeds = {name: seed for name, seed in bar.aggregates.items() if seed != 0.0}
+
+        def work(slab: Slab):
+            measures = slab_measures(slab, nodes)
+            adjoint = Measures.zeros_like(measures)
+            for name, seed in seeds.items():
+                adjoint.of(name)[...] += seed * self._weights(measures, values, name)
+            if bar.q is not None:
+                adjoint.q[...] += bar.q[slab.in_grid]
+            slab_vjp(slab, nodes, measures, adjoint, nodes_bar)
+
+        for parity in (0, 1):  # neighbouring slabs share a layer of nodes
+            self._over_slabs(work, parity)
+        return nodes_bar
+
+    def _rule(self, name):
+        return KreisselmeierSteinhauser(self.rho) if name.endswith("_ks") else PNorm(self.p)
+
+    def _weights(self, measures, values, name):
+        return self._rule(name).weights(measures.of(name), values.aggregates[name])
+
+    def _over_slabs(self, work, parity: int | None = None) -> list:
+        """Results of ``work`` for all slabs, or for every other one of each block, in order."""
+        start, step = (0, 1) if parity is None else (parity, 2)
+        slabs = [slab for block in self.blocks for slab in list(block.slabs())[start::step]]
+        results = [None] * len(slabs)
+
+        def task(number):
+            results[number] = work(slabs[number])
+
+        run_tasks(task, len(slabs), thread_count(self.n_threads))
+        return results
+
+
+def _sum(weights, changes):
+    """Sum of products, in an order that does not depend on the threads of BLAS."""
+    weights *= changes
+    return weights.sum()
