@@ -109,7 +109,7 @@ class BlockMatrix:
         return scipy.sparse.csc_array((values, rows, indptr), shape=(size, size))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _product(indptr, indices, data, x):
     """Symmetric product: every stored block below the diagonal is used twice while it is in a register."""
     y = np.zeros_like(x)
@@ -117,19 +117,22 @@ def _product(indptr, indices, data, x):
         x_0, x_1, x_2 = x[row, 0], x[row, 1], x[row, 2]
         y_0 = y_1 = y_2 = 0.0
         last = indptr[row + 1] - 1
-        for entry in range(indptr[row], last + 1):
-            column, block = indices[entry], data[entry]
+        for entry in range(indptr[row], last):
+            column = indices[entry]
+            a, b, c = data[entry, 0, 0], data[entry, 0, 1], data[entry, 0, 2]
+            d, e, f = data[entry, 1, 0], data[entry, 1, 1], data[entry, 1, 2]
+            g, h, i = data[entry, 2, 0], data[entry, 2, 1], data[entry, 2, 2]
             z_0, z_1, z_2 = x[column, 0], x[column, 1], x[column, 2]
-            y_0 += block[0, 0] * z_0 + block[0, 1] * z_1 + block[0, 2] * z_2
-            y_1 += block[1, 0] * z_0 + block[1, 1] * z_1 + block[1, 2] * z_2
-            y_2 += block[2, 0] * z_0 + block[2, 1] * z_1 + block[2, 2] * z_2
-            if entry < last:
-                y[column, 0] += block[0, 0] * x_0 + block[1, 0] * x_1 + block[2, 0] * x_2
-                y[column, 1] += block[0, 1] * x_0 + block[1, 1] * x_1 + block[2, 1] * x_2
-                y[column, 2] += block[0, 2] * x_0 + block[1, 2] * x_1 + block[2, 2] * x_2
-        y[row, 0] += y_0
-        y[row, 1] += y_1
-        y[row, 2] += y_2
+            y_0 += a * z_0 + b * z_1 + c * z_2
+            y_1 += d * z_0 + e * z_1 + f * z_2
+            y_2 += g * z_0 + h * z_1 + i * z_2
+            y[column, 0] += a * x_0 + d * x_1 + g * x_2
+            y[column, 1] += b * x_0 + e * x_1 + h * x_2
+            y[column, 2] += c * x_0 + f * x_1 + i * x_2
+        block = data[last]
+        y[row, 0] += y_0 + block[0, 0] * x_0 + block[0, 1] * x_1 + block[0, 2] * x_2
+        y[row, 1] += y_1 + block[1, 0] * x_0 + block[1, 1] * x_1 + block[1, 2] * x_2
+        y[row, 2] += y_2 + block[2, 0] * x_0 + block[2, 1] * x_1 + block[2, 2] * x_2
     return y
 
 

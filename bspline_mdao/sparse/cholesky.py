@@ -6,7 +6,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..errors import InputError, MovementError
 from ..evaluation.threads import run_tasks, thread_count
@@ -15,7 +14,7 @@ from .blocks import BlockMatrix, BlockPattern
 from .conjugate_gradient import preconditioned_solve
 from .fronts import Fronts, lay_out
 from .graph import graph_of
-from .lapack import routines
+from .lapack import one_blas_thread, routines
 from .ordering import nested_dissection
 from .scaling import inverse_root_diagonal, scaled_blocks
 from .solution import Solution, check_right, product, relative_residual, residual_norm
@@ -127,7 +126,7 @@ class CholeskyAnalysis:
             failed[task] = multifrontal.factorize(*ranges[task], *structure, scratch)
             idle.append(scratch)
 
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread():
             for start, end in zip(starts, starts[1:]):
                 run_tasks(lambda number, start=start: factor(start + number), int(end - start), self.settings.threads)
                 if (failed >= 0).any():
@@ -173,7 +172,7 @@ class CholeskyFactor:
         """Forward and backward substitution."""
         supernodes, dtype = self.analysis.supernodes, self.panels.dtype
         x = right[supernodes.order].reshape(3 * len(right), -1).astype(dtype)
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread():
             multifrontal.solve(supernodes, self.analysis.fronts, routines(dtype), self.panels, x)
         return x.reshape(right.shape)[supernodes.rank].astype(np.float64)
 

@@ -6,15 +6,30 @@ ordinary number that the kernel is given; `call` turns it into a call of a Fortr
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg.cython_blas
+import scipy.linalg.cython_lapack  # noqa: F401
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
+from threadpoolctl import ThreadpoolController
 
-__all__ = ["LEFT", "LOWER", "NOT_TRANSPOSED", "NOT_UNIT", "RIGHT", "TRANSPOSED", "Routines", "call", "routines"]
+__all__ = [
+    "LEFT",
+    "LOWER",
+    "NOT_TRANSPOSED",
+    "NOT_UNIT",
+    "RIGHT",
+    "TRANSPOSED",
+    "Routines",
+    "call",
+    "one_blas_thread",
+    "routines",
+]
 
 LOWER, NOT_UNIT, LEFT, RIGHT, TRANSPOSED, NOT_TRANSPOSED = (np.uint8(ord(letter)) for letter in "LNLRTN")
 
@@ -28,6 +43,17 @@ class Routines(NamedTuple):
     gemm: int
     trsv: int
     gemv: int
+
+
+def one_blas_thread():
+    """Context in which BLAS, as far as SciPy has loaded it, uses one thread."""
+    return _libraries().limit(limits=1, user_api="blas")
+
+
+@cache
+def _libraries():
+    """Libraries with threads; looking for them takes a millisecond, as long as a small solution."""
+    return ThreadpoolController()
 
 
 def routines(dtype) -> Routines:
