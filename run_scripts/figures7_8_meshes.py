@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from common import figure, run
-from morphs import BLENDED_WING_BODY, ONERA_M6, Morph, Moved, measure_cells
+from morphs import BLENDED_WING_BODY, ONERA_M6, Morph, Moved, report_cells
 from scenes import Camera, Scene, draw_scene, faces_of
 
 CASES = {
@@ -54,7 +54,7 @@ def describe(morph: Morph, moved: Moved) -> dict:
         "n_control_points": morph.mesh.n_points,
         "n_surface_control_points": len(morph.surface),
         "largest_displacement": np.linalg.norm(displacement, axis=1).max(),
-        "n_inverted": int(np.count_nonzero(~(measure_cells(moved.before, moved.after)[1] > 0.0))),
+        "n_inverted": report_cells(moved.before, moved.after).n_inverted,
     }
 
 

@@ -11,11 +11,12 @@ from threadpoolctl import threadpool_limits
 
 from bspline_mdao import FittedModel, Grid, family_member, find_topology, fit_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.generators import Shape, fit_shape, generic_blended_wing_body, rectangular_wing
-from bspline_mdao.grids.hexahedron import cell_quality, collapsed_corners
 from bspline_mdao.movement.boundary import moving_grid, moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.movement.mover import MovementReport
+from bspline_mdao.quality.grid_quality import GridQuality
+from bspline_mdao.quality.report import QualityReport, report_quality
 from bspline_mdao.sparse.cholesky import Cholesky
 
 COARSE = 0.5
@@ -208,11 +209,6 @@ def elastic_move(mesh: MovingMesh, surface: np.ndarray, settings: dict):
         return LinearElasticity(mesh, **{**ONE_THREAD, **settings}).move(mesh.points, surface)
 
 
-def measure_cells(before: Grid, after: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Orthogonality Q and smallest corner triple product of every cell of a grid that was moved.
-
-    What corners have collapsed is decided on the grid before the move.
-    """
-    pairs = zip(before.blocks, after.blocks)
-    qualities = [cell_quality(new.nodes, collapsed_corners(old.nodes)) for old, new in pairs]
-    return tuple(np.concatenate([getattr(x, name).ravel() for x in qualities]) for name in ("q", "min_corner"))
+def report_cells(before: Grid, after: Grid, n_bins: int = 50) -> QualityReport:
+    """Report on the cells of a grid that was moved; what has collapsed is decided before the move."""
+    return report_quality(GridQuality.of_baseline(before), after.to_vector().reshape(-1, 3), n_bins)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from common import BLUE, GRAY, ORANGE
-from morphs import COARSE, ONE_THREAD, Case, measure_cells, warm_up
+from morphs import COARSE, ONE_THREAD, Case, report_cells, warm_up
 from scipy.signal import find_peaks
 
 from bspline_mdao import Grid, family_member
@@ -67,18 +67,18 @@ def measure(before: Grid, after: Grid) -> dict:
         [0, 1] with integral 1, its first bin ``lowest_bin``, its first peak ``lowest_peak`` and where that is,
         ``lowest_peak_at``.
     """
-    q, corners = measure_cells(before, after)
-    distribution = np.histogram(q, N_BINS, (0.0, 1.0), density=True)[0]
-    peak = lowest_peak(distribution)
+    report = report_cells(before, after, N_BINS)
+    density = report.histogram.density
+    peak = lowest_peak(density)
     return {
-        "n_cells": q.size,
-        "n_inverted": int(np.count_nonzero(~(corners > 0.0))),
-        "min_corner": corners.min(),
-        "q_min": q.min(),
-        "q_mean": q.mean(),
-        "distribution": distribution,
-        "lowest_bin": distribution[0],
-        "lowest_peak": distribution[peak],
+        "n_cells": report.n_cells,
+        "n_inverted": report.n_inverted,
+        "min_corner": report.min_corner,
+        "q_min": report.q_min,
+        "q_mean": report.q_mean,
+        "distribution": density,
+        "lowest_bin": density[0],
+        "lowest_peak": density[peak],
         "lowest_peak_at": centers(N_BINS)[peak],
     }
 
