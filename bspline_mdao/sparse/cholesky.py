@@ -171,7 +171,8 @@ class CholeskyFactor:
     def _substitute(self, right: np.ndarray) -> np.ndarray:
         """Forward and backward substitution."""
         supernodes, dtype = self.analysis.supernodes, self.panels.dtype
-        x = right[supernodes.order].reshape(3 * len(right), -1).astype(dtype)
+        n_sides = int(np.prod(right.shape[2:]))
+        x = right[supernodes.order].reshape(3 * len(right), n_sides).astype(dtype)
         with one_blas_thread():
             multifrontal.solve(supernodes, self.analysis.fronts, routines(dtype), self.panels, x)
         return x.reshape(right.shape)[supernodes.rank].astype(np.float64)

@@ -151,7 +151,10 @@ def solve(supernodes, fronts, routines, factor, x):
     """
     n_supernodes, m = len(fronts.panel_starts) - 1, x.shape[1]
     signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
-    rest = np.empty((3 * np.max(np.diff(supernodes.row_starts)), m), factor.dtype)
+    n_rows = 0
+    for s in range(n_supernodes):
+        n_rows = max(n_rows, supernodes.row_starts[s + 1] - supernodes.row_starts[s])
+    rest = np.empty((3 * n_rows, m), factor.dtype)
     for s in range(n_supernodes):
         rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
         own = x[3 * supernodes.firsts[s] : 3 * supernodes.firsts[s + 1]]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .blocks import BlockMatrix
 
 __all__ = ["Solution", "check_right", "product", "relative_residual", "residual_norm"]
 
