@@ -16,7 +16,7 @@ from bspline_mdao import FittedModel, __version__, read_grid, write_grid
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.output import written_json
 
-COMMANDS = ("inspect", "fit", "refine")
+COMMANDS = ("inspect", "fit", "refine", "quality")
 
 
 @pytest.fixture

@@ -33,6 +33,7 @@ json_option = click.option("--json", type=click.Path(path_type=Path), metavar="F
         f"{PROGRAM} fit wing.xyz --patches wing.toml -o wing.h5",
         f"{PROGRAM} refine wing.h5 --factor 2 -o fine.xyz",
         f"{PROGRAM} move wing.h5 --deform twist=10deg -o moved.xyz",
+        f"{PROGRAM} quality moved.xyz",
     ),
 )
 @click.version_option(__version__, prog_name=PROGRAM)
@@ -179,3 +180,25 @@ def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], 
 
     mover = MoverOptions(**{name: options.pop(name) for name in ("mover", "increments", "nu", "stiffness", "solver")})
     move_model(model, output, json, MoveOptions(deform, mover=mover, **options))
+
+
+@bspline_mdao.command(epilog=example(f"{PROGRAM} quality moved.xyz --json quality.json"))
+@grid_argument
+@click.option(
+    "--bins",
+    type=click.IntRange(min=1),
+    default=50,
+    show_default=True,
+    metavar="N",
+    help="Bins of the distribution of Q between 0 and 1.",
+)
+@json_option
+def quality(grid_name: str, bins: int, json: Path | None) -> None:
+    """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells.
+
+    GRID is a PLOT3D or CGNS file, a fitted model MODEL.h5, or a built-in grid: @onera_m6 or @flat_plate, at another
+    size as @onera_m6:45x65x33.
+    """
+    from .quality import measure_quality
+
+    measure_quality(grid_name, bins, json)

@@ -108,7 +108,7 @@ class Quality(om.ExplicitComponent):
                 d_outputs[name] += change.q if name == CELL_QUALITY else change.aggregates[name]
         else:
             seeds = {name: d_outputs[name].item() for name in values.aggregates if name in d_outputs}
-            q_bar = d_outputs[CELL_QUALITY] if values.q is not None else None
+            q_bar = d_outputs[CELL_QUALITY] if CELL_QUALITY in d_outputs else None  # noqa: SIM401 - it has no `get`
             d_inputs[GRID] += self._quality.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
 
     def report(self) -> QualityReport:
