@@ -18,6 +18,7 @@ def stiffness(shape, seed, stretch=30.0, hold=1.0):
     """Matrix of springs between all corners of each element, along random directions, their stiffness far from even.
 
     Every spring resists mostly along its direction and a little across it; all points are held a little.
+    Each point has axes of its own, so that blocks are not symmetric.
     """
     random = np.random.default_rng(seed)
     elements = box_elements(shape)
@@ -32,7 +33,9 @@ def stiffness(shape, seed, stretch=30.0, hold=1.0):
                 data[place[a * (a + 1) // 2 + b]] -= spring
                 data[pattern.indptr[element[a] + 1] - 1] += spring
                 data[pattern.indptr[element[b] + 1] - 1] += spring
-    return BlockMatrix(pattern, data)
+    axes = np.linalg.qr(random.normal(size=(pattern.n, 3, 3)))[0]
+    rows = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    return BlockMatrix(pattern, axes[rows] @ data @ axes[pattern.indices].transpose(0, 2, 1))
 
 
 def dense(matrix):
