@@ -15,6 +15,7 @@ _HOMES = {
     "FunctionKnots": "splines.knots",
     "Grid": "grids.multiblock",
     "GridEvaluate": "components.grid_evaluate",
+    "GridMovement": "components.grid_movement",
     "Held": "movement.held",
     "InputError": "errors",
     "InverseDistance": "movement.inverse_distance",

@@ -125,16 +125,19 @@ def test_the_commands_of_the_readme_exist():
     assert used == set(program.commands)
 
 
-def test_openmdao_lists_the_components():
+def ours(group: str) -> set[str]:
+    """What the package offers to OpenMDAO under the name of a group of entry points."""
     from importlib.metadata import entry_points
 
-    found = {
-        entry.value for entry in entry_points(group="openmdao_component") if entry.value.startswith("bspline_mdao")
-    }
-    assert found == {
+    return {entry.value for entry in entry_points(group=group) if entry.value.startswith("bspline_mdao")}
+
+
+def test_openmdao_lists_the_components():
+    assert ours("openmdao_component") == {
         "bspline_mdao.components.control_mesh_move:ControlMeshMove",
         "bspline_mdao.components.fit:Fit",
         "bspline_mdao.components.grid_evaluate:GridEvaluate",
         "bspline_mdao.components.live_grid_evaluate:LiveGridEvaluate",
         "bspline_mdao.components.quality:Quality",
     }
+    assert ours("openmdao_group") == {"bspline_mdao.components.grid_movement:GridMovement"}

@@ -8,6 +8,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError, MovementError
+from ..movement.mesh import MovingMesh
 from ..movement.mover import Movement, MovementReport, Mover
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from .jacobian import add_bar, direction_in, finite_points
@@ -62,11 +63,7 @@ class ControlMeshMove(om.ExplicitComponent):
 
     def setup(self):
         """Declare the variables, of the sizes of the mover's mesh."""
-        mesh = getattr(self.options["mover"], "mesh", None)
-        if mesh is None or not callable(getattr(self.options["mover"], "move", None)):
-            raise InputError(
-                f"{self.msginfo}: {self.options['mover']!r} is no mover; give an object with mesh and move"
-            )
+        mesh = mesh_of(self.options["mover"], self.msginfo)
         self._last = None
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
@@ -105,6 +102,14 @@ class ControlMeshMove(om.ExplicitComponent):
         except MovementError as error:
             raise om.AnalysisError(f"{self.msginfo}: {error}") from error
         return self._last.movement
+
+
+def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
+    """Give the mesh of a mover, or raise `InputError` where it is none."""
+    mesh = getattr(mover, "mesh", None)
+    if mesh is None or not callable(getattr(mover, "move", None)):
+        raise InputError(f"{pathname}: {mover!r} is no mover; give an object with mesh and move")
+    return mesh
 
 
 @dataclass(frozen=True, eq=False)
