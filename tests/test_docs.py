@@ -6,6 +6,7 @@ import shlex
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bspline_mdao import fit_grid, onera_m6_grid, write_grid
@@ -39,11 +40,37 @@ def test_the_python_examples_of_the_quickstart_run(folder, monkeypatch):
     assert (folder / "thicker.xyz").exists()
 
 
+def test_the_python_examples_of_the_components_run():
+    chain, movers, own = code_blocks("components.rst", "python")
+    for example in (chain, movers, own):
+        exec(example, {"__name__": __name__})
+
+
+def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
+    contents = {"__name__": __name__}
+    exec(code_blocks("components.rst", "python")[-1], contents)
+    mover, random = contents["mover"], np.random.default_rng(1)
+    initial, surface = mover.mesh.points, mover.mesh.points[mover.mesh.surface_ids] + [0.1, 0.2, 0.0]
+    direction = mover.mesh.slide(random.standard_normal(initial.shape))
+    movement, step = mover.move(initial, surface), 1e-6
+    points = [mover.move(initial + h * direction, surface).points for h in (step, -step)]
+    change = movement.jvp(direction, np.zeros_like(surface))
+    off_plate = np.abs(initial[:, 1]) > 1e-3
+    np.testing.assert_allclose((points[0] - points[1])[off_plate] / (2 * step), change[off_plate], atol=1e-8)
+    bar = random.standard_normal(initial.shape)
+    initial_bar, _ = movement.vjp(bar)
+    assert np.vdot(bar, change) == pytest.approx(np.vdot(initial_bar, direction), rel=1e-12)
+
+
 def test_the_commands_of_the_quickstart_run(folder, monkeypatch):
     monkeypatch.chdir(folder)
     lines = "\n".join(code_blocks("quickstart.rst", "sh")).splitlines()
     commands = [shlex.split(line)[1:] for line in lines if line.startswith("bspline-mdao")]
-    assert [command[0] for command in commands] == ["fit", "inspect", "fit", "refine", "refine", "refine"]
+    assert [command[0] for command in commands] == [
+        *("fit", "move", "inspect", "fit", "move", "move", "quality", "fit", "refine", "refine", "refine")
+    ]
     for command in commands:
         assert run([word.replace("@onera_m6", "@onera_m6:9x9x9") for word in command]) == 0
-    assert {"m6.h5", "wing.toml", "wing.h5", "fine.xyz", "coarse.cgns", "wing.vtm"} <= set(os.listdir(folder))
+    assert {"m6.h5", "wing.toml", "wing.h5", "fine.xyz", "coarse.cgns", "wing.vtm", "moved.vtm", "bent.xyz"} <= set(
+        os.listdir(folder)
+    )
