@@ -21,7 +21,8 @@ from ..movement.boundary import moving_mesh
 from ..movement.increments import LOGGER
 from ..movement.mesh import MovingMesh
 from ..movement.mover import IncrementReport, Movement
-from .cells import CellChange, compare_cells
+from ..quality.grid_quality import GridQuality
+from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
 
@@ -73,7 +74,9 @@ class Moved:
     surface: np.ndarray
     movement: Movement
     grid: Grid
-    cells: CellChange
+    before: QualityReport
+    after: QualityReport
+    newly_inverted: tuple[InvertedCell, ...]
 
     @property
     def largest_displacement(self) -> float:
@@ -105,7 +108,7 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
         moved = _move(model, model_file, options, progress)
-        if moved.cells.n_inverted and not options.allow_invalid:
+        if moved.newly_inverted and not options.allow_invalid:
             raise MovementError(_complaint(moved))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
@@ -131,7 +134,15 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
     progress(0.7, "evaluating")
     baseline, grid = model.regenerate(), model.regenerate(movement.points)
     progress(0.8, "quality")
-    return Moved(mesh, initial, surface, movement, grid, compare_cells(baseline, grid))
+    return Moved(mesh, initial, surface, movement, grid, *_compared(baseline, grid))
+
+
+def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...]]:
+    """Quality before and after, and the worst cells that are inverted now and were not."""
+    quality = GridQuality.of_baseline(baseline)
+    before, after = (g.to_vector().reshape(-1, 3) for g in (baseline, grid))
+    newly_inverted = inverted_cells(quality, quality.cells(after), newly=True)
+    return report_quality(quality, before), report_quality(quality, after), newly_inverted
 
 
 def _write_points(path: Path, points: np.ndarray) -> None:
@@ -163,8 +174,8 @@ def _complaint(moved: Moved) -> str:
         n_increments = len(moved.movement.report.increments)
         where = f"; the control mesh tangles in increment {first[0]} of {n_increments}, {first[1].place}"
     return (
-        f"the move inverts {moved.cells.n_inverted:,} cells, the worst {moved.cells.place}{where}; nothing was "
-        f"written; take a smaller deformation, more --increments or another --mover, or --allow-invalid to see it"
+        f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}{where}; "
+        f"nothing was written; take a smaller deformation, more --increments or another --mover, or --allow-invalid to see it"
     )
 
 
@@ -189,9 +200,9 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
             for increment in report.increments
         ],
         "seconds": report.seconds,
-        "n_newly_inverted": moved.cells.n_inverted,
-        "before": moved.cells.before,
-        "after": moved.cells.after,
+        "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
+        "before": {name: getattr(moved.before, name) for name in QUALITY},
+        "after": {name: getattr(moved.after, name) for name in QUALITY},
     }
 
 
@@ -206,7 +217,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
         ["quality of the grid", "before", "after"],
-        [(label, moved.cells.before[name], moved.cells.after[name]) for name, label in QUALITY.items()],
+        [(label, getattr(moved.before, name), getattr(moved.after, name)) for name, label in QUALITY.items()],
     )
     print_lines(_warnings(moved), style="yellow")
     print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
@@ -224,8 +235,9 @@ def _warnings(moved: Moved) -> list[str]:
     warnings = []
     if moved.largest_displacement == 0.0:
         warnings.append("warning: the deformation moves no point of the design surface")
-    if moved.cells.n_inverted:
-        warnings.append(f"warning: {moved.cells.n_inverted:,} cells are inverted, the worst {moved.cells.place}")
+    if moved.newly_inverted:
+        worst = moved.newly_inverted[0]
+        warnings.append(f"warning: {moved.after.n_inverted:,} cells are inverted now, the worst {worst}")
     last = moved.movement.report.increments[-1]
     if last.n_tangled:
         warnings.append(

@@ -12,7 +12,7 @@ from ..errors import InputError
 __all__ = ["SUFFIXES", "GivenPoints", "read_points"]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
-"""Files of points: NumPy's own, and text with three numbers a line, parted by commas or blanks."""
+"""Files that hold points, NumPy's own and text with three numbers a line, parted by commas or blanks."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -109,9 +109,9 @@ def adjugate_vjp(f, bar):
 
 @njit(cache=True, inline="always")
 def divisor_of(f, a, sign):
-    """Positive divisor that is |J| in valid elements, and its derivatives by J and by the logarithms of the |f_i|^2.
+    """Positive divisor: the size of J in valid elements; and its derivatives by J and by the logarithms of the f_i^2.
 
-    |f_0| |f_1| |f_2| times the floored triple product of the unit slopes.
+    It is the product of the lengths of the f_i times the floored triple product of the unit slopes.
     """
     jacobian = sign * dot(f[0], a[0])
     lengths = np.sqrt(dot(f[0], f[0]) * dot(f[1], f[1]) * dot(f[2], f[2]) + _TINY)
