@@ -182,7 +182,7 @@ def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], 
     move_model(model, output, json, MoveOptions(deform, mover=mover, **options))
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} quality moved.xyz --json quality.json"))
+@bspline_mdao.command(epilog=example(f"{PROGRAM} quality wing.xyz --json quality.json"))
 @grid_argument
 @click.option(
     "--bins",
