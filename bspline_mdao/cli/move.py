@@ -175,7 +175,8 @@ def _complaint(moved: Moved) -> str:
         where = f"; the control mesh tangles in increment {first[0]} of {n_increments}, {first[1].place}"
     return (
         f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}{where}; "
-        f"nothing was written; take a smaller deformation, more --increments or another --mover, or --allow-invalid to see it"
+        f"nothing was written; take a smaller deformation, more --increments or another --mover, or "
+        f"--allow-invalid to see it"
     )
 
 
