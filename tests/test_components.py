@@ -20,6 +20,9 @@ from bspline_mdao.grids.multiblock import Block, Grid
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.springs import TorsionalSprings
+from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL, SURFACE_CONTROL_POINTS
 
 PARTIALS = {
@@ -32,7 +35,7 @@ PARTIALS = {
     "LiveGridEvaluate, grid": (LiveGridEvaluate, {}, GRID, GRID_INITIAL),
     **{
         f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": mover}, CONTROL_POINTS, wrt)
-        for mover in (LinearElasticity, Held, Shear)
+        for mover in (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, Held, Shear)
         for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
     },
     "Quality, cells": (Quality, {"cells": True}, "cell_quality", GRID),
