@@ -9,6 +9,8 @@ from component_cases import Shear, movable_model
 
 from bspline_mdao.components.control_mesh_move import ControlMeshMove
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.generators import flat_plate_grid
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.held import Held
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
@@ -241,3 +243,14 @@ def test_complex_step_is_refused_in_one_line(mesh):
 def test_what_is_no_mover_is_refused(mover):
     with pytest.raises(InputError, match=r"is no mover; give an object with mesh and move"):
         problem_of(mover)
+
+
+def test_a_difference_step_may_leave_a_symmetry_plane():
+    mesh = moving_mesh(fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5)))
+    assert len(mesh.rail_rows)
+    problem = problem_of(Held(mesh))
+    problem.run_model()
+    (checks,) = problem.check_partials(out_stream=None).values()
+    check = checks[CONTROL_POINTS, SURFACE_CONTROL_POINTS]
+    assert np.count_nonzero(check["J_fd"]) == 3 * len(mesh.surface_ids)
+    np.testing.assert_allclose(check["J_fwd"], check["J_fd"], atol=1e-7)

@@ -18,7 +18,7 @@ from .mesh import MovingMesh
 
 __all__ = ["IncrementReport", "Movement", "MovementReport", "Mover", "SolveReport", "Step", "check_request"]
 
-PLANE_TOLERANCE = 1e-9
+PLANE_TOLERANCE = 1e-5
 """A surface point may leave its symmetry plane by this fraction of the mesh's size."""
 
 
