@@ -1,0 +1,134 @@
+"""Grids that are made ready for drastic changes of shape: canonical ones and those of a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from morphs import BLENDED_WING_BODY, ONERA_M6
+
+from bspline_mdao import FittedModel, Grid, InputError, find_topology, fit_grid, read_grid
+from bspline_mdao.deformations import parse_deformation
+from bspline_mdao.generators import Shape, fit_shape
+from bspline_mdao.grids.patch_guess import guess_patches
+from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.movement.mesh import MovingMesh
+from bspline_mdao.quality.grid_quality import GridQuality
+
+MORPHS = {"plate": BLENDED_WING_BODY, "M6": ONERA_M6}
+"""The canonical grids, each with the shape that section IV gives it."""
+
+SIZES = {True: ((23, 33, 17), (9, 9, 7)), False: ((11, 13, 9), (7, 8, 5))}
+"""Nodes and control points of each of their twelve blocks, by ``paper``."""
+
+LARGEST = {True: 200_000, False: 20_000}
+"""Nodes of the largest real grid, by ``paper``."""
+
+
+def collect(paper: bool, folder) -> tuple[list[Body], dict[str, str]]:
+    """Prepare the canonical grids and those of a folder.
+
+    Returns
+    -------
+    bodies : list of Body
+    left_out : dict of str
+        Why a file is left out, by its name.
+    """
+    shape, n_control = SIZES[paper]
+    bodies = [Body.of(name, case.make_grid(shape), n_control, case.make_shape()) for name, case in MORPHS.items()]
+    left_out, seen = {}, set()
+    for path in sorted(Path(folder).iterdir()) if folder else ():
+        try:
+            grid = read_grid(path)
+            refuse(grid, seen, LARGEST[paper])
+            seen.add(grid.shapes)
+            bodies.append(Body.of(path.name, grid))
+        except InputError as error:
+            left_out[path.name] = str(error).replace(f"{path}: ", "")
+    return bodies, left_out
+
+
+def refuse(grid: Grid, seen: set, largest: int) -> None:
+    """Leave out what is too large, and what is a grid of before in another dialect."""
+    if grid.n_nodes > largest:
+        raise InputError(f"{grid.n_nodes} nodes")
+    if grid.shapes in seen:
+        raise InputError("another grid has the same blocks")
+
+
+def with_patches(grid: Grid) -> Grid:
+    """Guess what the boundary is where nobody declared it."""
+    undeclared = [face.window for face in find_topology(grid).boundary if face.patch is None]
+    return replace(grid, patches=(*grid.patches, *guess_patches(grid, undeclared))) if undeclared else grid
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A fitted grid that is ready to move.
+
+    Parameters
+    ----------
+    name : str
+        Name for the table.
+    model : FittedModel
+        Its fit, without the residual: what inverts is then the mover's work.
+    mesh : MovingMesh
+        The control mesh.
+    target : Shape, optional
+        A shape that its surface may become.
+    """
+
+    name: str
+    model: FittedModel
+    mesh: MovingMesh
+    target: Shape | None = None
+
+    @classmethod
+    def of(cls, name: str, grid: Grid, n_control=None, target: Shape | None = None) -> Body:
+        """Fit a grid; where that leaves invalid control elements, its control mesh is the coarse grid instead."""
+        grid = with_patches(grid)
+        model = fit_grid(grid, n_control=n_control, keep_residual=False)
+        if model.report.n_invalid:
+            model = fit_grid(grid, n_control=n_control, keep_residual=False, smoothing=np.inf)
+        mesh = moving_mesh(model)
+        if not mesh.is_free.any():
+            raise InputError("no control point is free")
+        return cls(name, model, mesh, target)
+
+    @cached_property
+    def quality(self) -> GridQuality:
+        """Cells of the regenerated grid before any move."""
+        return GridQuality.of_baseline(self.model.regenerate())
+
+    @property
+    def is_smoothed(self) -> bool:
+        """Whether the control mesh is the coarse grid."""
+        return bool(np.isinf(self.model.settings.smoothing))
+
+    def surfaces(self, deformations) -> Iterator[tuple[str, np.ndarray | None]]:
+        """Where the surface moves to, by deformation; None where the grid cannot take it."""
+        if self.target is not None:
+            yield "shape", fit_shape(self.model, self.mesh.surface_ids, self.target)
+        for text in deformations:
+            yield text, self.deformed(text)
+
+    def judge(self, points: np.ndarray) -> tuple[int, float]:
+        """Count the cells that moved control points invert, and find the smallest Q; of cells that were valid."""
+        cells = self.quality.cells(self.model.regenerate(points).to_vector().reshape(-1, 3))
+        n_inverted, q_min = 0, np.inf
+        for block, measures in zip(self.quality.blocks, cells):
+            was_valid = np.ones(measures.q.size, dtype=bool)
+            was_valid[block.was_invalid] = False
+            n_inverted += int(np.count_nonzero(was_valid & ~measures.is_valid.ravel()))
+            q_min = min(q_min, float(np.min(measures.q.ravel(), where=was_valid, initial=np.inf)))
+        return n_inverted, q_min
+
+    def deformed(self, text: str) -> np.ndarray | None:
+        """Deform the surface, unless it would leave a plane of symmetry or has no such direction."""
+        try:
+            return parse_deformation(text, self.model, self.mesh).apply(self.mesh.points[self.mesh.surface_ids])
+        except InputError:
+            return None
