@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -108,12 +108,27 @@ class Body:
         """Whether the control mesh is the coarse grid."""
         return bool(np.isinf(self.model.settings.smoothing))
 
-    def surfaces(self, deformations) -> Iterator[tuple[str, np.ndarray | None]]:
-        """Where the surface moves to, by deformation; None where the grid cannot take it."""
-        if self.target is not None:
-            yield "shape", fit_shape(self.model, self.mesh.surface_ids, self.target)
-        for text in deformations:
-            yield text, self.deformed(text)
+    def requests(self, deformations: Sequence[str]) -> list[str]:
+        """What can be asked of the body by name: its own shape, if it has one, and deformations."""
+        return [*(["shape"] if self.target is not None else []), *deformations]
+
+    def surface(self, request: str) -> np.ndarray:
+        """Place the surface control points, shape (n_surface, 3), where a request wants them (m).
+
+        Raises
+        ------
+        InputError
+            If the surface leaves a plane of symmetry or the box around the grid, whose outer boundary stays, or has no
+            such direction.
+        """
+        if request == "shape":
+            return fit_shape(self.model, self.mesh.surface_ids, self.target)
+        points = self.mesh.points
+        surface = parse_deformation(request, self.model, self.mesh).apply(points[self.mesh.surface_ids])
+        beyond = np.maximum(surface - points.max(axis=0), points.min(axis=0) - surface).max()
+        if beyond > 1e-6 * self.mesh.size:
+            raise InputError(f"the surface would leave the box around the grid by {beyond:.3g} m")
+        return surface
 
     def judge(self, points: np.ndarray) -> tuple[int, float]:
         """Count the cells that moved control points invert, and find the smallest Q; of cells that were valid."""
@@ -125,10 +140,3 @@ class Body:
             n_inverted += int(np.count_nonzero(was_valid & ~measures.is_valid.ravel()))
             q_min = min(q_min, float(np.min(measures.q.ravel(), where=was_valid, initial=np.inf)))
         return n_inverted, q_min
-
-    def deformed(self, text: str) -> np.ndarray | None:
-        """Deform the surface, unless it would leave a plane of symmetry or has no such direction."""
-        try:
-            return parse_deformation(text, self.model, self.mesh).apply(self.mesh.points[self.mesh.surface_ids])
-        except InputError:
-            return None

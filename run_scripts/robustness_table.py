@@ -122,16 +122,18 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
         ``movers``, a row for each, see `row`; ``canonical`` and ``real``, the same for those grids alone;
         ``by_deformation`` and ``by_grid``, the same for each; ``lost``, the cases that the first mover does not manage
         and others do; ``smoothed``, the grids whose control mesh is the coarse grid; ``left_out``, why a file is;
-        ``not_applicable``, deformations that a grid cannot take.
+        ``not_applicable``, why a grid cannot take a deformation.
     """
     bodies, left_out = collect(paper, folder or os.environ.get("BSPLINE_MDAO_GRIDS"))
-    outcomes, not_applicable = [], []
+    outcomes, not_applicable = [], {}
     for body in bodies:
-        for text, surface in body.surfaces(deformations):
-            if surface is None:
-                not_applicable.append(f"{body.name}: {text}")
-            else:
-                outcomes += [attempt(body, text, surface, *mover) for mover in STUDIES[study].items()]
+        for request in body.requests(deformations):
+            try:
+                surface = body.surface(request)
+            except InputError as error:
+                not_applicable[f"{body.name}: {request}"] = str(error)
+                continue
+            outcomes += [attempt(body, request, surface, *mover) for mover in STUDIES[study].items()]
     return {
         **rows(outcomes, lambda outcome: "canonical" if outcome.body in MORPHS else "real"),
         "movers": table(outcomes),
