@@ -28,7 +28,7 @@ LABELS = {"b_spline": "B-spline", "node_based": "node-based"}
 SMALL = ((9, 9, 9), (5, 5, 5))
 """Nodes and control points of each block at the small size."""
 
-LEVELS = {True: (0.2, 0.25, 1 / 3, 0.42, 0.5), False: (0.5, 0.75)}
+LEVELS = {True: (0.2, 1 / 3, 0.5), False: (0.5, 0.75)}
 """Cells and elements per direction, by those of the case, at the paper's size and small.
 
 At half the paper's cells per direction a Cholesky factor takes 5 GB; twice as many would take a hundred.
