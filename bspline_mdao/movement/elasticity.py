@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from ..errors import InputError
 from ..sparse.solvers import default_solver
 from . import element, element_stiffness
-from .equilibrium import Equilibrium, EquilibriumStep
-from .increments import IncrementalMovement, in_increments
+from .equilibrium import EquilibriumMover
 from .mesh import MovingMesh
 from .stiffness import OrthogonalityLaw, StiffnessLaw
 
@@ -19,7 +17,7 @@ __all__ = ["LinearElasticity"]
 
 
 @dataclass(frozen=True, eq=False)
-class LinearElasticity:
+class LinearElasticity(EquilibriumMover):
     """Moves a mesh as a linear elastic solid, one linear system per increment.
 
     Parameters
@@ -56,27 +54,10 @@ class LinearElasticity:
         if not -1.0 < self.poisson_ratio < 0.5:
             raise InputError(f"elasticity: Poisson's ratio {self.poisson_ratio}; give a number between -1 and 0.5")
 
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points behind the surface, see `bspline_mdao.movement.mover.Mover.move`.
-
-        Raises
-        ------
-        InputError
-            If a shape or the number of increments is wrong.
-        MovementError
-            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
-        """
-        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
-
-    @cached_property
-    def _equilibrium(self) -> Equilibrium:
-        return Equilibrium(self.mesh, self.solver, self.keep_factors)
-
-    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
+    def _elements(self, initial: np.ndarray, before: np.ndarray) -> ElasticElements:
         modulus = self.stiffness.modulus(self.mesh, initial, before)
         lame = element.lame_constants(self.poisson_ratio)
-        elements = ElasticElements(self.mesh, self.stiffness, lame, initial, before, modulus)
-        return self._equilibrium.step(elements, initial, before, surface)
+        return ElasticElements(self.mesh, self.stiffness, lame, initial, before, modulus)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,10 +20,11 @@ import numpy as np
 from ..errors import MovementError
 from ..sparse.blocks import BlockMatrix
 from .assembly import Unknowns
+from .increments import IncrementalMovement, in_increments
 from .mesh import MovingMesh
 from .mover import SolveReport
 
-__all__ = ["Elements", "Equilibrium", "EquilibriumStep"]
+__all__ = ["Elements", "Equilibrium", "EquilibriumMover", "EquilibriumStep"]
 
 
 class Elements(Protocol):
@@ -173,3 +174,33 @@ class EquilibriumStep:
         """Displacement of the free points under a force; symmetric."""
         factored = self.factored or self.equilibrium.factorized(self.elements)
         return self.equilibrium.unknowns.scatter(factored.solve(self.equilibrium.unknowns.gather(force)).x)
+
+
+class EquilibriumMover:
+    """What the movers of elements share: a move is a sequence of equilibria.
+
+    A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
+    """
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+        """Move points behind the surface, see `bspline_mdao.movement.mover.Mover.move`.
+
+        Raises
+        ------
+        InputError
+            If a shape or the number of increments is wrong.
+        MovementError
+            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
+        """
+        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
+
+    def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
+        """Elements at the points before an increment, stiffened by those before the move."""
+        raise NotImplementedError
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        return Equilibrium(self.mesh, self.solver, self.keep_factors)
+
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
+        return self._equilibrium.step(self._elements(initial, before), initial, before, surface)

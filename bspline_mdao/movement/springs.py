@@ -6,41 +6,22 @@ The springs are those of `bspline_mdao.movement.spring_element`, stiffened anew 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from ..sparse.solvers import default_solver
 from . import spring_element
-from .equilibrium import Equilibrium, EquilibriumStep
-from .increments import IncrementalMovement, in_increments
+from .equilibrium import EquilibriumMover
 from .mesh import MovingMesh
 
 __all__ = ["LinealSprings", "TorsionalSprings"]
 
 
-class _Springs:
-    """What both networks share: a move is a sequence of equilibria."""
+class _Springs(EquilibriumMover):
+    """What both networks share."""
 
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points behind the surface, see `bspline_mdao.movement.mover.Mover.move`.
-
-        Raises
-        ------
-        InputError
-            If a shape or the number of increments is wrong.
-        MovementError
-            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
-        """
-        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
-
-    @cached_property
-    def _equilibrium(self) -> Equilibrium:
-        return Equilibrium(self.mesh, self.solver, self.keep_factors)
-
-    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
-        elements = SpringElements(self.mesh, *self._network, before)
-        return self._equilibrium.step(elements, initial, before, surface)
+    def _elements(self, initial: np.ndarray, before: np.ndarray) -> SpringElements:
+        return SpringElements(self.mesh, *self._network, before)
 
 
 @dataclass(frozen=True, eq=False)
