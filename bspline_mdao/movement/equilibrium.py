@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import MovementError
 from ..sparse.blocks import BlockMatrix
 from .assembly import Unknowns
-from .increments import IncrementalMovement, in_increments
+from .increments import IncrementalMover
 from .mesh import MovingMesh
 from .mover import SolveReport
 
@@ -176,23 +176,11 @@ class EquilibriumStep:
         return self.equilibrium.unknowns.scatter(factored.solve(self.equilibrium.unknowns.gather(force)).x)
 
 
-class EquilibriumMover:
-    """What the movers of elements share: a move is a sequence of equilibria.
+class EquilibriumMover(IncrementalMover):
+    """What the movers of elements share: an increment is an equilibrium.
 
     A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
     """
-
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points behind the surface, see `bspline_mdao.movement.mover.Mover.move`.
-
-        Raises
-        ------
-        InputError
-            If a shape or the number of increments is wrong.
-        MovementError
-            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
-        """
-        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
 
     def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
         """Elements at the points before an increment, stiffened by those before the move."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .increments import IncrementalMovement, in_increments
+from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 from .mesh import MovingMesh
 
@@ -28,7 +28,7 @@ class _NoDisplacement:
 
 
 @dataclass(frozen=True)
-class Held:
+class Held(IncrementalMover):
     """Hold all points where they are, except those of the surface.
 
     Parameters
@@ -43,16 +43,6 @@ class Held:
     n_increments: int = 1
 
     name = "held"
-
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Raises
-        ------
-        InputError, MovementError
-            As `in_increments`.
-        """
-        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         nothing = _NoDisplacement(np.zeros_like(before), len(surface))

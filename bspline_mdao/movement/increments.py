@@ -125,6 +125,29 @@ def in_increments(
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 
 
+class IncrementalMover:
+    """What movers share that do the same in every increment.
+
+    A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
+    """
+
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        Raises
+        ------
+        InputError
+            If a shape or the number of increments is wrong.
+        MovementError
+            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
+        """
+        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
+
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> Step:
+        """Make one increment, see `in_increments`."""
+        raise NotImplementedError
+
+
 def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
     """Surface after increment i of m: the last one ends exactly on ``stop``, and no move stays exactly at ``start``."""
     return stop if i == m else start + (i / m) * (stop - start)

@@ -10,7 +10,7 @@ from numba import njit
 
 from ..errors import InputError
 from .centres import CentredInterpolation, Centres, find_centres
-from .increments import IncrementalMovement, in_increments
+from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 from .mesh import MovingMesh
 from .vectors import add, add_to, dot, less, row, scaled
@@ -22,7 +22,7 @@ TOUCHING = 1e-24
 
 
 @dataclass(frozen=True)
-class InverseDistance:
+class InverseDistance(IncrementalMover):
     r"""Move every point by a weighted mean of the known displacements.
 
     A centre with the area :math:`A` at the distance :math:`r` has the weight :math:`A [(L / r)^a + (\alpha L / r)^b]`,
@@ -63,16 +63,6 @@ class InverseDistance:
             raise InputError(f"inverse distance: exponents {self.exponents}; give two integers from 1")
         if not self.reach >= 0.0:
             raise InputError(f"inverse distance: reach {self.reach}; give 0 or more")
-
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Raises
-        ------
-        InputError, MovementError
-            As `in_increments`.
-        """
-        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         centres = self._centres

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from .centres import CentredInterpolation, Centres, find_centres
-from .increments import IncrementalMovement, in_increments
+from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 from .mesh import MovingMesh
 from .radial_functions import COMPACT, GLOBAL, NEEDS_LINEAR
@@ -22,7 +22,7 @@ MOST_CENTRES = 12_000
 
 
 @dataclass(frozen=True)
-class RadialBasis:
+class RadialBasis(IncrementalMover):
     """Interpolate the known displacements by radial functions about all points of the surface and all held ones.
 
     Parameters
@@ -73,16 +73,6 @@ class RadialBasis:
                 f"radial basis: {n_centres} known points are more than the {MOST_CENTRES} of a dense system; "
                 "move the control mesh instead of the grid, or take another mover"
             )
-
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Raises
-        ------
-        InputError, MovementError
-            As `in_increments`; the latter also if the system is singular to round-off.
-        """
-        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         centres = self._centres

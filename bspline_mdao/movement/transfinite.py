@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from .corners import FreeCorners, free_corners
-from .increments import IncrementalMovement, in_increments
+from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 from .mesh import MovingMesh
 from .section_weights import arc_lengths, transfinite_weights
@@ -18,7 +18,7 @@ __all__ = ["Transfinite"]
 
 
 @dataclass(frozen=True)
-class Transfinite:
+class Transfinite(IncrementalMover):
     """Move corners, then edges, faces and insides of the blocks, each between what is known of its boundary.
 
     Block corners that are neither on the surface nor held follow a network of springs along the edges of the blocks.
@@ -41,16 +41,6 @@ class Transfinite:
     n_increments: int = 1
 
     name = "transfinite"
-
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Raises
-        ------
-        InputError, MovementError
-            As `in_increments`.
-        """
-        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         displacement = surface - before[self.mesh.surface_ids]
