@@ -17,3 +17,6 @@ CONTROL_POINTS = "control_points"
 
 SURFACE_CONTROL_POINTS = "surface_control_points"
 """The control points on the design surface."""
+
+SURFACE = "surface"
+"""Nodes of the regenerated surface, each once, in the order of a `bspline_mdao.SurfaceGrid`."""

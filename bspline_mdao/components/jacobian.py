@@ -1,9 +1,12 @@
-"""What the components share: flat vectors as points, kernels that follow a baseline grid, products with a Jacobian."""
+"""What the components share: finite inputs, kernels that follow a baseline grid, products, sparse Jacobians."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import openmdao.api as om
+from scipy.sparse import csr_array
 
 from ..errors import InputError
 
@@ -34,6 +37,57 @@ def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
             f"{pathname}: {'xyz'[axis]} of point {row + 1} of '{name}' is {points[row, axis]}; take a smaller step"
         )
     return points
+
+
+def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
+    """Give an input back after a look for numbers that are none.
+
+    Parameters
+    ----------
+    vector : ndarray
+        Values.
+    name, pathname : str
+        Variable and component, for the message.
+
+    Returns
+    -------
+    ndarray
+
+    Raises
+    ------
+    om.AnalysisError
+        If a value is not finite.
+    """
+    if not np.isfinite(vector).all():
+        entry = int(np.argmin(np.isfinite(vector).ravel()))
+        raise om.AnalysisError(
+            f"{pathname}: value {entry + 1} of '{name}' is {vector.ravel()[entry]}; take a smaller step"
+        )
+    return vector
+
+
+@dataclass(frozen=True, eq=False)
+class SparseOutput:
+    """Where a sparse Jacobian may differ from zero, in the order that OpenMDAO is told.
+
+    Parameters
+    ----------
+    rows, cols : ndarray of int, shape (n,)
+        Of every entry.
+    """
+
+    rows: np.ndarray
+    cols: np.ndarray
+
+    @classmethod
+    def of(cls, pattern: csr_array) -> SparseOutput:
+        """Take the entries of a matrix, explicit zeros included."""
+        entries = pattern.tocoo()
+        return cls(entries.row, entries.col)
+
+    def data(self, matrix: csr_array) -> np.ndarray:
+        """Entries of a matrix within the pattern, shape (n,)."""
+        return np.asarray(matrix[self.rows, self.cols]).ravel()
 
 
 def at_baseline(last, build, model, vector: np.ndarray, pathname: str):

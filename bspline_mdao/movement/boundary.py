@@ -20,7 +20,7 @@ from ..splines.greville import greville_abscissae
 from .freedom import Freedom
 from .mesh import MovingMesh
 
-__all__ = ["moving_grid", "moving_mesh"]
+__all__ = ["matching_patches", "moving_grid", "moving_mesh", "wall_patches"]
 
 Selection = str | np.ndarray
 """Patches by name or pattern, or points by number."""
@@ -107,7 +107,8 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, design, pinned, releas
         if 1 in ids.shape:
             raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
     pins, pinned_ids = _split(pinned, len(points))
-    design, pins, released = (_matching(topology, patterns) for patterns in (_design(topology, design), pins, released))
+    design = wall_patches(topology) if design is None else design
+    design, pins, released = (matching_patches(topology, patterns) for patterns in (design, pins, released))
     freedom = Freedom.of(len(points))
     freedom.hold(pinned_ids)
     for face, ids in _boundary_points(topology, blocks):
@@ -141,10 +142,14 @@ def _overlap(a: Window, b: Window) -> bool:
     return min(extents) == 0 and sorted(extents)[1] > 0 and a.shape.index(1) == extents.index(0)
 
 
-def _design(topology: Topology, design) -> str | Sequence[str]:
-    """Patches of the design surface: those asked for, or all walls."""
-    if design is not None:
-        return design
+def wall_patches(topology: Topology) -> tuple[str, ...]:
+    """Names of all patches that are walls.
+
+    Raises
+    ------
+    InputError
+        If none is.
+    """
     walls = tuple(sorted({face.patch for face in topology.boundary if face.kind == "wall"}))
     if not walls:
         raise InputError(
@@ -153,8 +158,14 @@ def _design(topology: Topology, design) -> str | Sequence[str]:
     return walls
 
 
-def _matching(topology: Topology, patterns: str | Sequence[str]) -> frozenset[str]:
-    """Patches that match any of the patterns; each has to match one."""
+def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> frozenset[str]:
+    """Names of all patches that match any of the patterns (``"wing*"``).
+
+    Raises
+    ------
+    InputError
+        If a pattern matches none.
+    """
     names = {face.patch for face in topology.boundary if face.patch is not None}
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:

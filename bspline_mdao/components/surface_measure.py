@@ -1,0 +1,63 @@
+"""A measure of the regenerated surface, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import openmdao.api as om
+
+from ..geometry.measure import Measure
+from ..names import SURFACE
+from .jacobian import SparseOutput, finite_points
+
+
+class SurfaceMeasure(om.ExplicitComponent):
+    """Measure the surface: thickness, volume, area, radii, angles and whatever else is a `Measure`.
+
+    ====================  ======  ==========  =====  ===============================================================
+    name                  role    shape       units  meaning
+    ====================  ======  ==========  =====  ===============================================================
+    ``surface``           input   (3 n)       m      nodes of the measure's `SurfaceGrid`, xyz interleaved
+    name of the measure   output  the measure's own  what it measures
+    ====================  ======  =================  ===============================================================
+
+    Options
+    -------
+    measure : Measure
+        What is measured, on which surface.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if a node is not finite.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("measure", recordable=False, desc="what is measured")
+
+    def setup(self):
+        """Declare the variables."""
+        measure: Measure = self.options["measure"]
+        self.add_input(SURFACE, val=measure.surface.points.ravel(), units="m")
+        self.add_output(measure.name, shape=measure.shape, units=measure.units)
+
+    def setup_partials(self):
+        """Declare what may differ from zero."""
+        measure = self.options["measure"]
+        self._sparse = SparseOutput.of(measure.partials(measure.surface.points))
+        self.declare_partials(measure.name, SURFACE, rows=self._sparse.rows, cols=self._sparse.cols)
+
+    def compute(self, inputs, outputs):
+        """Measure the surface."""
+        measure = self.options["measure"]
+        outputs[measure.name] = measure.evaluate(self._points(inputs)).reshape(measure.shape)
+
+    def compute_partials(self, inputs, partials):
+        """Differentiate the measure."""
+        measure = self.options["measure"]
+        partials[measure.name, SURFACE] = self._sparse.data(measure.partials(self._points(inputs)))
+
+    def _points(self, inputs):
+        return finite_points(inputs[SURFACE], SURFACE, self.msginfo)

@@ -1,0 +1,117 @@
+"""The regenerated surface: nodes of patches, each once, and the quads between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from ..grids.entities import BoundaryFace
+from ..grids.sharing import block_rows, node_sharing
+from ..grids.topology import Topology, describe
+from ..model import FittedModel
+from ..movement.boundary import matching_patches, wall_patches
+
+__all__ = ["SurfaceGrid"]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGrid:
+    """Nodes of some patches of a grid.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        The nodes on the baseline (m), each once, in the order of their rows in the grid.
+    rows : ndarray of int, shape (n,)
+        Row of each node in the grid vector.
+    faces : tuple of ndarray of int, each of shape (ni, nj)
+        Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid.
+    names, patches : tuple of str
+        Name of every face for messages, and the patch that it belongs to.
+    """
+
+    points: np.ndarray
+    rows: np.ndarray
+    faces: tuple[np.ndarray, ...]
+    names: tuple[str, ...]
+    patches: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: FittedModel, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Take the surface of a fitted grid.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The fitted grid.
+        patches : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+
+        Returns
+        -------
+        SurfaceGrid
+
+        Raises
+        ------
+        InputError
+            If a patch does not exist, or no patch is a wall.
+        """
+        topology = model.topology
+        wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
+        found = [face for face in topology.boundary if face.patch in wanted]
+        nodes = model.regenerate().to_vector().reshape(-1, 3)
+        faces = [_oriented_rows(topology, nodes, face) for face in found]
+        source = _evaluated_rows(topology)
+        rows = np.unique(source[np.concatenate([face.ravel() for face in faces])])
+        ids = tuple(np.searchsorted(rows, source[face]) for face in faces)
+        names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
+        return cls(nodes[rows], rows, ids, names, tuple(face.patch for face in found))
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @cached_property
+    def quads(self) -> np.ndarray:
+        """Corners of the quads, shape (n_quads, 4), face by face in C order, around the normal into the fluid."""
+        corners = [[ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]] for ids in self.faces]
+        return np.concatenate([np.stack(four, axis=-1).reshape(-1, 4) for four in corners])
+
+    def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
+        """Numbers of the faces of some patches, by their exact names."""
+        wanted = {patches} if isinstance(patches, str) else set(patches)
+        unknown = sorted(wanted - set(self.patches))
+        if unknown:
+            known = ", ".join(sorted(set(self.patches)))
+            raise InputError(f"surface: no patch is called '{unknown[0]}'; the patches are {known}")
+        return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
+
+
+def _evaluated_rows(topology: Topology) -> np.ndarray:
+    """Row that every row of the grid is evaluated in: shared nodes have one."""
+    source = np.arange(topology.n_nodes)
+    destination, origin = node_sharing(topology).copies.T
+    source[destination] = origin
+    return source
+
+
+def _oriented_rows(topology: Topology, nodes: np.ndarray, face: BoundaryFace) -> np.ndarray:
+    """Rows of the nodes of a face, shape (ni, nj), such that i x j points into its block.
+
+    The layer of nodes next to the face tells where that is, whatever the handedness of the block.
+    """
+    block, window = block_rows(topology.shapes)[face.window.block], face.window
+    direction = window.shape.index(1)
+    at = window.lo[direction]
+    here = [np.take(block, at + step * (1 if at == 0 else -1), axis=direction) for step in (0, 1)]
+    slices = tuple(s for d, s in enumerate(window.slices) if d != direction)
+    rows, inner = (layer[slices] for layer in here)
+    x = nodes[rows]
+    area = np.cross(x[1:, 1:] - x[:-1, :-1], x[:-1, 1:] - x[1:, :-1])
+    inward = (nodes[inner] - x)[:-1, :-1]
+    return rows if np.sum(area * inward) > 0.0 else rows.T
