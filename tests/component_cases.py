@@ -3,13 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array, eye_array
 
 from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Block, Grid, Patch
 from bspline_mdao.movement.increments import in_increments
 from bspline_mdao.movement.interpolation import interpolated_step
 from bspline_mdao.movement.mesh import MovingMesh
+from bspline_mdao.parametrization.variable import Layout, MapPartials, block_diagonal, pointwise_jacobian
 
 
 def two_blocks(seed: int = 0) -> Grid:
@@ -85,3 +88,94 @@ class _MeanDisplacement:
         points_bar[:, 2] = -(bar * self.values).sum(axis=1)
         n_surface = len(self.mesh.surface_ids)
         return points_bar, np.tile((self.share * bar).sum(axis=0) / n_surface, (n_surface, 1))
+
+
+@dataclass(frozen=True)
+class Swirl:
+    """A user's own variable: turns points about z by angles that are a polynomial of the height."""
+
+    name: str
+    n_values: int
+    units = "rad"
+    carried = ()
+
+    def bind(self, layout):
+        return self
+
+    @property
+    def initial(self):
+        return np.zeros(self.n_values)
+
+    def apply(self, points, values):
+        x, y, z = points.T
+        cos, sin = np.cos(self.angle(z, values)), np.sin(self.angle(z, values))
+        return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+
+    def angle(self, z, values):
+        return np.vander(z, self.n_values) @ values
+
+    def partials(self, points, values):
+        x, y, _ = self.apply(points, values).T
+        by_angle = np.stack([-y, x, np.zeros_like(x)], axis=1)
+        by_values = by_angle[:, :, None] * np.vander(points[:, 2], self.n_values)[:, None]
+        blocks = pointwise_jacobian(lambda moved: self.apply(moved, values), points)
+        return MapPartials(block_diagonal(blocks), csr_array(by_values.reshape(points.size, -1)))
+
+
+@dataclass(frozen=True)
+class Lift:
+    """A user's own variable: lifts every third row by itself."""
+
+    name: str
+    units = "m"
+    carried = ()
+
+    def bind(self, layout):
+        return BoundLift(layout)
+
+
+@dataclass(frozen=True)
+class BoundLift:
+    layout: Layout
+
+    @property
+    def initial(self):
+        return np.zeros(len(self.layout.points[::3]))
+
+    @property
+    def matrix(self):
+        entries = np.arange(len(self.initial))
+        shape = (self.layout.points.size, len(entries))
+        return csr_array((np.ones(len(entries)), (9 * entries + 2, entries)), shape=shape)
+
+    def apply(self, points, values):
+        return points + (self.matrix @ values).reshape(-1, 3)
+
+    def partials(self, points, values):
+        return MapPartials(eye_array(points.size, format="csr"), self.matrix)
+
+
+@dataclass(frozen=True)
+class Heights:
+    """A user's own measure: x z of every second node, in two rows."""
+
+    surface: SurfaceGrid
+    name = "heights"
+    units = "m**2"
+
+    @property
+    def shape(self):
+        return 2, len(self.surface.points[::2]) // 2
+
+    @property
+    def nodes(self):
+        return 2 * np.arange(np.prod(self.shape))
+
+    def evaluate(self, points):
+        return points[self.nodes, 0] * points[self.nodes, 2]
+
+    def partials(self, points):
+        rows = np.arange(len(self.nodes))
+        entries = np.concatenate([points[self.nodes, 2], points[self.nodes, 0]])
+        cols = np.concatenate([3 * self.nodes, 3 * self.nodes + 2])
+        return csr_array((entries, (np.tile(rows, 2), cols)), shape=(len(rows), points.size))

@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import Shear, movable_model, small_model, two_blocks
+from component_cases import Heights, Lift, Shear, Swirl, movable_model, small_model, two_blocks
 
 import bspline_mdao.components
 from bspline_mdao.components.control_mesh_move import ControlMeshMove
@@ -15,7 +15,11 @@ from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
 from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.components.quality import Quality
+from bspline_mdao.components.surface_control import SurfaceControl
+from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
+from bspline_mdao.components.surface_measure import SurfaceMeasure
 from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.grids.multiblock import Block, Grid
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
@@ -23,7 +27,29 @@ from bspline_mdao.movement.held import Held
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
-from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL, SURFACE_CONTROL_POINTS
+from bspline_mdao.names import (
+    CONTROL_POINTS,
+    CONTROL_POINTS_INITIAL,
+    GRID,
+    GRID_INITIAL,
+    SURFACE,
+    SURFACE_CONTROL_POINTS,
+)
+from bspline_mdao.parametrization.composition import Parametrization
+
+
+def of(mover):
+    """What makes a mover of a model."""
+    return lambda model: mover(moving_mesh(model))
+
+
+def parametrization(model):
+    return Parametrization(moving_mesh(model), [Swirl("swirl", 5), Lift("lift")])
+
+
+def heights(model):
+    return Heights(SurfaceGrid.of(model))
+
 
 PARTIALS = {
     "Fit": (Fit, {}, CONTROL_POINTS_INITIAL, GRID_INITIAL),
@@ -34,13 +60,31 @@ PARTIALS = {
     "LiveGridEvaluate, fitted control points": (LiveGridEvaluate, {}, GRID, CONTROL_POINTS_INITIAL),
     "LiveGridEvaluate, grid": (LiveGridEvaluate, {}, GRID, GRID_INITIAL),
     **{
-        f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": mover}, CONTROL_POINTS, wrt)
+        f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": of(mover)}, CONTROL_POINTS, wrt)
         for mover in (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, Held, Shear)
         for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
     },
     "Quality, cells": (Quality, {"cells": True}, "cell_quality", GRID),
+    **{
+        f"SurfaceControl, {wrt}": (SurfaceControl, {"parametrization": parametrization}, SURFACE_CONTROL_POINTS, wrt)
+        for wrt in ("swirl", "lift", CONTROL_POINTS_INITIAL)
+    },
+    "SurfaceEvaluate": (
+        SurfaceEvaluate,
+        {"mesh": moving_mesh, "surface": SurfaceGrid.of},
+        SURFACE,
+        SURFACE_CONTROL_POINTS,
+    ),
+    "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),
 }
-"""Every component in every mode: class, options, output, input."""
+"""Every component in every mode: class, options (or what makes them of a model), output, input."""
+
+AWAY = {
+    LiveGridEvaluate: [CONTROL_POINTS],
+    ControlMeshMove: [SURFACE_CONTROL_POINTS],
+    SurfaceControl: ["swirl", "lift"],
+}
+"""Inputs that start away from the baseline, so that all terms of the derivative matter."""
 
 every_component = pytest.mark.parametrize(("component", "options", "of", "wrt"), PARTIALS.values(), ids=PARTIALS)
 
@@ -52,14 +96,13 @@ def model():
 
 def run_problem(component, model, **options) -> om.Problem:
     problem = om.Problem(reports=False)
-    if component is ControlMeshMove:
-        options["mover"] = options["mover"](moving_mesh(model))
-    else:
+    options = {name: option(model) if callable(option) else option for name, option in options.items()}
+    if "model" in component().options:
         options["model"] = model
     problem.model.add_subsystem("component", component(**options), promotes=["*"])
     problem.setup(force_alloc_complex=False)
-    for name in {LiveGridEvaluate: [CONTROL_POINTS], ControlMeshMove: [SURFACE_CONTROL_POINTS]}.get(component, []):
-        value = problem.get_val(name)  # away from the baseline, so that all terms of the derivative matter
+    for name in AWAY.get(component, []):
+        value = problem.get_val(name)
         problem.set_val(name, value + np.random.default_rng(7).normal(scale=0.02, size=value.shape))
     problem.run_model()
     return problem
@@ -67,9 +110,10 @@ def run_problem(component, model, **options) -> om.Problem:
 
 def products(problem, of, wrt, forward_seed, reverse_seed):
     """Jacobian times one seed and transposed Jacobian times another."""
+    problem.model.run_linearize()
     forward = problem.compute_jacvec_product([of], [wrt], "fwd", {wrt: forward_seed})[of]
     reverse = problem.compute_jacvec_product([of], [wrt], "rev", {of: reverse_seed})[wrt]
-    return forward, reverse
+    return forward.ravel(), reverse.ravel()
 
 
 def test_every_component_is_in_the_partials_table():
@@ -105,7 +149,7 @@ def test_products_are_directional_derivatives(model, component, options, of, wrt
     def output(step):
         problem.set_val(wrt, start + step * v)
         problem.run_model()
-        return problem.get_val(of).copy()
+        return problem.get_val(of).ravel().copy()
 
     if problem.model.component.is_linear:
         difference = output(0.5) - output(-0.5)  # exact for a linear map, whatever the step
@@ -228,7 +272,7 @@ def test_matrix_free_components_hold_no_jacobian(component):
 def test_a_number_that_is_not_finite_is_an_analysis_error(model, component, options, of, wrt):
     problem = run_problem(component, model, **options)
     problem.set_val(wrt, np.nan, indices=4)
-    with pytest.raises(om.AnalysisError, match=f"y of point 2 of '{wrt}' is nan"):
+    with pytest.raises(om.AnalysisError, match=f"(y of point 2|value 5) of '{wrt}' is nan"):
         problem.run_model()
 
 

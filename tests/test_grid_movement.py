@@ -3,14 +3,23 @@
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import Shear, movable_model, small_model
+from component_cases import Heights, Shear, Swirl, movable_model, small_model
 
 from bspline_mdao import fit_grid, flat_plate_grid
 from bspline_mdao.components.grid_movement import GridMovement
 from bspline_mdao.errors import InputError
+from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL, SURFACE_CONTROL_POINTS
+from bspline_mdao.names import (
+    CONTROL_POINTS,
+    CONTROL_POINTS_INITIAL,
+    GRID,
+    GRID_INITIAL,
+    SURFACE,
+    SURFACE_CONTROL_POINTS,
+)
+from bspline_mdao.parametrization.composition import Parametrization
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +64,42 @@ def test_the_chain_is_that_of_the_picture(plate):
     )
     assert {CONTROL_POINTS_INITIAL, CONTROL_POINTS, GRID, "quality_ks"} <= outputs
     assert inputs - outputs == {GRID_INITIAL, SURFACE_CONTROL_POINTS, "size.x"}
+
+
+def test_the_chain_with_variables_and_measures_is_that_of_the_picture(plate):
+    parametrization = Parametrization(moving_mesh(plate), [Swirl("swirl", 2)])
+    model = problem_of(plate, parametrization=parametrization, measures=[Heights(SurfaceGrid.of(plate))]).model
+    names = [system.name for system in model.grid_movement.system_iter(recurse=False)]
+    assert names == ["fit", "control", "evaluate_surface", "measure_heights", "move", "evaluate", "quality"]
+    read, written = (
+        {meta["prom_name"] for _, meta in variables(prom_name=True, val=False, out_stream=None)}
+        for variables in (model.list_inputs, model.list_outputs)
+    )
+    assert read - written == {GRID_INITIAL, "swirl", "size.x"}
+    assert {SURFACE_CONTROL_POINTS, SURFACE, "heights"} <= written
+
+
+def test_the_surface_is_that_of_the_grid(plate):
+    surface = SurfaceGrid.of(plate)
+    problem = problem_of(
+        plate, parametrization=Parametrization(moving_mesh(plate), [Swirl("swirl", 2)]), measures=[Heights(surface)]
+    )
+    problem.set_val("swirl", [0.05, 0.02])
+    problem.run_model()
+    moved = problem.get_val(GRID).reshape(-1, 3)[surface.rows]
+    assert np.abs(moved - surface.points).max() > 0.05
+    np.testing.assert_allclose(problem.get_val(SURFACE).reshape(-1, 3), moved, atol=1e-14)
+
+
+def test_a_parametrization_of_another_design_surface_is_refused(plate):
+    parametrization = Parametrization(moving_mesh(plate, design="wing_upper"), [Swirl("swirl", 2)])
+    with pytest.raises(InputError, match="different design surfaces"):
+        problem_of(plate, parametrization=parametrization, mover=LinearElasticity(moving_mesh(plate)))
+
+
+def test_measures_of_different_surfaces_are_refused(plate):
+    with pytest.raises(InputError, match="'heights' is of another SurfaceGrid"):
+        problem_of(plate, measures=[Heights(SurfaceGrid.of(plate)), Heights(SurfaceGrid.of(plate))])
 
 
 def test_the_grid_is_that_of_the_parts(plate):

@@ -1,4 +1,4 @@
-"""The chain from a baseline grid and a moved surface to the moved grid and its quality, as an OpenMDAO group."""
+"""The chain from a baseline grid and design variables to the moved grid and its quality, as an OpenMDAO group."""
 
 from __future__ import annotations
 
@@ -9,34 +9,48 @@ from ..errors import InputError
 from ..model import FittedModel
 from ..movement.boundary import moving_mesh
 from ..movement.elasticity import LinearElasticity
+from ..movement.mesh import MovingMesh
 from ..movement.mover import Mover
+from ..parametrization.composition import Parametrization
 from .control_mesh_move import ControlMeshMove, mesh_of
 from .fit import Fit
 from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
 from .quality import Quality
+from .surface_control import SurfaceControl
+from .surface_evaluate import SurfaceEvaluate
+from .surface_measure import SurfaceMeasure
 
 
 class GridMovement(om.Group):
-    """Fit, move, evaluate, judge: the ordinary chain in one subsystem, under the names of `bspline_mdao.names`.
+    """Fit, design, move, evaluate, judge: the ordinary chain in one subsystem, named as in `bspline_mdao.names`.
 
-    ==========  ====================================================================  =================================
-    subsystem   component                                                             is there
-    ==========  ====================================================================  =================================
-    fit         `Fit`: ``grid_initial`` -> ``control_points_initial``                 unless ``fit=False``
-    move        `ControlMeshMove`: ``surface_control_points`` -> ``control_points``   always
-    evaluate    `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                    always
-    quality     `Quality`: ``grid`` -> its outputs                                    unless ``quality=False``
-    ==========  ====================================================================  =================================
+    =================  =================================================================  ============================
+    subsystem          component                                                          is there
+    =================  =================================================================  ============================
+    fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              unless ``fit=False``
+    control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
+    evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures``
+    measure_...        `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
+    move               `ControlMeshMove`: -> ``control_points``                           always
+    evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
+    quality            `Quality`: ``grid`` -> its outputs                                 unless ``quality=False``
+    =================  =================================================================  ============================
 
-    All inputs start at the values of the model, so that the first run gives the baseline grid.
+    All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
+    parametrization ``surface_control_points`` is an input.
 
     Options
     -------
     model : FittedModel
         The fitted grid.
+    parametrization : Parametrization, optional
+        Design variables of the surface and the linear constraints among its control points.
+    measures : sequence of Measure
+        What is measured of the surface, all on one `SurfaceGrid`.
     mover : Mover, optional
-        Moves the control mesh of the model; by default linear elasticity, with all walls as the design surface.
+        Moves the control mesh of the model; by default linear elasticity, on the mesh of the parametrization or with
+        all walls as the design surface.
     require_valid : bool
         Refuse a tangled control mesh, see `ControlMeshMove`.
     fit : bool
@@ -49,13 +63,17 @@ class GridMovement(om.Group):
     Raises
     ------
     InputError
-        In ``setup``, if the mover is that of another model, if the model does not say what moves, or if ``live`` is
-        asked for without ``fit``.
+        In ``setup``, if the mover or the parametrization is that of another model, if the two have different design
+        surfaces, if measures are of different surfaces, if the model does not say what moves, or if ``live`` is asked
+        for without ``fit``.
     """
 
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        types = (Parametrization, type(None))
+        self.options.declare("parametrization", types=types, default=None, recordable=False, desc="design variables")
+        self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
@@ -64,27 +82,49 @@ class GridMovement(om.Group):
 
     def setup(self):
         """Add the components in the order of the chain."""
-        model, is_live = self.options["model"], self.options["live"]
+        model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         if is_live and not self.options["fit"]:
             raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
         if self.options["fit"]:
-            self.add_subsystem("fit", Fit(model=model, live=is_live), promotes=["*"])
-        move = ControlMeshMove(mover=self._mover(), require_valid=self.options["require_valid"])
-        self.add_subsystem("move", move, promotes=["*"])
-        evaluate = LiveGridEvaluate if is_live else GridEvaluate
-        self.add_subsystem("evaluate", evaluate(model=model), promotes=["*"])
+            self._add("fit", Fit(model=model, live=is_live))
+        if self.options["parametrization"] is not None:
+            self._add("control", SurfaceControl(parametrization=self.options["parametrization"]))
+        if self.options["measures"]:
+            self._add_measures(mover.mesh)
+        self._add("move", ControlMeshMove(mover=mover, require_valid=self.options["require_valid"]))
+        self._add("evaluate", (LiveGridEvaluate if is_live else GridEvaluate)(model=model))
         if self.options["quality"]:
-            self.add_subsystem("quality", Quality(model=model), promotes=["*"])
+            self._add("quality", Quality(model=model))
+
+    def _add(self, name: str, component: om.ExplicitComponent):
+        self.add_subsystem(name, component, promotes=["*"])
+
+    def _add_measures(self, mesh: MovingMesh):
+        """Regenerate the surface and measure it."""
+        surface = self.options["measures"][0].surface
+        self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
+        for measure in self.options["measures"]:
+            if measure.surface is not surface:
+                raise InputError(
+                    f"{self.msginfo}: measure '{measure.name}' is of another SurfaceGrid; make all with the same one"
+                )
+            self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
 
     def _mover(self) -> Mover:
         """The user's mover, or elasticity."""
-        model, mover = self.options["model"], self.options["mover"]
-        if mover is None:
+        model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
+        if mover is None and parametrization is None:
             return LinearElasticity(moving_mesh(model))
-        blocks, ids = mesh_of(mover, self.msginfo).blocks, model.mesh.control_ids
-        if len(blocks) != len(ids) or not all(map(np.array_equal, blocks, ids)):
+        mover = mover or LinearElasticity(parametrization.mesh)
+        mesh, ids = mesh_of(mover, self.msginfo), model.mesh.control_ids
+        if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
             raise InputError(
                 f"{self.msginfo}: the mover's mesh is not the control mesh of {model.header.source}; "
                 f"make it with moving_mesh(model)"
+            )
+        if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):
+            raise InputError(
+                f"{self.msginfo}: the mover and the parametrization have different design surfaces; "
+                f"make both with the same moving_mesh(model)"
             )
         return mover

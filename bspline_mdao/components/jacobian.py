@@ -67,27 +67,38 @@ def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class SparseOutput:
+class SparsePattern:
     """Where a sparse Jacobian may differ from zero, in the order that OpenMDAO is told.
 
     Parameters
     ----------
     rows, cols : ndarray of int, shape (n,)
-        Of every entry.
+        Of every entry, row by row.
+    n_cols : int
+        Number of columns.
     """
 
     rows: np.ndarray
     cols: np.ndarray
+    n_cols: int
 
     @classmethod
-    def of(cls, pattern: csr_array) -> SparseOutput:
+    def of(cls, matrix: csr_array) -> SparsePattern:
         """Take the entries of a matrix, explicit zeros included."""
-        entries = pattern.tocoo()
-        return cls(entries.row, entries.col)
+        keys = np.unique(_keys(matrix))
+        return cls(*np.divmod(keys, matrix.shape[1]), matrix.shape[1])
 
     def data(self, matrix: csr_array) -> np.ndarray:
-        """Entries of a matrix within the pattern, shape (n,)."""
-        return np.asarray(matrix[self.rows, self.cols]).ravel()
+        """Entries, shape (n,), of a matrix within the pattern."""
+        data = np.zeros(len(self.rows))
+        data[np.searchsorted(self.rows * self.n_cols + self.cols, _keys(matrix))] = matrix.data
+        return data
+
+
+def _keys(matrix: csr_array) -> np.ndarray:
+    """Places of all entries of a matrix in its C order."""
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    return rows * matrix.shape[1] + matrix.indices
 
 
 def at_baseline(last, build, model, vector: np.ndarray, pathname: str):

@@ -6,7 +6,7 @@ import openmdao.api as om
 
 from ..names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from ..parametrization.composition import Parametrization
-from .jacobian import SparseOutput, finite_points, finite_values
+from .jacobian import SparsePattern, finite_points, finite_values
 
 
 class SurfaceControl(om.ExplicitComponent):
@@ -57,8 +57,8 @@ class SurfaceControl(om.ExplicitComponent):
         """Declare what may differ from zero."""
         pattern, ids = self.options["parametrization"].pattern, self.options["parametrization"].mesh.surface_ids
         columns = (3 * ids[:, None] + [0, 1, 2]).ravel()
-        self._sparse = {CONTROL_POINTS_INITIAL: SparseOutput.of(pattern.initial)}
-        self._sparse |= {name: SparseOutput.of(values) for name, values in pattern.values.items()}
+        self._sparse = {CONTROL_POINTS_INITIAL: SparsePattern.of(pattern.initial)}
+        self._sparse |= {name: SparsePattern.of(values) for name, values in pattern.values.items()}
         for name, sparse in self._sparse.items():
             cols = columns[sparse.cols] if name == CONTROL_POINTS_INITIAL else sparse.cols
             self.declare_partials(SURFACE_CONTROL_POINTS, name, rows=sparse.rows, cols=cols)

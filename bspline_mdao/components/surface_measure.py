@@ -6,7 +6,7 @@ import openmdao.api as om
 
 from ..geometry.measure import Measure
 from ..names import SURFACE
-from .jacobian import SparseOutput, finite_points
+from .jacobian import SparsePattern, finite_points
 
 
 class SurfaceMeasure(om.ExplicitComponent):
@@ -46,7 +46,7 @@ class SurfaceMeasure(om.ExplicitComponent):
     def setup_partials(self):
         """Declare what may differ from zero."""
         measure = self.options["measure"]
-        self._sparse = SparseOutput.of(measure.partials(measure.surface.points))
+        self._sparse = SparsePattern.of(measure.partials(measure.surface.points))
         self.declare_partials(measure.name, SURFACE, rows=self._sparse.rows, cols=self._sparse.cols)
 
     def compute(self, inputs, outputs):
