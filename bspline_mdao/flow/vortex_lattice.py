@@ -1,0 +1,175 @@
+"""OpenAeroStruct's vortex lattice on the camber surface of a regenerated wing, as an OpenMDAO group."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import numpy as np
+import openmdao.api as om
+
+from ..errors import InputError
+from .wake_forces import WakeForces
+
+_WING = "wing"
+"""Name that OpenAeroStruct's components give the wing."""
+
+
+class VortexLattice(om.Group):
+    """Lift, induced drag, moment and span load of a thin wing by OpenAeroStruct's vortex lattice.
+
+    ====================  ======  ====================  ======  ========================================================
+    name                  role    shape                 units   meaning
+    ====================  ======  ====================  ======  ========================================================
+    ``camber_surface``    input   (n_chord, n_span, 3)  m       nodes, see `CamberSurface`: from the leading to the
+                                                                trailing edge, from the left tip to the root and on
+    ``alpha``             input   (1,)                  deg     angle of attack; 2 by default
+    ``Mach_number``       input   (1,)                          Prandtl-Glauert below 1; 0 by default
+    ``velocity``          input   (1,)                  m/s     100 by default; coefficients do not depend on it
+    ``density``           input   (1,)                  kg/m^3  1.225 by default; as the velocity
+    ``moment_reference``  input   (3,)                  m       point that moments are taken about; the origin by
+                                                                default
+    ``CL``, ``CD``        output  (1,)                          lift and induced drag from the wake far downstream
+    ``span_load``         output  (n_span - 1)          m       chord times lift coefficient of every strip
+    ``CL_panels``,        output  (1,)                          lift and induced drag from the forces on the bound
+    ``CD_panels``                                               vortices, OpenAeroStruct's own
+    ``CM``                output  (3,)                          moments, of the same forces
+    ``S_ref``             output  (1,)                  m^2     projected area of the whole wing; an input where
+                                                                ``reference_area`` is given
+    ====================  ======  ====================  ======  ========================================================
+
+    Options
+    -------
+    n_chord, n_span : int
+        Nodes of the lattice.
+    symmetry : bool
+        The lattice is the left half of a wing that is symmetric about y = 0.
+    reference_area : float, optional
+        Of the whole wing (m^2), fixed; that of the lattice by default.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if OpenAeroStruct is not there.
+
+    Notes
+    -----
+    Optimise with ``CL`` and ``CD``. The forces on the bound vortices leave out those on the chordwise ones, which an
+    optimiser with free twist at every station learns to make use of: their drag falls below Munk's least drag, and even
+    below zero.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("n_chord", types=int, lower=2, desc="nodes along the chord")
+        self.options.declare("n_span", types=int, lower=2, desc="nodes along the span")
+        self.options.declare("symmetry", types=bool, default=True, desc="the lattice is one half of the wing")
+        self.options.declare("reference_area", default=None, desc="fixed reference area of the whole wing, m**2")
+
+    def setup(self):
+        """Add OpenAeroStruct's components and those of the wake."""
+        surface = lattice_surface(self.options["n_chord"], self.options["n_span"], self.options["symmetry"])
+        self._add_circulations(surface)
+        self._add_panel_forces(surface)
+        self._add_moment(surface)
+        sizes = {name: self.options[name] for name in ("n_chord", "n_span", "symmetry")}
+        self.add_subsystem("wake", WakeForces(**sizes), promotes=["*"])
+        for name, (value, units) in _DEFAULTS.items():
+            self.set_input_defaults(name, val=value, units=units)
+        self.set_input_defaults("camber_surface", val=surface["mesh"], units="m")
+        if self.options["reference_area"] is not None:
+            self.set_input_defaults("S_ref", val=self.options["reference_area"], units="m**2")
+
+    @property
+    def _mesh_area(self) -> str:
+        """Name of the lattice's own area."""
+        return "S_ref" if self.options["reference_area"] is None else "S_mesh"
+
+    def _add_circulations(self, surface):
+        """From the mesh to the circulations and the forces on the panels."""
+        self.add_subsystem(
+            "geometry",
+            openaerostruct("aerodynamics.geometry").VLMGeometry(surface=surface),
+            promotes_inputs=[("def_mesh", "camber_surface")],
+            promotes_outputs=[("S_ref", self._mesh_area)],
+        )
+        self.add_subsystem(
+            "lattice",
+            openaerostruct("aerodynamics.compressible_states").CompressibleVLMStates(surfaces=[surface]),
+            promotes_inputs=[("wing_def_mesh", "camber_surface"), *_STREAM, "alpha", "Mach_number"],
+            promotes_outputs=["circulations"],
+        )
+        self.connect("geometry.normals", "lattice.wing_normals")
+
+    def _add_panel_forces(self, surface):
+        """From the forces on the panels to their coefficients."""
+        lift_drag = openaerostruct("aerodynamics.lift_drag").LiftDrag(surface=surface)
+        self.add_subsystem("panels", lift_drag, promotes_inputs=["alpha"])
+        self.add_subsystem(
+            "coefficients",
+            openaerostruct("aerodynamics.coeffs").Coeffs(),
+            promotes_inputs=[*_STREAM, "S_ref"],
+            promotes_outputs=[("CL1", "CL_panels"), ("CDi", "CD_panels")],
+        )
+        self.connect("lattice.wing_sec_forces", "panels.sec_forces")
+        for name in ("L", "D"):
+            self.connect(f"panels.{name}", f"coefficients.{name}")
+
+    def _add_moment(self, surface):
+        """From the forces on the panels to the coefficients of their moments."""
+        areas = [("S_ref_total", "S_ref"), ("wing_S_ref", self._mesh_area)]
+        self.add_subsystem(
+            "moment",
+            openaerostruct("functionals.moment_coefficient").MomentCoefficient(surfaces=[surface]),
+            promotes_inputs=[*_STREAM, ("cg", "moment_reference"), *areas],
+            promotes_outputs=["CM"],
+        )
+        self.connect("lattice.wing_sec_forces", "moment.wing_sec_forces")
+        for name in ("b_pts", "widths", "chords"):
+            self.connect(f"geometry.{name}", f"moment.wing_{name}")
+
+
+_STREAM = [("v", "velocity"), ("rho", "density")]
+"""OpenAeroStruct's names of the stream and ours."""
+
+_DEFAULTS = {
+    "alpha": (2.0, "deg"),
+    "Mach_number": (0.0, None),
+    "velocity": (100.0, "m/s"),
+    "density": (1.225, "kg/m**3"),
+    "moment_reference": (np.zeros(3), "m"),
+}
+"""Values and units of the inputs of the flight."""
+
+
+def openaerostruct(module: str):
+    """Import a module of OpenAeroStruct, which is wanted by flow components alone.
+
+    Raises
+    ------
+    InputError
+        If it is not there.
+    """
+    try:
+        return import_module(f"openaerostruct.{module}")
+    except ImportError as error:
+        raise InputError(
+            f'the vortex lattice needs OpenAeroStruct: pip install "bspline_mdao[vlm]" ({error})'
+        ) from error
+
+
+def lattice_surface(n_chord: int, n_span: int, symmetry: bool = True, **settings) -> dict:
+    """Describe a wing to OpenAeroStruct: its components take sizes and the side of the wing from a mesh.
+
+    Parameters
+    ----------
+    n_chord, n_span : int
+        Nodes of the lattice.
+    symmetry : bool
+        The lattice is the left half of a symmetric wing.
+    **settings
+        Further entries of the dictionary.
+    """
+    mesh = np.zeros((n_chord, n_span, 3))
+    mesh[..., 0] = np.linspace(0.0, 1.0, n_chord)[:, None]
+    mesh[..., 1] = np.linspace(-1.0, 0.0 if symmetry else 1.0, n_span)
+    return {"name": _WING, "symmetry": symmetry, "S_ref_type": "projected", "mesh": mesh, **settings}
