@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from .formulas import scaled, slope, turned
 from .frame import Frame
 
 __all__ = [
@@ -96,7 +97,7 @@ class Twist(InFrame):
 
     def _moved(self, stream, normal, span):
         centre = self.frame.middle_at(span)
-        return *_nose_up(stream, normal, centre, self.amount * span / self.frame.span), span
+        return *_about(centre, turned(self.amount * span / self.frame.span), stream, normal), span
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Pitch(InFrame):
 
     def _moved(self, stream, normal, span):
         centre = self.at * self.frame.chord, self.frame.middle_at(0.0)[1]
-        return *_nose_up(stream, normal, centre, self.amount), span
+        return *_about(centre, turned(self.amount), stream, normal), span
 
 
 @dataclass(frozen=True)
@@ -160,30 +161,28 @@ class ScaleChord(InFrame):
     """Scale lengths along the stream about the middle line; ``amount`` is the factor."""
 
     def _moved(self, stream, normal, span):
-        middle, _ = self.frame.middle_at(span)
-        return middle + self.amount * (stream - middle), normal, span
+        return *_about(self.frame.middle_at(span), scaled(self.amount, 1.0), stream, normal), span
 
 
 class ScaleThickness(InFrame):
     """Scale lengths normal to stream and span about the middle line; ``amount`` is the factor."""
 
     def _moved(self, stream, normal, span):
-        _, middle = self.frame.middle_at(span)
-        return stream, middle + self.amount * (normal - middle), span
+        return *_about(self.frame.middle_at(span), scaled(1.0, self.amount), stream, normal), span
 
 
 class Sweep(InFrame):
     """Shear the surface downstream in proportion to the distance from the root; ``amount`` is the angle (rad)."""
 
     def _moved(self, stream, normal, span):
-        return stream + np.tan(self.amount) * span, normal, span
+        return stream + slope(self.amount) * span, normal, span
 
 
 class Dihedral(InFrame):
     """Shear the surface upwards in proportion to the distance from the root; ``amount`` is the angle (rad)."""
 
     def _moved(self, stream, normal, span):
-        return stream, normal + np.tan(self.amount) * span, span
+        return stream, normal + slope(self.amount) * span, span
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +197,14 @@ class Translate:
         return points + self.amount * self.vector
 
 
-def _nose_up(stream, normal, centre, angle):
-    """Turn stream and normal coordinates about a centre so that the upstream side rises."""
-    x, y, cos, sin = stream - centre[0], normal - centre[1], np.cos(angle), np.sin(angle)
-    return centre[0] + x * cos + y * sin, centre[1] + y * cos - x * sin
+def _about(centre, matrix, stream, normal):
+    """Apply matrices (..., 2, 2) to stream and normal coordinates about a centre."""
+    along, above = centre
+    x, y = stream - along, normal - above
+    return (
+        along + matrix[..., 0, 0] * x + matrix[..., 0, 1] * y,
+        above + matrix[..., 1, 0] * x + matrix[..., 1, 1] * y,
+    )
 
 
 def _clip(x, low, high):
