@@ -116,8 +116,8 @@ def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True) -> Wa
 
     Notes
     -----
-    With n strips of one width across a whole flat wing of span b the least drag is ``lift^2 / (pi b^2 / 2) n / (n + 1)``
-    times the density: the discrete span efficiency is ``1 + 1/n``, not 1.
+    With n strips of one width across a whole flat wing of span b the least drag by density is
+    ``2 lift^2 / (pi b^2) n / (n + 1)``: the discrete span efficiency is ``1 + 1/n``, not 1.
     """
     still = Wake(points, np.zeros(len(points) - 1), is_symmetric)
     _, lift_by_circulation = still.lift_gradients()

@@ -79,22 +79,20 @@ class WakeForces(om.ExplicitComponent):
     def compute_partials(self, inputs, partials):
         """Differentiate the sums."""
         wake, speed, area = self._wake(inputs), inputs["velocity"], inputs["S_ref"]
-        stretch = 1.0 / (1.0 - inputs["Mach_number"] ** 2)
         drag_factor = 2.0 / (speed**2 * area)
         self._force_partials(inputs, partials, "CL", 1, wake.lift, wake.lift_gradients(), 2.0 / (speed * area))
         self._force_partials(inputs, partials, "CD", 2, wake.drag, wake.drag_gradients(), drag_factor)
         partials["CD", "alpha"] = drag_factor * self._alpha_bar(inputs, wake.drag_gradients()[0])
-        partials["span_load", "circulations"] = 2.0 * stretch / speed
-        partials["span_load", "Mach_number"] = 4.0 * wake.circulations / speed * inputs["Mach_number"] * stretch
+        partials["span_load", "circulations"] = 2.0 * self._by_ring(inputs) / speed
+        partials["span_load", "Mach_number"] = 2.0 * wake.circulations / speed * self._by_mach(inputs)
         partials["span_load", "velocity"] = -2.0 * wake.circulations / speed**2
 
     def _force_partials(self, inputs, partials, name, power, force, bars, factor):
         """Differentiate a coefficient whose force goes with a power of the circulations, and its factor."""
         points_bar, circulations_bar = bars
-        stretch = 1.0 / (1.0 - inputs["Mach_number"] ** 2)
         partials[name, "camber_surface"] = factor * (points_bar @ self._turn(inputs)).ravel()
-        partials[name, "circulations"] = factor * stretch * circulations_bar
-        partials[name, "Mach_number"] = 2.0 * power * factor * force * inputs["Mach_number"] * stretch
+        partials[name, "circulations"] = factor * self._by_ring(inputs) * circulations_bar
+        partials[name, "Mach_number"] = power * factor * force * self._by_mach(inputs)
         partials[name, "velocity"] = -power * factor * force / inputs["velocity"]
         partials[name, "S_ref"] = -factor * force / inputs["S_ref"]
 
@@ -102,7 +100,17 @@ class WakeForces(om.ExplicitComponent):
         """Trace of the last row in the plane across the wind, and the circulations in physical space."""
         trailing, turn = inputs["camber_surface"][-1], self._turn(inputs)
         rings = inputs["circulations"][-(self.options["n_span"] - 1) :]
-        return Wake(trailing @ turn.T, rings / (1.0 - inputs["Mach_number"] ** 2), self.options["symmetry"])
+        return Wake(trailing @ turn.T, self._by_ring(inputs) * rings, self.options["symmetry"])
+
+    @staticmethod
+    def _by_ring(inputs):
+        """Circulation in physical space by that of a ring, which is negative where it lifts."""
+        return -1.0 / (1.0 - inputs["Mach_number"] ** 2)
+
+    @staticmethod
+    def _by_mach(inputs):
+        """Relative change of the circulations with the Mach number at given rings."""
+        return 2.0 * inputs["Mach_number"] / (1.0 - inputs["Mach_number"] ** 2)
 
     @staticmethod
     def _alpha_bar(inputs, points_bar):
