@@ -173,10 +173,19 @@ class Parametrization:
         for name, pattern in self.pattern.values.items():
             is_idle = np.diff(pattern.tocsc().indptr) == 0
             if is_idle.any():
+                value = int(np.argmax(is_idle))
+                reason = self._what_holds(name, value) or "no point of the surface"
                 raise InputError(
-                    f"parametrization: value {np.argmax(is_idle) + 1} of '{name}' moves nothing that the linear "
-                    f"constraints leave free, like {np.count_nonzero(is_idle)} of all {len(is_idle)}; leave them out"
+                    f"parametrization: value {value + 1} of '{name}' moves nothing ({reason}), nor do "
+                    f"{np.count_nonzero(is_idle) - 1} more of its {len(is_idle)}; leave them out"
                 )
+
+    def _what_holds(self, name: str, value: int) -> str:
+        """The constraint that takes its effect from a value; empty where it never had one."""
+        partials = self.maps[name].partials(self.layout.points, self.maps[name].initial)
+        coordinates = partials.values.tocsc()[:, [value]].indices
+        on_surface = coordinates[coordinates < 3 * self.layout.n_surface]
+        return self.elimination.reason(on_surface[0]) if len(on_surface) else ""
 
 
 def _one(matrix: csr_array) -> csr_array:
