@@ -6,6 +6,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "BilinearKnots": "splines.knots",
+    "CamberSurface": "geometry.camber_surface",
     "ConjugateGradients": "sparse.conjugate_gradient",
     "ConstantKnots": "splines.knots",
     "ControlMeshMove": "components.control_mesh_move",
@@ -33,6 +34,7 @@ _HOMES = {
     "TorsionalSprings": "movement.springs",
     "Transfinite": "movement.transfinite",
     "UnsteadyGrid": "motion",
+    "VortexLattice": "flow.vortex_lattice",
     "family_member": "model",
     "find_topology": "grids.topology",
     "fit_grid": "fit.fitting",
