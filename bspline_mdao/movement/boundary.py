@@ -20,7 +20,7 @@ from ..splines.greville import greville_abscissae
 from .freedom import Freedom
 from .mesh import MovingMesh
 
-__all__ = ["matching_patches", "moving_grid", "moving_mesh", "wall_patches"]
+__all__ = ["boundary_points", "matching_patches", "moving_grid", "moving_mesh", "wall_patches"]
 
 Selection = str | np.ndarray
 """Patches by name or pattern, or points by number."""
@@ -111,7 +111,7 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, design, pinned, releas
     design, pins, released = (matching_patches(topology, patterns) for patterns in (design, pins, released))
     freedom = Freedom.of(len(points))
     freedom.hold(pinned_ids)
-    for face, ids in _boundary_points(topology, blocks):
+    for face, ids in boundary_points(topology, blocks):
         if face.patch in design:
             freedom.surface[ids] = True
         elif face.patch in pins:
@@ -124,10 +124,17 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, design, pinned, releas
     return MovingMesh(tuple(blocks), names, points, **freedom.fields(), parameters=parameters)
 
 
-def _boundary_points(topology: Topology, blocks) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
     """Boundary faces, each with the points of every face of a segment that is on it.
 
     Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+
+    Parameters
+    ----------
+    topology : Topology
+        The boundary and the segments.
+    blocks : sequence of ndarray of int, each of shape (N0, N1, N2)
+        Numbers of the points of every segment, such as those of its control points.
     """
     for face in topology.boundary:
         for number, segment in enumerate(topology.segments):

@@ -1,0 +1,97 @@
+"""Displacements that are linear in the values of a variable: a constant sparse matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array, eye_array
+
+from ..errors import InputError
+from .variable import MapPartials, block_diagonal
+
+__all__ = ["Direction", "Displacement", "directions_of", "displacements", "selector"]
+
+Direction = str | Sequence[float] | np.ndarray
+"""Coordinate axes by name (``"z"``, ``"xyz"``), a vector, or one vector or several for every point."""
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """The map ``points + matrix values``.
+
+    Parameters
+    ----------
+    matrix : csr_array, shape (3 n_rows, n_values)
+        Displacement of all rows, xyz interleaved, for a unit of each value.
+    """
+
+    matrix: csr_array
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Zeros, shape (n_values,)."""
+        return np.zeros(self.matrix.shape[1])
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres; real or complex."""
+        return points + (self.matrix @ values).reshape(-1, 3)
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`; nothing depends on where."""
+        return MapPartials(eye_array(points.size, format="csr"), self.matrix)
+
+
+def directions_of(direction: Direction, n: int, normals: Callable[[], np.ndarray] | None, what: str) -> np.ndarray:
+    """Directions in which each of n points may move, shape (n, 3, m), in metres per unit of the m values of the point.
+
+    Parameters
+    ----------
+    direction : Direction
+        Coordinate axes by name, ``"normal"``, a vector of shape (3,), or vectors of shape (n, 3) or (n, 3, m).
+    n : int
+        Number of points.
+    normals : callable or None
+        Gives the normals, shape (n, 3); None where points have none.
+    what : str
+        Whose directions, for messages.
+
+    Raises
+    ------
+    InputError
+        If the direction is none of these, or one of its vectors is zero or not finite.
+    """
+    if isinstance(direction, str):
+        if direction == "normal" and normals is not None:
+            return normals()[:, :, None]
+        return np.tile(np.eye(3)[:, _axes(direction, normals is not None, what)], (n, 1, 1))
+    field = np.asarray(direction, dtype=float)
+    field = np.broadcast_to(field, (n, 3)) if field.shape == (3,) else field
+    field = field[:, :, None] if field.ndim == 2 else field
+    if field.ndim != 3 or field.shape[:2] != (n, 3):
+        raise InputError(f"{what}: directions of shape {np.shape(direction)} for {n} points; give (3,) or ({n}, 3)")
+    is_bad = ~(np.isfinite(field).all(axis=1) & field.any(axis=1)).all(axis=1)
+    if is_bad.any():
+        raise InputError(f"{what}: the direction of point {np.argmax(is_bad) + 1} is zero or not finite; correct it")
+    return field
+
+
+def _axes(letters: str, has_normals: bool, what: str) -> list[int]:
+    """Coordinate axes of ``"x"``, ``"yz"`` and the like."""
+    if not letters or len(set(letters) & set("xyz")) < len(letters):
+        names = "'x', 'y', 'z' or several of them" + ", 'normal'" * has_normals
+        raise InputError(f"{what}: no direction is called '{letters}'; give {names}, or vectors")
+    return ["xyz".index(letter) for letter in letters]
+
+
+def displacements(rows: np.ndarray, directions: np.ndarray, n_rows: int) -> csr_array:
+    """Displacement of all rows by values along the directions, shape (n, 3, m), of some: (3 n_rows, m n)."""
+    return selector(rows, n_rows) @ block_diagonal(directions)
+
+
+def selector(rows: np.ndarray, n_rows: int) -> csr_array:
+    """Matrix that puts the coordinates of some rows among those of all, shape (3 n_rows, 3 n)."""
+    coordinates = (3 * np.asarray(rows)[:, None] + np.arange(3)).ravel()
+    columns = np.arange(len(coordinates))
+    return csr_array((np.ones(len(columns)), (coordinates, columns)), shape=(3 * n_rows, len(columns)))

@@ -1,0 +1,251 @@
+"""Lattices: B-spline volumes around the surface control points, which go where their own points go.
+
+Each embedded point has lattice coordinates, found once on the baseline, and moves by ``B (L_new - L_old)``, B being the
+basis functions there and L the points of the lattice. So nothing moves while the lattice does not, and what holds for
+the lattice as a whole, such as an affine motion, holds for what is embedded to round-off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..errors import InputError
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.inversion import INSIDE, invert_points
+from ..movement.mesh import MovingMesh
+from ..splines.greville import greville_abscissae
+from ..splines.knots import ConstantKnots
+from ..splines.mesh import BSplineMesh
+from ..splines.volume import Volume
+from .embedding import Led, transfer
+from .selection import Selection
+from .variable import DesignMap, Layout
+
+__all__ = ["Lattice"]
+
+BOX = 1e-12
+"""Distance, relative to the diagonal, up to which control points count as those of a box."""
+
+CUBIC = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """A B-spline volume that moves what is in it.
+
+    Embedded are the surface control points inside, or those of ``moves``; the points of reference axes inside; and the
+    points of its child lattices. What is outside stays.
+
+    Parameters
+    ----------
+    control_points : array_like, shape (n0, n1, n2, 3)
+        Points of the lattice on the baseline (m), two at least in each direction.
+    orders : int or sequence of three int, optional
+        Order p (degree plus one) in each direction, of knots that are evenly spaced. By default 4, or the number of
+        points where that is less. A Bezier volume has as many as it has points.
+    parent : Lattice, optional
+        The lattice that this one is in, and moves with.
+    moves : Selection, optional
+        The surface control points that are embedded; all of them have to be inside.
+    continuity : int
+        Where the surface leaves the lattice through a side, its displacement ends with this many continuous
+        derivatives: the lattice's own variables leave that side and as many layers behind it alone. -1 holds nothing.
+
+    Raises
+    ------
+    InputError
+        If the points do not make a lattice, the orders do not suit their number, or points lie outside the parent.
+
+    Examples
+    --------
+    >>> lattice = Lattice.box([[0.0, 0.0, 0.0], [1.0, 0.2, 2.0]], n=(4, 2, 3), margin=0.0)
+    >>> lattice.control_points.shape, lattice.orders
+    ((4, 2, 3, 3), (4, 2, 3))
+    >>> lattice.points[-1].tolist()
+    [1.0, 0.2, 2.0]
+    """
+
+    control_points: np.ndarray
+    orders: int | Sequence[int] | None = None
+    parent: Lattice | None = None
+    moves: Selection | None = None
+    continuity: int = 1
+
+    def __post_init__(self):
+        points = np.array(self.control_points, dtype=float)
+        if points.ndim != 4 or points.shape[3] != 3 or min(points.shape) < 2:
+            raise InputError(f"lattice: points of shape {points.shape}; give (n0, n1, n2, 3) with two or more each way")
+        if not np.isfinite(points).all():
+            index = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(points).all(axis=-1))[0])
+            raise InputError(f"lattice: point {index} is not finite; correct it")
+        orders = [min(n, CUBIC) for n in points.shape[:3]] if self.orders is None else self.orders
+        object.__setattr__(self, "control_points", points)
+        object.__setattr__(self, "orders", tuple(int(order) for order in np.broadcast_to(orders, 3)))
+        self._require_sense()
+
+    @classmethod
+    def box(
+        cls,
+        around: MovingMesh | np.ndarray,
+        n: Sequence[int] = (4, 3, 3),
+        orders: int | Sequence[int] | None = None,
+        margin: float = 0.05,
+        axes: np.ndarray | None = None,
+        **options,
+    ) -> Lattice:
+        """Make a lattice in the form of a box, in which coordinates are proportional to lengths.
+
+        Parameters
+        ----------
+        around : MovingMesh or array_like, shape (n_points, 3)
+            What it surrounds: the surface of a mesh, or points (m), of which two opposite corners will do.
+        n : sequence of three int
+            Points in each direction.
+        orders : int or sequence of three int, optional
+            As for `Lattice`.
+        margin : float
+            Part of each extent by which the box is larger at both ends.
+        axes : array_like, shape (3, 3), optional
+            Its directions, one per row, of any length; the coordinate axes by default. They may be oblique.
+        **options
+            ``parent``, ``moves`` and ``continuity`` of the lattice.
+
+        Returns
+        -------
+        Lattice
+
+        Raises
+        ------
+        InputError
+            If the directions lie in one plane, or the box has no extent in one of them.
+        """
+        points = around.points[around.surface_ids] if isinstance(around, MovingMesh) else np.asarray(around, float)
+        axes = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
+        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        if not abs(np.linalg.det(axes)) > INSIDE:
+            raise InputError("lattice: the axes lie in one plane; give three that do not")
+        local = points @ np.linalg.inv(axes)
+        low, extent = local.min(axis=0), np.ptp(local, axis=0)
+        if not extent.min() > INSIDE * extent.max():
+            thin = np.argmin(extent) + 1
+            raise InputError(f"lattice: no extent along axis {thin}; give two opposite corners of the box instead")
+        places = greville_abscissae(_volume(n, [min(m, CUBIC) for m in n] if orders is None else orders))
+        local = low + extent * ((1.0 + 2.0 * margin) * places - margin)
+        return cls(local @ axes, orders, **options)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Its points on the baseline (m), shape (n0 n1 n2, 3), in C order."""
+        return self.control_points.reshape(-1, 3)
+
+    @property
+    def lineage(self) -> tuple[Lattice, ...]:
+        """The lattice, its parent, the parent of that, and so on: what a variable that uses it has to carry."""
+        return (self,) if self.parent is None else (self, *self.parent.lineage)
+
+    def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find the lattice coordinates of points on the baseline.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+
+        Returns
+        -------
+        parameters : ndarray, shape (n, 3)
+            In [0, 1]; those of points outside belong to a nearby point of the boundary.
+        is_inside : ndarray of bool, shape (n,)
+            Whether the points are inside, up to 1e-9 of the lattice's diagonal.
+        """
+        if self._box is None:
+            found = invert_points(self._mesh, self.points, points)
+            return found.parameters, found.is_inside
+        origin, inverse = self._box
+        exact = (points - origin) @ inverse
+        parameters = exact.clip(0.0, 1.0)
+        distance = np.linalg.norm((exact - parameters) @ np.linalg.inv(inverse), axis=1)
+        return parameters, distance <= INSIDE * self._diagonal
+
+    def weights(self, points: np.ndarray, mask: np.ndarray) -> csr_array:
+        """Basis functions at points inside the lattice on the baseline.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        mask : ndarray of bool, shape (n,)
+            Which of them matter; the rows of the others are empty.
+
+        Returns
+        -------
+        csr_array, shape (n, n0 n1 n2)
+            Rows that sum to one.
+        """
+        rows = np.flatnonzero(mask)
+        if not len(rows):
+            return csr_array((len(points), len(self.points)))
+        parameters = np.ascontiguousarray(self.locate(points[rows])[0])
+        return Evaluator.build(self._mesh, [parameters], [rows], len(points)).matrix()
+
+    def lead(self, layout: Layout, design_map: DesignMap) -> DesignMap:
+        """Let a map of all rows act on the points of the lattice alone, and what is embedded follow.
+
+        Parameters
+        ----------
+        layout : Layout
+            The rows; a variable that leads carries `lineage`.
+        design_map : DesignMap
+            The map, of which only what it does to the rows of the lattice counts.
+
+        Returns
+        -------
+        DesignMap
+            Points of the lattice that are held for continuity stay.
+        """
+        return Led(layout.rows(self), transfer(self, layout), design_map)
+
+    @cached_property
+    def _mesh(self) -> BSplineMesh:
+        """The volume, to which the means for fitted grids apply."""
+        volume = _volume(self.control_points.shape[:3], self.orders)
+        return BSplineMesh((volume,), (np.arange(len(self.points)).reshape(volume.n_control),), len(self.points))
+
+    @property
+    def _diagonal(self) -> float:
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def _box(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Origin, and matrix from lengths to coordinates, where the lattice is a box, upright or oblique."""
+        points = self.control_points
+        edges = np.array([points[-1, 0, 0], points[0, -1, 0], points[0, 0, -1]]) - points[0, 0, 0]
+        places = greville_abscissae(self._mesh.volumes[0])
+        is_box = np.abs(points[0, 0, 0] + places @ edges - points).max() <= BOX * self._diagonal
+        is_flat = abs(np.linalg.det(edges)) <= INSIDE**2 * self._diagonal**3
+        return (points[0, 0, 0], np.linalg.inv(edges)) if is_box and not is_flat else None
+
+    def _require_sense(self):
+        """Refuse orders that do not suit the number of points, and children outside their parent."""
+        _volume(self.control_points.shape[:3], self.orders)
+        if self.parent is None:
+            return
+        _, is_inside = self.parent.locate(self.points)
+        if not is_inside.all():
+            index = tuple(int(i) + 1 for i in np.unravel_index(np.argmin(is_inside), self.control_points.shape[:3]))
+            raise InputError(
+                f"lattice: {np.count_nonzero(~is_inside)} points lie outside the parent, the first is point {index}; "
+                f"make the child smaller"
+            )
+
+
+def _volume(n: Sequence[int], orders: int | Sequence[int]) -> Volume:
+    """Volume with evenly spaced knots."""
+    if min(np.broadcast_to(orders, 3)) < 2:
+        raise InputError(f"lattice: orders {orders}; give 2 (linear) at least")
+    return Volume.of(*(ConstantKnots.uniform(int(m), int(order)) for m, order in zip(n, np.broadcast_to(orders, 3))))
