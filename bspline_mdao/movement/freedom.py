@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 
-__all__ = ["Freedom"]
+__all__ = ["Freedom", "nearest_plane", "plane_normal"]
 
 PLANAR = 1e-5
 """A symmetry patch is planar when its points leave the plane by less than this part of the patch's size."""
@@ -51,7 +51,7 @@ class Freedom:
 
     def keep_in_plane(self, ids: np.ndarray, points: np.ndarray, what: str) -> None:
         """Hold the points ``ids`` of a planar face in the direction of its normal."""
-        normal = _normal(points[ids], what)
+        normal = plane_normal(points[ids], what)
         left = normal - np.einsum("nij,ni->nj", self.basis[ids], self.basis[ids] @ normal)
         length = np.linalg.norm(left, axis=1)
         is_new = (length > INDEPENDENT) & (self.n_normals[ids] < 3)
@@ -91,13 +91,27 @@ class Freedom:
         return np.arange(3) >= self.n_normals[:, None], rows
 
 
-def _normal(points: np.ndarray, what: str) -> np.ndarray:
-    """Unit normal of points in a plane."""
+def plane_normal(points: np.ndarray, what: str) -> np.ndarray:
+    """Unit normal of the points of a symmetry patch, shape (n, 3).
+
+    Raises
+    ------
+    InputError
+        If they are not in a plane; ``what`` names the patch.
+    """
+    normal, distances, tolerance = nearest_plane(points)
+    if distances.max() > tolerance:
+        raise InputError(
+            f"{what} is of kind symmetry, but leaves its plane by {distances.max():.3g} m; make its kind 'other'"
+        )
+    return normal
+
+
+def nearest_plane(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Plane through points, shape (n, 3): unit normal, distances (n,) of the points, and what is near enough (m)."""
     centred = points - points.mean(axis=0)
-    _, sizes, directions = np.linalg.svd(centred, full_matrices=False)
-    distance = np.abs(centred @ directions[2]).max()
-    if distance > PLANAR * sizes[0] / np.sqrt(len(points)):
-        raise InputError(f"{what} is of kind symmetry, but leaves its plane by {distance:.3g} m; make its kind 'other'")
+    _, sizes, directions = np.linalg.svd(centred, full_matrices=len(points) < 3)
     axis = np.argmax(np.abs(directions[2]))
     is_axis = 1.0 - abs(directions[2, axis]) < ALIGNED**2 / 2.0
-    return np.eye(3)[axis] if is_axis else directions[2]
+    normal = np.eye(3)[axis] if is_axis else directions[2]
+    return normal, np.abs(centred @ directions[2]), PLANAR * sizes[0] / np.sqrt(len(points))

@@ -41,7 +41,7 @@ class Equations:
         n_surface : int
             Number of surface control points.
         rows : ndarray of int, shape (m, k)
-            The points of each group, different ones.
+            The points of each group.
         coefficients : ndarray, broadcast to shape (m, q, k, 3)
             What the displacements of the points are multiplied by.
         follower : int
@@ -55,8 +55,8 @@ class Equations:
         starts = np.arange(m * q + 1) * (3 * k)
         shape = (m * q, 3 * n_surface)
         matrix = csr_array((coefficients.flatten(), columns.flatten(), starts), shape=shape)
+        matrix.sum_duplicates()
         matrix.eliminate_zeros()
-        matrix.sort_indices()
         main = np.abs(coefficients[:, :, follower]).argmax(axis=-1)
         return cls(matrix, np.repeat(rows[:, follower], q), (3 * rows[:, follower, None] + main).ravel())
 

@@ -1,0 +1,85 @@
+"""Which surface control points a linear constraint is about: rows, pairs and directions, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import InputError
+from ..movement.mesh import MovingMesh
+from .selection import Selection
+
+__all__ = ["Directions", "Where", "axes_of", "pairs_of", "place_of", "rows_of"]
+
+Where = Selection | np.ndarray | Sequence[int]
+"""Surface control points: a selection, or rows of ``mesh.surface_ids``."""
+
+Directions = str | np.ndarray | Sequence | None
+"""Coordinates by letter (``"xz"``), one vector or several; None for all three coordinates."""
+
+
+def place_of(mesh: MovingMesh, row: int) -> str:
+    """Name a surface control point for a message."""
+    return mesh.place_of_point(mesh.surface_ids[row])
+
+
+def axes_of(directions: Directions, name: str) -> np.ndarray:
+    """Rows of directions, shape (n, 3), scaled to length one where they are not along coordinates."""
+    if directions is None or isinstance(directions, str):
+        letters = "xyz" if directions is None else directions
+        if not letters or set(letters) - set("xyz"):
+            raise InputError(f"linear constraint '{name}': no direction is called '{directions}'; give some of 'xyz'")
+        return np.eye(3)[["xyz".index(letter) for letter in letters]]
+    vectors = np.atleast_2d(np.asarray(directions, dtype=float))
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    if vectors.shape[1:] != (3,) or not np.isfinite(lengths).all() or not (lengths > 0.0).all():
+        raise InputError(f"linear constraint '{name}': give directions of three coordinates that are not all zero")
+    return vectors / lengths
+
+
+def rows_of(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:
+    """Rows of surface control points, at least one."""
+    if isinstance(where, Selection):
+        return where.rows(mesh)
+    rows, n = np.atleast_1d(where), len(mesh.surface_ids)
+    if not rows.size or rows.ndim > 1 or not np.issubdtype(rows.dtype, np.integer):
+        raise InputError(f"linear constraint '{name}': give a selection, or numbers of surface control points")
+    if rows.min() < 0 or rows.max() >= n:
+        raise InputError(f"linear constraint '{name}': there is no surface control point {rows.max()} of {n}")
+    return rows
+
+
+def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndarray, name: str) -> np.ndarray:
+    """Pairs (leader, follower) of rows, shape (n, 2).
+
+    One leader leads all. Numbers are paired in their order, selections by nearness on the baseline.
+
+    Raises
+    ------
+    InputError
+        If two followers would have one of several leaders, or a leader nobody to lead.
+    """
+    first, second = rows_of(leaders, mesh, name), rows_of(followers, mesh, name)
+    if len(first) == 1:
+        return np.column_stack([np.repeat(first, len(second)), second])
+    if len(first) != len(second):
+        raise InputError(
+            f"linear constraint '{name}': {len(first)} points cannot be paired with {len(second)}; give as many"
+        )
+    if isinstance(leaders, Selection) or isinstance(followers, Selection):
+        first = first[_nearest(points[first], points[second], lambda n: f"'{name}': {place_of(mesh, second[n])}")]
+    return np.column_stack([first, second])
+
+
+def _nearest(places: np.ndarray, points: np.ndarray, named) -> np.ndarray:
+    """Number of the place that is nearest to each point, each taken once."""
+    nearest = cKDTree(places).query(points)[1]
+    _, first = np.unique(nearest, return_index=True)
+    if len(first) < len(points):
+        again = np.delete(np.arange(len(points)), first)[0]
+        raise InputError(
+            f"linear constraint {named(again)} is nearest to a point that is paired already; give numbers, in order"
+        )
+    return nearest
