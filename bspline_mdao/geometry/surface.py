@@ -8,12 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ..deformations.frame import Plane
 from ..errors import InputError
 from ..grids.entities import BoundaryFace
 from ..grids.sharing import block_rows, node_sharing
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
 from ..movement.boundary import matching_patches, wall_patches
+from ..movement.freedom import plane_normal
 
 __all__ = ["SurfaceGrid"]
 
@@ -32,6 +34,8 @@ class SurfaceGrid:
         Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid.
     names, patches : tuple of str
         Name of every face for messages, and the patch that it belongs to.
+    planes : tuple of Plane
+        Planes of symmetry of the grid.
     """
 
     points: np.ndarray
@@ -39,6 +43,7 @@ class SurfaceGrid:
     faces: tuple[np.ndarray, ...]
     names: tuple[str, ...]
     patches: tuple[str, ...]
+    planes: tuple[Plane, ...] = ()
 
     @classmethod
     def of(cls, model: FittedModel, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
@@ -58,7 +63,7 @@ class SurfaceGrid:
         Raises
         ------
         InputError
-            If a patch does not exist, or no patch is a wall.
+            If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
         """
         topology = model.topology
         wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
@@ -69,12 +74,18 @@ class SurfaceGrid:
         rows = np.unique(source[np.concatenate([face.ravel() for face in faces])])
         ids = tuple(np.searchsorted(rows, source[face]) for face in faces)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
-        return cls(nodes[rows], rows, ids, names, tuple(face.patch for face in found))
+        patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, nodes)
+        return cls(nodes[rows], rows, ids, names, patches, planes)
 
     @property
     def n_points(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    @cached_property
+    def size(self) -> float:
+        """Diagonal of the baseline's box (m)."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @cached_property
     def quads(self) -> np.ndarray:
@@ -90,6 +101,19 @@ class SurfaceGrid:
             known = ", ".join(sorted(set(self.patches)))
             raise InputError(f"surface: no patch is called '{unknown[0]}'; the patches are {known}")
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
+
+
+def _symmetry_planes(topology: Topology, nodes: np.ndarray) -> tuple[Plane, ...]:
+    """Planes of the symmetry patches, each once."""
+    rows, planes = block_rows(topology.shapes), {}
+    for face in topology.boundary:
+        if face.kind == "symmetry":
+            x = nodes[rows[face.window.block][face.window.slices].ravel()]
+            normal = plane_normal(x, f"{topology.source}: patch {face.patch}")
+            normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
+            offset = float(normal @ x.mean(axis=0))
+            planes.setdefault(tuple(np.round([*normal, offset / np.ptp(x, axis=0).max()], 5)), Plane(normal, offset))
+    return tuple(planes.values())
 
 
 def _evaluated_rows(topology: Topology) -> np.ndarray:

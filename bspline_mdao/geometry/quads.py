@@ -1,0 +1,31 @@
+"""Bilinear quads: area vectors, and sums over quads as functions of the nodes.
+
+Corners are numbered around the quad::
+
+    3-----2      x(s, t) with s from corner 0 to 1 and t from corner 0 to 3; the normal is that of s x t
+    |     |
+    0-----1
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["add_to_nodes", "area_vectors", "area_vectors_vjp"]
+
+
+def area_vectors(corners: np.ndarray) -> np.ndarray:
+    """Integrals of the normal, shape (n, 3), of quads, shape (n, 4, 3): half the cross product of the diagonals."""
+    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+
+
+def area_vectors_vjp(corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
+    """Derivatives in the corners, shape (n, 4, 3), of derivatives in the area vectors, shape (n, 3)."""
+    first = 0.5 * np.cross(corners[:, 3] - corners[:, 1], bar)
+    second = 0.5 * np.cross(bar, corners[:, 2] - corners[:, 0])
+    return np.stack([-first, -second, first, second], axis=1)
+
+
+def add_to_nodes(quads: np.ndarray, bar: np.ndarray, n_points: int) -> np.ndarray:
+    """Sum what the corners of quads, shape (n, 4), carry, shape (n, 4, 3), at the nodes: shape (n_points, 3)."""
+    return np.stack([np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)], axis=-1)

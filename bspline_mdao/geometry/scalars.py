@@ -1,0 +1,41 @@
+"""Measures that are one number of the whole surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..errors import InputError
+
+__all__ = ["by_baseline", "single_row"]
+
+
+def by_baseline(measure, least: float):
+    """Divide a measure by what it is on the baseline.
+
+    Parameters
+    ----------
+    measure : dataclass
+        Measure with a field ``scale`` that it is divided by.
+    least : float
+        Number that is taken for none.
+
+    Raises
+    ------
+    InputError
+        If it is none on the baseline.
+    """
+    value = float(measure.evaluate(measure.surface.points)[0])
+    if not abs(value) > least:
+        raise InputError(
+            f"{measure.name}: it is {value:.3g} on the baseline, too little to be relative to; measure in metres"
+        )
+    return replace(measure, scale=measure.scale * value)
+
+
+def single_row(gradient: np.ndarray) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), of its gradient, shape (n_points, 3); zeros kept."""
+    size = gradient.size
+    return csr_array((gradient.ravel(), np.arange(size), np.array([0, size])), shape=(1, size))
