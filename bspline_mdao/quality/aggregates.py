@@ -27,7 +27,7 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class KreisselmeierSteinhauser:
-    """``m - ln(sum exp(-rho (x - m))) / rho`` with m the smallest x: between ``m - ln(n) / rho`` and m.
+    """``m - ln(sum exp(-rho (x - m))) / rho`` with m the smallest x: between ``m - ln(n) / rho`` and m; complex-safe.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class KreisselmeierSteinhauser:
 
     def part(self, x: np.ndarray) -> Part:
         """Sum over an array."""
-        smallest = float(x.min(initial=np.inf))
+        smallest = float(x.real.min(initial=np.inf))
         return Part(smallest, self._terms(x, smallest).sum() if np.isfinite(smallest) else 0.0)
 
     def join(self, parts: Sequence[Part]) -> Part:
@@ -60,7 +60,7 @@ class KreisselmeierSteinhauser:
 
     def value(self, part: Part) -> float:
         """The bound; 1 where there is nothing to bound."""
-        return float(part.extreme - np.log(part.total) / self.rho) if part.total else 1.0
+        return (part.extreme - np.log(part.total) / self.rho).item() if part.total else 1.0
 
     def weights(self, x: np.ndarray, value: float) -> np.ndarray:
         """Derivative of the value in every x."""
