@@ -118,8 +118,8 @@ def _weights_of(lattice: Lattice, item) -> csr_array:
     """Weights for something that is carried: the lattice, a child of it, an axis, or a lattice of its own."""
     if item is lattice:
         return eye_array(len(lattice.points), format="csr")
-    lineage = getattr(item, "lineage", (lattice,))  # only lattices have one; axes go along
-    goes_along = any(lattice is ancestor for ancestor in lineage)
+    carried = getattr(item, "carried", (lattice,))  # only lattices have one; axes go along
+    goes_along = any(lattice is ancestor for ancestor in carried)
     return lattice.weights(item.points, lattice.locate(item.points)[1] & goes_along)
 
 

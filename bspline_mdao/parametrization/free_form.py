@@ -59,7 +59,7 @@ class FreeForm:
     @property
     def carried(self) -> tuple[Carried, ...]:
         """The lattice and those that it is in."""
-        return self.lattice.lineage
+        return self.lattice.carried
 
     def point_ids(self, layout: Layout) -> np.ndarray:
         """Numbers of the lattice points that have values, in C order, ascending.

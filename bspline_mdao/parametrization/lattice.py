@@ -144,9 +144,9 @@ class Lattice:
         return self.control_points.reshape(-1, 3)
 
     @property
-    def lineage(self) -> tuple[Lattice, ...]:
-        """The lattice, its parent, the parent of that, and so on: what a variable that uses it has to carry."""
-        return (self,) if self.parent is None else (self, *self.parent.lineage)
+    def carried(self) -> tuple[Lattice, ...]:
+        """The lattice, its parent, the parent of that and so on: what a variable that uses the lattice has to list."""
+        return (self,) if self.parent is None else (self, *self.parent.carried)
 
     def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the lattice coordinates of points on the baseline.
@@ -199,7 +199,7 @@ class Lattice:
         Parameters
         ----------
         layout : Layout
-            The rows; a variable that leads carries `lineage`.
+            The rows, `carried` among them.
         design_map : DesignMap
             The map, of which only what it does to the rows of the lattice counts.
 

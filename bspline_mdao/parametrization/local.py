@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Local:
     where: Selection | None = None
     direction: Direction = "xyz"
     units: str | None = "m"
-    carried: tuple[Carried, ...] = ()
+    carried: ClassVar[tuple[Carried, ...]] = ()
 
     def bind(self, layout: Layout) -> Displacement:
         """Select the points and find their directions on the baseline.

@@ -20,7 +20,7 @@ from ..model import FittedModel
 from ..movement.boundary import boundary_points, matching_patches
 from ..movement.mesh import MovingMesh
 
-__all__ = ["Beyond", "InBlock", "InBox", "NearPlane", "Nearest", "OnPatch", "PointIds", "Selection"]
+__all__ = ["Beyond", "InBlock", "InBox", "NearPlane", "Nearest", "OnPatch", "Selection", "SurfaceRows"]
 
 TOUCHING = 1e-9
 """Distance, relative to the size of the mesh, up to which a point counts as on a limit."""
@@ -262,27 +262,28 @@ class NearPlane(Selection):
 
 
 @dataclass(frozen=True, eq=False)
-class PointIds(Selection):
+class SurfaceRows(Selection):
     """Points by number.
 
     Parameters
     ----------
-    ids : array_like of int
-        Numbers of control points in the mesh, from 0; all have to be on its surface.
+    numbers : array_like of int
+        Rows of ``mesh.surface_ids``, from 0.
     """
 
-    ids: Sequence[int]
+    numbers: Sequence[int]
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is one of them."""
-        ids = np.atleast_1d(self.ids)
-        is_elsewhere = ~np.isin(ids, mesh.surface_ids)
-        if is_elsewhere.any():
-            raise InputError(f"selection: control point {ids[is_elsewhere][0]} is not on the surface; take it out")
-        return np.isin(mesh.surface_ids, ids)
+        rows, n = np.atleast_1d(self.numbers).ravel(), len(mesh.surface_ids)
+        if rows.size and (not np.issubdtype(rows.dtype, np.integer) or rows.min() < 0 or rows.max() >= n):
+            raise InputError(f"selection: rows {rows.min()} to {rows.max()}; give whole numbers from 0 to {n - 1}")
+        mask = np.zeros(n, dtype=bool)
+        mask[rows.astype(int)] = True
+        return mask
 
     def __str__(self) -> str:
-        return f"one of {np.size(self.ids)} given numbers"
+        return f"one of {np.size(self.numbers)} given rows"
 
 
 def _surface(mesh: MovingMesh) -> np.ndarray:
