@@ -31,7 +31,7 @@ Work = namedtuple("Work", "values is_in columns n")
 
 
 @njit(cache=True)
-def reduced_rows(indptr, indices, data, preferred, is_first):
+def reduced_rows(indptr, indices, data, n_columns, preferred, is_first):
     """Give dependent coordinates in terms of independent ones.
 
     Parameters
@@ -39,6 +39,8 @@ def reduced_rows(indptr, indices, data, preferred, is_first):
     indptr, indices, data : ndarray
         Equations as rows of a CSR matrix, in the order in which they are to be used; those that share coordinates,
         directly or through others, stand together.
+    n_columns : int
+        Number of coordinates.
     preferred : ndarray of int, shape (n_equations,)
         The coordinate that each equation would rather give; -1 for none.
     is_first : ndarray of bool, shape (n_equations,)
@@ -53,7 +55,6 @@ def reduced_rows(indptr, indices, data, preferred, is_first):
     columns, values : ndarray, shape (n_values,)
         Independent coordinates and their coefficients: ``pivot = - sum(values * columns)``.
     """
-    n_columns = max(indices.max() + 1, 1) if len(indices) else 1
     work = _new_work(n_columns)
     order = np.full(n_columns, -1, dtype=np.int64)
     pivots, sources, rows = _forward(indptr, indices, data, preferred, is_first, order, work)

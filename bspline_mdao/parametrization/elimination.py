@@ -106,8 +106,9 @@ def _solve(matrix: csr_array, preferred: np.ndarray) -> tuple[np.ndarray, np.nda
     is_first = np.diff(group[order], prepend=-1) != 0
     ordered = csr_array(matrix[order])
     parts = ordered.indptr.astype(np.int64), ordered.indices.astype(np.int64), ordered.data.astype(float)
-    pivots, sources, starts, columns, values = reduced_rows(*parts, preferred[order].astype(np.int64), is_first)
-    rows = csr_array((-values, columns, starts), shape=(len(pivots), matrix.shape[1]))
+    n, preferred = matrix.shape[1], preferred[order].astype(np.int64)
+    pivots, sources, starts, columns, values = reduced_rows(*parts, n, preferred, is_first)
+    rows = csr_array((-values, columns, starts), shape=(len(pivots), n))
     return pivots, order[sources], rows
 
 

@@ -78,13 +78,16 @@ class LinearConstraint(Protocol):
 
 
 def checked(name: str, equations: Equations, n_surface: int) -> Equations:
-    """Refuse equations of a wrong shape or with coefficients that are not finite."""
+    """Refuse equations of a wrong shape, about points that do not exist, or with coefficients that are not finite."""
     n, width = equations.matrix.shape
     if width != 3 * n_surface or not len(equations.at) == len(equations.preferred) == n:
         raise InputError(
             f"linear constraint '{name}': equations of shape ({n}, {width}) at {len(equations.at)} points; "
             f"give one point for each and shape (n, {3 * n_surface})"
         )
+    for what, numbers, stop in (("point", equations.at, n_surface), ("coordinate", equations.preferred, width)):
+        if n and not (numbers.min() >= -1 and numbers.max() < stop):
+            raise InputError(f"linear constraint '{name}': there is no {what} {numbers.max()}; give 0 to {stop - 1}")
     if not np.isfinite(equations.matrix.data).all():
         raise InputError(f"linear constraint '{name}': a coefficient is not finite; check what it is made of")
     return equations
