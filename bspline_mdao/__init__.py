@@ -49,6 +49,7 @@ _HOMES = {
     "ProjectedArea": "geometry.area",
     "Quality": "components.quality",
     "RadialBasis": "movement.radial_basis",
+    "SectionThickness": "geometry.sections",
     "SurfaceArea": "geometry.area",
     "SurfaceControl": "components.surface_control",
     "SurfaceEvaluate": "components.surface_evaluate",

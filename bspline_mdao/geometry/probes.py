@@ -15,10 +15,13 @@ from ..errors import InputError
 from .crossings import body_intervals, find_crossings
 from .surface import SurfaceGrid
 
-__all__ = ["FLAT", "Probes", "checked_points", "lengths", "opposite_probes", "unit_vectors"]
+__all__ = ["FLAT", "ROUND_OFF", "Probes", "checked_points", "lengths", "opposite_probes", "unit_vectors"]
 
 FLAT = 1e-9
 """Length, relative to the diagonal of the surface's box, that is taken for none."""
+
+ROUND_OFF = 1e-13
+"""Thickness, relative to the same, that has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +109,8 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def unit_vectors(vectors: np.ndarray, otherwise: np.ndarray, least: float) -> np.ndarray:
-    """Vectors, shape (n, 3), of length 1; ``otherwise``, the same, where they are not longer than ``least``."""
-    length = lengths(vectors)[:, None]
+    """Vectors, shape (..., 3), of length 1; ``otherwise``, of the same, where they are not longer than ``least``."""
+    length = lengths(vectors)[..., None]
     return np.where(length > least, vectors / np.maximum(length, least), otherwise)
 
 

@@ -48,10 +48,8 @@ def planes_of_edges(surface: SurfaceGrid, edges: np.ndarray, what: str) -> tuple
         If an edge lies in none.
     """
     ends = surface.points[edges]
-    far = [
-        np.abs(ends @ plane.normal - plane.offset).max(axis=1) > _IN_PLANE * surface.size for plane in surface.planes
-    ]
-    is_far = np.array(far).reshape(-1, len(edges))
+    distance = [np.abs(ends @ plane.normal - plane.offset).max(axis=1) for plane in surface.planes]
+    is_far = np.reshape(distance, (len(surface.planes), len(edges))) > _IN_PLANE * surface.size
     if is_far.all(axis=0).any():
         raise InputError(_complaint(surface, edges[np.argmax(is_far.all(axis=0))], what))
     used, numbers = np.unique(np.argmin(is_far, axis=0) if len(edges) else [], return_inverse=True)

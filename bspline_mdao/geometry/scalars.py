@@ -29,9 +29,7 @@ def by_baseline(measure, least: float):
     """
     value = float(measure.evaluate(measure.surface.points)[0])
     if not abs(value) > least:
-        raise InputError(
-            f"{measure.name}: it is {value:.3g} on the baseline, too little to be relative to; measure in metres"
-        )
+        raise InputError(f"{measure.name}: {value:.3g} on the baseline, nothing to be relative to; take relative=False")
     return replace(measure, scale=measure.scale * value)
 
 

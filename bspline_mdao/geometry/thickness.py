@@ -10,14 +10,11 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from .area import planform_normal
 from .combinations import Combinations
-from .probes import FLAT, checked_points, lengths, opposite_probes, unit_vectors
+from .probes import FLAT, ROUND_OFF, checked_points, lengths, opposite_probes, unit_vectors
 from .sheet import sheet_normals, sheet_points
 from .surface import SurfaceGrid
 
 __all__ = ["Thickness"]
-
-ROUND_OFF = 1e-13
-"""Thickness, relative to the diagonal of the surface's box, that has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
