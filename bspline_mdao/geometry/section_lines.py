@@ -94,6 +94,17 @@ class SectionLines:
         """Place of every node of the baseline along the span (m), shape (n,)."""
         return self.frame.to_local(self.points)[:, 2]
 
+    @cached_property
+    def fractions(self) -> np.ndarray:
+        """Place of every node of the lines along its chord on the baseline, 0 to 1; shape (n,), 0 for other nodes."""
+        stream = self.frame.to_local(self.points)[:, 0]
+        edge = stream[self.sides[0][:, :1]]
+        tail = np.mean([stream[self.trailing(side, 1)] for side in range(2)], axis=0)
+        fractions = np.zeros(len(self.points))
+        for nodes in self.sides:
+            fractions[nodes[nodes >= 0]] = ((stream[nodes] - edge) / (tail - edge))[nodes >= 0]
+        return fractions
+
     def leading(self, n: int) -> np.ndarray:
         """Nodes about the leading edge, shape (n_lines, 2 n + 1): n on the lower side, the edge, n on the upper side.
 

@@ -16,7 +16,9 @@ def arc_parameters(points: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((len(points), 1)), np.cumsum(lengths, axis=1)], axis=1)
 
 
-def polynomial_weights(parameters: np.ndarray, degree: int, derivative: int) -> np.ndarray:
+def polynomial_weights(
+    parameters: np.ndarray, degree: int, derivative: int, is_used: np.ndarray | None = None
+) -> np.ndarray:
     """Weights of the values at k parameters in a derivative at parameter 0 of the polynomial that fits them best.
 
     Parameters
@@ -27,6 +29,8 @@ def polynomial_weights(parameters: np.ndarray, degree: int, derivative: int) -> 
         Degree of the polynomials, less than k; with k - 1 they interpolate.
     derivative : int
         Which; 0 is the value.
+    is_used : ndarray of bool, shape (n, k), optional
+        Which values count; more than ``degree`` of every row.
 
     Returns
     -------
@@ -39,6 +43,8 @@ def polynomial_weights(parameters: np.ndarray, degree: int, derivative: int) -> 
     """
     scale = np.abs(parameters).max(axis=1, keepdims=True)
     powers = (parameters / scale)[..., None] ** np.arange(degree + 1)
+    if is_used is not None:
+        powers *= is_used[..., None]
     return factorial(derivative) * np.linalg.pinv(powers)[:, derivative] / scale**derivative
 
 

@@ -58,6 +58,7 @@ class TrailingEdgeAngle:
         *,
         n_nodes: int = 3,
         degree: int | None = None,
+        between: tuple[float, float] | None = None,
         patches: str | Sequence[str] | None = None,
         frame: Frame | None = None,
         name: str = "trailing_edge_angle",
@@ -74,8 +75,10 @@ class TrailingEdgeAngle:
         n_nodes : int
             Points of each side, that at the edge included.
         degree : int, optional
-            Degree of the polynomials; ``n_nodes - 1`` by default, through all points. 1 with many points gives the
-            angle of the wedge that fits them best.
+            Degree of the polynomials; ``n_nodes - 1`` by default, through all points.
+        between : tuple of float, optional
+            Fit straight lines instead to the points between two fractions of the chord, such as (0.9, 0.98): the angle
+            of the wedge, whether the edge itself is sharp, blunt or round.
         patches : str or sequence of str, optional
             Patches of the wing by name; all by default.
         frame : Frame, optional
@@ -89,12 +92,15 @@ class TrailingEdgeAngle:
             If there is no leading edge, grid lines are too short, or an option cannot be used.
         """
         degree = n_nodes - 1 if degree is None else degree
-        if not 1 <= degree < n_nodes:
-            raise InputError(f"trailing-edge angle: degree {degree} through {n_nodes} nodes; give 1 to n_nodes - 1")
+        if not 1 <= degree < n_nodes or (between and not 0.0 < between[0] < between[1] <= 1.0):
+            raise InputError(
+                f"trailing-edge angle: degree {degree} through {n_nodes} nodes, between {between}; give a degree from "
+                f"1 to n_nodes - 1, and two rising fractions of the chord"
+            )
         lines = SectionLines.of(surface, patches, frame)
-        sides = [lines.trailing(side, n_nodes) for side in range(2)]
+        sides = [lines.trailing(side, _reaching(lines, side, between) if between else n_nodes) for side in range(2)]
         places = lines.stations(np.concatenate(sides, axis=1), stations)
-        tangents = Combinations.of([_tangents(lines, nodes, places, degree) for nodes in sides])
+        tangents = Combinations.of([_tangents(lines, nodes, places, degree, between) for nodes in sides])
         return cls(surface, lines.plane, places, tangents, name)
 
     @property
@@ -118,8 +124,25 @@ class TrailingEdgeAngle:
         return self.tangents.vectors(points) @ self.plane.T
 
 
-def _tangents(lines, nodes, places, degree):
+def _reaching(lines, side, between):
+    """Number of nodes from the trailing edge forward that reach the first of two fractions of every chord."""
+    nodes = lines.sides[side]
+    reach = ((nodes >= 0) & (lines.fractions[nodes] >= between[0])).sum(axis=1).max() + 1
+    return min(int(reach), int((nodes >= 0).sum(axis=1).min()))
+
+
+def _tangents(lines, nodes, places, degree, between):
     """Matrix of the tangents of one side, from points that start at the trailing edge."""
     cut = lines.cut(nodes, places)
-    section = (cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2)
-    return stencil_matrix(polynomial_weights(arc_parameters(section), degree, derivative=1)) @ cut
+    parameters = arc_parameters((cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2))
+    if between is None:
+        return stencil_matrix(polynomial_weights(parameters, degree, derivative=1)) @ cut
+    fractions = (cut @ lines.fractions).reshape(parameters.shape)
+    is_used = (fractions >= between[0]) & (fractions <= between[1])
+    if is_used.sum(axis=1).min() < 2:
+        place = places[np.argmin(is_used.sum(axis=1))]
+        raise InputError(
+            f"trailing-edge angle: less than two nodes of a side are between {between[0]} and {between[1]} of the "
+            f"chord at {place:.4g} m along the span; take fractions further apart"
+        )
+    return stencil_matrix(polynomial_weights(parameters, 1, derivative=1, is_used=is_used)) @ cut
