@@ -95,7 +95,7 @@ class VortexLattice(om.Group):
         self.add_subsystem(
             "lattice",
             openaerostruct("aerodynamics.compressible_states").CompressibleVLMStates(surfaces=[surface]),
-            promotes_inputs=[("wing_def_mesh", "camber_surface"), *_STREAM, "alpha", "Mach_number"],
+            promotes_inputs=[("wing_def_mesh", "camber_surface"), *STREAM, "alpha", "Mach_number"],
             promotes_outputs=["circulations"],
         )
         self.connect("geometry.normals", "lattice.wing_normals")
@@ -107,7 +107,7 @@ class VortexLattice(om.Group):
         self.add_subsystem(
             "coefficients",
             openaerostruct("aerodynamics.coeffs").Coeffs(),
-            promotes_inputs=[*_STREAM, "S_ref"],
+            promotes_inputs=[*STREAM, "S_ref"],
             promotes_outputs=[("CL1", "CL_panels"), ("CDi", "CD_panels")],
         )
         self.connect("lattice.wing_sec_forces", "panels.sec_forces")
@@ -120,7 +120,7 @@ class VortexLattice(om.Group):
         self.add_subsystem(
             "moment",
             openaerostruct("functionals.moment_coefficient").MomentCoefficient(surfaces=[surface]),
-            promotes_inputs=[*_STREAM, ("cg", "moment_reference"), *areas],
+            promotes_inputs=[*STREAM, ("cg", "moment_reference"), *areas],
             promotes_outputs=["CM"],
         )
         self.connect("lattice.wing_sec_forces", "moment.wing_sec_forces")
@@ -128,7 +128,7 @@ class VortexLattice(om.Group):
             self.connect(f"geometry.{name}", f"moment.wing_{name}")
 
 
-_STREAM = [("v", "velocity"), ("rho", "density")]
+STREAM = [("v", "velocity"), ("rho", "density")]
 """OpenAeroStruct's names of the stream and ours."""
 
 _DEFAULTS = {
