@@ -14,6 +14,7 @@ from bspline_mdao.components.control_mesh_move import ControlMeshMove
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
 from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
+from bspline_mdao.components.monotonic import Monotonic
 from bspline_mdao.components.quality import Quality
 from bspline_mdao.components.surface_control import SurfaceControl
 from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
@@ -76,6 +77,13 @@ PARTIALS = {
         SURFACE_CONTROL_POINTS,
     ),
     "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),
+    "Monotonic": (Monotonic, {"variable": "twist", "size": 6}, "twist_differences", "twist"),
+    "Monotonic decreasing": (
+        Monotonic,
+        {"variable": "chord", "size": 7, "units": "m", "decreasing": True},
+        "chord_differences",
+        "chord",
+    ),
 }
 """Every component in every mode: class, options (or what makes them of a model), output, input."""
 
@@ -280,7 +288,7 @@ def test_a_number_that_is_not_finite_is_an_analysis_error(model, component, opti
 def test_a_vector_of_the_wrong_size_is_refused(model, component, options, of, wrt):
     problem = run_problem(component, model, **options)
     with pytest.raises(ValueError, match="shape"):
-        problem.set_val(wrt, np.zeros(12))
+        problem.set_val(wrt, np.zeros(11))
 
 
 @pytest.mark.parametrize("component", [Fit, GridEvaluate, LiveGridEvaluate])

@@ -11,7 +11,7 @@ import pytest
 import bspline_mdao
 
 ROOT = Path(__file__).parents[1]
-FRAMEWORKS = ("components", "cli")
+FRAMEWORKS = ("components", "cli", "drivers", "flow")
 MODULES = [module.name for module in pkgutil.walk_packages(bspline_mdao.__path__, "bspline_mdao.")]
 KERNELS = [name for name in MODULES if name.split(".")[1] not in FRAMEWORKS]
 
@@ -39,7 +39,7 @@ def test_kernels_name_the_framework_nowhere():
     for name in KERNELS:
         path = ROOT.joinpath(*name.split("."))
         source = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text()
-        assert not re.search(r"^\s*(import|from) (openmdao|\.+(components|cli))", source, re.M), name
+        assert not re.search(r"^\s*(import|from) (openmdao|\.+(components|cli|drivers|flow))", source, re.M), name
 
 
 def test_importing_the_package_loads_nothing_heavy():
@@ -138,6 +138,14 @@ def test_openmdao_lists_the_components():
         "bspline_mdao.components.fit:Fit",
         "bspline_mdao.components.grid_evaluate:GridEvaluate",
         "bspline_mdao.components.live_grid_evaluate:LiveGridEvaluate",
+        "bspline_mdao.components.monotonic:Monotonic",
         "bspline_mdao.components.quality:Quality",
+        "bspline_mdao.components.surface_control:SurfaceControl",
+        "bspline_mdao.components.surface_evaluate:SurfaceEvaluate",
+        "bspline_mdao.components.surface_measure:SurfaceMeasure",
     }
-    assert ours("openmdao_group") == {"bspline_mdao.components.grid_movement:GridMovement"}
+    assert ours("openmdao_group") == {
+        "bspline_mdao.components.grid_movement:GridMovement",
+        "bspline_mdao.flow.vortex_lattice:VortexLattice",
+    }
+    assert ours("openmdao_driver") == {"bspline_mdao.drivers.nlopt_driver:NLoptDriver"}
