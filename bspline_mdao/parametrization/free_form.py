@@ -14,7 +14,7 @@ from .variable import Carried, Layout
 
 __all__ = ["FreeForm"]
 
-IDLE = 1e-6
+IDLE = 1e-9
 """Largest weight in any surface control point below which a point of the lattice is left out."""
 
 
@@ -24,7 +24,7 @@ class FreeForm:
 
     Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.
     Left out are points that are held for continuity, see `Lattice`, and those so far from the surface that none of its
-    points has them with a weight above 1e-6. `point_ids` tells which are left.
+    points has them with a weight above 1e-9. `point_ids` tells which are left.
 
     Parameters
     ----------
