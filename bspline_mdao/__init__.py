@@ -39,6 +39,7 @@ _HOMES = {
     "Mirrored": "parametrization.mirrored",
     "Monotonic": "components.monotonic",
     "MovementError": "errors",
+    "NLoptDriver": "drivers.nlopt_driver",
     "NearPlane": "parametrization.selection",
     "Nearest": "parametrization.selection",
     "OnPatch": "parametrization.selection",

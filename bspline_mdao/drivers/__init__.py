@@ -1,0 +1,1 @@
+"""Optimisation drivers for OpenMDAO."""

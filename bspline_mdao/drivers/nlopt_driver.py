@@ -1,0 +1,190 @@
+"""OpenMDAO driver for all algorithms of NLopt."""
+
+import numpy as np
+from openmdao.core.driver import Driver
+
+from ..errors import InputError
+from .nlopt_algorithms import ALGORITHMS, Needs
+from .nlopt_functions import Functions
+from .nlopt_optimizer import ENDS, Outcome, Settings, minimise
+from .nlopt_options import declare_options, make_settings
+from .nlopt_problem import Point, Statement, split_constraints
+from .recovery import RECOVERIES
+from .rejection import REJECTIONS, Never
+from .scaled_model import Limits, ScaledModel
+
+__all__ = ["NLoptDriver"]
+
+CITATION = """
+@misc{NLopt,
+  author = {Steven G. Johnson},
+  title = {The {NLopt} nonlinear-optimization package},
+  year = {2007},
+  howpublished = {https://github.com/stevengj/nlopt},
+}
+"""
+
+
+def _joined(limits: tuple[Limits, ...], side: str) -> np.ndarray:
+    """Limits of one side of all variables in one vector."""
+    return np.concatenate([np.zeros(0), *(getattr(limit, side) for limit in limits)])
+
+
+def _statement(designs: tuple[Limits, ...], constraints: tuple[Limits, ...], tolerance: float) -> Statement:
+    """The problem in the form NLopt takes."""
+    sides = (_joined(constraints, side) for side in ("lower", "upper", "equals"))
+    return Statement(_joined(designs, "lower"), _joined(designs, "upper"), *split_constraints(*sides), tolerance)
+
+
+def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[Limits, ...]) -> Needs:
+    """What the problem asks of an algorithm."""
+    is_equality = {limits.name: not np.isnan(limits.equals).all() for limits in constraints}
+    return Needs(
+        n_variables=sum(limits.lower.size for limits in designs),
+        inequality=tuple(name for name, is_equal in is_equality.items() if not is_equal),
+        equality=tuple(name for name, is_equal in is_equality.items() if is_equal),
+        bounded=tuple(d.name for d in designs if np.isfinite(d.lower).any() or np.isfinite(d.upper).any()),
+        unbounded=tuple(d.name for d in designs if not (np.isfinite(d.lower).all() and np.isfinite(d.upper).all())),
+        has_derivatives=model.has_derivatives,
+    )
+
+
+class NLoptDriver(Driver):
+    """Optimise with any algorithm of NLopt.
+
+    After the run the model is at the best point found: the one of lowest objective among those that violate no
+    constraint by more than ``constraint_tolerance``, or the one of least violation if there are none. An end that is
+    infeasible, is stopped from outside or leaves a local search without convergence is reported as failure.
+
+    Options are those of NLopt in scaled variables; zero switches a stopping criterion off.
+
+    Parameters
+    ----------
+    **kwargs : dict
+        Options of the driver.
+
+    Attributes
+    ----------
+    outcome : Outcome or None
+        How the last run ended.
+    best : Point or None
+        The best point of the last run, in scaled variables.
+    n_failed_analyses : int
+        Number of analyses that failed in the last run.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import NLoptDriver
+    >>> prob = om.Problem(reports=None)
+    >>> _ = prob.model.add_subsystem("paraboloid", om.ExecComp("f = (x - 3)**2 + x*y + (y + 4)**2 - 3"), promotes=["*"])
+    >>> prob.model.add_design_var("x", lower=-50, upper=50)
+    >>> prob.model.add_design_var("y", lower=-50, upper=50)
+    >>> prob.model.add_objective("f")
+    >>> prob.driver = NLoptDriver(algorithm="LD_MMA", disp=False)
+    >>> _ = prob.setup()
+    >>> prob.run_driver().success
+    True
+    >>> print(f"{prob.get_val('x').item():.2f} {prob.get_val('y').item():.2f}")
+    6.67 -7.33
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        for feature in ("optimization", "two_sided_constraints", "linear_constraints", "simultaneous_derivatives"):
+            self.supports[feature] = True
+        for feature in ("multiple_objectives", "active_set", "integer_design_vars", "distributed_design_vars"):
+            self.supports[feature] = False
+        self.supports._read_only = True
+        self._total_jac_format = "array"
+        self.outcome: Outcome | None = None
+        self.best: Point | None = None
+        self.n_failed_analyses = 0
+        self.cite = CITATION
+
+    def _declare_options(self):
+        """Declare the options of this driver."""
+        declare_options(self.options)
+
+    def _get_name(self) -> str:
+        """Name of the driver in records and reports."""
+        return f"NLopt_{self.options['algorithm']}"
+
+    def _setup_driver(self, problem):
+        """Say what the algorithm supports, before OpenMDAO checks it."""
+        super()._setup_driver(problem)
+        algorithm = ALGORITHMS[self.options["algorithm"]]
+        self.supports._read_only = False
+        self.supports["gradients"] = algorithm.gradients
+        self.supports["inequality_constraints"] = algorithm.inequality
+        self.supports["equality_constraints"] = algorithm.equality
+        self.supports._read_only = True
+        if len(self._objs) > 1:
+            raise InputError(
+                f"NLoptDriver: one objective is needed, and there are {len(self._objs)}: {list(self._objs)}"
+            )
+
+    def run(self) -> bool:
+        """Optimise.
+
+        Returns
+        -------
+        bool
+            True if it failed.
+        """
+        self.result.reset()
+        self.iter_count, self.outcome, self.best, self.n_failed_analyses = 0, None, None, 0
+        model = ScaledModel(self)
+        designs, constraints = model.design_limits(), model.constraint_limits()
+        settings = make_settings(self.options, _needs(model, designs, constraints))
+        statement = _statement(designs, constraints, self.options["constraint_tolerance"])
+        functions = self._functions(model, statement, settings)
+        self.outcome = _minimise(settings, functions)
+        self._settle(model, functions)
+        fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
+        self._report(fail)
+        return fail
+
+    def _functions(self, model: ScaledModel, statement: Statement, settings: Settings) -> Functions:
+        """The functions for NLopt, after the first run of the model."""
+        recovery = (settings.local_optimizer or settings.algorithm).recovery
+        rejects = REJECTIONS.get(settings.algorithm.name, Never)
+        return Functions(model, statement, RECOVERIES[recovery], rejects, statement.point(*model.start()))
+
+    def _settle(self, model: ScaledModel, functions: Functions) -> None:
+        """Leave the model at the best point."""
+        self.best, self.n_failed_analyses = functions.best, functions.n_failed
+        if functions.last is not functions.best:
+            model.run(functions.best.x)
+
+    @property
+    def is_feasible(self) -> bool:
+        """Whether the best point of the last run satisfies all constraints."""
+        return self.best is not None and self.best.violation <= self.options["constraint_tolerance"]
+
+    def get_exit_status(self) -> str:
+        """How the last run ended, in words."""
+        if self.outcome is None:
+            return "NOT_FINISHED: the run ended in an exception"
+        status = f"{self.outcome.end}: {ENDS[self.outcome.end]}"
+        if not self.is_feasible:
+            status += f", and constraints are violated by up to {self.best.violation:.1e}"
+        if self.n_failed_analyses:
+            status += f"; {self.n_failed_analyses} analyses failed, {self.outcome.n_restarts} restarts"
+        return status
+
+    def _report(self, fail: bool) -> None:
+        """Print how the run ended."""
+        if self.options["disp"]:
+            print(f"Optimization {'FAILED' if fail else 'complete'} ({self.options['algorithm']})")
+            print(f"    {self.get_exit_status()}")
+            print(f"    objective {self.best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
+            print(f"{self.result.deriv_evals} total derivatives")
+
+
+def _minimise(settings: Settings, functions: Functions) -> Outcome:
+    """Minimise; an interrupt from the keyboard ends it in good order."""
+    try:
+        return minimise(settings, functions)
+    except KeyboardInterrupt:
+        return Outcome("INTERRUPTED")

@@ -1,0 +1,140 @@
+"""The functions that NLopt calls: one model run per point, derivatives on demand, and the best point kept."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .nlopt_problem import AnalysisFailed, Model, Point, Rows, Statement
+from .recovery import Known, Standin
+from .rejection import Rejection
+
+__all__ = ["Functions"]
+
+
+@dataclass
+class Functions:
+    """Objective and constraints of a model as callbacks.
+
+    Attributes
+    ----------
+    model : Model
+        The model, run at `start`.
+    statement : Statement
+        Bounds and constraints.
+    recover : callable
+        What the algorithm is told where the analysis fails (`recovery`).
+    rejects : callable
+        Makes the `Rejection` that tells when a gradient will not be used.
+    start : Point
+        The first point.
+    best : Point
+        The best point so far, by `Point.is_better`.
+    last : Point
+        The point where the model was last run.
+    n_failed : int
+        Number of failed analyses.
+    """
+
+    model: Model
+    statement: Statement
+    recover: Callable[[Known, np.ndarray], Standin]
+    rejects: Callable[[], Rejection]
+    start: Point
+    best: Point = field(init=False)
+    last: Point = field(init=False)
+    n_failed: int = field(init=False, default=0)
+    _totals: np.ndarray | None = field(init=False, default=None)
+    _is_rejected: bool = field(init=False, default=False)
+    _rejection: Rejection = field(init=False)
+    _known: Known = field(init=False)
+
+    def __post_init__(self):
+        self.best = self.last = self.start
+        self._rejection = self.rejects()
+        self._known = Known(self.start, self._no_totals, self.start.objective)
+
+    @property
+    def _no_totals(self) -> np.ndarray:
+        """Zero totals (1 + m, n)."""
+        return np.zeros((1 + self.start.constraints.size, self.start.x.size))
+
+    def restart(self) -> np.ndarray:
+        """Forget what the algorithm was doing; the best point (n,), from which it starts again."""
+        self._rejection = self.rejects()
+        return self.best.x.copy()
+
+    def objective(self, x: np.ndarray, gradient: np.ndarray) -> float:
+        """Objective at x (n,), and its gradient (n,) where NLopt gives room for one."""
+        is_new = self._move_to(x)
+        if gradient.size:
+            self._is_rejected = is_new and self.last.is_analysed and self._rejection.is_sure(self.last)
+            gradient[:] = self._differentiate(is_new)[0]
+        return self.last.objective
+
+    def inequalities(self, values: np.ndarray, x: np.ndarray, gradients: np.ndarray) -> None:
+        """Write the inequality rows (m,), at most zero where satisfied, and their gradients (m, n)."""
+        self._write(self.statement.inequalities, values, x, gradients)
+
+    def equalities(self, values: np.ndarray, x: np.ndarray, gradients: np.ndarray) -> None:
+        """Write the equality rows (m,), zero where satisfied, and their gradients (m, n)."""
+        self._write(self.statement.equalities, values, x, gradients)
+
+    def inequality(self, row: int, x: np.ndarray, gradient: np.ndarray) -> float:
+        """One inequality row, for algorithms without gradients that take constraints one by one."""
+        self._move_to(x)
+        return float(self.statement.inequalities.values(self.last.constraints)[row])
+
+    def _write(self, rows: Rows, values: np.ndarray, x: np.ndarray, gradients: np.ndarray) -> None:
+        is_new = self._move_to(x)
+        values[:] = rows.values(self.last.constraints)
+        if gradients.size:
+            gradients[:] = rows.gradients(self._differentiate(is_new)[1:])
+
+    def _move_to(self, x: np.ndarray) -> bool:
+        """Run the model unless it was last run here; True if it was run."""
+        if np.array_equal(x, self.last.x):
+            return False
+        self._is_rejected, self._totals = False, None
+        try:
+            self._learn(self.statement.point(x, *self.model.run(x)))
+        except AnalysisFailed:
+            self._stand_in(x)
+        return True
+
+    def _learn(self, point: Point) -> None:
+        """Keep the best point and the highest objective."""
+        self.last = point
+        known = replace(self._known, worst_objective=max(self._known.worst_objective, point.objective))
+        if point.is_better(self.best, self.statement.tolerance):
+            self.best = point
+            known = replace(known, base=point, totals=self._no_totals)
+        self._known = known
+
+    def _stand_in(self, x: np.ndarray) -> None:
+        """Put something in the place of the failed analysis at x."""
+        self.n_failed += 1
+        standin = self.recover(self._known, x)
+        self.last = replace(self._known.base, x=x.copy(), objective=standin.objective, is_analysed=False)
+        self._totals = standin.totals
+
+    def _differentiate(self, is_new: bool) -> np.ndarray:
+        """Totals (1 + m, n) at the last point: computed once, zero where they will not be used."""
+        if self._is_rejected:
+            return self._no_totals
+        if self._totals is None:
+            self._compute_totals(is_new)
+        return self._totals
+
+    def _compute_totals(self, is_new: bool) -> None:
+        """Differentiate the model where it was last run."""
+        try:
+            self._totals = self.model.differentiate()
+        except AnalysisFailed:
+            if not is_new:  # the algorithm has used its value already
+                raise
+            self._stand_in(self.last.x)
+            return
+        self._rejection.keep(self.last)
+        if self.last is self._known.base:
+            self._known = replace(self._known, totals=self._totals)

@@ -1,0 +1,141 @@
+"""An optimisation problem as NLopt states it: bounds, and constraints with one limit each."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+__all__ = ["AnalysisFailed", "Model", "Point", "Rows", "Statement", "split_constraints"]
+
+
+class AnalysisFailed(ArithmeticError):
+    """The model cannot be analysed at a point."""
+
+
+class Model(Protocol):
+    """The model as a function of one scaled vector of all design variables."""
+
+    def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run at a point (n,): objective and constraints (m,); raises `AnalysisFailed`."""
+
+    def differentiate(self) -> np.ndarray:
+        """Totals (1 + m, n) of objective and constraints where it was last run; raises `AnalysisFailed`."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Constraints in the form NLopt takes: ``signs (c[ids] - limits)`` is at most zero, or zero.
+
+    Attributes
+    ----------
+    ids : ndarray of int (m,)
+        Which constraint each row is made of.
+    signs : ndarray (m,)
+        +1 for an upper limit or an equality, -1 for a lower limit.
+    limits : ndarray (m,)
+        The limit of each row.
+    """
+
+    ids: np.ndarray
+    signs: np.ndarray
+    limits: np.ndarray
+
+    def values(self, constraints: np.ndarray) -> np.ndarray:
+        """Values (m,) of the rows."""
+        return self.signs * (constraints[self.ids] - self.limits)
+
+    def gradients(self, jacobian: np.ndarray) -> np.ndarray:
+        """Gradients (m, n) of the rows from those of the constraints."""
+        return self.signs[:, None] * jacobian[self.ids]
+
+
+def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) -> tuple[Rows, Rows]:
+    """Split constraints with limits on both sides into rows.
+
+    Parameters
+    ----------
+    lower, upper : ndarray (m,)
+        Limits, infinite where there is none.
+    equals : ndarray (m,)
+        Values demanded, NaN for inequalities.
+
+    Returns
+    -------
+    Rows
+        Inequalities: the upper limits, then the lower ones.
+    Rows
+        Equalities.
+    """
+    is_equality = ~np.isnan(equals)
+    above, below = (np.flatnonzero(np.isfinite(limit) & ~is_equality) for limit in (upper, lower))
+    same = np.flatnonzero(is_equality)
+    signs = np.repeat([1.0, -1.0], [above.size, below.size])
+    inequalities = Rows(np.concatenate([above, below]), signs, np.concatenate([upper[above], lower[below]]))
+    return inequalities, Rows(same, np.ones(same.size), equals[same])
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point with what the model says there, or what stands in for it where the analysis failed.
+
+    Attributes
+    ----------
+    x : ndarray (n,)
+        Design variables.
+    objective : float
+        The objective.
+    constraints : ndarray (m,)
+        The constraints.
+    violations : ndarray (n_rows,)
+        How far each row is violated.
+    is_analysed : bool
+        False where the analysis failed.
+    """
+
+    x: np.ndarray
+    objective: float
+    constraints: np.ndarray
+    violations: np.ndarray
+    is_analysed: bool = True
+
+    @property
+    def violation(self) -> float:
+        """The largest violation."""
+        return float(self.violations.max(initial=0.0))
+
+    def is_better(self, other: "Point", tolerance: float) -> bool:
+        """Lower objective among feasible points, else less violation."""
+        if max(self.violation, other.violation) <= tolerance:
+            return self.objective < other.objective
+        return self.violation < other.violation
+
+
+@dataclass(frozen=True)
+class Statement:
+    """Bounds and constraints of a problem.
+
+    Attributes
+    ----------
+    lower, upper : ndarray (n,)
+        Bounds of the variables, infinite where there is none.
+    inequalities, equalities : Rows
+        The constraints.
+    tolerance : float
+        Violation up to which a constraint counts as satisfied.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    inequalities: Rows
+    equalities: Rows
+    tolerance: float
+
+    def violations(self, constraints: np.ndarray) -> np.ndarray:
+        """How far each row is violated (n_rows,), zero where it is not."""
+        return np.concatenate(
+            [np.maximum(self.inequalities.values(constraints), 0.0), np.abs(self.equalities.values(constraints))]
+        )
+
+    def point(self, x: np.ndarray, objective: float, constraints: np.ndarray) -> Point:
+        """The point x (n,) with what the model says there."""
+        return Point(x.copy(), float(objective), constraints, self.violations(constraints))
