@@ -124,6 +124,17 @@ def test_coordinates_in_a_bent_lattice_give_the_points_back(n, orders):
     np.testing.assert_allclose(place(lattice, xi), surface_of(wing()), atol=1e-9)
 
 
+@every_shape
+def test_a_hexahedron_is_the_volume_of_trilinear_coordinates(n, orders):
+    random = np.random.default_rng(4)
+    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1) + random.uniform(-0.2, 0.2, (2, 2, 2, 3))
+    lattice, (x, y, z) = Lattice.hexahedron(corners, n, orders), random.random((3, 40))
+    ends = [np.stack([1.0 - s, s]) for s in (x, y, z)]
+    points = np.einsum("aq,bq,cq,abcd->qd", *ends, corners)
+    np.testing.assert_allclose(place(lattice, np.stack([x, y, z], axis=1)), points, atol=1e-14)
+    np.testing.assert_allclose(lattice.locate(points)[0], np.stack([x, y, z], axis=1), atol=1e-9)
+
+
 def test_default_orders_are_cubic_or_bezier():
     assert Lattice.box(wing(), n=(6, 2, 3)).orders == (4, 2, 3)
 
@@ -383,6 +394,8 @@ def test_quads_of_the_surface_are_part_of_it():
         (lambda: Lattice(np.full((2, 2, 2, 3), np.nan)), r"point \(1, 1, 1\) is not finite"),
         (lambda: Lattice.box(wing(), n=(3, 3, 3), orders=4), "control points"),
         (lambda: Lattice.box(wing(), n=(3, 3, 3), orders=1), "give 2 .linear. at least"),
+        (lambda: Lattice.box(wing(), n=(3, 3)), "give numbers for three directions"),
+        (lambda: Lattice.box(wing(), orders=(3, 3)), "give numbers for three directions"),
         (lambda: Lattice.box(np.array([[0.0, 0, 0], [1, 0, 1]])), "no extent along axis 2"),
         (lambda: Lattice.box(wing(), axes=np.ones((3, 3))), "lie in one plane"),
         (lambda: bent_lattice(parent=tip_lattice()), r"points lie outside the parent, the first is point \(1, 1, 1\)"),

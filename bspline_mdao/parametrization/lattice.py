@@ -21,7 +21,7 @@ from ..movement.mesh import MovingMesh
 from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
 from ..splines.mesh import BSplineMesh
-from ..splines.volume import Volume
+from ..splines.volume import Volume, evaluate
 from .embedding import Led, transfer
 from .selection import Selection
 from .variable import DesignMap, Layout
@@ -83,9 +83,8 @@ class Lattice:
         if not np.isfinite(points).all():
             index = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(points).all(axis=-1))[0])
             raise InputError(f"lattice: point {index} is not finite; correct it")
-        orders = [min(n, CUBIC) for n in points.shape[:3]] if self.orders is None else self.orders
         object.__setattr__(self, "control_points", points)
-        object.__setattr__(self, "orders", tuple(int(order) for order in np.broadcast_to(orders, 3)))
+        object.__setattr__(self, "orders", _orders(points.shape[:3], self.orders))
         self._require_sense()
 
     @classmethod
@@ -134,9 +133,31 @@ class Lattice:
         if not extent.min() > INSIDE * extent.max():
             thin = np.argmin(extent) + 1
             raise InputError(f"lattice: no extent along axis {thin}; give two opposite corners of the box instead")
-        places = greville_abscissae(_volume(n, [min(m, CUBIC) for m in n] if orders is None else orders))
-        local = low + extent * ((1.0 + 2.0 * margin) * places - margin)
-        return cls(local @ axes, orders, **options)
+        ends = (1.0 + 2.0 * margin) * np.moveaxis(np.indices((2, 2, 2)), 0, -1) - margin
+        return cls.hexahedron((low + extent * ends) @ axes, n, orders, **options)
+
+    @classmethod
+    def hexahedron(
+        cls, corners: np.ndarray, n: Sequence[int] = (4, 3, 3), orders: int | Sequence[int] | None = None, **options
+    ) -> Lattice:
+        """Make a lattice between eight corners, in which coordinates are trilinear: around a swept and tapered wing.
+
+        Parameters
+        ----------
+        corners : array_like, shape (2, 2, 2, 3)
+            Corner ``[a, b, c]`` is at the low (0) or high (1) end of each direction (m).
+        n, orders, **options
+            As for `box`.
+
+        Returns
+        -------
+        Lattice
+        """
+        orders = _orders(n, orders)
+        places = greville_abscissae(_volume(n, orders))
+        linear = _volume((2, 2, 2), 2)
+        points = evaluate(linear, np.asarray(corners, dtype=float), places.reshape(-1, 3))
+        return cls(points.reshape(places.shape), orders, **options)
 
     @property
     def points(self) -> np.ndarray:
@@ -244,8 +265,18 @@ class Lattice:
             )
 
 
+def _orders(n: Sequence[int], orders: int | Sequence[int] | None) -> tuple[int, int, int]:
+    """Orders of the three directions."""
+    orders = [min(m, CUBIC) for m in n] if orders is None else orders
+    if np.shape(n) != (3,) or np.shape(orders) not in ((), (3,)):
+        raise InputError(f"lattice: {n} points and orders {orders}; give numbers for three directions")
+    orders = np.broadcast_to(orders, 3)
+    return tuple(int(order) for order in orders)
+
+
 def _volume(n: Sequence[int], orders: int | Sequence[int]) -> Volume:
     """Volume with evenly spaced knots."""
-    if min(np.broadcast_to(orders, 3)) < 2:
+    orders = _orders(n, orders)
+    if min(orders) < 2:
         raise InputError(f"lattice: orders {orders}; give 2 (linear) at least")
-    return Volume.of(*(ConstantKnots.uniform(int(m), int(order)) for m, order in zip(n, np.broadcast_to(orders, 3))))
+    return Volume.of(*(ConstantKnots.uniform(int(m), order) for m, order in zip(n, orders)))
