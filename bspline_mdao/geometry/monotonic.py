@@ -17,7 +17,7 @@ class Differences(NamedTuple):
     Attributes
     ----------
     rows, cols : ndarray of int, shape (2 n - 2,)
-        Where they are.
+        Where they are: first those of the values before, then those of the values after.
     values : ndarray, shape (2 n - 2,)
         What they are.
     """
@@ -27,8 +27,8 @@ class Differences(NamedTuple):
     values: np.ndarray
 
     def apply(self, values: np.ndarray) -> np.ndarray:
-        """Differences, shape (n - 1,), of the values of n stations."""
-        return np.bincount(self.rows, self.values * values[self.cols])
+        """Differences, shape (n - 1,), of the values of n stations; real or complex."""
+        return (self.values * values[self.cols]).reshape(2, -1).sum(axis=0)
 
 
 def neighbour_differences(n: int, decreasing: bool = False) -> Differences:
