@@ -93,8 +93,8 @@ class Linked:
     Parameters
     ----------
     leaders, followers : Selection or array_like of int
-        Pairs: numbers (rows of ``mesh.surface_ids``) in their order, selections by nearness on the baseline. One leader
-        leads all followers.
+        Pairs: numbers (rows of ``mesh.surface_ids``) in their order, selections by the least sum of squared distances
+        on the baseline. One leader leads all followers.
     directions : str, array_like or None
         In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from ..errors import InputError
 from ..movement.mesh import MovingMesh
@@ -54,12 +55,13 @@ def rows_of(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:
 def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndarray, name: str) -> np.ndarray:
     """Pairs (leader, follower) of rows, shape (n, 2).
 
-    One leader leads all. Numbers are paired in their order, selections by nearness on the baseline.
+    One leader leads all. Numbers are paired in their order; selections so that the sum of squared distances on the
+    baseline is least, which a shift of one side as a whole does not change.
 
     Raises
     ------
     InputError
-        If two followers would have one of several leaders, or a leader nobody to lead.
+        If there are not as many followers as leaders.
     """
     first, second = rows_of(leaders, mesh, name), rows_of(followers, mesh, name)
     if len(first) == 1:
@@ -69,17 +71,6 @@ def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndar
             f"linear constraint '{name}': {len(first)} points cannot be paired with {len(second)}; give as many"
         )
     if isinstance(leaders, Selection) or isinstance(followers, Selection):
-        first = first[_nearest(points[first], points[second], lambda n: f"'{name}': {place_of(mesh, second[n])}")]
+        distances = cdist(points[second], points[first], "sqeuclidean")
+        first = first[linear_sum_assignment(distances)[1]]
     return np.column_stack([first, second])
-
-
-def _nearest(places: np.ndarray, points: np.ndarray, named) -> np.ndarray:
-    """Number of the place that is nearest to each point, each taken once."""
-    nearest = cKDTree(places).query(points)[1]
-    _, first = np.unique(nearest, return_index=True)
-    if len(first) < len(points):
-        again = np.delete(np.arange(len(points)), first)[0]
-        raise InputError(
-            f"linear constraint {named(again)} is nearest to a point that is paired already; give numbers, in order"
-        )
-    return nearest
