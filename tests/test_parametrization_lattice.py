@@ -22,7 +22,7 @@ from bspline_mdao import (
     UserVariable,
     moving_mesh,
 )
-from bspline_mdao.parametrization.embedding import embedding, held_points
+from bspline_mdao.parametrization.embedding import Embedding, held_points
 from bspline_mdao.parametrization.surface_net import surface_quads
 from bspline_mdao.parametrization.variable import Layout, MapPartials
 from bspline_mdao.splines.volume import evaluate
@@ -145,7 +145,7 @@ def test_default_orders_are_cubic_or_bezier():
 @every_shape
 @pytest.mark.parametrize("make", [lambda n, p: Lattice.box(wing(), n, p), bent_lattice], ids=["box", "bent"])
 def test_weights_are_a_partition_of_unity(make, n, orders):
-    weights = embedding(make(n, orders), Layout(wing()))
+    weights = Embedding.of(make(n, orders), Layout(wing())).weights
     np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-13)
     assert weights.min() >= 0.0
 
@@ -169,7 +169,7 @@ def test_orders_equal_to_the_number_of_points_make_bernstein_polynomials():
     xi, _ = lattice.locate(surface_of(wing()))
     one = [np.stack([binom.pmf(i, n - 1, xi[:, d]) for i in range(n)]) for d, n in enumerate((4, 3, 5))]
     expected = np.einsum("iq,jq,kq->qijk", *one).reshape(len(xi), -1)
-    np.testing.assert_allclose(embedding(lattice, Layout(wing())).toarray(), expected, atol=1e-14)
+    np.testing.assert_allclose(Embedding.of(lattice, Layout(wing())).weights.toarray(), expected, atol=1e-14)
 
 
 def test_derivatives_are_exact_and_linear_in_the_values():

@@ -17,12 +17,12 @@ from .variable import DesignMap, Layout, MapPartials
 if TYPE_CHECKING:
     from .lattice import Lattice
 
-__all__ = ["Led", "embedding", "held_points", "transfer"]
+__all__ = ["Embedding", "Led", "held_points"]
 
 ON_SIDE = 1e-9
 """Lattice coordinate up to which a point counts as on a side."""
 
-BISECTIONS = 24
+BISECTIONS = 16
 """Halvings of the edges that leave a lattice."""
 
 
@@ -75,43 +75,42 @@ class Led:
         return identity, -(self.transfer @ identity[self._coordinates])
 
 
-def transfer(lattice: Lattice, layout: Layout) -> csr_array:
-    """Displacement of all rows by those of the lattice's points, xyz interleaved; without the points that are held.
-
-    Returns
-    -------
-    csr_array, shape (3 n_rows, 3 n_points)
-    """
-    is_held = held_points(lattice, layout).ravel()
-    kept = embedding(lattice, layout) * ~is_held
-    kept = csr_array(kept)
-    kept.eliminate_zeros()
-    return kron(kept, eye_array(3), format="csr")
-
-
-def embedding(lattice: Lattice, layout: Layout) -> csr_array:
-    """Weights of the lattice's points in the displacement of every row.
+@dataclass(frozen=True, eq=False)
+class Embedding:
+    """What a lattice moves, and by how much.
 
     Parameters
     ----------
-    lattice : Lattice
-        The lattice.
-    layout : Layout
-        The rows.
-
-    Returns
-    -------
-    csr_array, shape (n_rows, n_points)
-        Ones for the rows of the lattice itself. Every other row sums to one, or is empty where nothing is embedded.
-
-    Raises
-    ------
-    InputError
-        If no surface control point is embedded, or one that is asked for lies outside.
+    weights : csr_array, shape (n_rows, n_points)
+        Weights of the lattice's points in the displacement of every row: ones for the rows of the lattice itself. Every
+        other row sums to one, or is empty where nothing is embedded.
+    is_held : ndarray of bool, shape (n0, n1, n2)
+        Points that the lattice's own variables leave alone, see `held_points`.
     """
-    surface = layout.points[layout.rows()]
-    parts = [lattice.weights(surface, _embedded_surface(lattice, layout))]
-    return vstack(parts + [_weights_of(lattice, item) for item in layout.carried], format="csr")
+
+    weights: csr_array
+    is_held: np.ndarray
+
+    @classmethod
+    def of(cls, lattice: Lattice, layout: Layout) -> Embedding:
+        """Find the lattice coordinates of all rows on the baseline.
+
+        Raises
+        ------
+        InputError
+            If no surface control point is embedded, or one that is asked for lies outside.
+        """
+        surface = layout.points[layout.rows()]
+        parts = [lattice.weights(surface, _embedded_surface(lattice, layout))]
+        parts += [_weights_of(lattice, item) for item in layout.carried]
+        return cls(vstack(parts, format="csr"), held_points(lattice, layout))
+
+    @cached_property
+    def transfer(self) -> csr_array:
+        """Displacement of all rows by those of the points that are not held, shape (3 n_rows, 3 n_points)."""
+        kept = csr_array(self.weights * ~self.is_held.ravel())
+        kept.eliminate_zeros()
+        return kron(kept, eye_array(3), format="csr")
 
 
 def _weights_of(lattice: Lattice, item) -> csr_array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from .displacement import Direction, Displacement, directions_of, displacements
-from .embedding import embedding, held_points, transfer
+from .embedding import Embedding
 from .lattice import Lattice
 from .variable import Carried, Layout
 
@@ -69,22 +69,7 @@ class FreeForm:
         InputError
             If there are none, or ``where`` does not fit the lattice.
         """
-        shape = self.lattice.control_points.shape[:3]
-        is_asked, is_held = np.zeros(shape, dtype=bool), held_points(self.lattice, layout)
-        try:
-            is_asked[self.where] = True
-        except IndexError as error:
-            raise InputError(f"'{self.name}': where: {error}; the lattice has {shape} points") from None
-        weights = embedding(self.lattice, layout)[layout.rows()]
-        is_idle = (weights.max(axis=0).toarray() < IDLE).reshape(shape)
-        ids = np.flatnonzero(is_asked & ~is_held & ~is_idle)
-        if not len(ids):
-            raise InputError(
-                f"'{self.name}': of {np.count_nonzero(is_asked)} lattice points asked for, "
-                f"{np.count_nonzero(is_asked & is_held)} are held for continuity and the others are far from the "
-                f"surface; give the lattice more points, less 'continuity' or another place"
-            )
-        return ids
+        return self._ids(Embedding.of(self.lattice, layout), layout)
 
     def bind(self, layout: Layout) -> Displacement:
         """Find the lattice coordinates of everything embedded, on the baseline.
@@ -94,7 +79,29 @@ class FreeForm:
         InputError
             If nothing is embedded or no point is left.
         """
-        ids = self.point_ids(layout)
+        embedding = Embedding.of(self.lattice, layout)
+        ids = self._ids(embedding, layout)
         directions = directions_of(self.direction, len(ids), None, f"'{self.name}'")
         own = displacements(ids, directions, len(self.lattice.points))
-        return Displacement(transfer(self.lattice, layout) @ own)
+        return Displacement(embedding.transfer @ own)
+
+    def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
+        weights = embedding.weights[layout.rows()].max(axis=0).toarray().ravel()
+        is_asked, is_held = self._is_asked(), embedding.is_held.ravel()
+        ids = np.flatnonzero(is_asked & ~is_held & (weights >= IDLE))
+        if not len(ids):
+            raise InputError(
+                f"'{self.name}': of {np.count_nonzero(is_asked)} lattice points asked for, "
+                f"{np.count_nonzero(is_asked & is_held)} are held for continuity and the others are far from the "
+                f"surface; give the lattice more points, less 'continuity' or another place"
+            )
+        return ids
+
+    def _is_asked(self) -> np.ndarray:
+        """Whether ``where`` chooses each point of the lattice."""
+        is_asked = np.zeros(self.lattice.control_points.shape[:3], dtype=bool)
+        try:
+            is_asked[self.where] = True
+        except IndexError as error:
+            raise InputError(f"'{self.name}': where: {error}; the lattice has {is_asked.shape} points") from None
+        return is_asked.ravel()

@@ -22,7 +22,7 @@ from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
-from .embedding import Led, transfer
+from .embedding import Embedding, Led
 from .selection import Selection
 from .variable import DesignMap, Layout
 
@@ -229,7 +229,7 @@ class Lattice:
         DesignMap
             Points of the lattice that are held for continuity stay.
         """
-        return Led(layout.rows(self), transfer(self, layout), design_map)
+        return Led(layout.rows(self), Embedding.of(self, layout).transfer, design_map)
 
     @cached_property
     def _mesh(self) -> BSplineMesh:
