@@ -90,13 +90,13 @@ def test_a_closed_body_is_seen_alike_from_both_sides():
 
 
 def test_sides_that_are_seen_edge_on_count_half_when_they_tilt():
-    surface = box()
-    measure = ProjectedArea.of(surface, [0.0, 0.0, 1.0])
-    tilted = surface.points + np.outer(surface.points[:, 2], [1e-3, 0.0, 0.0])  # a parallelepiped: no change
-    np.testing.assert_allclose(measure.evaluate(tilted), 2.0, rtol=1e-14)
-    spread = surface.points.copy()
-    spread[:, 0] *= 1.0 + 1e-3 * surface.points[:, 2] / 3.0  # top wider than bottom: half of the difference
-    np.testing.assert_allclose(measure.evaluate(spread), 2.0 * (1.0 + 0.5e-3), rtol=1e-14)
+    flat, surface = box(), turned(box())
+    turn = np.linalg.lstsq(flat.points - flat.points[0], surface.points - surface.points[0], rcond=None)[0]
+    measure = ProjectedArea.of(surface, turn[2])
+    sheared = surface.points + 1e-3 * np.outer(flat.points[:, 2], turn[0])  # a parallelepiped: no change
+    np.testing.assert_allclose(measure.evaluate(sheared), 2.0, rtol=1e-13)
+    spread = surface.points + 1e-3 * np.outer(flat.points[:, 2] * flat.points[:, 0] / 3.0, turn[0])
+    np.testing.assert_allclose(measure.evaluate(spread), 2.0 * (1.0 + 0.5e-3), rtol=1e-13)  # half of what the top gains
 
 
 def test_planform_areas_are_those_of_the_trapezoid(m6):

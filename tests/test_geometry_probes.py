@@ -81,6 +81,16 @@ def test_lines_through_seams_and_corners_are_found_alike_in_any_order_of_the_fac
         np.testing.assert_array_equal(a.at(surface.points)[:, :2], points[:, :2])
 
 
+def test_sides_along_which_a_line_runs_do_not_count():
+    wing = box((4, 5, 6))
+    surface = turned(wing)
+    turn = np.linalg.lstsq(wing.points - wing.points[0], surface.points - surface.points[0], rcond=None)[0]
+    top = wing.points[:, 2] == 3.0
+    lower, upper = opposite_probes(surface, surface.points[top] - 1.3 * turn[2], turn[2])
+    np.testing.assert_allclose(upper.at(surface.points), surface.points[top], atol=1e-8)
+    np.testing.assert_allclose(lower.at(surface.points), surface.points[top] - 3.0 * turn[2], atol=1e-8)
+
+
 def test_lines_in_the_plane_of_symmetry_are_found():
     wing = rectangular_wing()
     surface = turned(wing)
@@ -143,6 +153,17 @@ def test_a_plane_beside_the_wing_is_named():
     surface = rectangular_wing()
     with pytest.raises(InputError, match=r"section 2 of 2: the plane through \(.*\) does not cut the surface; move it"):
         section_edges(surface, cuts_along_span(surface, [0.5, 1.2]), "t/c")
+
+
+def test_a_plane_that_touches_a_body_is_named():
+    surface = sphere(5)
+    top = surface.points[np.argmax(surface.points[:, 2])]
+    with pytest.raises(
+        InputError, match="section 1 of 1: the plane only touches the surface, so that there is no chord"
+    ):
+        section_edges(surface, [Cut(top, np.eye(3)[2], np.eye(3)[0])])
+    with pytest.raises(InputError, match=r"cut: .*; give two different directions"):
+        Cut(np.zeros(3), np.eye(3)[2], -2.0 * np.eye(3)[2])
 
 
 def test_winglets_are_cut_across_their_own_span():

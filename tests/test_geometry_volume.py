@@ -18,12 +18,24 @@ from geometry_cases import (
     with_points,
 )
 
-from bspline_mdao import EnclosedVolume, SurfaceGrid, fit_grid, flat_plate_grid, onera_m6_grid
+from bspline_mdao import (
+    EnclosedVolume,
+    ProjectedArea,
+    SectionThickness,
+    SurfaceArea,
+    SurfaceGrid,
+    find_topology,
+    fit_grid,
+    flat_plate_grid,
+    onera_m6_grid,
+    read_grid,
+)
 from bspline_mdao.deformations.frame import Plane
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators import generic_blended_wing_body
 from bspline_mdao.generators.targets import nodes_on_shape
 from bspline_mdao.grids.hexahedron import cell_quality
+from bspline_mdao.grids.patch_guess import guess_patches
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +164,42 @@ def test_wings_of_the_paper_end_on_their_plane_of_symmetry(m6):
         doubled = EnclosedVolume.of(replace(_mirrored(wing), planes=()))
         assert 2.0 * volume(wing) == pytest.approx(doubled.evaluate(doubled.surface.points)[0], rel=1e-12)
         assert_derivatives_are_exact(EnclosedVolume.of(wing), size=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "patches", "volume_of", "area_of", "planform"),
+    [
+        # a wing of 3 chords; a section extruded between two planes; a sphere of diameter 1 m in millimetres
+        ("hh_naca0012_12blocks.xyz", None, (3.0 * naca_area(), 0.02), None, 3.0),
+        ("mach_naca0012.cgns", None, (naca_area(), 0.02), None, 1.0),
+        ("hopr_sphere_20blocks.cgns", "BC_sphere", (np.pi / 6.0 * 1e9, 0.05), (np.pi * 1e6, 0.03), None),
+    ],
+)
+def test_bodies_in_real_grids_have_the_volume_and_areas_they_should(
+    real_grids, name, patches, volume_of, area_of, planform
+):
+    surface = SurfaceGrid.of(_model(real_grids / name), patches)
+    assert volume(surface) == pytest.approx(volume_of[0], rel=volume_of[1])
+    if area_of is not None:
+        assert SurfaceArea.of(surface).evaluate(surface.points)[0] == pytest.approx(area_of[0], rel=area_of[1])
+    if planform is not None:
+        assert ProjectedArea.of(surface).evaluate(surface.points)[0] == pytest.approx(planform, rel=1e-9)
+    assert_derivatives_are_exact(EnclosedVolume.of(surface), size=1e-4)
+
+
+def test_the_surface_of_an_o_grid_about_the_m6_is_closed(real_grids):
+    surface = SurfaceGrid.of(_model(real_grids / "pyhyp_m6_9blocks.xyz"))
+    assert volume(surface) > 0.0
+    assert ProjectedArea.of(surface).evaluate(surface.points)[0] == pytest.approx(0.7588, rel=2e-3)  # usual reference
+    ratios = SectionThickness.at(surface, [0.0, 0.3, 0.7]).ratios(surface.points)
+    np.testing.assert_allclose(ratios.max(axis=1), 0.0978, atol=1e-3)
+
+
+def _model(path):
+    """Fit of a real grid; where it declares no patches, they are guessed."""
+    grid = read_grid(path)
+    windows = [face.window for face in find_topology(grid).boundary]
+    return fit_grid(grid if grid.patches else replace(grid, patches=guess_patches(grid, windows)))
 
 
 def _mirrored(surface):

@@ -30,11 +30,20 @@ class Cut:
         Normal of the plane, of any length; along the span of the wing there.
     stream : ndarray, shape (3,)
         Direction from the leading to the trailing edge, roughly.
+
+    Raises
+    ------
+    InputError
+        If the stream runs along the normal, or one of them has no length.
     """
 
     origin: np.ndarray
     normal: np.ndarray
     stream: np.ndarray
+
+    def __post_init__(self):
+        if not np.linalg.norm(np.cross(self.normal, self.stream)) > 0.0:
+            raise InputError(f"cut: normal {self.normal} and stream {self.stream}; give two different directions")
 
 
 def cuts_along_span(surface: SurfaceGrid, fractions: Sequence[float]) -> tuple[Cut, ...]:
@@ -78,7 +87,7 @@ def section_edges(surface: SurfaceGrid, cuts: Sequence[Cut], what: str = "sectio
     Raises
     ------
     InputError
-        If a plane does not cut the surface.
+        If a plane does not cut the surface, or touches it in one point.
     """
     edges = _edges(surface.quads)
     found = [_ends(surface, edges, cut, f"{what}: section {n} of {len(cuts)}") for n, cut in enumerate(cuts, start=1)]
@@ -100,7 +109,10 @@ def _ends(surface, edges, cut, what):
     last = np.flatnonzero(along >= along.max() - _LAST * np.ptp(along))
     across = places[last] @ np.cross(cut.normal, cut.stream)
     trailing = last[[np.argmin(across), np.argmax(across)]]
-    leading = np.argmax(np.linalg.norm(places - places[trailing].mean(axis=0), axis=1))
+    chord = np.linalg.norm(places - places[trailing].mean(axis=0), axis=1)
+    leading = np.argmax(chord)
+    if chord[leading] <= FLAT * surface.size:
+        raise InputError(f"{what}: the plane only touches the surface, so that there is no chord; move it")
     ends = np.array([[leading, leading], trailing])
     return nodes[ends].reshape(2, 4), 0.5 * weights[ends].reshape(2, 4)
 
