@@ -8,7 +8,6 @@ A selection is a small object that is resolved on the baseline of a mesh. Select
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,80 +18,12 @@ from ..errors import InputError
 from ..model import FittedModel
 from ..movement.boundary import boundary_points, matching_patches
 from ..movement.mesh import MovingMesh
+from .selection_algebra import Selection
 
 __all__ = ["Beyond", "InBlock", "InBox", "NearPlane", "Nearest", "OnPatch", "Selection", "SurfaceRows"]
 
 TOUCHING = 1e-9
 """Distance, relative to the size of the mesh, up to which a point counts as on a limit."""
-
-
-class Selection(ABC):
-    """Some of the surface control points of a mesh."""
-
-    @abstractmethod
-    def mask(self, mesh: MovingMesh) -> np.ndarray:
-        """Whether each surface control point is selected, shape (n_surface,), on the baseline."""
-
-    @abstractmethod
-    def __str__(self) -> str:
-        """What is asked for, for messages."""
-
-    def rows(self, mesh: MovingMesh) -> np.ndarray:
-        """Rows of the selected points in ``mesh.surface_ids``, ascending.
-
-        Raises
-        ------
-        InputError
-            If there are none, or what is asked for does not exist.
-        """
-        rows = np.flatnonzero(self.mask(mesh))
-        if not len(rows):
-            raise InputError(f"selection: none of the {len(mesh.surface_ids)} surface control points is {self}")
-        return rows
-
-    def __and__(self, other: Selection) -> Selection:
-        return _Both(self, other)
-
-    def __or__(self, other: Selection) -> Selection:
-        return _Either(self, other)
-
-    def __invert__(self) -> Selection:
-        return _Not(self)
-
-
-@dataclass(frozen=True, eq=False)
-class _Both(Selection):
-    a: Selection
-    b: Selection
-
-    def mask(self, mesh: MovingMesh) -> np.ndarray:
-        return self.a.mask(mesh) & self.b.mask(mesh)
-
-    def __str__(self) -> str:
-        return f"({self.a} and {self.b})"
-
-
-@dataclass(frozen=True, eq=False)
-class _Either(Selection):
-    a: Selection
-    b: Selection
-
-    def mask(self, mesh: MovingMesh) -> np.ndarray:
-        return self.a.mask(mesh) | self.b.mask(mesh)
-
-    def __str__(self) -> str:
-        return f"({self.a} or {self.b})"
-
-
-@dataclass(frozen=True, eq=False)
-class _Not(Selection):
-    a: Selection
-
-    def mask(self, mesh: MovingMesh) -> np.ndarray:
-        return ~self.a.mask(mesh)
-
-    def __str__(self) -> str:
-        return f"not {self.a}"
 
 
 @dataclass(frozen=True, eq=False)
