@@ -46,7 +46,7 @@ _HOMES = {
     "Opposite": "parametrization.linear_constraints",
     "Parametrization": "parametrization.composition",
     "Pinned": "parametrization.linear_constraints",
-    "PlaneClearance": "geometry.clearance",
+    "PlaneClearance": "geometry.plane_clearance",
     "ProjectedArea": "geometry.area",
     "Quality": "components.quality",
     "RadialBasis": "movement.radial_basis",

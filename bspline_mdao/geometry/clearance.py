@@ -1,4 +1,4 @@
-"""Distance that patches keep from others, from points and from planes: smooth lower bounds."""
+"""Distance that patches keep from others and from points: a smooth lower bound."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
-from ..deformations.frame import Plane
 from ..errors import InputError
 from ..movement.vectors import add_to, dot, less, row, scaled
 from ..quality.aggregates import KreisselmeierSteinhauser, Part
 from .surface import SurfaceGrid
 
-__all__ = ["Clearance", "PlaneClearance"]
+__all__ = ["Clearance", "nodes_of"]
 
 _NEGLIGIBLE = 60.0
 """Exponent from which on a term is left out: 1e10 of them together are less than round-off."""
@@ -88,7 +87,7 @@ class Clearance:
         InputError
             If a patch does not exist, the two touch, or rho is not positive.
         """
-        sides = [_nodes(surface, side) for side in (patches, others)]
+        sides = [nodes_of(surface, side) for side in (patches, others)]
         return cls._of(surface, *sides, np.empty((0, 3)), rho, name)
 
     @classmethod
@@ -124,7 +123,7 @@ class Clearance:
         points = np.atleast_2d(np.asarray(points, dtype=float))
         if points.shape[-1] != 3 or points.ndim != 2 or not np.isfinite(points).all() or not len(points):
             raise InputError(f"clearance: points of shape {points.shape}; give finite ones of shape (n, 3)")
-        return cls._of(surface, _nodes(surface, patches), np.empty(0, dtype=int), points, rho, name)
+        return cls._of(surface, nodes_of(surface, patches), np.empty(0, dtype=int), points, rho, name)
 
     @classmethod
     def _of(cls, surface, ids, other_ids, fixed, rho, name):
@@ -164,93 +163,8 @@ class Clearance:
         return self.rule.value(Part(smallest, _total(side, other, self.rule.rho, smallest)))
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneClearance:
-    """Kreisselmeier-Steinhauser bound of the distances of patches from a plane, negative behind it. Make it by `of`.
-
-    As quads lie between their corners, it also bounds the distance of the surface of bilinear quads.
-
-    Parameters
-    ----------
-    surface : SurfaceGrid
-        The surface.
-    ids : ndarray of int, shape (n,)
-        Nodes of the patches.
-    plane : Plane
-        The plane; its normal points to where the surface is to be.
-    rule : KreisselmeierSteinhauser
-        How the smallest is bounded.
-    name : str
-        Name of the output.
-    """
-
-    surface: SurfaceGrid
-    ids: np.ndarray
-    plane: Plane
-    rule: KreisselmeierSteinhauser
-    name: str
-
-    shape = (1,)
-    """One number."""
-
-    units = "m"
-    """Units of the distance."""
-
-    @classmethod
-    def of(
-        cls,
-        surface: SurfaceGrid,
-        patches: str | Sequence[str],
-        origin: Sequence[float],
-        normal: Sequence[float],
-        *,
-        rho: float = 1000.0,
-        name: str = "clearance",
-    ) -> PlaneClearance:
-        """Keep patches on one side of a plane.
-
-        Parameters
-        ----------
-        surface : SurfaceGrid
-            The surface.
-        patches : str or sequence of str
-            Names of the patches.
-        origin, normal : sequence of float
-            A point of the plane (m), and its normal, of any length, to the side of the surface.
-        rho : float
-            Sharpness: the bound is below the smallest distance by ln(n) / rho of the surface's size at most.
-        name : str
-            Name of the output.
-
-        Raises
-        ------
-        InputError
-            If a patch does not exist, the normal has no length, or rho is not positive.
-        """
-        normal = np.asarray(normal, dtype=float)
-        size = np.linalg.norm(normal)
-        if normal.shape != (3,) or not 0.0 < size < np.inf:
-            raise InputError(f"clearance: the normal of the plane is {normal.tolist()}; give three numbers, not all 0")
-        plane = Plane(normal / size, float(np.asarray(origin, dtype=float) @ normal / size))
-        return cls(surface, _nodes(surface, patches), plane, KreisselmeierSteinhauser(rho / surface.size), name)
-
-    def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Clearance (m), shape (1,), of nodes, shape (n_points, 3); real or complex."""
-        return np.atleast_1d(self.rule.value(self.rule.part(self._distances(points))))
-
-    def partials(self, points: np.ndarray) -> csr_array:
-        """Differentiate `evaluate`, shape (1, 3 n_points), on the nodes of the patches."""
-        weights = self.rule.weights(self._distances(points), self.evaluate(points))
-        columns = (3 * self.ids[:, None] + np.arange(3)).ravel()
-        data = np.outer(weights, self.plane.normal).ravel()
-        return csr_array((data, columns, np.array([0, len(columns)])), shape=(1, points.size))
-
-    def _distances(self, points):
-        return points[self.ids] @ self.plane.normal - self.plane.offset
-
-
-def _nodes(surface, patches):
-    """Nodes of patches, ascending."""
+def nodes_of(surface: SurfaceGrid, patches: str | Sequence[str]) -> np.ndarray:
+    """Nodes of patches by name, ascending."""
     return np.unique(np.concatenate([surface.faces[number].ravel() for number in surface.part(patches)]))
 
 
