@@ -1,0 +1,130 @@
+"""Reference axes: lines along the span that planform variables work about, carried along when variables move them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..deformations.deformation import planes_of
+from ..deformations.frame import Frame, surface_frame
+from ..errors import InputError
+from ..movement.mesh import MovingMesh
+from .chord_lines import chord_lines
+from .hung_rows import HungRows
+from .variable import Layout
+
+__all__ = ["ReferenceAxis"]
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceAxis:
+    """A line through points from the root to the tip.
+
+    Every row that variables move hangs on the axis: on the baseline, once and for all, it is given a *station*, the
+    part of the axis between its first (0) and its last point (1). A straight axis is one along which the span
+    increases; a row's station is that of its place along the span, and sections are normal to the span. Of a curved
+    axis, such as one that goes up a winglet, it is that of the closest point, seen along the stream; sections are
+    normal to the axis as seen that way, but those at a plane of symmetry in which the axis begins are in that plane.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Points on the baseline (m), the root first.
+    is_curved : bool
+        Whether stations are those of closest points.
+    order : int
+        What joins the points: 2 straight lines, 4 cubics, see `StationSpline`. Beyond the last point the axis goes on
+        along the straight line through the last two.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong.
+    """
+
+    points: np.ndarray
+    is_curved: bool = field(default=False, kw_only=True)
+    order: int = field(default=4, kw_only=True)
+
+    def __post_init__(self):
+        if self.points.ndim != 2 or self.points.shape[1] != 3 or len(self.points) < 2:
+            raise InputError(f"reference axis: points of shape {self.points.shape}; give (n, 3), n at least 2")
+
+    @classmethod
+    def of(cls, mesh: MovingMesh, at: float = 0.25, n: int = 9, span: tuple[float, float] = (0.0, 1.0)):
+        """Find a straight axis at one part of the chord of every section.
+
+        Parameters
+        ----------
+        mesh : MovingMesh
+            The control mesh of the surface. Its planes of symmetry and its box tell stream, normal and span, see
+            `surface_frame`; its sections run from their most upstream to their most downstream point.
+        at : float
+            Part of the chord, 0 the leading edge and 1 the trailing edge.
+        n : int
+            Points of the axis.
+        span : tuple of float
+            Parts of the span where the axis begins and ends.
+
+        Returns
+        -------
+        ReferenceAxis
+
+        Raises
+        ------
+        InputError
+            If the surface has no span, or a section no chord.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+        >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 9)), n_control=(5, 5, 5)))
+        >>> ReferenceAxis.of(mesh, at=0.25, n=2).points.round(3).tolist()
+        [[0.25, 0.0, 0.0], [0.997, 0.0, 1.484]]
+        """
+        frame = _frame(mesh)
+        levels = np.linspace(*span, n) * frame.span
+        lines = chord_lines(mesh, frame.to_local(mesh.points[mesh.surface_ids])[:, 2], levels, frame.axes[0])
+        local = frame.to_local(lines.leading + at * lines.chords)
+        return cls(frame.to_space(np.column_stack([local[:, :2], levels])))
+
+    def hang(self, layout: Layout) -> HungRows:
+        """Give all rows their stations.
+
+        Raises
+        ------
+        InputError
+            If the axis does not go out along the span, or two of its points are one.
+        """
+        frame = _frame(layout.mesh)
+        seen = frame.axes[1:] if self.is_curved else frame.axes[2:]
+        steps = np.diff(self.points, axis=0) @ seen.T
+        self._require_advance(steps)
+        lengths = np.linalg.norm(steps, axis=1)
+        ends = np.concatenate([[0.0], np.cumsum(lengths)])
+        segments, parts = _closest(self.points[:-1] @ seen.T, steps, layout.points @ seen.T)
+        directions = (steps / lengths[:, None]) @ seen
+        stations = (ends[segments] + parts * lengths[segments]) / ends[-1]
+        return HungRows(self, layout, frame, ends / ends[-1], directions, stations)
+
+    def _require_advance(self, steps):
+        is_bad = ~steps.any(axis=1) if self.is_curved else steps[:, 0] <= 0.0
+        if is_bad.any():
+            raise InputError(
+                f"reference axis: point {np.argmax(is_bad) + 2} is not further along than the one before; begin at "
+                f"the root, and set is_curved=True for an axis that does not go out along the span everywhere"
+            )
+
+
+def _frame(mesh: MovingMesh) -> Frame:
+    return surface_frame(mesh.points[mesh.surface_ids], planes_of(mesh))
+
+
+def _closest(starts, steps, points):
+    """Segment closest to each point (n, m), and where on it; the last one goes on beyond its end."""
+    offsets = points[:, None] - starts
+    ends = np.append(np.ones(len(steps) - 1), np.inf)
+    parts = np.clip(np.sum(offsets * steps, axis=2) / np.sum(steps**2, axis=1), 0.0, ends)
+    segments = np.argmin(np.sum((offsets - parts[:, :, None] * steps) ** 2, axis=2), axis=1)
+    return segments, parts[np.arange(len(points)), segments]
