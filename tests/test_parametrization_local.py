@@ -4,9 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mover_cases import channel, oblique_channel, plate, rotation
+from mover_cases import channel, mesh_of, oblique_channel, plate, rotation
 from parametrization_cases import assert_exact, surface_of, wing_model
 from scipy.sparse import csr_array
+from topology_cases import box, grid_of, patch
 
 from bspline_mdao import (
     Beyond,
@@ -25,6 +26,7 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
+from bspline_mdao.grids.index_space import Window
 from bspline_mdao.parametrization.surface_net import surface_normals, surface_quads
 from bspline_mdao.parametrization.variable import Layout
 
@@ -163,13 +165,23 @@ def test_normals_turn_with_the_surface_whatever_the_handedness_of_blocks():
     np.testing.assert_allclose(turned, flat @ rotation().T, atol=1e-12)
 
 
+def test_the_normal_on_a_ridge_halves_its_angle_however_the_sides_are_cut():
+    nodes = box(np.array([0.0, 0.6, 1.0, 1.1, 1.7]), np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 4))
+    x = nodes[..., 0] - 1.0
+    nodes[..., 1] += 0.9 * np.maximum(x, 0.0)  # quads oblique on one side
+    nodes[..., 2] += 0.5 * np.minimum(x, 0.0) - 2.0 * np.maximum(x, 0.0)
+    mesh = mesh_of(grid_of(nodes, patches=[patch("wall", Window(0, (0, 0, 0), (4, 4, 0)))]))
+    is_ridge = np.isclose(surface_of(mesh)[:, 0], 1.0) & (np.abs(surface_of(mesh)[:, 1] - 0.5) < 0.4)
+    sides = np.array([[-0.5, 0.0, 1.0], [2.0, 0.0, 1.0]]) / np.sqrt([[1.25], [5.0]])
+    between = sides.sum(axis=0) / np.linalg.norm(sides.sum(axis=0))
+    np.testing.assert_allclose(surface_normals(mesh)[is_ridge], np.tile(between, (3, 1)), atol=1e-14)
+
+
 def test_normals_of_a_plate_without_thickness_stick_out_of_its_edges():
     x, normals = surface_of(plate()), surface_normals(plate())
     low, high = x.min(axis=0), x.max(axis=0)
     is_front, is_back, is_tip = x[:, 0] < low[0] + 1e-9, x[:, 0] > high[0] - 1e-9, x[:, 2] > high[2] - 1e-9
-    np.testing.assert_allclose(
-        normals[is_front & ~is_tip], np.tile([-1.0, 0.0, 0.0], (6, 1))[: (is_front & ~is_tip).sum()], atol=1e-9
-    )
+    np.testing.assert_allclose(normals[is_front & ~is_tip][:, 0], -1.0, atol=1e-9)
     np.testing.assert_allclose(normals[is_back & ~is_tip][:, 0], 1.0, atol=1e-9)
     np.testing.assert_allclose(normals[is_tip & ~is_front & ~is_back][:, 2], 1.0, atol=1e-9)
     np.testing.assert_allclose(np.abs(normals[~is_tip & ~is_front & ~is_back][:, 1]), 1.0, atol=1e-9)
