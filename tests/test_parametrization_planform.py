@@ -1,6 +1,6 @@
 """Planform and section variables: what they do to a wing, their stations, and their derivatives."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from bspline_mdao import InputError, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.parametrization.axis import ReferenceAxis
 from bspline_mdao.parametrization.composition import Parametrization
+from bspline_mdao.parametrization.lattice import Lattice
 from bspline_mdao.parametrization.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.parametrization.stations import StationSpline
 from bspline_mdao.parametrization.variable import Layout
@@ -453,23 +454,26 @@ def test_values_beyond_the_ends_of_an_axis_are_those_of_its_ends(m6):
 # on a lattice
 
 
-@dataclass(frozen=True, eq=False)
-class EveryOther:
-    """Something that leads only every other surface row."""
-
-    points: np.ndarray
-
-    @property
-    def carried(self):
-        return (self,)
-
-    def lead(self, layout, design_map):
-        return design_map
+@pytest.mark.parametrize("kind", [Sweep, Dihedral, Span, Chord, Twist])
+def test_affine_variables_on_a_lattice_do_to_the_wing_what_they_do_without(m6, kind):
+    lattice, axis = Lattice.box(m6, n=(4, 3, 5)), ReferenceAxis.of(m6)
+    value = 1.5 if kind.neutral else 12.0
+    axis = replace(axis, points=axis.points * [0.0, 1.0, 1.0] + [0.3, 0.0, 0.0])  # unswept: twist and chord are affine
+    there = moved(m6, (kind("v", axis, on=lattice), value))[1][: len(m6.surface_ids)]
+    np.testing.assert_allclose(there, moved(m6, (kind("v", axis), value))[1][: len(there)], atol=1e-12)
 
 
-def test_a_variable_on_a_lattice_carries_it_and_is_led_by_it(m6):
-    lattice = EveryOther(np.random.default_rng(0).uniform(-1, 1, (8, 3)))
-    twist = Twist("twist", axis := ReferenceAxis.of(m6), on=lattice)
-    assert twist.carried == (axis, lattice)
-    layout, points = moved(m6, (twist, 5.0))
-    assert np.abs(points - layout.points)[layout.rows(lattice)].max() > 1e-3
+def test_a_variable_on_a_lattice_moves_the_wing_and_its_axis_as_the_lattice_does(m6):
+    lattice, axis = Lattice.box(m6, n=(4, 3, 5)), ReferenceAxis.of(m6)
+    variables = [Sweep("sweep", axis, stations=3, on=lattice), Twist("twist", axis, stations=3, on=lattice)]
+    assert variables[0].carried == (axis, lattice)
+    parametrization = Parametrization(m6, variables)
+    values, rng = {"sweep": np.array([3.0, 9.0, 20.0]), "twist": np.array([0.0, 5.0, -10.0])}, np.random.default_rng(8)
+    partials = parametrization.partials(surface_of(m6), values)
+    for name in values:
+        d_values = rng.standard_normal(3)
+        stepped = parametrization.apply(surface_of(m6), values | {name: values[name] + 1e-40j * d_values}).imag / 1e-40
+        np.testing.assert_allclose(partials.values[name] @ d_values, stepped.ravel(), rtol=1e-10, atol=1e-12)
+    free = Parametrization(m6, [replace(variable, on=None) for variable in variables])
+    there, direct = (made.apply(surface_of(m6), values) for made in (parametrization, free))
+    assert 1e-6 < np.abs(there - direct).max() < 0.05  # a lattice smoothes what is not affine

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..deformations.deformation import planes_of
-from ..deformations.frame import Frame, surface_frame
+from ..deformations.frame import Frame, Plane, surface_frame
 from ..errors import InputError
 from ..movement.mesh import MovingMesh
+from ..movement.mover import PLANE_TOLERANCE
 from .chord_lines import chord_lines
 from .hung_rows import HungRows
 from .variable import Layout
@@ -35,7 +36,8 @@ class ReferenceAxis:
         Whether stations are those of closest points.
     order : int
         What joins the points: 2 straight lines, 4 cubics, see `StationSpline`. Beyond the last point the axis goes on
-        along the straight line through the last two.
+        along the straight line through the last two; so it does inboard of the first if that is in a plane of symmetry.
+        Otherwise, what is inboard of the first point, such as a body, hangs on that point.
 
     Raises
     ------
@@ -103,10 +105,15 @@ class ReferenceAxis:
         self._require_advance(steps)
         lengths = np.linalg.norm(steps, axis=1)
         ends = np.concatenate([[0.0], np.cumsum(lengths)])
-        segments, parts = _closest(self.points[:-1] @ seen.T, steps, layout.points @ seen.T)
+        planes = planes_of(layout.mesh)
+        begins_in_plane = any(self._begins_in(plane, PLANE_TOLERANCE * layout.mesh.size) for plane in planes)
+        segments, parts = _closest(self.points[:-1] @ seen.T, steps, layout.points @ seen.T, begins_in_plane)
         directions = (steps / lengths[:, None]) @ seen
         stations = (ends[segments] + parts * lengths[segments]) / ends[-1]
-        return HungRows(self, layout, frame, ends / ends[-1], directions, stations)
+        return HungRows(self, layout, frame, ends / ends[-1], directions, stations, begins_in_plane)
+
+    def _begins_in(self, plane: Plane, tolerance: float) -> bool:
+        return abs(self.points[0] @ plane.normal - plane.offset) <= tolerance
 
     def _require_advance(self, steps):
         is_bad = ~steps.any(axis=1) if self.is_curved else steps[:, 0] <= 0.0
@@ -121,10 +128,11 @@ def _frame(mesh: MovingMesh) -> Frame:
     return surface_frame(mesh.points[mesh.surface_ids], planes_of(mesh))
 
 
-def _closest(starts, steps, points):
-    """Segment closest to each point (n, m), and where on it; the last one goes on beyond its end."""
+def _closest(starts, steps, points, goes_on_inboard):
+    """Segment closest to each point (n, m), and where on it; the last goes on beyond its end, the first if it may."""
     offsets = points[:, None] - starts
-    ends = np.append(np.ones(len(steps) - 1), np.inf)
-    parts = np.clip(np.sum(offsets * steps, axis=2) / np.sum(steps**2, axis=1), 0.0, ends)
+    low, high = np.zeros(len(steps)), np.ones(len(steps))
+    low[0], high[-1] = -np.inf if goes_on_inboard else 0.0, np.inf
+    parts = np.clip(np.sum(offsets * steps, axis=2) / np.sum(steps**2, axis=1), low, high)
     segments = np.argmin(np.sum((offsets - parts[:, :, None] * steps) ** 2, axis=2), axis=1)
     return segments, parts[np.arange(len(points)), segments]

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..deformations.deformation import planes_of
 from ..deformations.formulas import turned
 from ..deformations.frame import Frame
-from ..movement.mover import PLANE_TOLERANCE
 from .chord_lines import ChordLines, chord_lines
 from .stations import StationSpline
 from .variable import Layout
@@ -40,7 +38,9 @@ class HungRows:
     directions : ndarray, shape (n_axis - 1, 3)
         Unit vectors between them, as the axis is seen.
     stations : ndarray, shape (n_rows,)
-        Station of every row; above 1 beyond the end of the axis.
+        Station of every row; above 1 beyond the end of the axis, and below 0 inboard of one that begins in a plane.
+    begins_in_plane : bool
+        Whether the axis begins in a plane of symmetry.
     """
 
     axis: ReferenceAxis
@@ -49,6 +49,7 @@ class HungRows:
     knots: np.ndarray
     directions: np.ndarray
     stations: np.ndarray
+    begins_in_plane: bool
 
     @property
     def axis_rows(self) -> np.ndarray:
@@ -60,7 +61,9 @@ class HungRows:
     def weights(self) -> csr_array:
         """Weights of the axis' points that give its point at the station of every row, shape (n_rows, n_axis)."""
         weights = self._inside.toarray()
+        inboard = np.minimum(self.stations, 0.0) / self.knots[1]
         beyond = np.maximum(self.stations - 1.0, 0.0) / (1.0 - self.knots[-2])
+        weights[:, :2] += inboard[:, None] * [-1.0, 1.0]
         weights[:, -2:] += beyond[:, None] * [-1.0, 1.0]
         return csr_array(weights)
 
@@ -74,7 +77,7 @@ class HungRows:
         stream, normal, span = self.frame.axes
         out = np.concatenate([self.directions[:1], self.directions, self.directions[-1:]])
         out = _unit(out[:-1] + out[1:])
-        if self._begins_in_plane:
+        if self.begins_in_plane:
             out[0] = span
         out = _unit(self._inside @ out)
         above = (out @ span)[:, None] * normal - (out @ normal)[:, None] * span
@@ -100,7 +103,7 @@ class HungRows:
 
     @cached_property
     def _inside(self) -> csr_array:
-        """The same as `weights`, constant beyond the end."""
+        """The same as `weights`, constant beyond the ends."""
         return StationSpline(tuple(self.knots), self.axis.order).matrix(self.stations)
 
     @cached_property
@@ -108,11 +111,6 @@ class HungRows:
         """Chord lines of the surface at the axis' own points."""
         places = self.stations[self.layout.rows()]
         return chord_lines(self.layout.mesh, places, self.knots, self.frame.axes[0])
-
-    @property
-    def _begins_in_plane(self) -> bool:
-        begin, reach = self.axis.points[0], PLANE_TOLERANCE * self.layout.mesh.size
-        return any(abs(begin @ plane.normal - plane.offset) <= reach for plane in planes_of(self.layout.mesh))
 
 
 def _unit(vectors):

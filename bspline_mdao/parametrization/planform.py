@@ -166,8 +166,7 @@ class Taper(AlongAxis):
     """
 
     def _bind(self, hung: HungRows) -> SectionMap:
-        part = np.minimum(hung.stations, 1.0)
-        return SectionMap(1.0, hung, hung.section_axes, csr_array(part[:, None]), _similar)
+        return SectionMap(1.0, hung, hung.section_axes, csr_array(hung.stations[:, None]), _similar)
 
 
 def parabola(part: np.ndarray) -> np.ndarray:
