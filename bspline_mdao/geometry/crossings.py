@@ -103,21 +103,16 @@ def _frames(directions):
 
 @njit(cache=True)
 def _near_line(points, quads, origin, frame, touch):
-    """Quads whose box, seen along a line, holds the line."""
-    seen = np.empty((len(points), 2))
+    """Quads whose box, seen along a line, holds the line: those with corners on all of its four sides."""
+    sides = np.empty(len(points), dtype=np.uint8)
     for n in range(len(points)):
         x, y, z = points[n, 0] - origin[0], points[n, 1] - origin[1], points[n, 2] - origin[2]
-        for d in range(2):
-            seen[n, d] = x * frame[d, 0] + y * frame[d, 1] + z * frame[d, 2]
+        a = x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2]
+        b = x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2]
+        sides[n] = (a <= touch) | (a >= -touch) << 1 | (b <= touch) << 2 | (b >= -touch) << 3
     is_near = np.empty(len(quads), dtype=np.bool_)
     for q in range(len(quads)):
-        a, b, c, d = seen[quads[q, 0]], seen[quads[q, 1]], seen[quads[q, 2]], seen[quads[q, 3]]
-        is_near[q] = (
-            min(a[0], b[0], c[0], d[0]) <= touch
-            and min(a[1], b[1], c[1], d[1]) <= touch
-            and max(a[0], b[0], c[0], d[0]) >= -touch
-            and max(a[1], b[1], c[1], d[1]) >= -touch
-        )
+        is_near[q] = (sides[quads[q, 0]] | sides[quads[q, 1]] | sides[quads[q, 2]] | sides[quads[q, 3]]) == 15
     return np.flatnonzero(is_near)
 
 
