@@ -110,12 +110,12 @@ def _line_search(name: str, title: str) -> Algorithm:
 
 def _lagrangian(name: str, title: str, local_optimizer: Subsidiary) -> Algorithm:
     """An augmented Lagrangian, which takes every constraint whatever its local optimizer takes."""
-    return _local(name, title, inequality=True, equality=True, local_optimizer=local_optimizer)
+    return _local(name, title, inequality=True, equality=True, local_optimizer=local_optimizer, recovery="uphill")
 
 
 def _multi_start(name: str, title: str, local_optimizer: Subsidiary, is_stochastic: bool) -> Algorithm:
     """A global algorithm that starts a local one at many points."""
-    return _global(name, title, local_optimizer=local_optimizer, is_stochastic=is_stochastic)
+    return _global(name, title, local_optimizer=local_optimizer, is_stochastic=is_stochastic, recovery="uphill")
 
 
 _TABLE = (
@@ -149,8 +149,8 @@ _TABLE = (
     _multi_start("GD_MLSL_LDS", "multi-level single linkage, low-discrepancy, with gradients", "optional", False),
     _multi_start("GN_MLSL", "multi-level single linkage, without gradients", "optional", is_stochastic=True),
     _multi_start("GN_MLSL_LDS", "multi-level single linkage, low-discrepancy, without gradients", "optional", False),
-    _global("GD_STOGO", "branch and bound with gradients"),
-    _global("GD_STOGO_RAND", "branch and bound with gradients, randomised", is_stochastic=True),
+    _global("GD_STOGO", "branch and bound with gradients", recovery="uphill"),
+    _global("GD_STOGO_RAND", "branch and bound with gradients, randomised", is_stochastic=True, recovery="uphill"),
     _global("GN_DIRECT", "dividing rectangles"),
     _global("GN_DIRECT_L", "dividing rectangles, locally biased"),
     _global("GN_DIRECT_L_RAND", "dividing rectangles, locally biased, randomised", is_stochastic=True),

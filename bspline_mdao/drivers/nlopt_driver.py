@@ -1,16 +1,18 @@
 """OpenMDAO driver for all algorithms of NLopt."""
 
+from functools import partial
+
 import numpy as np
 from openmdao.core.driver import Driver
 
 from ..errors import InputError
+from .foresight import Blind, Conservative, Foresight, Sequential
 from .nlopt_algorithms import ALGORITHMS, Needs
 from .nlopt_functions import Functions
 from .nlopt_optimizer import ENDS, Outcome, Settings, minimise
 from .nlopt_options import declare_options, make_settings
 from .nlopt_problem import Point, Statement, split_constraints
 from .recovery import RECOVERIES
-from .rejection import REJECTIONS, Never
 from .scaled_model import Limits, ScaledModel
 
 __all__ = ["NLoptDriver"]
@@ -114,8 +116,9 @@ class NLoptDriver(Driver):
         """Say what the algorithm supports, before OpenMDAO checks it."""
         super()._setup_driver(problem)
         algorithm = ALGORITHMS[self.options["algorithm"]]
+        local_optimizer = ALGORITHMS.get(self.options["local_optimizer"], algorithm)
         self.supports._read_only = False
-        self.supports["gradients"] = algorithm.gradients
+        self.supports["gradients"] = algorithm.gradients or local_optimizer.gradients
         self.supports["inequality_constraints"] = algorithm.inequality
         self.supports["equality_constraints"] = algorithm.equality
         self.supports._read_only = True
@@ -140,22 +143,17 @@ class NLoptDriver(Driver):
         statement = _statement(designs, constraints, self.options["constraint_tolerance"])
         functions = self._functions(model, statement, settings)
         self.outcome = _minimise(settings, functions)
-        self._settle(model, functions)
+        functions.settle()
+        self.best, self.n_failed_analyses = functions.best, functions.n_failed
         fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
         self._report(fail)
         return fail
 
     def _functions(self, model: ScaledModel, statement: Statement, settings: Settings) -> Functions:
         """The functions for NLopt, after the first run of the model."""
-        recovery = (settings.local_optimizer or settings.algorithm).recovery
-        rejects = REJECTIONS.get(settings.algorithm.name, Never)
-        return Functions(model, statement, RECOVERIES[recovery], rejects, statement.point(*model.start()))
-
-    def _settle(self, model: ScaledModel, functions: Functions) -> None:
-        """Leave the model at the best point."""
-        self.best, self.n_failed_analyses = functions.best, functions.n_failed
-        if functions.last is not functions.best:
-            model.run(functions.best.x)
+        recover = RECOVERIES[settings.algorithm.recovery]
+        start = statement.point(*model.start())
+        return Functions(model, statement, recover, partial(_foresee, settings, statement.tolerance), start)
 
     @property
     def is_feasible(self) -> bool:
@@ -180,6 +178,13 @@ class NLoptDriver(Driver):
             print(f"    {self.get_exit_status()}")
             print(f"    objective {self.best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
             print(f"{self.result.deriv_evals} total derivatives")
+
+
+def _foresee(settings: Settings, tolerance: float) -> Foresight:
+    """What can be foreseen of the algorithm."""
+    if settings.algorithm.name == "LD_SLSQP":
+        return Sequential(settings.criteria.ftol_rel, settings.criteria.ftol_abs, tolerance)
+    return Conservative() if settings.algorithm.name in ("LD_MMA", "LD_CCSAQ") else Blind()
 
 
 def _minimise(settings: Settings, functions: Functions) -> Outcome:

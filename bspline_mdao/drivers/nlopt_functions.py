@@ -2,14 +2,32 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import wraps
 
 import numpy as np
 
-from .nlopt_problem import AnalysisFailed, Model, Point, Rows, Statement
+from .foresight import Foresight
+from .nlopt_problem import AnalysisFailed, Model, Point, Rows, Statement, Stop
+from .optimality import optimality
 from .recovery import Known, Standin
-from .rejection import Rejection
 
 __all__ = ["Functions"]
+
+
+def _remembering(callback: Callable) -> Callable:
+    """Remember what a callback raises: some algorithms lose it and call on."""
+
+    @wraps(callback)
+    def remembered(self, *arguments):
+        if self.exception is not None:
+            raise self.exception
+        try:
+            return callback(self, *arguments)
+        except BaseException as error:
+            self.exception = error
+            raise
+
+    return remembered
 
 
 @dataclass
@@ -24,8 +42,8 @@ class Functions:
         Bounds and constraints.
     recover : callable
         What the algorithm is told where the analysis fails (`recovery`).
-    rejects : callable
-        Makes the `Rejection` that tells when a gradient will not be used.
+    foresee : callable
+        Makes the `Foresight` of the algorithm.
     start : Point
         The first point.
     best : Point
@@ -34,52 +52,75 @@ class Functions:
         The point where the model was last run.
     n_failed : int
         Number of failed analyses.
+    exception : BaseException or None
+        What the model, or an interrupt from the keyboard, raised.
     """
 
     model: Model
     statement: Statement
     recover: Callable[[Known, np.ndarray], Standin]
-    rejects: Callable[[], Rejection]
+    foresee: Callable[[], Foresight]
     start: Point
     best: Point = field(init=False)
     last: Point = field(init=False)
     n_failed: int = field(init=False, default=0)
+    exception: BaseException | None = field(init=False, default=None)
     _totals: np.ndarray | None = field(init=False, default=None)
     _is_rejected: bool = field(init=False, default=False)
-    _rejection: Rejection = field(init=False)
+    _foresight: Foresight = field(init=False)
     _known: Known = field(init=False)
+    _largest_gradient: float = field(init=False, default=np.finfo(float).tiny)
 
     def __post_init__(self):
         self.best = self.last = self.start
-        self._rejection = self.rejects()
-        self._known = Known(self.start, self._no_totals, self.start.objective)
+        self._foresight = self.foresee()
+        self._known = Known(self.start, self._no_totals, self.start.objective, self.start)
 
     @property
     def _no_totals(self) -> np.ndarray:
         """Zero totals (1 + m, n)."""
         return np.zeros((1 + self.start.constraints.size, self.start.x.size))
 
+    def settle(self) -> None:
+        """Leave the model at the best point."""
+        if self.last is not self.best:
+            self.model.run(self.best.x)
+            self.last, self._totals, self._is_rejected = self.best, None, False
+
+    def optimality(self) -> float:
+        """How far the best point is from an optimum, relative to the largest gradient of the objective seen."""
+        self.settle()
+        totals = self._differentiate(is_new=False)
+        return optimality(self.statement, self.best, totals) / self._largest_gradient
+
     def restart(self) -> np.ndarray:
         """Forget what the algorithm was doing; the best point (n,), from which it starts again."""
-        self._rejection = self.rejects()
+        self.exception = None
+        self._foresight = self.foresee()
         return self.best.x.copy()
 
+    @_remembering
     def objective(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """Objective at x (n,), and its gradient (n,) where NLopt gives room for one."""
+        if gradient.size and self._is_new(x) and self._foresight.is_converged(x):
+            raise Stop("FTOL_REACHED")
         is_new = self._move_to(x)
         if gradient.size:
-            self._is_rejected = is_new and self.last.is_analysed and self._rejection.is_sure(self.last)
+            self._is_rejected = is_new and self.last.is_analysed and self._foresight.is_rejected(self.last)
             gradient[:] = self._differentiate(is_new)[0]
         return self.last.objective
 
+    @_remembering
     def inequalities(self, values: np.ndarray, x: np.ndarray, gradients: np.ndarray) -> None:
         """Write the inequality rows (m,), at most zero where satisfied, and their gradients (m, n)."""
         self._write(self.statement.inequalities, values, x, gradients)
 
+    @_remembering
     def equalities(self, values: np.ndarray, x: np.ndarray, gradients: np.ndarray) -> None:
         """Write the equality rows (m,), zero where satisfied, and their gradients (m, n)."""
         self._write(self.statement.equalities, values, x, gradients)
 
+    @_remembering
     def inequality(self, row: int, x: np.ndarray, gradient: np.ndarray) -> float:
         """One inequality row, for algorithms without gradients that take constraints one by one."""
         self._move_to(x)
@@ -91,10 +132,16 @@ class Functions:
         if gradients.size:
             gradients[:] = rows.gradients(self._differentiate(is_new)[1:])
 
+    def _is_new(self, x: np.ndarray) -> bool:
+        """Whether the model was last run elsewhere."""
+        return not np.array_equal(x, self.last.x)
+
     def _move_to(self, x: np.ndarray) -> bool:
         """Run the model unless it was last run here; True if it was run."""
-        if np.array_equal(x, self.last.x):
+        if not self._is_new(x):
             return False
+        if not np.isfinite(x).all():
+            raise Stop("ROUNDOFF_LIMITED")
         self._is_rejected, self._totals = False, None
         try:
             self._learn(self.statement.point(x, *self.model.run(x)))
@@ -106,6 +153,8 @@ class Functions:
         """Keep the best point and the highest objective."""
         self.last = point
         known = replace(self._known, worst_objective=max(self._known.worst_objective, point.objective))
+        if point.violation > known.most_violating.violation:
+            known = replace(known, most_violating=point)
         if point.is_better(self.best, self.statement.tolerance):
             self.best = point
             known = replace(known, base=point, totals=self._no_totals)
@@ -114,8 +163,10 @@ class Functions:
     def _stand_in(self, x: np.ndarray) -> None:
         """Put something in the place of the failed analysis at x."""
         self.n_failed += 1
+        self._foresight.fail()
         standin = self.recover(self._known, x)
-        self.last = replace(self._known.base, x=x.copy(), objective=standin.objective, is_analysed=False)
+        point = self.statement.point(x, standin.objective, standin.constraints)
+        self.last = replace(point, is_analysed=False)
         self._totals = standin.totals
 
     def _differentiate(self, is_new: bool) -> np.ndarray:
@@ -135,6 +186,7 @@ class Functions:
                 raise
             self._stand_in(self.last.x)
             return
-        self._rejection.keep(self.last)
+        self._foresight.keep(self.last, self._totals[0])
+        self._largest_gradient = max(self._largest_gradient, float(np.linalg.norm(self._totals[0])))
         if self.last is self._known.base:
             self._known = replace(self._known, totals=self._totals)

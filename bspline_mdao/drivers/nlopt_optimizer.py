@@ -9,7 +9,7 @@ import numpy as np
 
 from .nlopt_algorithms import Algorithm
 from .nlopt_functions import Functions
-from .nlopt_problem import Point, Statement
+from .nlopt_problem import Point, Statement, Stop
 
 __all__ = ["ENDS", "Criteria", "Outcome", "Settings", "minimise"]
 
@@ -25,12 +25,16 @@ ENDS = {
     "OUT_OF_MEMORY": "NLopt ran out of memory",
     "ROUNDOFF_LIMITED": "round-off limits progress",
     "FORCED_STOP": "it was stopped from outside",
+    "BLOCKED": "analyses fail around the best point, which is no optimum",
     "INTERRUPTED": "it was interrupted from the keyboard",
 }
 """How a run can end, in words."""
 
 _CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
 _CONVERGED = ("SUCCESS", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
+BLOCKED = 1e-3
+"""Gradient of the Lagrangian, relative to the largest one of the objective, above which a point is no optimum."""
+
 _SPENT = ("MAXEVAL_REACHED", "MAXTIME_REACHED")
 
 
@@ -105,6 +109,11 @@ class Settings:
     seed: int | None
     parameters: dict[str, float]
     restarts: int
+
+    @property
+    def uses_gradients(self) -> bool:
+        """Whether the algorithm or the one it runs inside asks for gradients."""
+        return self.algorithm.gradients or (self.local_optimizer is not None and self.local_optimizer.gradients)
 
 
 @dataclass(frozen=True)
@@ -184,13 +193,17 @@ def _build(settings: Settings, functions: Functions) -> nlopt.opt:
     return optimizer
 
 
-def _run(optimizer: nlopt.opt, x: np.ndarray) -> str:
+def _run(optimizer: nlopt.opt, functions: Functions, x: np.ndarray) -> str:
     """Run once, and tell how it ended; what the model raises passes through."""
     try:
         optimizer.optimize(x)
-    except (nlopt.RoundoffLimited, nlopt.ForcedStop, MemoryError, RuntimeError, ValueError) as error:
-        if optimizer.last_optimize_result() == nlopt.FORCED_STOP and not isinstance(error, nlopt.ForcedStop):
-            raise  # NLopt takes any exception of a callback for a forced stop
+    except Exception:
+        if isinstance(functions.exception, Stop):
+            return str(functions.exception)
+        if functions.exception is not None:
+            raise functions.exception from None
+        if optimizer.last_optimize_result() > 0:
+            raise
     return _CODES[optimizer.last_optimize_result()]
 
 
@@ -208,6 +221,13 @@ def _is_worth_restarting(end: str, functions: Functions, n_failed: int, before: 
     """Analyses failed on the way, so that the end may be no optimum; and the last restart, if any, got somewhere."""
     is_beside_failures = functions.n_failed > n_failed and end not in (*_SPENT, "STOPVAL_REACHED", "FORCED_STOP")
     return is_beside_failures and functions.best is not before
+
+
+def _doubted(end: str, settings: Settings, functions: Functions) -> str:
+    """How it ended, where failed analyses may only have made it look like convergence."""
+    is_local = settings.uses_gradients and not settings.algorithm.is_global
+    is_doubtful = functions.n_failed and is_local and end in _CONVERGED
+    return "BLOCKED" if is_doubtful and functions.optimality() > BLOCKED else end
 
 
 def minimise(settings: Settings, functions: Functions) -> Outcome:
@@ -231,10 +251,10 @@ def minimise(settings: Settings, functions: Functions) -> Outcome:
     while True:
         n_failed, before = functions.n_failed, functions.best
         optimizer = _build(_remaining(settings, n_evaluations, time.perf_counter() - began), functions)
-        end = _run(optimizer, x)
+        end = _run(optimizer, functions, x)
         n_evaluations += optimizer.get_numevals()
         is_last = settings.algorithm.is_global or n_restarts == settings.restarts
         if is_last or not _is_worth_restarting(end, functions, n_failed, before):
-            return Outcome(end, n_restarts)
+            return Outcome(_doubted(end, settings, functions), n_restarts)
         x = functions.restart()
         n_restarts += 1

@@ -5,11 +5,15 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["AnalysisFailed", "Model", "Point", "Rows", "Statement", "split_constraints"]
+__all__ = ["AnalysisFailed", "Model", "Point", "Rows", "Statement", "Stop", "split_constraints"]
 
 
 class AnalysisFailed(ArithmeticError):
     """The model cannot be analysed at a point."""
+
+
+class Stop(Exception):
+    """A reason to stop that NLopt does not see; the message is the name of the end."""
 
 
 class Model(Protocol):

@@ -1,9 +1,9 @@
 """What an optimiser is told about a point where the model cannot be analysed.
 
 Every algorithm needs something else. A line search that halves its step at what is not a number is told so. One that
-interpolates is given a parabola that leaves the base point with the true slope and turns uphill a quarter of the way.
-An algorithm that samples or builds models of the objective is told a value worse than all it has seen, yet of their
-size.
+interpolates is given a parabola that leaves the base point with the true slope and turns uphill after a fiftieth of the
+way. An algorithm that samples or builds models of the objective is told a value worse than all it has seen, yet of
+their size.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from .nlopt_problem import Point
 
 __all__ = ["RECOVERIES", "Known", "Standin", "not_a_number", "uphill", "worst"]
 
-TURN = 0.25
+TURN = 0.02
 """Where on the way from the base to the failed point the parabola of `uphill` turns."""
 
 
@@ -31,11 +31,14 @@ class Known:
         Totals of objective and constraints there; zero if none were computed.
     worst_objective : float
         The highest objective so far.
+    most_violating : Point
+        The point of largest violation so far.
     """
 
     base: Point
     totals: np.ndarray
     worst_objective: float
+    most_violating: Point
 
     @property
     def spread(self) -> float:
@@ -51,22 +54,26 @@ class Standin:
     ----------
     objective : float
         The objective.
+    constraints : ndarray (m,)
+        The constraints.
     totals : ndarray (1 + m, n)
         Totals of objective and constraints.
     """
 
     objective: float
+    constraints: np.ndarray
     totals: np.ndarray
 
 
 def not_a_number(known: Known, x: np.ndarray) -> Standin:
     """Say that there is no number."""
-    return Standin(np.nan, np.zeros_like(known.totals))
+    return Standin(np.nan, known.base.constraints, np.zeros_like(known.totals))
 
 
 def worst(known: Known, x: np.ndarray) -> Standin:
-    """Say that it is worse than everything seen so far, by as much as has been seen."""
-    return Standin(known.worst_objective + known.spread, np.zeros_like(known.totals))
+    """Say that it is worse than everything seen so far, in the objective by as much as has been seen."""
+    objective = known.worst_objective + known.spread
+    return Standin(objective, known.most_violating.constraints, np.zeros_like(known.totals))
 
 
 def uphill(known: Known, x: np.ndarray) -> Standin:
@@ -80,7 +87,7 @@ def uphill(known: Known, x: np.ndarray) -> Standin:
     slope = -max(abs(float(known.totals[0] @ step)), 1e-3 * known.spread)
     totals = known.totals.copy()
     totals[0] = slope * (1.0 - 1.0 / TURN) * step / length2
-    return Standin(known.base.objective + slope * (1.0 - 0.5 / TURN), totals)
+    return Standin(known.base.objective + slope * (1.0 - 0.5 / TURN), known.base.constraints, totals)
 
 
 RECOVERIES: dict[str, Callable[[Known, np.ndarray], Standin]] = {

@@ -1,0 +1,51 @@
+"""How far a point is from satisfying the first-order conditions of an optimum."""
+
+import numpy as np
+from scipy.optimize import nnls
+
+from .nlopt_problem import Point, Statement
+
+__all__ = ["ACTIVE", "optimality"]
+
+ACTIVE = 1e-4
+"""Distance from a limit, relative to its size where that exceeds one, within which it may hold the point."""
+
+
+def _is_near(distance: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Whether a point is so near to its limits that they may hold it."""
+    return distance <= ACTIVE * np.maximum(1.0, np.abs(limits))
+
+
+def _outward(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarray:
+    """Gradients (n, k) of all that may hold the point: they point out of the feasible set."""
+    rows, same, identity = statement.inequalities, statement.equalities, np.eye(point.x.size)
+    is_active = _is_near(-rows.values(point.constraints), rows.limits)
+    equal = same.gradients(totals[1:])
+    at_upper = _is_near(statement.upper - point.x, statement.upper)
+    at_lower = _is_near(point.x - statement.lower, statement.lower)
+    held = (rows.gradients(totals[1:])[is_active], equal, -equal, identity[at_upper], -identity[at_lower])
+    return np.vstack(held).T
+
+
+def optimality(statement: Statement, point: Point, totals: np.ndarray) -> float:
+    """Norm of the gradient of the Lagrangian with the best multipliers.
+
+    Parameters
+    ----------
+    statement : Statement
+        Bounds and constraints.
+    point : Point
+        The point.
+    totals : ndarray (1 + m, n)
+        Totals of objective and constraints there.
+
+    Returns
+    -------
+    float
+        ``min |grad f + sum(y_i grad c_i)|`` over multipliers y_i >= 0 of the limits that may hold the point: what is
+        left of the gradient that no limit holds back. Zero at an optimum.
+    """
+    outward = _outward(statement, point, totals)
+    if outward.shape[1] == 0:
+        return float(np.linalg.norm(totals[0]))
+    return float(nnls(outward, -totals[0], maxiter=10 * outward.shape[1])[1])
