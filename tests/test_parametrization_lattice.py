@@ -92,7 +92,7 @@ def full(derivatives):
 
 def place(lattice, points):
     """Points of the lattice's volume at coordinates."""
-    return evaluate(lattice._mesh.volumes[0], lattice.control_points, points)
+    return evaluate(lattice.volume, lattice.control_points, points)
 
 
 # Lattices
@@ -151,8 +151,12 @@ def test_weights_are_a_partition_of_unity(make, n, orders):
 
 
 @every_shape
-@pytest.mark.parametrize("make", [lambda n, p: Lattice.box(wing(), n, p), bent_lattice], ids=["box", "bent"])
-def test_an_affine_motion_of_the_lattice_is_one_of_the_surface(make, n, orders):
+@pytest.mark.parametrize(
+    ("make", "tolerance"),
+    [(lambda n, p: Lattice.box(wing(), n, p), 1e-13), (bent_lattice, 1e-8)],  # a bent one finds points up to 1e-9
+    ids=["box", "bent"],
+)
+def test_an_affine_motion_of_the_lattice_is_one_of_the_surface(make, tolerance, n, orders):
     lattice = make(n, orders)
     matrix, shift = np.eye(3) + 0.3 * rotation(), np.array([0.1, -0.2, 0.3])
     displacement = lattice.points @ matrix.T + shift - lattice.points
@@ -160,7 +164,6 @@ def test_an_affine_motion_of_the_lattice_is_one_of_the_surface(make, n, orders):
     layout = Layout(wing(), variable.carried)
     values = displacement[variable.point_ids(layout)].ravel()
     moved = variable.bind(layout).apply(layout.points, values)[layout.rows()]
-    tolerance = 1e-13 if lattice._box else 1e-8  # a bent lattice finds its points up to 1e-9
     np.testing.assert_allclose(moved, surface_of(wing()) @ matrix.T + shift, atol=tolerance)
 
 
@@ -243,7 +246,7 @@ def test_the_displacement_ends_with_the_continuity_asked_for(continuity):
     displacement[variable.point_ids(layout)] = values
     heights = np.array([1e-2, 1e-3])
     xi = np.stack([np.full(2, 0.3), np.full(2, 0.6), heights], axis=1)
-    near = evaluate(lattice._mesh.volumes[0], displacement.reshape(4, 3, 5, 1), xi)[:, 0]
+    near = evaluate(lattice.volume, displacement.reshape(4, 3, 5, 1), xi)[:, 0]
     rate = np.log10(near[0] / near[1])
     assert rate == pytest.approx(continuity + 1, abs=0.1)
 
@@ -260,6 +263,16 @@ def test_a_parent_carries_its_child_and_what_is_in_both_moves_once():
     displacement = parent.points @ matrix.T - parent.points
     moved = variables[0].bind(layout).apply(layout.points, displacement.ravel())
     np.testing.assert_allclose(moved, layout.points @ matrix.T, atol=1e-13)
+
+
+def test_a_lattice_carries_the_children_of_its_children():
+    first = parent_lattice()
+    second = tip_lattice(parent=first)
+    third = Lattice.box(second.points, n=(2, 2, 3), margin=-0.2, parent=second)
+    layout = Layout(wing(), third.carried)
+    design_map = FreeForm("wing", first).bind(layout)
+    moved = design_map.apply(layout.points, np.tile([0.1, -0.2, 0.3], first.points.shape[0]))
+    np.testing.assert_allclose(moved - layout.points, np.tile([0.1, -0.2, 0.3], (len(moved), 1)), atol=1e-14)
 
 
 def test_a_child_moves_only_itself_and_what_is_inside():

@@ -85,7 +85,9 @@ class Lattice:
             raise InputError(f"lattice: point {index} is not finite; correct it")
         object.__setattr__(self, "control_points", points)
         object.__setattr__(self, "orders", _orders(points.shape[:3], self.orders))
-        self._require_sense()
+        _volume(points.shape[:3], self.orders)  # refuses orders that do not suit the number of points
+        if self.parent is not None:
+            self._require_inside(self.parent)
 
     @classmethod
     def box(
@@ -164,6 +166,11 @@ class Lattice:
         """Its points on the baseline (m), shape (n0 n1 n2, 3), in C order."""
         return self.control_points.reshape(-1, 3)
 
+    @cached_property
+    def volume(self) -> Volume:
+        """Orders and knots."""
+        return _volume(self.control_points.shape[:3], self.orders)
+
     @property
     def carried(self) -> tuple[Lattice, ...]:
         """The lattice, its parent, the parent of that and so on: what a variable that uses the lattice has to list."""
@@ -233,9 +240,9 @@ class Lattice:
 
     @cached_property
     def _mesh(self) -> BSplineMesh:
-        """The volume, to which the means for fitted grids apply."""
-        volume = _volume(self.control_points.shape[:3], self.orders)
-        return BSplineMesh((volume,), (np.arange(len(self.points)).reshape(volume.n_control),), len(self.points))
+        """The volume as a mesh, to which the evaluation and the inversion of fitted grids apply."""
+        ids = np.arange(len(self.points)).reshape(self.volume.n_control)
+        return BSplineMesh((self.volume,), (ids,), len(self.points))
 
     @property
     def _diagonal(self) -> float:
@@ -246,17 +253,14 @@ class Lattice:
         """Origin, and matrix from lengths to coordinates, where the lattice is a box, upright or oblique."""
         points = self.control_points
         edges = np.array([points[-1, 0, 0], points[0, -1, 0], points[0, 0, -1]]) - points[0, 0, 0]
-        places = greville_abscissae(self._mesh.volumes[0])
+        places = greville_abscissae(self.volume)
         is_box = np.abs(points[0, 0, 0] + places @ edges - points).max() <= BOX * self._diagonal
         is_flat = abs(np.linalg.det(edges)) <= INSIDE**2 * self._diagonal**3
         return (points[0, 0, 0], np.linalg.inv(edges)) if is_box and not is_flat else None
 
-    def _require_sense(self):
-        """Refuse orders that do not suit the number of points, and children outside their parent."""
-        _volume(self.control_points.shape[:3], self.orders)
-        if self.parent is None:
-            return
-        _, is_inside = self.parent.locate(self.points)
+    def _require_inside(self, parent: Lattice):
+        """Refuse points outside of the parent."""
+        _, is_inside = parent.locate(self.points)
         if not is_inside.all():
             index = tuple(int(i) + 1 for i in np.unravel_index(np.argmin(is_inside), self.control_points.shape[:3]))
             raise InputError(
