@@ -4,30 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import openmdao.api as om
 from common import GRAY, figure, run
-from optimisation import COLORS, DRIVERS, check_totals, optimise, write_n2
+from lattice_wing import LINES, RectangularWing, flow_in_one, started
+from optimisation import COLORS, DRIVERS, Run, check_totals, optimise, write_n2
 
-from bspline_mdao import (
-    CamberSurface,
-    FittedModel,
-    GridMovement,
-    LinearElasticity,
-    VortexLattice,
-    fit_grid,
-    moving_mesh,
-)
+from bspline_mdao import VortexLattice
 from bspline_mdao.flow.wake import Wake, least_drag
-from bspline_mdao.generators import rectangular_wing
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.geometry.surface import SurfaceGrid
-from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.parametrization.axis import ReferenceAxis
-from bspline_mdao.parametrization.composition import Parametrization
 from bspline_mdao.parametrization.planform import Chord, Sweep, Taper, Twist
+from bspline_mdao.parametrization.variable import Variable
 
 LIFT = 0.5
 """Lift coefficient, of the area of the rectangular wing."""
@@ -35,115 +23,11 @@ LIFT = 0.5
 ALPHA = 4.0
 """Angle of attack where it is fixed (deg)."""
 
-WORST_CORNER = 0.25
-"""What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
-
 MACH = 0.3
 """Of the flight."""
 
-TOLERANCE, MAX_ITERATIONS = 1e-11, 100
-"""Of the objective, the drag by the least one of a flat wake; and iterations."""
-
-
-@dataclass(frozen=True)
-class Size:
-    """Nodes and control points of the grid, and nodes of the lattice."""
-
-    shape: tuple[int, int, int]
-    n_control: tuple[int, int, int]
-    n_chord: int
-    n_span: int
-    stations: int
-
-
-SIZES = {
-    False: Size((11, 9, 13), (7, 6, 8), n_chord=3, n_span=11, stations=6),
-    True: Size((45, 65, 33), (13, 13, 9), n_chord=5, n_span=31, stations=8),
-}
-"""Small and at the paper's size of the M6 grid."""
-
-
-@dataclass(frozen=True, eq=False)
-class RectangularWing:
-    """The fitted grid about the paper's rectangular wing, and what the optimisations share.
-
-    Parameters
-    ----------
-    model : FittedModel
-        The fitted grid.
-    size : Size
-        Its size and the lattice's.
-    """
-
-    model: FittedModel
-    size: Size
-
-    @classmethod
-    def of(cls, paper: bool) -> RectangularWing:
-        """Make and fit the grid."""
-        size = SIZES[paper]
-        spacing = Spacing() if paper else Spacing(0.01, 0.02, 0.02, 0.02)
-        return cls(fit_grid(hh_wing_grid(rectangular_wing(), size.shape, spacing), n_control=size.n_control), size)
-
-    @cached_property
-    def mesh(self) -> MovingMesh:
-        """Its control mesh."""
-        return moving_mesh(self.model)
-
-    @cached_property
-    def lattice(self) -> CamberSurface:
-        """The lattice: equal strips, for which the discrete optimum is known in closed form."""
-        return CamberSurface.of(SurfaceGrid.of(self.model, "wing*"), self.size.n_chord, self.size.n_span)
-
-    @cached_property
-    def trailing_edge(self) -> ReferenceAxis:
-        """Axis that variables work about, so that they leave the trace of the wake alone."""
-        return ReferenceAxis.of(self.mesh, at=1.0)
-
-    @cached_property
-    def area(self) -> float:
-        """Area of the whole wing (m^2)."""
-        planform = rectangular_wing().planform
-        return 2.0 * planform.root_chord * planform.semi_span
-
-    @property
-    def least_drag(self) -> float:
-        """Munk's least drag coefficient of a flat wake of equal strips."""
-        return LIFT**2 / (np.pi * rectangular_wing().planform.aspect_ratio * (1.0 + 0.5 / (self.size.n_span - 1)))
-
-    def problem(self, case: Case) -> om.Problem:
-        """Wire a case: variables, surface, grid and flow. Not yet set up."""
-        problem = om.Problem(reports=None)
-        parametrization = Parametrization(self.mesh, case.variables(self.trailing_edge, self.size.stations))
-        geometry = GridMovement(
-            model=self.model,
-            parametrization=parametrization,
-            measures=[self.lattice],
-            mover=LinearElasticity(self.mesh, n_increments=2),
-            fit=False,
-        )
-        sizes = {"n_chord": self.size.n_chord, "n_span": self.size.n_span}
-        problem.model.add_subsystem("geometry", geometry, promotes=["*"])
-        problem.model.add_subsystem("flow", VortexLattice(reference_area=self.area, **sizes), promotes=["*"])
-        for name, (value, units) in {"Mach_number": (MACH, None), "alpha": (ALPHA, "deg"), **case.fixed}.items():
-            problem.model.set_input_defaults(name, val=value, units=units)
-        case.design(problem.model, self)
-        problem.model.add_constraint("CL", equals=LIFT)
-        problem.model.add_constraint("corner_ks", lower=WORST_CORNER)
-        problem.model.add_objective("CD", ref=self.least_drag)
-        return problem
-
-
-def design_twist(model: om.Group, wing: RectangularWing) -> None:
-    """Leave the twist at all stations free."""
-    model.add_design_var("twist", lower=-10.0, upper=10.0, ref=5.0, units="deg")
-
-
-def design_chord(model: om.Group, wing: RectangularWing) -> None:
-    """Leave the chord at all stations and the angle of attack free; the area stays."""
-    model.add_design_var("chord", lower=0.2, upper=2.0)
-    model.add_design_var("alpha", lower=-10.0, upper=10.0, ref=5.0, units="deg")
-    model.add_constraint("S_mesh", equals=wing.area, ref=wing.area, units="m**2")
+TOLERANCE = 1e-10
+"""Of the objective, the drag by that of the elliptical load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,9 +47,32 @@ class Case:
     """
 
     title: str
-    variables: Callable[[ReferenceAxis, int], list]
+    variables: Callable[[ReferenceAxis, int], list[Variable]]
     design: Callable[[om.Group, RectangularWing], None]
     fixed: dict
+
+    def problem(self, wing: RectangularWing) -> om.Problem:
+        """Pose the case for a wing. Not yet set up."""
+        lattice = VortexLattice(n_chord=wing.size.n_chord, n_span=wing.size.n_span, reference_area=wing.area)
+        problem = wing.problem(self.variables(wing.trailing_edge, wing.size.stations), lattice)
+        for name, (value, units) in {"Mach_number": (MACH, None), "alpha": (ALPHA, "deg"), **self.fixed}.items():
+            problem.model.set_input_defaults(name, val=value, units=units)
+        self.design(problem.model, wing)
+        problem.model.add_constraint("CL", equals=LIFT)
+        problem.model.add_objective("CD", ref=LIFT**2 / (np.pi * wing.aspect_ratio))
+        return problem
+
+
+def design_twist(model: om.Group, wing: RectangularWing) -> None:
+    """Leave the twist at all stations free."""
+    model.add_design_var("twist", lower=-10.0, upper=10.0, ref=5.0, units="deg")
+
+
+def design_chord(model: om.Group, wing: RectangularWing) -> None:
+    """Leave the chord at all stations and the angle of attack free; the area stays."""
+    model.add_design_var("chord", lower=0.2, upper=1.5, ref=0.3)
+    model.add_design_var("alpha", lower=-10.0, upper=10.0, ref=5.0, units="deg")
+    model.add_constraint("S_mesh", equals=wing.area, ref=wing.area, units="m**2")
 
 
 CASES = {
@@ -195,37 +102,52 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     Returns
     -------
     dict
-        For each case ``totals``, see `optimisation.check_totals`; for its ``initial`` wing the span ``efficiency`` and
-        that of the load of least drag on the same wake, ``munk``; for each driver both, their relative ``gap``, that of
-        the panel forces, ``panel_efficiency``, and what `optimisation.Run.numbers` tells.
+        For each case what `Study.numbers` tells.
     """
     wing = RectangularWing.of(paper)
-    numbers, problems = {}, {}
-    for name, case in CASES.items():
-        start = started(wing.problem(case))
-        runs = {
-            key: optimise(lambda case=case: wing.problem(case), make(TOLERANCE, MAX_ITERATIONS))
-            for key, make in drivers.items()
-        }
-        problems[name] = {"initial": start, **{key: each.problem for key, each in runs.items()}}
-        numbers[name] = {
-            "initial": efficiencies(start),
-            "totals": check_totals(perturbed(wing.problem(case))),
-            **{key: {**efficiencies(each.problem), **each.numbers()} for key, each in runs.items()},
-        }
-        for key, each in runs.items():
-            numbers[name][key]["shares"] = merge_flow(each.problem, numbers[name][key]["shares"])
+    studies = {name: Study.of(wing, case, drivers) for name, case in CASES.items()}
     if figures:
-        write_n2(problems["chord"]["initial"], figures, "wing_twist_vlm")
-        draw(figures, problems)
-    return numbers
+        write_n2(studies["chord"].start, figures, "wing_twist_vlm")
+        draw(figures, studies)
+    return {name: study.numbers() for name, study in studies.items()}
 
 
-def started(problem: om.Problem) -> om.Problem:
-    """Run a problem where it starts."""
-    problem.setup(mode="rev")
-    problem.run_model()
-    return problem
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A case, solved.
+
+    Parameters
+    ----------
+    title : str
+        What is designed.
+    start : om.Problem
+        The initial wing.
+    runs : dict of Run
+        By the names of the drivers.
+    totals : dict
+        See `optimisation.check_totals`.
+    """
+
+    title: str
+    start: om.Problem
+    runs: dict[str, Run]
+    totals: dict
+
+    @classmethod
+    def of(cls, wing: RectangularWing, case: Case, drivers: dict) -> Study:
+        """Solve a case with every driver."""
+        runs = {key: optimise(lambda: case.problem(wing), make(TOLERANCE, 100)) for key, make in drivers.items()}
+        return cls(case.title, started(case.problem(wing)), runs, check_totals(perturbed(case.problem(wing))))
+
+    @property
+    def wings(self) -> dict[str, om.Problem]:
+        """Problems at the start and at the optima, by name."""
+        return {"initial": self.start, **{name: found.problem for name, found in self.runs.items()}}
+
+    def numbers(self) -> dict:
+        """Collect ``totals``, and what is known of the ``initial`` wing and by ``drivers``, see `efficiencies`."""
+        found = {name: efficiencies(each.problem) | flow_in_one(each) for name, each in self.runs.items()}
+        return {"totals": self.totals, "initial": efficiencies(self.start), "drivers": found}
 
 
 def perturbed(problem: om.Problem) -> om.Problem:
@@ -238,22 +160,22 @@ def perturbed(problem: om.Problem) -> om.Problem:
     return problem
 
 
-def merge_flow(problem: om.Problem, shares: dict[str, float]) -> dict[str, float]:
-    """Add up the shares of the vortex lattice's components."""
-    flow = {system.name for system in problem.model.flow.system_iter(recurse=True)}
-    merged = {name: share for name, share in shares.items() if name not in flow}
-    return {**merged, "flow": sum(share for name, share in shares.items() if name in flow)}
-
-
 def wake_of(problem: om.Problem) -> Wake:
-    """The wake of a wing."""
+    """The wake of a wing at unit speed, the circulations twice as large: its load."""
     trailing, alpha = problem.get_val("camber_surface")[-1], problem.get_val("alpha", units="rad").item()
     heights = trailing[:, 2] * np.cos(alpha) - trailing[:, 0] * np.sin(alpha)
     return Wake(np.column_stack([trailing[:, 1], heights]), problem.get_val("span_load"))
 
 
 def efficiencies(problem: om.Problem) -> dict:
-    """Span efficiency of a wing, and the largest one possible on its wake."""
+    """Compare a wing with the ellipse and with Munk's optimum.
+
+    Returns
+    -------
+    dict
+        Span ``efficiency``; ``munk``, that of the load of least drag on the same wake; the ``gap``, by how much the
+        drag is above that; and ``panel_efficiency``, from the forces on the bound vortices.
+    """
     wake = wake_of(problem)
     best, elliptic = least_drag(wake.points, wake.lift), 2.0 * wake.lift**2 / (np.pi * span_of(wake) ** 2)
     panel_drag = problem.get_val("CD_panels").item() / problem.get_val("CL_panels").item() ** 2
@@ -270,20 +192,21 @@ def span_of(wake: Wake) -> float:
     return -2.0 * wake.points[0, 0]
 
 
-def draw(folder, problems: dict[str, dict[str, om.Problem]]) -> None:
+def draw(folder, studies: dict[str, Study]) -> None:
     """Draw span load, twist and planform of every case, before and after."""
     with figure(folder, "wing_twist_vlm", size=(10.0, 7.5)) as canvas:
-        for (name, found), column in zip(problems.items(), canvas.subplots(3, len(problems), sharex=True).T):
-            column[0].set_title(CASES[name].title)
-            for key, problem in found.items():
-                style = {"color": COLORS.get(key, GRAY), "label": key, "linestyle": "-" if key in COLORS else ":"}
+        panels = canvas.subplots(3, len(studies), sharex=True, sharey="row")
+        for study, column in zip(studies.values(), panels.T):
+            for name, problem in study.wings.items():
+                style = {"color": COLORS.get(name, GRAY), "label": name, "linestyle": LINES.get(name, "-")}
                 draw_wing(column, problem, style)
             draw_optimum(column[0], wake_of(problem))
-            column[1].set(ylim=(-6.0, 6.0))
-            column[2].set(xlabel="$2 y / b$", ylim=(1.4, -0.1), xlim=(0.0, 1.0))
-        for axes, label in zip(canvas.axes[:: len(problems)], ("span load (m)", "twist (deg)", "$x$ (m)")):
+            column[0].set_title(study.title)
+            column[2].set(xlabel="$2 y / b$", xlim=(0.0, 1.0))
+        for axes, label in zip(panels[:, 0], ("load by its mean", "twist (deg)", "$x$ (m)")):
             axes.set_ylabel(label)
-        canvas.axes[0].legend(loc="lower left", fontsize=8)
+        panels[2, 0].invert_yaxis()
+        panels[0, 0].legend(loc="lower left", fontsize=8)
 
 
 def draw_wing(column, problem: om.Problem, style: dict) -> None:
@@ -291,7 +214,7 @@ def draw_wing(column, problem: om.Problem, style: dict) -> None:
     nodes, wake = problem.get_val("camber_surface"), wake_of(problem)
     y = -2.0 * nodes[0, :, 1] / span_of(wake)
     (leading_x, _, leading_z), (trailing_x, _, trailing_z) = nodes[0].T, nodes[-1].T
-    column[0].plot(0.5 * (y[1:] + y[:-1]), wake.circulations, **style)
+    column[0].plot(0.5 * (y[1:] + y[:-1]), wake.circulations * span_of(wake) / wake.lift, **style)
     column[1].plot(y, np.degrees(np.arctan2(leading_z - trailing_z, trailing_x - leading_x)), **style)
     column[2].plot(y, leading_x, **style)
     column[2].plot(y, trailing_x, **style)
@@ -300,9 +223,9 @@ def draw_wing(column, problem: om.Problem, style: dict) -> None:
 def draw_optimum(axes, wake: Wake) -> None:
     """Draw the load of least drag on a wake, and the ellipse."""
     middles = -(wake.points[1:, 0] + wake.points[:-1, 0]) / span_of(wake)
-    y = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
-    axes.plot(middles, least_drag(wake.points, wake.lift).circulations, "k.", markersize=4, label="Munk, same strips")
-    axes.plot(y, 4.0 * wake.lift / (np.pi * span_of(wake)) * np.sqrt(1.0 - y**2), "k--", linewidth=0.7, label="ellipse")
+    best, y = least_drag(wake.points, 1.0), np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
+    axes.plot(middles, best.circulations * span_of(wake), "k.", markersize=4, label="Munk, same strips")
+    axes.plot(y, 4.0 / np.pi * np.sqrt(1.0 - y**2), "k--", linewidth=0.7, label="ellipse")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,122 @@
+"""The paper's rectangular wing with a lattice on its camber surface: what the optimisations with a flow share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import openmdao.api as om
+from optimisation import Run
+
+from bspline_mdao import CamberSurface, FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh
+from bspline_mdao.generators import rectangular_wing
+from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
+from bspline_mdao.geometry.surface import SurfaceGrid
+from bspline_mdao.movement.mesh import MovingMesh
+from bspline_mdao.parametrization.axis import ReferenceAxis
+from bspline_mdao.parametrization.composition import Parametrization
+from bspline_mdao.parametrization.variable import Variable
+
+WORST_CORNER = 0.1
+"""What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
+
+LINES = {"initial": ":", "NLopt LD_SLSQP": "--"}
+"""Styles of lines in figures, those that lie on others among them."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Nodes and control points of the grid, and nodes of the lattice."""
+
+    shape: tuple[int, int, int]
+    n_control: tuple[int, int, int]
+    n_chord: int
+    n_span: int
+    stations: int
+
+
+SIZES = {
+    False: Size((11, 9, 13), (7, 6, 8), n_chord=3, n_span=11, stations=6),
+    True: Size((45, 65, 33), (13, 13, 9), n_chord=5, n_span=31, stations=8),
+}
+"""Small and at the paper's size of the M6 grid."""
+
+
+@dataclass(frozen=True, eq=False)
+class RectangularWing:
+    """The fitted grid about the paper's rectangular wing, and what the optimisations share.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    size : Size
+        Its size and the lattice's.
+    """
+
+    model: FittedModel
+    size: Size
+
+    @classmethod
+    def of(cls, paper: bool, **changes: int) -> RectangularWing:
+        """Make and fit the grid of one of `SIZES`, some of its entries changed."""
+        size = replace(SIZES[paper], **changes)
+        spacing = Spacing() if paper else Spacing(0.01, 0.02, 0.02, 0.02)
+        return cls(fit_grid(hh_wing_grid(rectangular_wing(), size.shape, spacing), n_control=size.n_control), size)
+
+    @cached_property
+    def mesh(self) -> MovingMesh:
+        """Its control mesh."""
+        return moving_mesh(self.model)
+
+    @cached_property
+    def lattice(self) -> CamberSurface:
+        """The lattice: equal strips, for which the discrete optimum is known in closed form."""
+        return CamberSurface.of(SurfaceGrid.of(self.model, "wing*"), self.size.n_chord, self.size.n_span)
+
+    @cached_property
+    def trailing_edge(self) -> ReferenceAxis:
+        """Axis that variables work about, so that they leave the trace of the wake alone."""
+        return ReferenceAxis.of(self.mesh, at=1.0)
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the whole wing (m^2)."""
+        planform = rectangular_wing().planform
+        return 2.0 * planform.root_chord * planform.semi_span
+
+    @property
+    def aspect_ratio(self) -> float:
+        """Aspect ratio of the whole wing."""
+        return rectangular_wing().planform.aspect_ratio
+
+    def problem(self, variables: Sequence[Variable], flow: om.Group) -> om.Problem:
+        """Wire variables, surface, grid with its quality, and a flow. Not yet set up."""
+        problem = om.Problem(reports=None)
+        geometry = GridMovement(
+            model=self.model,
+            parametrization=Parametrization(self.mesh, variables),
+            measures=[self.lattice],
+            mover=LinearElasticity(self.mesh, n_increments=1),
+            fit=False,
+        )
+        problem.model.add_subsystem("geometry", geometry, promotes=["*"])
+        problem.model.add_subsystem("flow", flow, promotes=["*"])
+        problem.model.add_constraint("corner_ks", lower=WORST_CORNER)
+        return problem
+
+
+def started(problem: om.Problem) -> om.Problem:
+    """Run a problem where it starts."""
+    problem.setup(mode="rev")
+    problem.run_model()
+    return problem
+
+
+def flow_in_one(found: Run) -> dict:
+    """Numbers of a run, the shares of the components of the flow added up."""
+    numbers, flow = found.numbers(), {system.name for system in found.problem.model.flow.system_iter(recurse=True)}
+    shares = {name: share for name, share in numbers["shares"].items() if name not in flow}
+    shares["flow"] = sum(share for name, share in numbers["shares"].items() if name in flow)
+    return numbers | {"shares": shares}
