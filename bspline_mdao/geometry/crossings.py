@@ -21,7 +21,7 @@ _GRAZE = 1e-9
 class Crossings(NamedTuple):
     """Crossings of lines and quads, line by line.
 
-    Attributes
+    Parameters
     ----------
     line, quad : ndarray of int, shape (n,)
         Line and quad of each.

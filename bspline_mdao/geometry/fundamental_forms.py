@@ -15,7 +15,7 @@ __all__ = ["Forms", "difference_matrices", "face_differences", "forms", "forms_v
 class Forms(NamedTuple):
     """Numerators of the curvatures and the area, by the numbers of the nodes; every array has the shape (n,).
 
-    Attributes
+    Parameters
     ----------
     mean : ndarray
         ``E n - 2 F m + G l``, twice the mean curvature times the area to the third.

@@ -14,7 +14,7 @@ __all__ = ["Differences", "neighbour_differences"]
 class Differences(NamedTuple):
     """Sparse matrix of shape (n - 1, n) by its entries.
 
-    Attributes
+    Parameters
     ----------
     rows, cols : ndarray of int, shape (2 n - 2,)
         Where they are: first those of the values before, then those of the values after.
