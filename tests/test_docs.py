@@ -46,6 +46,18 @@ def test_the_python_examples_of_the_components_run():
         exec(example, {"__name__": __name__})
 
 
+def test_the_python_examples_of_design_run():
+    problems = []
+    for example in code_blocks("design.rst", "python"):
+        contents = {"__name__": __name__}
+        exec(example, contents)
+        problems.append(contents.get("problem"))
+    optimised, _, checked = problems
+    assert optimised.get_val("volume").item() > 1.0 - 1e-6
+    assert optimised.get_val("surface_area").item() < 2.2
+    assert checked.get_val("leading_edge_radius").shape == (3,)
+
+
 def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
     contents = {"__name__": __name__}
     exec(code_blocks("components.rst", "python")[-1], contents)
