@@ -1,11 +1,12 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from mover_cases import both_sides, channel, mesh_of, oblique_channel, plate, wing
+from mover_cases import both_sides, channel, channel_grid, mesh_of, oblique_channel, plate, wing
 from scipy.linalg import null_space
 from scipy.sparse import csr_array, random_array, vstack
-from topology_cases import box, grid_of, o_grid, patch, split
+from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators.canonical import onera_m6_grid
@@ -153,6 +154,14 @@ def test_what_hangs_on_pinned_points_is_held_exactly_whatever_the_ratios():
     assert (moved.ravel()[40:72] == 0.0).all()
 
 
+def test_quotients_that_are_one_but_for_round_off_are_one():
+    mesh, matrix = channel(), np.zeros((1, 135))
+    matrix[0, [40, 50]] = 3 * 0.1, -0.3
+    _, d, moved = displaced(mesh, Given(matrix, np.array([40])))
+    assert matrix[0, 40] != 0.3
+    assert moved.ravel()[40] == d.ravel()[50]
+
+
 def test_redundant_equations_change_nothing():
     mesh = wing()
     constraints = [Linked([3, 4, 5], [9, 10, 11]), Opposite([20], [22], "y"), Pinned([30])]
@@ -176,7 +185,7 @@ def test_selections_are_paired_by_nearness_but_for_a_shift():
     lower, upper = (np.searchsorted(mesh.surface_ids, ids) for ids in both_sides(mesh))
     is_inner = lower != upper
     lower, upper = lower[is_inner], np.random.default_rng(1).permutation(upper[is_inner])
-    for shift in (0.0, [0.3, 0.5, -1.0]):
+    for shift in (0.0, [0.3, 0.5, -1.0], [0.0, 0.0, 5.0]):
         points = surface_of(mesh).copy()
         points[upper] += shift
         matrix = eliminate(mesh, points, [Linked(SurfaceRows(lower), upper)]).matrix
@@ -247,6 +256,31 @@ def test_seams_are_found_once_in_blocks_of_any_kind():
     triples, x = surface_seams(mesh), surface_of(mesh)
     assert len(triples) == 4  # where the block meets itself
     np.testing.assert_allclose(x[triples[:, 1]][:, :2], np.tile(x[triples[0, 1], :2], (4, 1)), atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_seams_of_turned_blocks_join_the_same_places(seed):
+    mesh, random = four_walls(), np.random.default_rng(seed)
+    blocks = tuple(ORIENTATIONS[random.integers(48)].apply(ids) for ids in mesh.blocks)
+    turned = replace(mesh, blocks=tuple(blocks[n] for n in random.permutation(4)))
+    found, expected = (
+        {frozenset([(a, on), (b, on)]) for a, on, b in surface_seams(m).tolist()} for m in (turned, mesh)
+    )
+    assert found == expected
+
+
+def test_sides_between_blocks_and_collapsed_sides_have_no_seams():
+    mesh = mesh_of(channel_grid(), design="*")
+    thin = replace(mesh, blocks=tuple(ids[:, :, [0, -1]] for ids in mesh.blocks))  # both sides of both are surface
+    triples, between = surface_seams(thin), np.searchsorted(mesh.surface_ids, thin.blocks[0][-1])
+    crosses = np.isin(triples, between) @ [1, 2, 4] == 2
+    np.testing.assert_array_equal(np.unique(triples[crosses, 1]), np.sort(between, axis=None))
+    walls = four_walls()
+    line = walls.blocks[0][-1, :, 0]  # the seam between the first two walls, and a wake behind it
+    wake = np.stack([np.stack([line, line, line], axis=1), np.arange(3 * len(line)).reshape(-1, 3)], axis=2)
+    np.testing.assert_array_equal(
+        surface_seams(replace(walls, blocks=(*walls.blocks, wake.astype(np.int32)))), surface_seams(walls)
+    )
 
 
 def test_control_points_across_smooth_seams_stay_in_line_also_where_four_sides_meet():
