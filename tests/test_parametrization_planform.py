@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import InputError, SurfaceGrid, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.parametrization.axis import ReferenceAxis
 from bspline_mdao.parametrization.composition import Parametrization
@@ -161,6 +161,16 @@ def test_axis_of_the_m6_lies_at_its_part_of_the_chord(m6, at):
     chord = 1.0 + (tip - 1.0) * span / 1.4843
     expected = np.stack([sweep * span + at * chord, 0.0 * span, span], axis=1)
     np.testing.assert_allclose(axis.points, expected, atol=2e-6)
+
+
+def test_axis_of_a_finer_m6_is_that_of_its_surface_but_for_what_its_control_mesh_sticks_out():
+    model = fit_grid(onera_m6_grid((25, 21, 13)), n_control=(11, 9, 6))
+    span = np.linspace(0.0, 1.4843, 9)
+    expected = np.tan(np.radians(30.0)) * span + 0.25 * (1.0 - 0.438 / 1.4843 * span)
+    by_surface = ReferenceAxis.of(moving_mesh(model), surface=SurfaceGrid.of(model)).points
+    by_control_mesh = ReferenceAxis.of(moving_mesh(model)).points
+    np.testing.assert_allclose(by_surface, np.stack([expected, 0.0 * span, span], axis=1), atol=1e-5)
+    np.testing.assert_allclose(by_control_mesh, by_surface, atol=2e-3)
 
 
 def test_stations_of_a_straight_axis_are_those_of_the_span(m6):

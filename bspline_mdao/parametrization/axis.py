@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,11 @@ from ..movement.mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
 from .chord_lines import chord_lines
 from .hung_rows import HungRows
+from .surface_net import surface_quads
 from .variable import Layout
+
+if TYPE_CHECKING:
+    from ..geometry.surface import SurfaceGrid
 
 __all__ = ["ReferenceAxis"]
 
@@ -54,20 +59,30 @@ class ReferenceAxis:
             raise InputError(f"reference axis: points of shape {self.points.shape}; give (n, 3), n at least 2")
 
     @classmethod
-    def of(cls, mesh: MovingMesh, at: float = 0.25, n: int = 9, span: tuple[float, float] = (0.0, 1.0)):
+    def of(
+        cls,
+        mesh: MovingMesh,
+        at: float = 0.25,
+        n: int = 9,
+        span: tuple[float, float] = (0.0, 1.0),
+        surface: SurfaceGrid | None = None,
+    ) -> ReferenceAxis:
         """Find a straight axis at one part of the chord of every section.
 
         Parameters
         ----------
         mesh : MovingMesh
-            The control mesh of the surface. Its planes of symmetry and its box tell stream, normal and span, see
-            `surface_frame`; its sections run from their most upstream to their most downstream point.
+            The control mesh. Its planes of symmetry and the box of its surface tell stream, normal and span, see
+            `surface_frame`.
         at : float
             Part of the chord, 0 the leading edge and 1 the trailing edge.
         n : int
             Points of the axis.
         span : tuple of float
             Parts of the span where the axis begins and ends.
+        surface : SurfaceGrid, optional
+            The surface whose sections count, from their most upstream to their most downstream point. By default that
+            is the control mesh itself, which sticks out of the surface at a blunt nose.
 
         Returns
         -------
@@ -87,7 +102,9 @@ class ReferenceAxis:
         """
         frame = _frame(mesh)
         levels = np.linspace(*span, n) * frame.span
-        lines = chord_lines(mesh, frame.to_local(mesh.points[mesh.surface_ids])[:, 2], levels, frame.axes[0])
+        points = mesh.points[mesh.surface_ids] if surface is None else surface.points
+        quads = surface_quads(mesh) if surface is None else surface.quads
+        lines = chord_lines(points, quads, frame.to_local(points)[:, 2], levels, frame.axes[0])
         local = frame.to_local(lines.leading + at * lines.chords)
         return cls(frame.to_space(np.column_stack([local[:, :2], levels])))
 

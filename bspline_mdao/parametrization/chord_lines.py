@@ -7,16 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..movement.mesh import MovingMesh
-from .surface_net import surface_quads
 
 __all__ = ["ChordLines", "chord_lines"]
 
-_INSIDE = 1e-9
-"""Sections at the ends are cut this part of the whole extent inside, where edges still cross."""
+_INSIDE = 1e-2
+"""Sections are cut this part of the whole extent inside the ends, which may have no chord: at a fitted tip, single
+control points stick out."""
+
+_NEAR = 0.02
+"""Points up to this part of the chord from its end tell how high the end is: control points of a blunt nose stick out
+above and below it."""
 
 _NO_CHORD = 1e-6
-"""A chord that is shorter than this part of the mesh is none."""
+"""A chord that is shorter than this part of the surface's box is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +41,19 @@ class ChordLines:
         return self.trailing - self.leading
 
 
-def chord_lines(mesh: MovingMesh, places: np.ndarray, at: np.ndarray, stream: np.ndarray) -> ChordLines:
-    """Find the chord lines of the surface control mesh of the baseline.
+def chord_lines(
+    points: np.ndarray, quads: np.ndarray, places: np.ndarray, at: np.ndarray, stream: np.ndarray
+) -> ChordLines:
+    """Find the chord lines of a surface of quads.
 
     Parameters
     ----------
-    mesh : MovingMesh
-        The control mesh.
-    places : ndarray, shape (n_surface,)
-        Of every surface point, along the span or an axis; linear on the edges between.
+    points : ndarray, shape (n_points, 3)
+        Points of the surface (m).
+    quads : ndarray of int, shape (n_quads, 4)
+        Points at the corners of its quads.
+    places : ndarray, shape (n_points,)
+        Of every point, along the span or an axis; linear on the edges between.
     at : ndarray, shape (n,)
         Places of the sections.
     stream : ndarray, shape (3,)
@@ -55,31 +62,48 @@ def chord_lines(mesh: MovingMesh, places: np.ndarray, at: np.ndarray, stream: np
     Returns
     -------
     ChordLines
-        From the most upstream to the most downstream point of the control mesh in every section.
+        From the most upstream to the most downstream place of every section, at the mean height of the points near it.
+        Both go on along straight lines over the last hundredth before the ends of the surface, and beyond.
 
     Raises
     ------
     InputError
         If a section has no chord.
     """
-    points, edges = mesh.points[mesh.surface_ids], _surface_edges(mesh)
     margin = _INSIDE * np.ptp(places)
-    levels = np.clip(at, places.min() + margin, places.max() - margin)
-    ends = np.array([_ends(_crossings(points[edges], places[edges], level), stream) for level in levels])
+    low, high = places.min() + margin, places.max() - margin
+    cut_at = np.clip(at, low, high)
+    further = cut_at + np.where(cut_at < 0.5 * (low + high), margin, -margin)
+    edges = _edges(quads)
+    ends, inner = (_cut(points[edges], places[edges], levels, stream) for levels in (cut_at, further))
+    ends = ends + ((at - cut_at) / (further - cut_at))[:, None, None] * (inner - ends)
     lines = ChordLines(ends[:, 0], ends[:, 1])
-    is_short = ~(np.linalg.norm(lines.chords, axis=1) > _NO_CHORD * mesh.size)
+    is_short = ~(np.linalg.norm(lines.chords, axis=1) > _NO_CHORD * np.ptp(points, axis=0).max())
     if is_short.any():
         place = at[np.argmax(is_short)]
         raise InputError(f"reference axis: the section at {place:g} of the span has no chord; end the axis short of it")
     return lines
 
 
+def _cut(ends, values, levels, stream):
+    """Chord lines where edges (n, 2, 3) take a value between those of their ends (n, 2); shape (n_levels, 2, 3)."""
+    return np.array([_ends(_crossings(ends, values, level), stream) for level in levels])
+
+
 def _ends(section, stream):
-    """Most upstream and most downstream of points (n, 3), both shape (3,)."""
-    if not len(section):
-        return np.zeros((2, 3))
+    """Most upstream and most downstream place of a section, points (n, 3), in the middle of both sides."""
     along = section @ stream
-    return section[[np.argmin(along), np.argmax(along)]]
+    if not len(section) or not np.ptp(along):
+        return np.zeros((2, 3))
+    behind = (along - along.min()) / np.ptp(along)
+    return [_end(section, along, part, stream) for part in (behind, 1.0 - behind)]
+
+
+def _end(section, along, distance, stream):
+    """Mean of the points near an end of a chord, by their distances from it in chords, shifted to that end."""
+    weights = np.maximum(_NEAR - distance, 0.0)
+    middle = weights @ section / weights.sum()
+    return middle + (along[np.argmin(distance)] - middle @ stream) * stream
 
 
 def _crossings(ends, values, level):
@@ -90,8 +114,7 @@ def _crossings(ends, values, level):
     return start + ((level - low) / (high - low))[:, None] * (stop - start)
 
 
-def _surface_edges(mesh: MovingMesh) -> np.ndarray:
-    """Edges of the quads of the surface, as rows of ``mesh.surface_ids``, shape (n, 2)."""
-    quads = surface_quads(mesh)
+def _edges(quads):
+    """Edges of quads, each once, shape (n, 2)."""
     edges = np.concatenate([quads[:, [n, (n + 1) % 4]] for n in range(4)])
     return np.unique(np.sort(edges, axis=1), axis=0)

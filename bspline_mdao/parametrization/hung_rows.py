@@ -13,6 +13,7 @@ from ..deformations.formulas import turned
 from ..deformations.frame import Frame
 from .chord_lines import ChordLines, chord_lines
 from .stations import StationSpline
+from .surface_net import surface_quads
 from .variable import Layout
 
 if TYPE_CHECKING:
@@ -109,8 +110,8 @@ class HungRows:
     @cached_property
     def _chord_lines(self) -> ChordLines:
         """Chord lines of the surface at the axis' own points."""
-        places = self.stations[self.layout.rows()]
-        return chord_lines(self.layout.mesh, places, self.knots, self.frame.axes[0])
+        rows, quads = self.layout.rows(), surface_quads(self.layout.mesh)
+        return chord_lines(self.layout.points[rows], quads, self.stations[rows], self.knots, self.frame.axes[0])
 
 
 def _unit(vectors):
