@@ -192,22 +192,23 @@ def missing(algorithm: Algorithm, needs: Needs) -> str | None:
     return next((text for text, is_true in complaints.items() if is_true), None)
 
 
-def suitable(needs: Needs, *, local_only: bool = False) -> tuple[str, ...]:
-    """Names of the algorithms that would do for a problem, best suited to many variables first.
+def suitable(needs: Needs) -> tuple[Algorithm, ...]:
+    """Algorithms that would do for a problem, those for many variables and constraints first.
 
     Parameters
     ----------
     needs : Needs
         What the problem asks.
-    local_only : bool
-        Leave out those that are global or run another algorithm inside.
     """
-    return tuple(
-        algorithm.name
-        for algorithm in _TABLE
-        if missing(algorithm, needs) is None
-        and not (local_only and (algorithm.is_global or algorithm.local_optimizer != "none"))
-    )
+    return tuple(algorithm for algorithm in _TABLE if missing(algorithm, needs) is None)
+
+
+def _alternatives(algorithm: Algorithm, needs: Needs, is_subsidiary: bool) -> str:
+    """Names of those that would do instead: local for local and simple for a subsidiary, if there are any."""
+    others = [other for other in suitable(needs) if not (is_subsidiary and other.local_optimizer != "none")]
+    of_its_kind = [other for other in others if other.is_global == algorithm.is_global]
+    names = [other.name for other in of_its_kind or others]
+    return (", ".join(names[:12]) + (", ..." if len(names) > 12 else "")) or "none"
 
 
 def find_algorithm(name: str, needs: Needs, *, is_subsidiary: bool = False) -> Algorithm:
@@ -218,9 +219,10 @@ def find_algorithm(name: str, needs: Needs, *, is_subsidiary: bool = False) -> A
     InputError
         The algorithm lacks something; the message names those that would do.
     """
-    lack = missing(ALGORITHMS[name], needs)
+    algorithm = ALGORITHMS[name]
+    lack = missing(algorithm, needs)
     if lack is not None:
         role = "local_optimizer" if is_subsidiary else "algorithm"
-        names = ", ".join(suitable(needs, local_only=is_subsidiary)) or "none"
-        raise InputError(f"NLoptDriver: {role} {name} {lack}; those that would do: {names}")
-    return ALGORITHMS[name]
+        others = _alternatives(algorithm, needs, is_subsidiary)
+        raise InputError(f"NLoptDriver: {role} {name} {lack}; those that would do: {others}")
+    return algorithm

@@ -67,6 +67,7 @@ class Functions:
     exception: BaseException | None = field(init=False, default=None)
     _totals: np.ndarray | None = field(init=False, default=None)
     _is_rejected: bool = field(init=False, default=False)
+    _is_underway: bool = field(init=False, default=False)
     _foresight: Foresight = field(init=False)
     _known: Known = field(init=False)
     _largest_gradient: float = field(init=False, default=np.finfo(float).tiny)
@@ -83,9 +84,10 @@ class Functions:
 
     def settle(self) -> None:
         """Leave the model at the best point."""
-        if self.last is not self.best:
+        if self.last is not self.best or self._is_underway:
             self.model.run(self.best.x)
-            self.last, self._totals, self._is_rejected = self.best, None, False
+            self.last, self._totals = self.best, None
+            self._is_rejected = self._is_underway = False
 
     def optimality(self) -> float:
         """How far the best point is from an optimum, relative to the largest gradient of the objective seen."""
@@ -142,11 +144,12 @@ class Functions:
             return False
         if not np.isfinite(x).all():
             raise Stop("ROUNDOFF_LIMITED")
-        self._is_rejected, self._totals = False, None
+        self._is_rejected, self._totals, self._is_underway = False, None, True
         try:
             self._learn(self.statement.point(x, *self.model.run(x)))
         except AnalysisFailed:
             self._stand_in(x)
+        self._is_underway = False
         return True
 
     def _learn(self, point: Point) -> None:

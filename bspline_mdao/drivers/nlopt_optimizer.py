@@ -25,15 +25,17 @@ ENDS = {
     "OUT_OF_MEMORY": "NLopt ran out of memory",
     "ROUNDOFF_LIMITED": "round-off limits progress",
     "FORCED_STOP": "it was stopped from outside",
+    "OPTIMAL": "the algorithm can get no further, at a point that satisfies the first-order conditions",
     "BLOCKED": "analyses fail around the best point, which is no optimum",
     "INTERRUPTED": "it was interrupted from the keyboard",
 }
 """How a run can end, in words."""
 
 _CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
-_CONVERGED = ("SUCCESS", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
-BLOCKED = 1e-3
-"""Gradient of the Lagrangian, relative to the largest one of the objective, above which a point is no optimum."""
+_CONVERGED = ("SUCCESS", "OPTIMAL", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
+OPTIMAL, BLOCKED = 1e-5, 1e-3
+"""Gradients of the Lagrangian, relative to the largest one of the objective, below which a point is an optimum, and
+above which it is none."""
 
 _SPENT = ("MAXEVAL_REACHED", "MAXTIME_REACHED")
 
@@ -223,11 +225,16 @@ def _is_worth_restarting(end: str, functions: Functions, n_failed: int, before: 
     return is_beside_failures and functions.best is not before
 
 
-def _doubted(end: str, settings: Settings, functions: Functions) -> str:
-    """How it ended, where failed analyses may only have made it look like convergence."""
-    is_local = settings.uses_gradients and not settings.algorithm.is_global
-    is_doubtful = functions.n_failed and is_local and end in _CONVERGED
-    return "BLOCKED" if is_doubtful and functions.optimality() > BLOCKED else end
+def _judged(end: str, settings: Settings, functions: Functions) -> str:
+    """How it ended, where that says nothing about the point: the gradients do."""
+    is_doubtful = functions.n_failed > 0 and end in _CONVERGED
+    is_stuck = end in ("ROUNDOFF_LIMITED", "FAILURE")
+    if settings.algorithm.is_global or not settings.uses_gradients or not (is_doubtful or is_stuck):
+        return end
+    optimality = functions.optimality()
+    if is_stuck:
+        return "OPTIMAL" if optimality < OPTIMAL else end
+    return "BLOCKED" if optimality > BLOCKED else end
 
 
 def minimise(settings: Settings, functions: Functions) -> Outcome:
@@ -255,6 +262,6 @@ def minimise(settings: Settings, functions: Functions) -> Outcome:
         n_evaluations += optimizer.get_numevals()
         is_last = settings.algorithm.is_global or n_restarts == settings.restarts
         if is_last or not _is_worth_restarting(end, functions, n_failed, before):
-            return Outcome(_doubted(end, settings, functions), n_restarts)
+            return Outcome(_judged(end, settings, functions), n_restarts)
         x = functions.restart()
         n_restarts += 1
