@@ -52,7 +52,7 @@ class Layout:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """All rows on the baseline (m), shape (n_rows, 3): what is decided once and for all is decided on them."""
+        """All rows on the baseline (m), shape (n_rows, 3); what is decided once and for all is decided on them."""
         return np.concatenate([self.mesh.points[self.mesh.surface_ids], *(item.points for item in self.carried)])
 
     def rows(self, carried: Carried | None = None) -> slice:
