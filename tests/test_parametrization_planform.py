@@ -171,6 +171,9 @@ def test_axis_of_a_finer_m6_is_that_of_its_surface_but_for_what_its_control_mesh
     by_control_mesh = ReferenceAxis.of(moving_mesh(model)).points
     np.testing.assert_allclose(by_surface, np.stack([expected, 0.0 * span, span], axis=1), atol=1e-5)
     np.testing.assert_allclose(by_control_mesh, by_surface, atol=2e-3)
+    np.testing.assert_allclose(
+        by_control_mesh[:, 1], 0.0, atol=1e-12
+    )  # in the middle between control points of the nose
 
 
 def test_stations_of_a_straight_axis_are_those_of_the_span(m6):
@@ -293,6 +296,18 @@ def test_points_of_the_symmetry_plane_stay_in_it(request, mesh_name, kind):
     points = design_map.apply(before, np.full(len(design_map.initial), values))
     assert np.abs(points - before).max() > 1e-3
     np.testing.assert_allclose(points[mesh.rail_rows, 2], 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", [Twist, Chord, ThicknessFactor])
+def test_the_first_section_of_a_curved_axis_that_leaves_its_plane_obliquely_is_in_the_plane(m6, kind):
+    span = np.linspace(0.0, 1.4843, 6)[:, None]
+    axis = ReferenceAxis(span * [0.5, 0.7, 1.0] + [0.25, 0.0, 0.0], is_curved=True)
+    layout, points = moved(m6, (kind("v", axis), 3.0))
+    is_at_begin = np.abs(axis.hang(layout).stations[m6.rail_rows]) < 1e-12
+    np.testing.assert_allclose(points[layout.rows(axis)], axis.points, atol=1e-14)
+    flat = points[m6.rail_rows][is_at_begin | (layout.points[m6.rail_rows, 1] <= 0.0)]
+    assert len(flat) > 3
+    np.testing.assert_allclose(flat[:, 2], 0.0, atol=1e-14)
 
 
 def test_composition_of_all_kinds_differentiates_exactly(m6):
