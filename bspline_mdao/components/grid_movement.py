@@ -31,7 +31,7 @@ class GridMovement(om.Group):
     fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              unless ``fit=False``
     control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
     evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures``
-    measure_...        `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
+    ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
     move               `ControlMeshMove`: -> ``control_points``                           always
     evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
     quality            `Quality`: ``grid`` -> its outputs                                 unless ``quality=False``
