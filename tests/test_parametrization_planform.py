@@ -8,6 +8,7 @@ import pytest
 from bspline_mdao import InputError, SurfaceGrid, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.parametrization.axis import ReferenceAxis
+from bspline_mdao.parametrization.chord_lines import chord_lines
 from bspline_mdao.parametrization.composition import Parametrization
 from bspline_mdao.parametrization.lattice import Lattice
 from bspline_mdao.parametrization.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
@@ -174,6 +175,19 @@ def test_axis_of_a_finer_m6_is_that_of_its_surface_but_for_what_its_control_mesh
     np.testing.assert_allclose(
         by_control_mesh[:, 1], 0.0, atol=1e-12
     )  # in the middle between control points of the nose
+
+
+def test_chord_lines_end_in_the_middle_of_a_blunt_nose_and_base():
+    nose = np.array(
+        [[0.0, 0.0], [-0.001, 0.01], [0.5, 0.06], [1.0, 0.003], [1.0, -0.001], [0.5, -0.06], [-0.0011, -0.01]]
+    )
+    places = np.array([0.0, 0.3, 1.0])
+    points = np.array([[x, y, z] for z in places for x, y in nose])
+    ring = np.stack([np.arange(7), (np.arange(7) + 1) % 7], axis=1)
+    quads = np.concatenate([np.column_stack([ring, ring[:, ::-1] + 7]) + 7 * n for n in range(2)])
+    lines = chord_lines(points, quads, points[:, 2], np.array([0.0, 0.5, 1.2]), np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(lines.leading, [[-0.0011, 0.0, z] for z in (0.0, 0.5, 1.2)], atol=1e-4)
+    np.testing.assert_allclose(lines.trailing, [[1.0, 0.001, z] for z in (0.0, 0.5, 1.2)], atol=1e-12)
 
 
 def test_stations_of_a_straight_axis_are_those_of_the_span(m6):
