@@ -70,12 +70,14 @@ class Functions:
     _is_underway: bool = field(init=False, default=False)
     _foresight: Foresight = field(init=False)
     _known: Known = field(init=False)
+    _before: tuple[Point, Known] = field(init=False)
     _largest_gradient: float = field(init=False, default=np.finfo(float).tiny)
 
     def __post_init__(self):
         self.best = self.last = self.start
         self._foresight = self.foresee()
         self._known = Known(self.start, self._no_totals, self.start.objective, self.start)
+        self._before = self.best, self._known
 
     @property
     def _no_totals(self) -> np.ndarray:
@@ -92,7 +94,10 @@ class Functions:
     def optimality(self) -> float:
         """How far the best point is from an optimum, relative to the largest gradient of the objective seen."""
         self.settle()
-        totals = self._differentiate(is_new=False)
+        try:
+            totals = self._differentiate(is_new=False)
+        except Stop:
+            return np.inf
         return optimality(self.statement, self.best, totals) / self._largest_gradient
 
     def restart(self) -> np.ndarray:
@@ -154,7 +159,7 @@ class Functions:
 
     def _learn(self, point: Point) -> None:
         """Keep the best point and the highest objective."""
-        self.last = point
+        self.last, self._before = point, (self.best, self._known)
         known = replace(self._known, worst_objective=max(self._known.worst_objective, point.objective))
         if point.violation > known.most_violating.violation:
             known = replace(known, most_violating=point)
@@ -185,8 +190,9 @@ class Functions:
         try:
             self._totals = self.model.differentiate()
         except AnalysisFailed:
-            if not is_new:  # the algorithm has used its value already
-                raise
+            if not is_new:
+                raise Stop("BLOCKED") from None  # the algorithm has used the value already
+            self.best, self._known = self._before
             self._stand_in(self.last.x)
             return
         self._foresight.keep(self.last, self._totals[0])

@@ -13,7 +13,7 @@ ACTIVE = 1e-4
 
 def _is_near(distance: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """Whether a point is so near to its limits that they may hold it."""
-    return distance <= ACTIVE * np.maximum(1.0, np.abs(limits))
+    return np.isfinite(limits) & (distance <= ACTIVE * np.maximum(1.0, np.abs(limits)))
 
 
 def _outward(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarray:
