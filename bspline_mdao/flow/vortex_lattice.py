@@ -54,8 +54,7 @@ class VortexLattice(om.Group):
     Notes
     -----
     Optimise with ``CL`` and ``CD``. The forces on the bound vortices leave out those on the chordwise ones, which an
-    optimiser with free twist at every station learns to make use of: their drag falls below Munk's least drag, and even
-    below zero.
+    optimiser with free twist at every station learns to make use of: their drag falls far below Munk's least one.
     """
 
     def initialize(self):
@@ -87,7 +86,7 @@ class VortexLattice(om.Group):
     def _add_circulations(self, surface):
         """From the mesh to the circulations and the forces on the panels."""
         self.add_subsystem(
-            "geometry",
+            "panels",
             openaerostruct("aerodynamics.geometry").VLMGeometry(surface=surface),
             promotes_inputs=[("def_mesh", "camber_surface")],
             promotes_outputs=[("S_ref", self._mesh_area)],
@@ -98,21 +97,21 @@ class VortexLattice(om.Group):
             promotes_inputs=[("wing_def_mesh", "camber_surface"), *STREAM, "alpha", "Mach_number"],
             promotes_outputs=["circulations"],
         )
-        self.connect("geometry.normals", "lattice.wing_normals")
+        self.connect("panels.normals", "lattice.wing_normals")
 
     def _add_panel_forces(self, surface):
         """From the forces on the panels to their coefficients."""
         lift_drag = openaerostruct("aerodynamics.lift_drag").LiftDrag(surface=surface)
-        self.add_subsystem("panels", lift_drag, promotes_inputs=["alpha"])
+        self.add_subsystem("forces", lift_drag, promotes_inputs=["alpha"])
         self.add_subsystem(
             "coefficients",
             openaerostruct("aerodynamics.coeffs").Coeffs(),
             promotes_inputs=[*STREAM, "S_ref"],
             promotes_outputs=[("CL1", "CL_panels"), ("CDi", "CD_panels")],
         )
-        self.connect("lattice.wing_sec_forces", "panels.sec_forces")
+        self.connect("lattice.wing_sec_forces", "forces.sec_forces")
         for name in ("L", "D"):
-            self.connect(f"panels.{name}", f"coefficients.{name}")
+            self.connect(f"forces.{name}", f"coefficients.{name}")
 
     def _add_moment(self, surface):
         """From the forces on the panels to the coefficients of their moments."""
@@ -125,7 +124,7 @@ class VortexLattice(om.Group):
         )
         self.connect("lattice.wing_sec_forces", "moment.wing_sec_forces")
         for name in ("b_pts", "widths", "chords"):
-            self.connect(f"geometry.{name}", f"moment.wing_{name}")
+            self.connect(f"panels.{name}", f"moment.wing_{name}")
 
 
 STREAM = [("v", "velocity"), ("rho", "density")]

@@ -2,9 +2,9 @@
 
 There the wake is a row of straight vortices that trail from the edges of the strips of a wing. With the circulation
 ``g_i`` of strip i, its trace ``t_i`` in the plane from one trailing vortex to the next and its middle ``m_i``, and the
-strengths ``s_j`` of the vortices at ``p_j``, the differences of the circulations,
+strengths ``s_j`` of the vortices at ``p_j``, the differences of the circulations::
 
-    lift / (rho V) = sum_i g_i t_iy,     drag / rho = 1/(4 pi) sum_ij g_i s_j (m_i - p_j) . t_i / |m_i - p_j|^2 .
+    lift / (rho V) = sum_i g_i t_iy,     drag / rho = 1/(4 pi) sum_ij g_i s_j (m_i - p_j) . t_i / |m_i - p_j|^2
 """
 
 from __future__ import annotations
