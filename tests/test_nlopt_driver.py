@@ -341,6 +341,40 @@ def test_names_that_nlopt_does_not_know_are_refused_at_once():
         NLoptDriver(algorithm="SLSQP")
 
 
+def test_a_problem_without_design_variables_is_refused():
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("f", om.ExecComp("f = x**2"), promotes=["*"])
+    problem.model.add_objective("f")
+    with pytest.raises(InputError, match="no design variables"):
+        run(problem)
+
+
+def test_what_nlopt_refuses_is_told_in_its_words():
+    with pytest.raises(InputError, match=r"NLopt refuses to run AGS .*: \w"):
+        run(rosenbrock(12), algorithm="GN_AGS")
+
+
+def test_a_start_outside_the_bounds_is_brought_within():
+    problem = paraboloid((80.0, 0.0), d={"upper": -15.0})
+    problem.driver = nlopt_driver("LD_SLSQP", invalid_desvar_behavior="ignore")
+    problem.setup()
+    assert problem.run_driver().success
+    assert problem.get_val("f").item() == pytest.approx(paraboloid_on_line(-15.0), rel=1e-9)
+
+
+def test_variables_that_are_fixed_by_their_bounds_stay():
+    problem = om.Problem(reports=None)
+    component = om.ExecComp("f = (x - 1)**2 + x*y + y**2", x=3.0, y=1.0, do_coloring=False)
+    problem.model.add_subsystem("bowl", component, promotes=["*"])
+    problem.model.add_design_var("x", lower=3.0, upper=3.0)
+    problem.model.add_design_var("y", lower=-5.0, upper=5.0)
+    problem.model.add_objective("f")
+    for algorithm in ("LD_SLSQP", "LD_MMA", "LN_COBYLA"):
+        run(problem, algorithm=algorithm)
+        assert problem.get_val("x").item() == 3.0
+        assert problem.get_val("y").item() == pytest.approx(-1.5, abs=1e-4)
+
+
 # OpenMDAO around it
 
 

@@ -134,6 +134,8 @@ def test_a_run_that_is_held_up_by_failures_is_no_success(algorithm):
 def test_an_analysis_that_fails_at_the_start_comes_out_as_it_is():
     with pytest.raises(om.AnalysisError, match="beyond the wall"):
         walled("LD_SLSQP", start=np.full(5, 2.0))
+    with pytest.raises(om.AnalysisError, match="at the start is not a finite number"):
+        walled("LD_SLSQP", start=np.full(5, 2.0), says_nan=True)
 
 
 class Stiff(om.ImplicitComponent):

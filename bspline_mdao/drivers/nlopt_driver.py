@@ -151,8 +151,10 @@ class NLoptDriver(Driver):
 
     def _functions(self, model: ScaledModel, statement: Statement, settings: Settings) -> Functions:
         """The functions for NLopt, after the first run of the model."""
+        x, *responses = model.start()
+        within = np.clip(x, statement.lower, statement.upper)
+        start = statement.point(within, *(responses if np.array_equal(x, within) else model.run(within)))
         recover = RECOVERIES[settings.algorithm.recovery]
-        start = statement.point(*model.start())
         return Functions(model, statement, recover, partial(_foresee, settings, statement.tolerance), start)
 
     @property

@@ -46,8 +46,6 @@ class Functions:
         Makes the `Foresight` of the algorithm.
     start : Point
         The first point.
-    best : Point
-        The best point so far, by `Point.is_better`.
     last : Point
         The point where the model was last run.
     n_failed : int
@@ -61,7 +59,6 @@ class Functions:
     recover: Callable[[Known, np.ndarray], Standin]
     foresee: Callable[[], Foresight]
     start: Point
-    best: Point = field(init=False)
     last: Point = field(init=False)
     n_failed: int = field(init=False, default=0)
     exception: BaseException | None = field(init=False, default=None)
@@ -70,19 +67,18 @@ class Functions:
     _is_underway: bool = field(init=False, default=False)
     _foresight: Foresight = field(init=False)
     _known: Known = field(init=False)
-    _before: tuple[Point, Known] = field(init=False)
+    _before: Known = field(init=False)
     _largest_gradient: float = field(init=False, default=np.finfo(float).tiny)
 
     def __post_init__(self):
-        self.best = self.last = self.start
+        self.last = self.start
         self._foresight = self.foresee()
-        self._known = Known(self.start, self._no_totals, self.start.objective, self.start)
-        self._before = self.best, self._known
+        self._known = self._before = Known.at(self.start)
 
     @property
-    def _no_totals(self) -> np.ndarray:
-        """Zero totals (1 + m, n)."""
-        return np.zeros((1 + self.start.constraints.size, self.start.x.size))
+    def best(self) -> Point:
+        """The best point so far, by `Point.is_better`."""
+        return self._known.base
 
     def settle(self) -> None:
         """Leave the model at the best point."""
@@ -151,22 +147,12 @@ class Functions:
             raise Stop("ROUNDOFF_LIMITED")
         self._is_rejected, self._totals, self._is_underway = False, None, True
         try:
-            self._learn(self.statement.point(x, *self.model.run(x)))
+            self.last = self.statement.point(x, *self.model.run(x))
+            self._before, self._known = self._known, self._known.learn(self.last, self.statement.tolerance)
         except AnalysisFailed:
             self._stand_in(x)
         self._is_underway = False
         return True
-
-    def _learn(self, point: Point) -> None:
-        """Keep the best point and the highest objective."""
-        self.last, self._before = point, (self.best, self._known)
-        known = replace(self._known, worst_objective=max(self._known.worst_objective, point.objective))
-        if point.violation > known.most_violating.violation:
-            known = replace(known, most_violating=point)
-        if point.is_better(self.best, self.statement.tolerance):
-            self.best = point
-            known = replace(known, base=point, totals=self._no_totals)
-        self._known = known
 
     def _stand_in(self, x: np.ndarray) -> None:
         """Put something in the place of the failed analysis at x."""
@@ -180,7 +166,7 @@ class Functions:
     def _differentiate(self, is_new: bool) -> np.ndarray:
         """Totals (1 + m, n) at the last point: computed once, zero where they will not be used."""
         if self._is_rejected:
-            return self._no_totals
+            return np.zeros_like(self._known.totals)
         if self._totals is None:
             self._compute_totals(is_new)
         return self._totals
@@ -192,10 +178,9 @@ class Functions:
         except AnalysisFailed:
             if not is_new:
                 raise Stop("BLOCKED") from None  # the algorithm has used the value already
-            self.best, self._known = self._before
+            self._known = self._before
             self._stand_in(self.last.x)
             return
         self._foresight.keep(self.last, self._totals[0])
         self._largest_gradient = max(self._largest_gradient, float(np.linalg.norm(self._totals[0])))
-        if self.last is self._known.base:
-            self._known = replace(self._known, totals=self._totals)
+        self._known = self._known.differentiate(self.last, self._totals)

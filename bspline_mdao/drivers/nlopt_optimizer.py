@@ -7,6 +7,7 @@ from functools import partial
 import nlopt
 import numpy as np
 
+from ..errors import InputError
 from .nlopt_algorithms import Algorithm
 from .nlopt_functions import Functions
 from .nlopt_problem import Point, Statement, Stop
@@ -21,7 +22,6 @@ ENDS = {
     "MAXEVAL_REACHED": "maxeval evaluations were spent",
     "MAXTIME_REACHED": "maxtime seconds were spent",
     "FAILURE": "the algorithm gave up",
-    "INVALID_ARGS": "NLopt refused the settings",
     "OUT_OF_MEMORY": "NLopt ran out of memory",
     "ROUNDOFF_LIMITED": "round-off limits progress",
     "FORCED_STOP": "it was stopped from outside",
@@ -206,6 +206,9 @@ def _run(optimizer: nlopt.opt, functions: Functions, x: np.ndarray) -> str:
             raise functions.exception from None
         if optimizer.last_optimize_result() > 0:
             raise
+    if optimizer.last_optimize_result() == nlopt.INVALID_ARGS:
+        name = optimizer.get_algorithm_name()
+        raise InputError(f"NLoptDriver: NLopt refuses to run {name}: {optimizer.get_errmsg() or 'invalid argument'}")
     return _CODES[optimizer.last_optimize_result()]
 
 

@@ -142,6 +142,8 @@ def make_settings(options, needs: Needs) -> Settings:
     InputError
         The algorithm or its local optimizer cannot do what the problem asks, or an option does not fit.
     """
+    if needs.n_variables == 0:
+        raise InputError("NLoptDriver: the problem has no design variables; add some to its model")
     algorithm = find_algorithm(options["algorithm"], needs)
     _require_end(algorithm, options)
     for name in ("xtol_abs", "initial_step"):

@@ -7,7 +7,7 @@ their size.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ TURN = 0.02
 
 @dataclass(frozen=True)
 class Known:
-    """What is known when an analysis fails.
+    """What is known of the problem so far.
 
     Attributes
     ----------
@@ -39,6 +39,25 @@ class Known:
     totals: np.ndarray
     worst_objective: float
     most_violating: Point
+
+    @classmethod
+    def at(cls, point: Point) -> "Known":
+        """What is known after the first run."""
+        return cls(point, np.zeros((1 + point.constraints.size, point.x.size)), point.objective, point)
+
+    def learn(self, point: Point, tolerance: float) -> "Known":
+        """What is known after a run at one more point; violations up to `tolerance` count as none."""
+        is_base = point.is_better(self.base, tolerance)
+        return Known(
+            point if is_base else self.base,
+            np.zeros_like(self.totals) if is_base else self.totals,
+            max(self.worst_objective, point.objective),
+            point if point.violation > self.most_violating.violation else self.most_violating,
+        )
+
+    def differentiate(self, point: Point, totals: np.ndarray) -> "Known":
+        """What is known after the totals at a point were computed."""
+        return replace(self, totals=totals) if point is self.base else self
 
     @property
     def spread(self) -> float:

@@ -114,12 +114,23 @@ class ScaledModel:
         return bool(self._model._use_derivatives)
 
     def start(self) -> tuple[np.ndarray, float, np.ndarray]:
-        """Run at the present design variables; returns these (n,), the objective and the constraints (m,)."""
+        """Run at the present design variables; returns these (n,), the objective and the constraints (m,).
+
+        Raises
+        ------
+        openmdao.api.AnalysisError
+            The model cannot be analysed there, so that no optimisation can start.
+        """
         self._driver._check_for_missing_objective()
         self._driver._check_for_invalid_desvar_values()
         self._solve()
         self._good_states = self._states().copy()
-        return _flat(self._driver.get_design_var_values().values()), *self._responses()
+        objective, constraints = self._responses()
+        try:
+            _require_numbers("the objective or a constraint at the start", objective, constraints)
+        except AnalysisFailed as error:
+            raise om.AnalysisError(str(error)) from None
+        return _flat(self._driver.get_design_var_values().values()), objective, constraints
 
     def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Run at a point (n,); returns the objective and the constraints (m,).
