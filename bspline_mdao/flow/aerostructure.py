@@ -78,6 +78,7 @@ class Aerostructure(om.Group):
     ``consumption``       input   (1,)                  1/s     weight of fuel per second by thrust
     ``fuel_burn``         output  (1,)                  kg      after Breguet
     ``structural_mass``   output  (1,)                  kg      of the wing
+    ``wall_thickness``    output  (n_span - 1)          m       of the spar at every strip
     ``failure``           output  (1,)                          bound of the stresses by the allowable one, less 1
     ``lift_deficit``      output  (1,)                          1 less lift by weight
     ``CL``, ``CD``        output  (1,)                          from the forces on the bound vortices, and the parasite
@@ -134,7 +135,7 @@ class Aerostructure(om.Group):
             "tube",
             openaerostruct("structures.tube_group").TubeGroup(surface=surface),
             promotes_inputs=[("mesh", "camber_surface"), "t_over_c", ("thickness_cp", "spar_thickness")],
-            promotes_outputs=section,
+            promotes_outputs=[*section, ("thickness", "wall_thickness")],
         )
         self.add_subsystem(
             "spar",
@@ -154,7 +155,7 @@ class Aerostructure(om.Group):
         self.connect("spar.local_stiff_transformed", "point.coupled.wing.local_stiff_transformed")
         self.connect("spar.nodes", ["point.coupled.wing.nodes", "point.wing_perf.nodes"])
         self.connect("tube.radius", "point.wing_perf.radius")
-        self.connect("tube.thickness", "point.wing_perf.thickness")
+        self.connect("wall_thickness", "point.wing_perf.thickness")
         self.connect("spar.cg_location", "point.total_perf.wing_cg_location")
         self.connect("structural_mass", "point.total_perf.wing_structural_mass")
 
