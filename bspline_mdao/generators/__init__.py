@@ -7,6 +7,7 @@ from .onera_m6 import onera_d_section, onera_m6_planform
 from .planform import Planform
 from .section import Section, cambered_section, flat_section, naca_section
 from .shape import Shape, lay_nodes, lay_walls
+from .shell import ball_grid, brick_grid
 from .targets import fit_shape, nodes_on_shape
 from .wing_surface import Wing
 
@@ -19,6 +20,8 @@ __all__ = [
     "Shape",
     "Spacing",
     "Wing",
+    "ball_grid",
+    "brick_grid",
     "cambered_section",
     "fit_shape",
     "flat_plate_grid",

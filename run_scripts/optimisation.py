@@ -1,0 +1,278 @@
+"""What the optimisations share: both drivers on one problem, what they cost, and checks of the total derivatives."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+from common import BLUE, ORANGE
+from scipy.optimize import lsq_linear
+from threadpoolctl import threadpool_limits
+
+from bspline_mdao import NLoptDriver
+
+TIMED = ("compute", "compute_partials", "compute_jacvec_product", "solve_nonlinear", "linearize", "apply_linear")
+"""Methods of components whose time counts."""
+
+ACTIVE = 1e-6
+"""Distance from a bound, in units of the driver, within which a constraint counts as active."""
+
+COLORS = {"SciPy SLSQP": ORANGE, "NLopt LD_SLSQP": BLUE}
+
+
+def scipy_slsqp(tolerance: float, max_iterations: int) -> om.Driver:
+    """Give SciPy's SLSQP by OpenMDAO's own driver; it ends where the objective changes by less than the tolerance."""
+    return om.ScipyOptimizeDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, disp=False)
+
+
+def nlopt_slsqp(tolerance: float, max_iterations: int) -> om.Driver:
+    """Give NLopt's SLSQP; it ends where the objective changes by less than the tolerance."""
+    stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
+    return NLoptDriver(algorithm="LD_SLSQP", constraint_tolerance=1e-8, disp=False, **stop)
+
+
+DRIVERS: dict[str, Callable[[float, int], om.Driver]] = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt_slsqp}
+"""Makers of drivers, given the tolerance of the objective and the largest number of iterations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """An optimisation that has ended.
+
+    Parameters
+    ----------
+    problem : om.Problem
+        At the optimum.
+    history : dict of ndarray
+        Objective and constraints by name, one row per evaluation, as the model gives them.
+    seconds : dict of float
+        Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
+    initial_gradient : float
+        Largest entry of the objective's gradient at the start, as the driver sees it.
+    """
+
+    problem: om.Problem
+    history: dict[str, np.ndarray]
+    seconds: dict[str, float]
+    initial_gradient: float
+
+    def numbers(self) -> dict:
+        """What a run script tells of it."""
+        result, total = self.problem.driver.result, sum(self.seconds.values())
+        optimality, violation = optimality_of(self.problem)
+        return {
+            "success": bool(result.success),
+            "exit_status": str(result.exit_status),
+            "evaluations": result.model_evals,
+            "gradients": result.deriv_evals,
+            "objective": self.problem.driver.get_objective_values(driver_scaling=False).popitem()[1].item(),
+            "optimality": optimality / self.initial_gradient,
+            "violation": violation,
+            "seconds": total,
+            "shares": {name: seconds / total for name, seconds in self.seconds.items()},
+        }
+
+
+def optimise(make_problem: Callable[[], om.Problem], driver: om.Driver) -> Run:
+    """Run a problem, not yet set up, with a driver."""
+    problem = make_problem()
+    problem.driver = driver
+    problem.options["group_by_pre_opt_post"] = True  # what no design variable reaches runs once
+    with tempfile.TemporaryDirectory() as folder:
+        driver.add_recorder(om.SqliteRecorder(Path(folder) / "cases.sql", record_viewer_data=False))
+        driver.recording_options["record_desvars"] = False
+        problem.setup(mode="rev")
+        problem.run_model()
+        gradient = np.abs(problem.compute_totals(driver_scaling=True, return_format="array")[0])
+        seconds = time_components(problem)
+        start = time.perf_counter()
+        with threadpool_limits(1, "blas"):  # dense algebra of a few hundred variables is no work for many threads
+            problem.run_driver()
+        seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
+        problem.cleanup()
+        history = read_history(Path(folder) / "cases.sql")
+    return Run(problem, history, dict(seconds), gradient.max())
+
+
+def time_components(problem: om.Problem) -> dict[str, float]:
+    """Wall time spent in every component from now on, by its name (s)."""
+    seconds = {}
+    for component in problem.model.system_iter(recurse=True, typ=om.ExplicitComponent):
+        if not component.name.startswith("_auto_ivc"):
+            seconds[component.name] = 0.0
+            for name in TIMED:
+                if hasattr(component, name):
+                    setattr(component, name, _timed(getattr(component, name), seconds, component.name))
+    return seconds
+
+
+def _timed(method, seconds: dict[str, float], name: str):
+    """A method whose time is added up."""
+
+    @functools.wraps(method)
+    def run(*args, **kwargs):
+        start = time.perf_counter()
+        try:
+            return method(*args, **kwargs)
+        finally:
+            seconds[name] += time.perf_counter() - start
+
+    return run
+
+
+def read_history(file: Path) -> dict[str, np.ndarray]:
+    """Read objective and constraints of every evaluation from a recorded file."""
+    reader = om.CaseReader(str(file))
+    cases = [reader.get_case(name) for name in reader.list_cases("driver", out_stream=None)]
+    responses = [{**case.get_objectives(), **case.get_constraints()} for case in cases]
+    return {name: np.array([values[name] for values in responses]) for name in responses[0]}
+
+
+def optimality_of(problem: om.Problem) -> tuple[float, float]:
+    """Largest residual of the Karush-Kuhn-Tucker conditions, and of constraints that are not scaled.
+
+    The multipliers are those that leave the smallest gradient: of any sign for equations, of one for active bounds.
+    """
+    totals = problem.compute_totals(driver_scaling=True, return_format="array")
+    values = problem.driver.get_constraint_values(driver_scaling=False)
+    active, lowest, violation, start = [], [], [0.0], 1
+    for name, meta in problem.model.get_constraints().items():
+        jacobian, start = totals[start : start + len(values[name])], start + len(values[name])
+        for slack, sign, least in _slacks(values[name], meta):
+            is_active = slack < ACTIVE
+            active.append(sign * jacobian[is_active])
+            lowest.append(np.full(np.count_nonzero(is_active), least))
+            violation.append(-slack.min())
+    if not active:
+        return np.abs(totals[0]).max(), 0.0
+    matrix = np.concatenate(active).T
+    bounds = (np.concatenate(lowest), np.inf)
+    rest = totals[0] - matrix @ lsq_linear(matrix, totals[0], bounds, tol=1e-14).x if matrix.size else totals[0]
+    return np.abs(rest).max(), max(violation)
+
+
+def _slacks(value: np.ndarray, meta: dict):
+    """Distances by which a constraint is satisfied, with the sign of its gradient and its least multiplier."""
+    if meta["equals"] is not None:
+        yield -np.abs(value - meta["equals"]), 1.0, -np.inf
+        return
+    if meta["lower"] is not None:
+        yield value - meta["lower"], 1.0, 0.0
+    if meta["upper"] is not None:
+        yield meta["upper"] - value, -1.0, 0.0
+
+
+def set_up(problem: om.Problem) -> om.Problem:
+    """Set a problem up, for reverse derivatives, and run it."""
+    problem.setup(mode="rev")
+    problem.run_model()
+    return problem
+
+
+def move_at_random(problem: om.Problem, size: float = 0.1) -> om.Problem:
+    """Run a problem with every value off its present one by up to ``size`` in units of the driver."""
+    rng = np.random.default_rng(4)
+    for name, meta in problem.model.get_design_vars().items():
+        value = problem.get_val(name)
+        problem.set_val(name, value + size * _scale(meta) * rng.uniform(-1.0, 1.0, value.shape))
+    problem.run_model()
+    return problem
+
+
+def check_totals(problem: om.Problem, n_directions: int = 2, step: float = 1e-3, levels: int = 4) -> dict:
+    """Hold the total derivatives at the present point against each other and against differences.
+
+    Parameters
+    ----------
+    problem : om.Problem
+        A problem that has run.
+    n_directions : int
+        Random directions in the space of all design variables.
+    step : float
+        First step of the differences, in units of the driver. It is halved, and the differences are extrapolated.
+    levels : int
+        Steps.
+
+    Returns
+    -------
+    dict
+        ``transposed``, the largest difference of forward and reverse products by the product of the norms, and
+        ``differences``, that of extrapolated central differences and forward products by the largest of those.
+    """
+    rng, of = np.random.default_rng(5), [*problem.model.get_objectives(), *problem.model.get_constraints()]
+    scales = {name: _scale(meta) for name, meta in problem.model.get_design_vars().items()}
+    start = {name: problem.get_val(name).copy() for name in scales}
+    directions = [
+        {name: scales[name] * rng.uniform(-1.0, 1.0, value.size) for name, value in start.items()}
+        for _ in range(n_directions)
+    ]
+    reverse = problem.compute_totals(of, list(start))
+    forward = [problem.compute_jacvec_product(of, list(start), "fwd", direction) for direction in directions]
+    differences = [
+        extrapolated(partial(_responses, problem, of, start, direction), step, levels) for direction in directions
+    ]
+    _responses(problem, of, start, directions[0], 0.0)
+    return {
+        "transposed": max(_untransposed(reverse, *pair) for pair in zip(forward, directions)),
+        "differences": max(_largest_error([d[name] for d in differences], [f[name] for f in forward]) for name in of),
+    }
+
+
+def _untransposed(reverse: dict, forward: dict, direction: dict) -> float:
+    """Largest difference of products with rows from reverse mode and forward products, by the norm of the terms."""
+    errors = []
+    for name, product in forward.items():
+        terms = np.concatenate([reverse[name, wrt] * values for wrt, values in direction.items()], axis=1)
+        errors.append(np.abs(terms.sum(axis=1) - product).max() / np.linalg.norm(terms))
+    return max(errors)
+
+
+def _largest_error(differences: list[np.ndarray], products: list[np.ndarray]) -> float:
+    """Largest error of several differences by the largest product."""
+    return np.abs(np.subtract(differences, products)).max() / np.abs(products).max()
+
+
+def extrapolated(function: Callable[[float], dict[str, np.ndarray]], step: float, levels: int) -> dict[str, np.ndarray]:
+    """Central differences of a function of the step at halved steps, extrapolated to none (Richardson)."""
+    table = []
+    for h in step / 2.0 ** np.arange(levels):
+        above, below = function(h), function(-h)
+        table.append({name: (above[name] - below[name]) / (2.0 * h) for name in above})
+    for power in 4.0 ** np.arange(1, levels):
+        pairs = zip(table, table[1:])
+        table = [{name: (power * b[name] - a[name]) / (power - 1.0) for name in a} for a, b in pairs]
+    return table[0]
+
+
+def draw_history(axes, runs: dict[str, Run], response: str, label: str, error=np.abs) -> None:
+    """Draw a function of a response, an error, over the evaluations of every driver."""
+    for name, result in runs.items():
+        axes.semilogy(error(result.history[response].ravel()), color=COLORS[name], label=name, linewidth=1.0)
+    axes.set(xlabel="evaluation", ylabel=label)
+    axes.legend()
+
+
+def write_n2(problem: om.Problem, folder: Path, name: str) -> None:
+    """Write the N2 diagram of a problem as a page."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    om.n2(problem, outfile=str(Path(folder) / f"{name}.html"), show_browser=False, title=name.replace("_", " "))
+
+
+def _responses(problem: om.Problem, of: list[str], start: dict, direction: dict, h: float) -> dict[str, np.ndarray]:
+    """Responses at a step along a direction."""
+    for name, value in start.items():
+        problem.set_val(name, value + h * direction[name])
+    problem.run_model()
+    return {name: problem.get_val(name).ravel().copy() for name in of}
+
+
+def _scale(meta: dict) -> np.ndarray | float:
+    """What one unit of the driver is, for a design variable."""
+    return 1.0 if meta["total_scaler"] is None else 1.0 / meta["total_scaler"]
