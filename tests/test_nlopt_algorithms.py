@@ -1,5 +1,8 @@
 """The table of algorithms is what NLopt itself does."""
 
+import re
+from pathlib import Path
+
 import nlopt
 import numpy as np
 import pytest
@@ -166,3 +169,34 @@ def test_those_of_the_same_kind_are_named_if_there_are_any():
         InputError, match=r"local_optimizer LD_LBFGS takes no inequality .*: LD_SLSQP, LD_MMA, LD_CCSAQ, LN"
     ):
         find_algorithm("LD_LBFGS", Needs(2, inequality=("a",)), is_subsidiary=True)
+
+
+def test_the_table_of_the_documentation_is_the_table_of_the_code():
+    page = (Path(__file__).parents[1] / "docs" / "theory" / "drivers.rst").read_text()
+    table = page[page.index("Algorithm ") :].split("Augmented Lagrangians that end")[0]
+    rows = {}
+    columns = [match.span() for match in re.finditer("=+", table.splitlines()[1])]
+    for line in table.splitlines()[2:]:
+        cells = [line[start:end].strip().replace("\\", "").strip() for start, end in columns]
+        rows[cells[0].strip("`")] = cells[1:]
+    runs_another = {"none": "", "optional": "may", "needed": "must"}
+    assert {name for name in rows if name in ALGORITHMS} == set(ALGORITHMS)
+    for name, algorithm in ALGORITHMS.items():
+        assert rows[name] == [
+            algorithm.title,
+            "yes" if algorithm.inequality else "",
+            "yes" if algorithm.equality else "",
+            algorithm.bounds,
+            runs_another[algorithm.local_optimizer],
+            "yes" if algorithm.is_stochastic else "",
+            algorithm.recovery if algorithm.is_compiled else "not compiled",
+        ]
+
+
+def test_the_example_of_the_documentation_runs():
+    page = (Path(__file__).parents[1] / "docs" / "theory" / "drivers.rst").read_text()
+    example = page.split(".. code-block:: python\n")[1].split("\nWhat it guarantees")[0]
+    contents = {}
+    exec("\n".join(line[3:] for line in example.splitlines()), contents)
+    assert contents["result"].success
+    assert contents["problem"].get_val("d").item() == pytest.approx(-12.0, abs=1e-6)
