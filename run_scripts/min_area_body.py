@@ -118,9 +118,9 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     dict
         ``area``, the analytic optimum (m^2); for each driver what `optimisation.Run.numbers` tells of the finest grid,
         ``roundness``, the largest distance of a node from the ball by its radius, and by number of control points along
-        an edge, on grids ever finer, the relative ``errors`` of the area, their ``orders``, and the error ``of_splines``
-        that is left when they are extrapolated; ``totals``, see `optimisation.check_totals`; of the grid that follows,
-        ``n_inverted`` and the smallest corner triple product ``min_corner``.
+        an edge, on grids ever finer, the relative ``errors`` of the area, their ``orders``, and the error
+        ``of_splines`` that is left when they are extrapolated; ``totals``, see `optimisation.check_totals`; of the grid
+        that follows, ``n_inverted`` and the smallest corner triple product ``min_corner``.
     """
     n_nodes, n_control = SIZES[paper]
     bodies = {n: [Body.of(m, n) for m in n_nodes] for n in n_control}
@@ -179,14 +179,14 @@ def draw(folder, body: Body, runs: dict[str, Run], best: om.Problem, numbers: di
 
 
 def draw_surface(axes, surface: SurfaceGrid, nodes: np.ndarray, color: str, offset: float) -> None:
-    """Draw the grid lines on the sides of a body that face the observer, who looks along (1, 1, 1)."""
+    """Draw the grid lines of a body where they face the observer, who looks from (1, 1, 1)."""
     view = np.array([[-1.0, 1.0, 0.0], [-1.0, -1.0, 2.0]]) / np.sqrt([[2.0], [6.0]])
     for ids in surface.faces:
         face = nodes[ids]
-        if face.mean(axis=(0, 1)).sum() > 0.0:
-            x, y = np.moveaxis(face @ view.T, -1, 0)
-            for lines in ((x, y), (x.T, y.T)):
-                axes.plot(lines[0] + offset, lines[1], color=color, linewidth=0.5)
+        normals = np.cross(np.gradient(face, axis=0), np.gradient(face, axis=1))
+        x, y = np.moveaxis(np.where(normals.sum(axis=-1, keepdims=True) > 0.0, face @ view.T, np.nan), -1, 0)
+        for lines in ((x, y), (x.T, y.T)):
+            axes.plot(lines[0] + offset, lines[1], color=color, linewidth=0.4)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import openmdao.api as om
 from common import BLUE, ORANGE
+from openmdao.core.driver import Driver
 from scipy.optimize import lsq_linear
 from threadpoolctl import threadpool_limits
 
@@ -24,22 +25,28 @@ TIMED = ("compute", "compute_partials", "compute_jacvec_product", "solve_nonline
 ACTIVE = 1e-6
 """Distance from a bound, in units of the driver, within which a constraint counts as active."""
 
-COLORS = {"SciPy SLSQP": ORANGE, "NLopt LD_SLSQP": BLUE}
+COLORS = {"SciPy SLSQP": ORANGE, "NLopt LD_SLSQP": BLUE, "NLopt LD_LBFGS": BLUE}
 
 
-def scipy_slsqp(tolerance: float, max_iterations: int) -> om.Driver:
+def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
     """Give SciPy's SLSQP by OpenMDAO's own driver; it ends where the objective changes by less than the tolerance."""
     return om.ScipyOptimizeDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, disp=False)
 
 
-def nlopt_slsqp(tolerance: float, max_iterations: int) -> om.Driver:
-    """Give NLopt's SLSQP; it ends where the objective changes by less than the tolerance."""
+def nlopt(algorithm: str, tolerance: float, max_iterations: int) -> Driver:
+    """Give an algorithm of NLopt; it ends where the objective changes by less than the tolerance."""
     stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
-    return NLoptDriver(algorithm="LD_SLSQP", constraint_tolerance=1e-8, disp=False, **stop)
+    return NLoptDriver(algorithm=algorithm, constraint_tolerance=1e-8, disp=False, **stop)
 
 
-DRIVERS: dict[str, Callable[[float, int], om.Driver]] = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt_slsqp}
-"""Makers of drivers, given the tolerance of the objective and the largest number of iterations."""
+Drivers = dict[str, Callable[[float, int], Driver]]
+"""Makers of drivers by name, given the tolerance of the objective and the largest number of iterations."""
+
+DRIVERS: Drivers = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": partial(nlopt, "LD_SLSQP")}
+"""Those of the problems with constraints."""
+
+UNCONSTRAINED: Drivers = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_LBFGS": partial(nlopt, "LD_LBFGS")}
+"""Those of problems with many variables and no constraint: SLSQP of NLopt spends most of the time on itself there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +87,7 @@ class Run:
         }
 
 
-def optimise(make_problem: Callable[[], om.Problem], driver: om.Driver) -> Run:
+def optimise(make_problem: Callable[[], om.Problem], driver: Driver) -> Run:
     """Run a problem, not yet set up, with a driver."""
     problem = make_problem()
     problem.driver = driver
