@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array, kron, vstack
 
 from ..errors import InputError
+from .edge_cuts import cut_edges, edges_of_quads
 from .surface import SurfaceGrid
 
 __all__ = ["SPACINGS", "CamberSurface"]
@@ -24,8 +25,11 @@ SPACINGS = {
 }
 """Fractions of chord or span by the number of nodes: even; the closer the nearer to both ends; to the far end alone."""
 
-_INSIDE = 1e-9
-"""Distance from the ends of the span, in spans, at which edges are looked for that the sections there cross."""
+_NEAR = 1e-9
+"""Distance from a section, in spans, at which a node is on it."""
+
+_SHORT = 1e-6
+"""Chord, in spans, that is taken for none: that of a round tip at its end."""
 
 _EDGE_ON = 1e-6
 """Share of a quad's normal below which it shows neither side up, as on a blunt trailing edge."""
@@ -146,7 +150,7 @@ def _fractions(spacing: str, n: int, direction: str) -> np.ndarray:
 
 
 def _stations(span: np.ndarray, fractions: np.ndarray, ends: tuple[float, float] | None) -> np.ndarray:
-    """Coordinates y of the sections from the root to the tip, those of the very ends a little inside."""
+    """Coordinates y of the sections from the root to the tip, the root first."""
     root, tip = (span.max(), span.min()) if ends is None else (-abs(end) for end in ends)
     return root + (tip - root) * fractions
 
@@ -157,14 +161,7 @@ def _sides(quads: np.ndarray, points: np.ndarray, is_mirrored: bool) -> dict[str
     normals = np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
     up = normals[:, 2] / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
     up = -up if is_mirrored else up
-    return {"upper": _edges(quads[up > _EDGE_ON], points), "lower": _edges(quads[up < -_EDGE_ON], points)}
-
-
-def _edges(quads: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Edges of quads, each once, from lower to higher y."""
-    edges = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
-    order = np.argsort(points[edges, 1], axis=1)
-    return np.unique(np.take_along_axis(edges, order, axis=1), axis=0)
+    return {"upper": edges_of_quads(quads[up > _EDGE_ON]), "lower": edges_of_quads(quads[up < -_EDGE_ON])}
 
 
 def _section(points: np.ndarray, sides: dict[str, np.ndarray], fractions: np.ndarray, station: float) -> csr_array:
@@ -173,6 +170,8 @@ def _section(points: np.ndarray, sides: dict[str, np.ndarray], fractions: np.nda
     line = np.concatenate([cut @ points for cut in cuts])
     leading, trailing = line[np.argmin(line[:, 0])], line[np.argmax(line[:, 0])]
     chord = trailing - leading
+    if not np.linalg.norm(chord) > _SHORT * np.ptp(points[:, 1]):
+        raise InputError(_complaint(points, "wing", "chord", station))
     along = [(cut @ points - leading) @ chord / (chord @ chord) for cut in cuts]
     upper, lower = (_between(along_cut, fractions) @ cut for along_cut, cut in zip(along, cuts))
     return csr_array(0.5 * (upper + lower))
@@ -180,18 +179,20 @@ def _section(points: np.ndarray, sides: dict[str, np.ndarray], fractions: np.nda
 
 def _cut(points: np.ndarray, edges: np.ndarray, station: float, side: str) -> csr_array:
     """Share of the nodes in the points where edges cross a station, shape (n_crossings, n)."""
-    y = points[edges, 1]
-    margin = _INSIDE * np.ptp(points[:, 1])
-    inside = np.clip(station, y.min(initial=np.inf) + margin, y.max(initial=-np.inf) - margin)
-    is_crossed = (y[:, 0] <= inside) & (inside < y[:, 1])
-    if abs(inside - station) > 2.0 * margin or np.count_nonzero(is_crossed) < 2:
-        raise InputError(
-            f"camber surface: the {side} has no section at {abs(station):.6g} along the span; give other ends or axes"
-        )
-    edges, (start, end) = edges[is_crossed], y[is_crossed].T
-    share = (station - start) / (end - start)
-    data = np.stack([1.0 - share, share], axis=1).ravel()
-    return csr_array((data, edges.ravel(), 2 * np.arange(len(edges) + 1)), shape=(len(edges), len(points)))
+    y = points[:, 1]
+    section = cut_edges(edges, y - station, _NEAR * np.ptp(y))
+    if len(section.nodes) < 2:
+        raise InputError(_complaint(points, side, "section", station))
+    return section.matrix(len(points))
+
+
+def _complaint(points: np.ndarray, where: str, what: str, station: float) -> str:
+    """What is missing at a station."""
+    low, high = 0.0 - points[:, 1].max(), 0.0 - points[:, 1].min()
+    return (
+        f"camber surface: the {where} has no {what} at {abs(station):.6g} along the span, on which its nodes go from "
+        f"{low:.6g} to {high:.6g}; give ends further within these, or other axes"
+    )
 
 
 def _between(along: np.ndarray, fractions: np.ndarray) -> csr_array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..deformations.frame import surface_frame
 from ..errors import InputError
+from .edge_cuts import cut_edges, edges_of_quads
 from .probes import FLAT, Probes
 from .surface import SurfaceGrid
 
@@ -89,22 +90,16 @@ def section_edges(surface: SurfaceGrid, cuts: Sequence[Cut], what: str = "sectio
     InputError
         If a plane does not cut the surface, or touches it in one point.
     """
-    edges = _edges(surface.quads)
+    edges = edges_of_quads(surface.quads)
     found = [_ends(surface, edges, cut, f"{what}: section {n} of {len(cuts)}") for n, cut in enumerate(cuts, start=1)]
     nodes, weights = (np.array(values) for values in zip(*found))
     return Probes(nodes[:, 0], weights[:, 0]), Probes(nodes[:, 1], weights[:, 1])
 
 
-def _edges(quads):
-    """All edges, each once, shape (n, 2)."""
-    ends = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    return np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0)
-
-
 def _ends(surface, edges, cut, what):
     """Nodes and weights, each of shape (2, 4), of the leading and the trailing edge of one section."""
-    nodes, weights = _cut_edges(surface, edges, cut, what)
-    places = np.einsum("nm,nmd->nd", weights, surface.points[nodes])
+    section = _section(surface, edges, cut, what)
+    places = section.at(surface.points)
     along = places @ cut.stream
     last = np.flatnonzero(along >= along.max() - _LAST * np.ptp(along))
     across = places[last] @ np.cross(cut.normal, cut.stream)
@@ -114,17 +109,14 @@ def _ends(surface, edges, cut, what):
     if chord[leading] <= FLAT * surface.size:
         raise InputError(f"{what}: the plane only touches the surface, so that there is no chord; move it")
     ends = np.array([[leading, leading], trailing])
-    return nodes[ends].reshape(2, 4), 0.5 * weights[ends].reshape(2, 4)
+    return section.nodes[ends].reshape(2, 4), 0.5 * section.weights[ends].reshape(2, 4)
 
 
-def _cut_edges(surface, edges, cut, what):
-    """Nodes and weights, each of shape (n, 2), of the points where a plane cuts edges."""
-    height = (surface.points - cut.origin) @ (cut.normal / np.linalg.norm(cut.normal))
-    height[np.abs(height) < FLAT * surface.size] = 0.0
-    first, second = height[edges].T
-    is_cut = (first * second <= 0.0) & (first != second)
-    if not is_cut.any():
+def _section(surface, edges, cut, what):
+    """Points where a plane cuts edges, at least one."""
+    heights = (surface.points - cut.origin) @ (cut.normal / np.linalg.norm(cut.normal))
+    section = cut_edges(edges, heights, FLAT * surface.size)
+    if not len(section.nodes):
         x, y, z = cut.origin
         raise InputError(f"{what}: the plane through ({x:g}, {y:g}, {z:g}) does not cut the surface; move it")
-    share = (first / np.where(is_cut, first - second, 1.0))[is_cut]
-    return edges[is_cut], np.stack([1.0 - share, share], axis=1)
+    return section

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.edge_cuts import cut_edges, edges_of_quads
 
 __all__ = ["ChordLines", "chord_lines"]
 
-_INSIDE = 1e-2
+_INSIDE = 2e-2
 """Sections are cut this part of the whole extent inside the ends, which may have no chord: at a fitted tip, single
 control points stick out."""
 
@@ -63,7 +64,7 @@ def chord_lines(
     -------
     ChordLines
         From the most upstream to the most downstream place of every section, at the mean height of the points near it.
-        Both go on along straight lines over the last hundredth before the ends of the surface, and beyond.
+        Both go on along straight lines over the last fiftieth before the ends of the surface, and beyond.
 
     Raises
     ------
@@ -74,8 +75,8 @@ def chord_lines(
     low, high = places.min() + margin, places.max() - margin
     cut_at = np.clip(at, low, high)
     further = cut_at + np.where(cut_at < 0.5 * (low + high), margin, -margin)
-    edges = _edges(quads)
-    ends, inner = (_cut(points[edges], places[edges], levels, stream) for levels in (cut_at, further))
+    edges = edges_of_quads(quads)
+    ends, inner = (_cut(points, edges, places, levels, stream) for levels in (cut_at, further))
     ends = ends + ((at - cut_at) / (further - cut_at))[:, None, None] * (inner - ends)
     lines = ChordLines(ends[:, 0], ends[:, 1])
     is_short = ~(np.linalg.norm(lines.chords, axis=1) > _NO_CHORD * np.ptp(points, axis=0).max())
@@ -85,9 +86,9 @@ def chord_lines(
     return lines
 
 
-def _cut(ends, values, levels, stream):
-    """Chord lines where edges (n, 2, 3) take a value between those of their ends (n, 2); shape (n_levels, 2, 3)."""
-    return np.array([_ends(_crossings(ends, values, level), stream) for level in levels])
+def _cut(points, edges, places, levels, stream):
+    """Ends of the chord lines of sections at several places, shape (n_levels, 2, 3)."""
+    return np.array([_ends(cut_edges(edges, places - level).at(points), stream) for level in levels])
 
 
 def _ends(section, stream):
@@ -104,17 +105,3 @@ def _end(section, along, distance, stream):
     weights = np.maximum(_NEAR - distance, 0.0)
     middle = weights @ section / weights.sum()
     return middle + (along[np.argmin(distance)] - middle @ stream) * stream
-
-
-def _crossings(ends, values, level):
-    """Points where edges, shape (n, 2, 3), have a value that they take between those of their ends, shape (n, 2)."""
-    is_below = values <= level
-    crosses = is_below[:, 0] != is_below[:, 1]
-    (start, stop), (low, high) = ends[crosses].swapaxes(0, 1), values[crosses].T
-    return start + ((level - low) / (high - low))[:, None] * (stop - start)
-
-
-def _edges(quads):
-    """Edges of quads, each once, shape (n, 2)."""
-    edges = np.concatenate([quads[:, [n, (n + 1) % 4]] for n in range(4)])
-    return np.unique(np.sort(edges, axis=1), axis=0)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, kron, vstack
 
 from ..errors import InputError
+from ..geometry.edge_cuts import edges_of_quads
 from .pattern import product_on_pattern, sum_on_pattern
 from .surface_net import surface_quads
 from .variable import DesignMap, Layout, MapPartials
@@ -168,8 +169,7 @@ def held_points(lattice: Lattice, layout: Layout) -> np.ndarray:
 
 def _exits(lattice: Lattice, layout: Layout) -> np.ndarray:
     """Lattice coordinates of the places where edges of the surface's net leave the lattice, by bisection."""
-    points, quads = layout.points[layout.rows()], surface_quads(layout.mesh)
-    edges = np.stack([quads, np.roll(quads, 1, axis=1)], axis=-1).reshape(-1, 2)
+    points, edges = layout.points[layout.rows()], edges_of_quads(surface_quads(layout.mesh))
     is_inside = lattice.locate(points)[1][edges]
     edges, is_inside = (part[is_inside[:, 0] != is_inside[:, 1]] for part in (edges, is_inside))
     inner, outer = points[edges[is_inside]], points[edges[~is_inside]]

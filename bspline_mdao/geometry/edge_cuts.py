@@ -1,0 +1,62 @@
+"""Where edges of quads take a given value, such as the height above a plane: the points of a section."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+__all__ = ["EdgeCuts", "cut_edges", "edges_of_quads"]
+
+
+class EdgeCuts(NamedTuple):
+    """Points on edges, as weighted means of their ends.
+
+    Parameters
+    ----------
+    nodes : ndarray of int, shape (n, 2)
+        Ends of the edges.
+    weights : ndarray, shape (n, 2)
+        Their weights, of sum 1.
+    """
+
+    nodes: np.ndarray
+    weights: np.ndarray
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Places, shape (n, 3), of nodes, shape (n_points, 3)."""
+        return np.einsum("nm,nmd->nd", self.weights, points[self.nodes])
+
+    def matrix(self, n_points: int) -> csr_array:
+        """The map of nodes to the points, shape (n, n_points)."""
+        starts = 2 * np.arange(len(self.nodes) + 1)
+        return csr_array((self.weights.ravel(), self.nodes.ravel(), starts), shape=(len(self.nodes), n_points))
+
+
+def edges_of_quads(quads: np.ndarray) -> np.ndarray:
+    """Edges of quads, shape (n_quads, 4), each once, shape (n, 2); collapsed ones are left out."""
+    edges = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
+    return np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
+
+
+def cut_edges(edges: np.ndarray, heights: np.ndarray, near: float = 0.0) -> EdgeCuts:
+    """Find the points of height 0.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (n, 2)
+        Ends of the edges.
+    heights : ndarray, shape (n_points,)
+        Of all nodes; linear on the edges between. Edges of one height are not cut.
+    near : float
+        Height, up or down, up to which a node counts as at 0.
+
+    Returns
+    -------
+    EdgeCuts
+    """
+    first, second = np.where(np.abs(heights) <= near, 0.0, heights)[edges].T
+    is_cut = (first * second <= 0.0) & (first != second)
+    share = first[is_cut] / (first - second)[is_cut]
+    return EdgeCuts(edges[is_cut], np.stack([1.0 - share, share], axis=1))
