@@ -42,7 +42,7 @@ PLAIN = [(case, name, None) for case in CASES for name in GRADIENT if suits(case
 INSIDE = [
     (case, outer, inner)
     for case in CASES
-    for outer, inner in (("AUGLAG", "LD_SLSQP"), ("AUGLAG", "LD_LBFGS"), ("AUGLAG_EQ", "LD_CCSAQ"))
+    for outer, inner in (("AUGLAG", "LD_LBFGS"), ("AUGLAG_EQ", "LD_CCSAQ"))
     if case.has_inequality or case.has_equality
 ]
 
@@ -81,12 +81,15 @@ def test_slsqp_needs_no_more_evaluations_than_that_of_scipy_on_all_problems_toge
 LOCAL = ["LN_COBYLA", "LN_BOBYQA", "LN_NEWUOA_BOUND", "LN_PRAXIS", "LN_NELDERMEAD", "LN_SBPLX", "LN_AUGLAG"]
 
 
-@pytest.mark.parametrize("algorithm", LOCAL)
-@pytest.mark.parametrize("name", ["paraboloid", "upper", "equality"])
-def test_local_algorithms_without_gradients_come_near(algorithm, name):
-    case = BY_NAME[name]
-    if not suits(case, algorithm):
-        pytest.skip("takes no such constraints")
+ROUGH = [(BY_NAME[name], algorithm) for name in ("paraboloid", "upper", "equality") for algorithm in LOCAL]
+
+
+@pytest.mark.parametrize(
+    ("case", "algorithm"),
+    [(case, algorithm) for case, algorithm in ROUGH if suits(case, algorithm)],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_local_algorithms_without_gradients_come_near(case, algorithm):
     problem = solve(case, nlopt_driver(algorithm))
     assert error(case, problem) < 1e-5
     assert problem.driver.result.success
@@ -415,6 +418,50 @@ def test_total_colouring_reduces_the_linear_solves():
     first, second = sparse(plain), sparse(coloured)
     np.testing.assert_allclose(first.get_val("x"), second.get_val("x"), atol=1e-9)
     assert second.driver._coloring_info.coloring.total_solves() < 5
+
+
+def test_totals_may_be_approximated():
+    problem = paraboloid(d={"upper": -15.0})
+    problem.model.approx_totals(method="fd")
+    assert run(problem).get_val("f").item() == pytest.approx(paraboloid_on_line(-15.0), rel=1e-9)
+
+
+def test_one_output_may_be_constrained_twice_by_aliases():
+    problem = on_vectors(indices=[0], upper=2.0, alias="first")
+    problem.model.add_constraint("g", indices=[3], upper=5.0, alias="second")
+    problem.model.add_constraint("g", indices=[1], equals=-1.0, alias="third", linear=True)
+    run(problem)
+    np.testing.assert_allclose(problem.get_val("z"), [0.5, -1.0, 0.0, 2.0, 0.0, -1.0], atol=1e-6)
+
+
+def test_units_are_those_of_the_declaration_and_what_comes_after_is_run_at_the_end():
+    problem = om.Problem(reports=None, group_by_pre_opt_post=True)
+    metres = {name: {"units": "m"} for name in "xyc"}
+    formulas = ["f = (x - a)**2 + (y - 1)**2", "c = x + y"]
+    for name, component in {
+        "before": om.ExecComp("a = 2*q", q=1.5),
+        "bowl": om.ExecComp(formulas, do_coloring=False, **metres),
+        "after": om.ExecComp("z = 3*f"),
+    }.items():
+        problem.model.add_subsystem(name, component, promotes=["*"])
+    problem.model.add_design_var("x", lower=0.0, upper=2000.0, units="cm", ref=100.0)
+    problem.model.add_design_var("y", lower=-5.0, upper=5.0)
+    problem.model.add_objective("f", ref=10.0)
+    problem.model.add_constraint("c", upper=300.0, units="cm")
+    run(problem)
+    assert problem.get_val("x").item() == pytest.approx(2.5, abs=1e-5)
+    assert problem.get_val("y").item() == pytest.approx(0.5, abs=1e-5)
+    assert problem.get_val("z").item() == pytest.approx(1.5, abs=1e-6)
+
+
+def test_the_autoscaler_of_openmdao_is_used():
+    module = pytest.importorskip("openmdao.drivers.autoscalers.bounds_autoscaler", reason="new in OpenMDAO 3.45")
+    problem = paraboloid(d={"upper": -15.0})
+    problem.driver = nlopt_driver("LN_COBYLA")
+    problem.driver.autoscaler = module.BoundsAutoscaler()
+    problem.setup()
+    assert problem.run_driver().success
+    np.testing.assert_allclose(problem.driver.best.x, [(problem.get_val(name).item() + 50) / 100 for name in "xy"])
 
 
 def test_debug_printing_shows_every_point():
