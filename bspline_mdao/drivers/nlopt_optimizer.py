@@ -196,16 +196,16 @@ def _build(settings: Settings, functions: Functions) -> nlopt.opt:
 
 
 def _run(optimizer: nlopt.opt, functions: Functions, x: np.ndarray) -> str:
-    """Run once, and tell how it ended; what the model raises passes through."""
+    """Run once, and tell how it ended; what the model raises passes through, even where NLopt loses it."""
     try:
         optimizer.optimize(x)
     except Exception:
-        if isinstance(functions.exception, Stop):
-            return str(functions.exception)
-        if functions.exception is not None:
-            raise functions.exception from None
-        if optimizer.last_optimize_result() > 0:
+        if functions.exception is None and optimizer.last_optimize_result() > 0:
             raise
+    if isinstance(functions.exception, Stop):
+        return str(functions.exception)
+    if functions.exception is not None:
+        raise functions.exception
     if optimizer.last_optimize_result() == nlopt.INVALID_ARGS:
         name = optimizer.get_algorithm_name()
         raise InputError(f"NLoptDriver: NLopt refuses to run {name}: {optimizer.get_errmsg() or 'invalid argument'}")
