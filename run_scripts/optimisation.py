@@ -36,7 +36,7 @@ def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
 def nlopt(algorithm: str, tolerance: float, max_iterations: int) -> Driver:
     """Give an algorithm of NLopt; it ends where the objective changes by less than the tolerance."""
     stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
-    return NLoptDriver(algorithm=algorithm, constraint_tolerance=1e-8, disp=False, **stop)
+    return NLoptDriver(optimizer=algorithm, constraint_tolerance=1e-8, disp=False, **stop)
 
 
 Drivers = dict[str, Callable[[float, int], Driver]]

@@ -190,4 +190,4 @@ def error(case: Case, problem: om.Problem) -> float:
 
 def nlopt_driver(algorithm: str, **options) -> NLoptDriver:
     """A quiet driver."""
-    return NLoptDriver(algorithm=algorithm, disp=False, singular_jac_behavior="ignore", **options)
+    return NLoptDriver(optimizer=algorithm, disp=False, singular_jac_behavior="ignore", **options)

@@ -138,7 +138,7 @@ def test_multi_start_leaves_the_valley_of_its_start(algorithm, local_optimizer):
 
 def run(problem, **options):
     """Run the NLopt driver on a problem that is not set up."""
-    problem.driver = nlopt_driver(options.pop("algorithm", "LD_SLSQP"), **options)
+    problem.driver = nlopt_driver(options.pop("optimizer", "LD_SLSQP"), **options)
     problem.setup()
     problem.run_driver()
     return problem
@@ -146,7 +146,7 @@ def run(problem, **options):
 
 def test_the_same_seed_gives_the_same_points():
     objectives = [
-        run(two_valleys(), algorithm="GN_CRS2_LM", maxeval=80, seed=seed).get_val("f").item()
+        run(two_valleys(), optimizer="GN_CRS2_LM", maxeval=80, seed=seed).get_val("f").item()
         for seed in (3, 3, 4, None)
     ]
     assert objectives[0] == objectives[1] != objectives[2]
@@ -165,7 +165,7 @@ def test_linear_constraints_are_differentiated_once():
 
 
 def test_the_model_is_left_at_the_best_feasible_point():
-    problem = run(rosenbrock(upper=2.0), algorithm="LD_MMA")
+    problem = run(rosenbrock(upper=2.0), optimizer="LD_MMA")
     assert problem.get_val("r").item() <= 2.0 + 1e-6
     best = problem.driver.best
     np.testing.assert_array_equal(problem.get_val("x"), best.x)
@@ -173,7 +173,7 @@ def test_the_model_is_left_at_the_best_feasible_point():
 
 
 def test_the_best_point_is_feasible_even_if_others_were_lower():
-    problem = run(paraboloid((-20.0, 20.0), d={"lower": 10.0}), algorithm="LN_COBYLA", maxeval=12)
+    problem = run(paraboloid((-20.0, 20.0), d={"lower": 10.0}), optimizer="LN_COBYLA", maxeval=12)
     assert problem.get_val("d").item() >= 10.0
     assert not problem.driver.result.success
 
@@ -198,9 +198,9 @@ def test_convergence_is_told_in_words(capsys):
 
 ENDS = {
     "MAXEVAL_REACHED": ({"maxeval": 5}, False),
-    "MAXTIME_REACHED": ({"maxtime": 1e-4, "algorithm": "LN_SBPLX"}, False),
+    "MAXTIME_REACHED": ({"maxtime": 1e-4, "optimizer": "LN_SBPLX"}, False),
     "STOPVAL_REACHED": ({"stopval": 0.9}, True),
-    "XTOL_REACHED": ({"xtol_rel": 1e-2, "ftol_rel": 0.0, "algorithm": "LN_NELDERMEAD"}, True),
+    "XTOL_REACHED": ({"xtol_rel": 1e-2, "ftol_rel": 0.0, "optimizer": "LN_NELDERMEAD"}, True),
     "FTOL_REACHED": ({"ftol_abs": 1e-3, "ftol_rel": 0.0}, True),
 }
 
@@ -217,7 +217,7 @@ def test_each_variable_may_have_its_own_tolerance_and_first_step():
     coarse, fine = (
         run(
             paraboloid(),
-            algorithm="LN_SBPLX",
+            optimizer="LN_SBPLX",
             ftol_rel=0.0,
             xtol_abs=np.array([0.1, tolerance]),
             initial_step=np.array([2.0, 1.0]),
@@ -256,7 +256,7 @@ def test_an_interrupt_from_the_keyboard_keeps_the_best_point():
         problem.model.add_subsystem("bowl", Interrupting(), promotes=["*"])
         problem.model.add_design_var("x", lower=-5.0, upper=5.0)
         problem.model.add_objective("f")
-        result = run(problem, algorithm=algorithm).driver.result
+        result = run(problem, optimizer=algorithm).driver.result
         assert result.exit_status == "INTERRUPTED: it was interrupted from the keyboard"
         assert not result.success
         assert problem.get_val("f").item() == pytest.approx(np.cosh(problem.get_val("x").item()), rel=1e-14)
@@ -287,7 +287,7 @@ def test_what_the_model_raises_comes_out_as_it_is(algorithm):
     problem.model.add_design_var("x", lower=-5.0, upper=5.0)
     problem.model.add_objective("f")
     with pytest.raises(ZeroDivisionError, match="in the model"):
-        run(problem, algorithm=algorithm)
+        run(problem, optimizer=algorithm)
     assert problem.driver.get_exit_status() == "NOT_FINISHED: the run ended in an exception"
 
 
@@ -295,16 +295,16 @@ def test_what_the_model_raises_comes_out_as_it_is(algorithm):
 
 
 REFUSED = {
-    "LD_MMA takes no equality constraints ('d')": (lambda: paraboloid(d={"equals": -15.0}), {"algorithm": "LD_MMA"}),
-    "LD_LBFGS takes no inequality constraints ('d')": (lambda: paraboloid(d={"lower": 1.0}), {"algorithm": "LD_LBFGS"}),
-    "LN_NEWUOA ignores bounds ('x', 'y')": (paraboloid, {"algorithm": "LN_NEWUOA"}),
-    "AUGLAG needs a local_optimizer": (paraboloid, {"algorithm": "AUGLAG"}),
+    "LD_MMA takes no equality constraints ('d')": (lambda: paraboloid(d={"equals": -15.0}), {"optimizer": "LD_MMA"}),
+    "LD_LBFGS takes no inequality constraints ('d')": (lambda: paraboloid(d={"lower": 1.0}), {"optimizer": "LD_LBFGS"}),
+    "LN_NEWUOA ignores bounds ('x', 'y')": (paraboloid, {"optimizer": "LN_NEWUOA"}),
+    "AUGLAG needs a local_optimizer": (paraboloid, {"optimizer": "AUGLAG"}),
     "LD_SLSQP runs no other algorithm": (paraboloid, {"local_optimizer": "LD_MMA"}),
     "local_optimizer LD_LBFGS takes no inequality": (
         lambda: paraboloid(d={"lower": 1.0}),
-        {"algorithm": "AUGLAG_EQ", "local_optimizer": "LD_LBFGS"},
+        {"optimizer": "AUGLAG_EQ", "local_optimizer": "LD_LBFGS"},
     ),
-    "GN_ISRES never ends by itself": (paraboloid, {"algorithm": "GN_ISRES", "maxeval": 0}),
+    "GN_ISRES never ends by itself": (paraboloid, {"optimizer": "GN_ISRES", "maxeval": 0}),
     "option xtol_abs has 3 values": (paraboloid, {"xtol_abs": np.ones(3)}),
 }
 
@@ -326,7 +326,7 @@ def test_gradients_are_refused_without_derivatives():
     problem.setup(derivatives=False)
     with pytest.raises(InputError, match=r"needs gradients, .*: AUGLAG, .*LN_AUGLAG, .*LN_COBYLA"):
         problem.run_driver()
-    problem.driver.options["algorithm"] = "LN_BOBYQA"
+    problem.driver.options["optimizer"] = "LN_BOBYQA"
     assert problem.run_driver().success
 
 
@@ -340,8 +340,8 @@ def test_an_objective_is_needed_and_one_only():
 
 
 def test_names_that_nlopt_does_not_know_are_refused_at_once():
-    with pytest.raises(ValueError, match="algorithm"):
-        NLoptDriver(algorithm="SLSQP")
+    with pytest.raises(ValueError, match="optimizer"):
+        NLoptDriver(optimizer="SLSQP")
 
 
 def test_a_problem_without_design_variables_is_refused():
@@ -354,7 +354,7 @@ def test_a_problem_without_design_variables_is_refused():
 
 def test_what_nlopt_refuses_is_told_in_its_words():
     with pytest.raises(InputError, match=r"NLopt refuses to run AGS .*: \w"):
-        run(rosenbrock(12), algorithm="GN_AGS")
+        run(rosenbrock(12), optimizer="GN_AGS")
 
 
 def test_a_start_outside_the_bounds_is_brought_within():
@@ -373,7 +373,7 @@ def test_variables_that_are_fixed_by_their_bounds_stay():
     problem.model.add_design_var("y", lower=-5.0, upper=5.0)
     problem.model.add_objective("f")
     for algorithm in ("LD_SLSQP", "LD_MMA", "LN_COBYLA"):
-        run(problem, algorithm=algorithm)
+        run(problem, optimizer=algorithm)
         assert problem.get_val("x").item() == 3.0
         assert problem.get_val("y").item() == pytest.approx(-1.5, abs=1e-4)
 
@@ -496,7 +496,7 @@ def test_a_column_of_zeros_in_the_totals_is_told():
 def test_the_optimizer_report_tells_the_algorithm_and_how_it_ended(tmp_path, monkeypatch):
     from openmdao.visualization.opt_report.opt_report import opt_report
 
-    problem = run(paraboloid(d={"upper": -15.0}), algorithm="LD_CCSAQ")
+    problem = run(paraboloid(d={"upper": -15.0}), optimizer="LD_CCSAQ")
     monkeypatch.chdir(tmp_path)
     opt_report(problem, outfile=str(tmp_path / "report.html"))
     report = (tmp_path / "report.html").read_text()
@@ -506,11 +506,11 @@ def test_the_optimizer_report_tells_the_algorithm_and_how_it_ended(tmp_path, mon
 
 
 def test_a_driver_runs_again_after_its_options_were_changed():
-    problem = run(paraboloid(d={"upper": -15.0}), algorithm="LD_MMA", maxeval=3)
+    problem = run(paraboloid(d={"upper": -15.0}), optimizer="LD_MMA", maxeval=3)
     assert not problem.driver.result.success
     problem.driver.options["maxeval"] = 200
     assert problem.run_driver().success
-    problem.driver.options["algorithm"] = "LN_COBYLA"
+    problem.driver.options["optimizer"] = "LN_COBYLA"
     problem.set_val("x", 0.0)
     assert problem.run_driver().success
     assert problem.get_val("f").item() == pytest.approx(paraboloid_on_line(-15.0), rel=1e-6)
@@ -518,12 +518,12 @@ def test_a_driver_runs_again_after_its_options_were_changed():
 
 def test_parameters_of_one_algorithm_reach_nlopt():
     counts = [
-        run(rosenbrock(), algorithm="LD_MMA", parameters=parameters).driver.result.model_evals
+        run(rosenbrock(), optimizer="LD_MMA", parameters=parameters).driver.result.model_evals
         for parameters in ({}, {"rho_init": 100.0})
     ]
     assert counts[0] != counts[1]
     counts = [
-        run(rosenbrock(20), algorithm="LD_LBFGS", vector_storage=storage).driver.result.model_evals
+        run(rosenbrock(20), optimizer="LD_LBFGS", vector_storage=storage).driver.result.model_evals
         for storage in (0, 1)
     ]
     assert counts[0] < counts[1]
@@ -543,6 +543,6 @@ def test_a_pause_in_the_model_counts_for_maxtime():
     problem.model.add_subsystem("slow", Slow(), promotes=["*"])
     problem.model.add_design_var("x", lower=-1.0, upper=1.0)
     problem.model.add_objective("f")
-    result = run(problem, algorithm="LN_NELDERMEAD", maxtime=0.2, ftol_rel=0.0).driver.result
+    result = run(problem, optimizer="LN_NELDERMEAD", maxtime=0.2, ftol_rel=0.0).driver.result
     assert result.exit_status.startswith("MAXTIME_REACHED")
     assert 5 <= result.model_evals <= 14

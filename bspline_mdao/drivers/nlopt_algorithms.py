@@ -222,7 +222,7 @@ def find_algorithm(name: str, needs: Needs, *, is_subsidiary: bool = False) -> A
     algorithm = ALGORITHMS[name]
     lack = missing(algorithm, needs)
     if lack is not None:
-        role = "local_optimizer" if is_subsidiary else "algorithm"
+        role = "local_optimizer" if is_subsidiary else "optimizer"
         others = _alternatives(algorithm, needs, is_subsidiary)
         raise InputError(f"NLoptDriver: {role} {name} {lack}; those that would do: {others}")
     return algorithm

@@ -83,7 +83,7 @@ class NLoptDriver(Driver):
     >>> prob.model.add_design_var("x", lower=-50, upper=50)
     >>> prob.model.add_design_var("y", lower=-50, upper=50)
     >>> prob.model.add_objective("f")
-    >>> prob.driver = NLoptDriver(algorithm="LD_MMA", disp=False)
+    >>> prob.driver = NLoptDriver(optimizer="LD_MMA", disp=False)
     >>> _ = prob.setup()
     >>> prob.run_driver().success
     True
@@ -110,12 +110,12 @@ class NLoptDriver(Driver):
 
     def _get_name(self) -> str:
         """Name of the driver in records and reports."""
-        return f"NLopt_{self.options['algorithm']}"
+        return f"NLopt_{self.options['optimizer']}"
 
     def _setup_driver(self, problem):
         """Say what the algorithm supports, before OpenMDAO checks it."""
         super()._setup_driver(problem)
-        algorithm = ALGORITHMS[self.options["algorithm"]]
+        algorithm = ALGORITHMS[self.options["optimizer"]]
         local_optimizer = ALGORITHMS.get(self.options["local_optimizer"], algorithm)
         self.supports._read_only = False
         self.supports["gradients"] = algorithm.gradients or local_optimizer.gradients
@@ -176,7 +176,7 @@ class NLoptDriver(Driver):
     def _report(self, fail: bool) -> None:
         """Print how the run ended."""
         if self.options["disp"]:
-            print(f"Optimization {'FAILED' if fail else 'complete'} ({self.options['algorithm']})")
+            print(f"Optimization {'FAILED' if fail else 'complete'} ({self.options['optimizer']})")
             print(f"    {self.get_exit_status()}")
             print(f"    objective {self.best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
             print(f"{self.result.deriv_evals} total derivatives")

@@ -21,7 +21,7 @@ def declare_options(options) -> None:
     options : openmdao.utils.options_dictionary.OptionsDictionary
         Where to declare them.
     """
-    options.declare("algorithm", "LD_SLSQP", values=tuple(ALGORITHMS), desc="Name of the algorithm in NLopt.")
+    options.declare("optimizer", "LD_SLSQP", values=tuple(ALGORITHMS), desc="Name of the algorithm in NLopt.")
     options.declare(
         "local_optimizer", None, values=(*LOCAL_NAMES, None), desc="Algorithm that AUGLAG and MLSL run inside."
     )
@@ -144,7 +144,7 @@ def make_settings(options, needs: Needs) -> Settings:
     """
     if needs.n_variables == 0:
         raise InputError("NLoptDriver: the problem has no design variables; add some to its model")
-    algorithm = find_algorithm(options["algorithm"], needs)
+    algorithm = find_algorithm(options["optimizer"], needs)
     _require_end(algorithm, options)
     for name in ("xtol_abs", "initial_step"):
         _require_length(options, name, needs.n_variables)
