@@ -11,10 +11,10 @@ from scipy.sparse import csr_array
 from ..deformations.frame import Frame
 from ..errors import InputError
 from .combinations import Combinations
-from .plane_vectors import cross, length, turned
 from .section_lines import SectionLines
 from .stencils import arc_parameters, polynomial_weights, stencil_matrix
 from .surface import SurfaceGrid
+from .vectors import cross, lengths, turned
 
 __all__ = ["LeadingEdgeRadius"]
 
@@ -121,17 +121,17 @@ class LeadingEdgeRadius:
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Radii, shape (n_stations,), of nodes, shape (n, 3); real or complex."""
         first, second, chord = self.derivatives(points)
-        radii = self.scales * length(first) ** 3 / cross(second, first)
-        return radii / length(chord) if self.is_by_chord else radii
+        radii = self.scales * lengths(first) ** 3 / cross(second, first)
+        return radii / lengths(chord) if self.is_by_chord else radii
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
         first, second, chord = self.derivatives(points)
         # of the logarithm: 3 ln |p'| - ln (p'' x p') - ln |chord|
         bend = cross(second, first)[:, None]
-        by_first = 3.0 * first / length(first)[:, None] ** 2 - turned(second) / bend
+        by_first = 3.0 * first / lengths(first)[:, None] ** 2 - turned(second) / bend
         by_second = turned(first) / bend
-        by_chord = -chord / length(chord)[:, None] ** 2 if self.is_by_chord else np.zeros_like(chord)
+        by_chord = -chord / lengths(chord)[:, None] ** 2 if self.is_by_chord else np.zeros_like(chord)
         radii = self.evaluate(points)[:, None]
         return self.vectors.chain([(radii * part) @ self.plane for part in (by_first, by_second, by_chord)])
 
@@ -158,7 +158,7 @@ def _require_blunt(measure):
     """Refuse edges without a radius on the baseline."""
     first, second, chord = measure.derivatives(measure.surface.points)
     bend = cross(second, first)
-    is_blunt = (bend > 0.0) & (length(first) ** 3 > _SHARP * length(chord) * bend)
+    is_blunt = (bend > 0.0) & (lengths(first) ** 3 > _SHARP * lengths(chord) * bend)
     if not is_blunt.all():
         raise InputError(
             f"leading-edge radius: the section at {measure.stations[np.argmin(is_blunt)]:.4g} m along the span is not "

@@ -14,8 +14,9 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from .crossings import body_intervals, find_crossings
 from .surface import SurfaceGrid
+from .vectors import lengths
 
-__all__ = ["FLAT", "ROUND_OFF", "Probes", "checked_points", "lengths", "opposite_probes", "unit_vectors"]
+__all__ = ["FLAT", "ROUND_OFF", "Probes", "checked_points", "opposite_probes"]
 
 FLAT = 1e-9
 """Length, relative to the diagonal of the surface's box, that is taken for none."""
@@ -101,17 +102,6 @@ def opposite_probes(
     entries, exits = body_intervals(found, FLAT * surface.size)
     _require_all(entries.line, points, what)
     return tuple(Probes.on_quads(surface.quads[ends.quad], ends.parameters) for ends in (entries, exits))
-
-
-def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Lengths, shape (n,), of vectors, shape (n, 3); complex-safe."""
-    return np.sqrt((vectors * vectors).sum(axis=-1))
-
-
-def unit_vectors(vectors: np.ndarray, otherwise: np.ndarray, least: float) -> np.ndarray:
-    """Vectors, shape (..., 3), of length 1; ``otherwise``, of the same, where they are not longer than ``least``."""
-    length = lengths(vectors)[..., None]
-    return np.where(length > least, vectors / np.maximum(length, least), otherwise)
 
 
 def checked_points(points: np.ndarray, what: str) -> np.ndarray:

@@ -11,9 +11,10 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..quality.aggregates import KreisselmeierSteinhauser
 from .combinations import Combinations
-from .probes import ROUND_OFF, lengths, opposite_probes, unit_vectors
+from .probes import ROUND_OFF, opposite_probes
 from .section_cuts import Cut, cuts_along_span, section_edges
 from .surface import SurfaceGrid
+from .vectors import lengths, unit_vectors
 
 __all__ = ["SectionThickness"]
 

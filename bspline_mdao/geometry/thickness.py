@@ -10,9 +10,10 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from .area import planform_normal
 from .combinations import Combinations
-from .probes import FLAT, ROUND_OFF, checked_points, lengths, opposite_probes, unit_vectors
+from .probes import FLAT, ROUND_OFF, checked_points, opposite_probes
 from .sheet import sheet_normals, sheet_points
 from .surface import SurfaceGrid
+from .vectors import lengths, unit_vectors
 
 __all__ = ["Thickness"]
 

@@ -11,10 +11,10 @@ from scipy.sparse import csr_array
 from ..deformations.frame import Frame
 from ..errors import InputError
 from .combinations import Combinations
-from .plane_vectors import cross, length, turned
 from .section_lines import SectionLines
 from .stencils import arc_parameters, polynomial_weights, stencil_matrix
 from .surface import SurfaceGrid
+from .vectors import cross, lengths, turned
 
 __all__ = ["TrailingEdgeAngle"]
 
@@ -112,12 +112,12 @@ class TrailingEdgeAngle:
         """Angles (rad), shape (n_stations,), of nodes, shape (n, 3); real or complex."""
         upper, lower = self._in_plane(points)
         along = (upper * lower).sum(axis=1)
-        return 2.0 * np.arctan(cross(upper, lower) / (length(upper) * length(lower) + along))
+        return 2.0 * np.arctan(cross(upper, lower) / (lengths(upper) * lengths(lower) + along))
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
         # the difference of the directions of the two tangents, each of which turns by (turned(t) . dt) / |t|^2
-        turns = [turned(tangent) / length(tangent)[:, None] ** 2 for tangent in self._in_plane(points)]
+        turns = [turned(tangent) / lengths(tangent)[:, None] ** 2 for tangent in self._in_plane(points)]
         return self.tangents.chain([-turns[0] @ self.plane, turns[1] @ self.plane])
 
     def _in_plane(self, points):

@@ -16,6 +16,7 @@ from scipy.sparse import csr_array, eye_array, vstack
 from ..errors import InputError
 from ..movement.mesh import MovingMesh
 from .elimination import Elimination, eliminate
+from .pattern import ones_like
 from .variable import Carried, DesignMap, Layout, MapPartials, Variable
 
 __all__ = ["Parametrization", "SurfacePartials"]
@@ -98,8 +99,10 @@ class Parametrization:
     @cached_property
     def pattern(self) -> SurfacePartials:
         """Ones wherever a derivative may differ from zero."""
-        surface, matrix = self.layout.points[self.layout.rows()], _one(self._matrix)
-        steps = [MapPartials(_one(step.points), _one(step.values)) for step in self._steps(surface, self.initial)]
+        surface, matrix = self.layout.points[self.layout.rows()], ones_like(self._matrix)
+        steps = [
+            MapPartials(ones_like(step.points), ones_like(step.values)) for step in self._steps(surface, self.initial)
+        ]
         return self._chain(steps, matrix, self._identity + matrix)
 
     def apply(self, initial: np.ndarray, values: Values) -> np.ndarray:
@@ -116,7 +119,13 @@ class Parametrization:
         -------
         ndarray, shape (n_surface, 3)
             Moved ones (m).
+
+        Raises
+        ------
+        InputError
+            If points or values are missing, too many or too few.
         """
+        initial, values = self._checked(initial, values)
         rows = self._rows(initial)
         for name, design_map in self.maps.items():
             rows = design_map.apply(rows, values[name])
@@ -135,8 +144,28 @@ class Parametrization:
         -------
         SurfacePartials
             Within `pattern`.
+
+        Raises
+        ------
+        InputError
+            As `apply`.
         """
+        initial, values = self._checked(initial, values)
         return self._chain(self._steps(initial, values), self._matrix, self._identity - self._matrix)
+
+    def _checked(self, initial, values) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Points and values as arrays of the right shapes."""
+        shape = (self.layout.n_surface, 3)
+        if np.shape(initial) != shape:
+            raise InputError(f"parametrization: initial points of shape {np.shape(initial)}; give shape {shape}")
+        unknown = sorted(set(values) - set(self.maps))
+        if unknown:
+            raise InputError(f"parametrization: no variable is called '{unknown[0]}'; there are {', '.join(self.maps)}")
+        for name, expected in self.initial.items():
+            if name not in values or np.shape(values[name]) != expected.shape:
+                found = f"of shape {np.shape(values[name])}" if name in values else "missing"
+                raise InputError(f"parametrization: the values of '{name}' are {found}; give shape {expected.shape}")
+        return np.asarray(initial), {name: np.asarray(value) for name, value in values.items()}
 
     @property
     def _matrix(self) -> csr_array:
@@ -186,8 +215,3 @@ class Parametrization:
         coordinates = partials.values.tocsc()[:, [value]].indices
         on_surface = coordinates[coordinates < 3 * self.layout.n_surface]
         return self.elimination.reason(on_surface[0]) if len(on_surface) else ""
-
-
-def _one(matrix: csr_array) -> csr_array:
-    """The same pattern with ones."""
-    return csr_array((np.ones_like(matrix.data), matrix.indices, matrix.indptr), shape=matrix.shape)

@@ -9,12 +9,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from .hung_rows import HungRows
-from .variable import MapPartials
+from .variable import MapPartials, rates_of
 
 __all__ = ["SectionMap", "along_vectors"]
-
-_STEP = 1e-40
-"""Complex step, as small as one likes: nothing is subtracted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ class SectionMap:
         """Differentiate `apply`."""
         amounts = self._amounts(values)
         changes = self.axes.swapaxes(1, 2) @ (self.matrices(amounts) - np.eye(2)) @ self.axes
-        rates = self.matrices(amounts + 1j * _STEP).imag / _STEP
+        rates = rates_of(self.matrices, amounts)
         moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
         return MapPartials(self._by_points(changes), along_vectors(moved, self.spline))
 

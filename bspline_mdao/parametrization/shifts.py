@@ -11,12 +11,9 @@ from scipy.sparse import csr_array
 
 from .hung_rows import HungRows
 from .stations import StationSpline
-from .variable import MapPartials
+from .variable import MapPartials, rates_of
 
 __all__ = ["ShiftMap"]
-
-_STEP = 1e-40
-"""Complex step, as small as one likes: nothing is subtracted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +60,7 @@ class ShiftMap:
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
-        rates = self.slopes(values + 1j * _STEP).imag / _STEP
+        rates = rates_of(self.slopes, values)
         by_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
         by_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
         return MapPartials(self._of_points(by_points), self._matrix(by_values, self._values_felt))

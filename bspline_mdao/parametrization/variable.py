@@ -17,7 +17,16 @@ from scipy.sparse import bsr_array, csr_array
 
 from ..movement.mesh import MovingMesh
 
-__all__ = ["Carried", "DesignMap", "Layout", "MapPartials", "Variable", "block_diagonal", "pointwise_jacobian"]
+__all__ = [
+    "Carried",
+    "DesignMap",
+    "Layout",
+    "MapPartials",
+    "Variable",
+    "block_diagonal",
+    "pointwise_jacobian",
+    "rates_of",
+]
 
 _STEP = 1e-40
 """Complex step, as small as one likes: nothing is subtracted."""
@@ -122,6 +131,11 @@ def block_diagonal(blocks: np.ndarray) -> csr_array:
     """Sparse matrix of one block per row of points, shape (n, 3, m): (3 n, m n), explicit zeros kept."""
     n = len(blocks)
     return bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, blocks.shape[2] * n)).tocsr()
+
+
+def rates_of(function: Callable[[np.ndarray], np.ndarray], amounts: np.ndarray) -> np.ndarray:
+    """Derivatives of a function of single amounts, shape (n,), by a complex step; of the shape that it returns."""
+    return function(amounts + 1j * _STEP).imag / _STEP
 
 
 def pointwise_jacobian(function: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
