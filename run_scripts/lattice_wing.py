@@ -27,18 +27,22 @@ LINES = {"initial": ":", "NLopt LD_SLSQP": "--"}
 
 @dataclass(frozen=True)
 class Size:
-    """Nodes and control points of the grid, and nodes of the lattice."""
+    """Nodes and control points of the grid, nodes of the lattice, stations of variables, and the bound of their chords.
+
+    Where the chord of the tip shrinks further than that bound, the control mesh tangles.
+    """
 
     shape: tuple[int, int, int]
     n_control: tuple[int, int, int]
     n_chord: int
     n_span: int
     stations: int
+    least_chord: float
 
 
 SIZES = {
-    False: Size((11, 9, 13), (7, 6, 8), n_chord=3, n_span=11, stations=6),
-    True: Size((45, 65, 33), (13, 13, 9), n_chord=5, n_span=31, stations=8),
+    False: Size((11, 9, 13), (7, 6, 8), n_chord=3, n_span=11, stations=6, least_chord=0.25),
+    True: Size((45, 65, 33), (13, 13, 9), n_chord=5, n_span=31, stations=6, least_chord=0.3),
 }
 """Small and at the paper's size of the M6 grid."""
 

@@ -70,7 +70,7 @@ def design_twist(model: om.Group, wing: RectangularWing) -> None:
 
 def design_chord(model: om.Group, wing: RectangularWing) -> None:
     """Leave the chord at all stations and the angle of attack free; the area stays."""
-    model.add_design_var("chord", lower=0.2, upper=1.5, ref=0.3)
+    model.add_design_var("chord", lower=wing.size.least_chord, upper=1.5, ref=0.3)
     model.add_design_var("alpha", lower=-10.0, upper=10.0, ref=5.0, units="deg")
     model.add_constraint("S_mesh", equals=wing.area, ref=wing.area, units="m**2")
 
