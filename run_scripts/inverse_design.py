@@ -231,7 +231,7 @@ def main(paper: bool = False, figures=None, increments: int | None = None, drive
     }
     if figures:
         draw(figures, design, runs)
-        write_n2(next(reversed(runs.values())).problem, figures, "inverse_design")
+        write_n2(set_up(design.problem()), figures, "inverse_design")
     return numbers
 
 

@@ -145,7 +145,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     }
     if figures:
         draw(figures, body, runs, best, numbers)
-        write_n2(best, figures, "min_area_body")
+        write_n2(set_up(body.problem()), figures, "min_area_body")
     return numbers
 
 
