@@ -206,27 +206,31 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
 
 
 def draw(folder, turn: Turn, runs: dict[str, dict[str, Run]]) -> None:
-    """Draw one side of the cube as it ends without and with the constraint, and the histories."""
-    with figure(folder, "quality_constrained", (11.0, 3.4)) as canvas:
-        *sides, history = canvas.subplots(1, 4, width_ratios=(1.0, 1.0, 1.0, 1.3))
-        found = {kind: next(reversed(row.values())).problem for kind, row in runs.items()}
-        draw_side(sides[0], turn.measure.surface, turn.measure.surface.points, GRAY, "at the start")
-        for axes, color, (kind, problem) in zip(sides[1:], (RED, BLUE), found.items()):
-            n_inverted = turn.report(problem).n_inverted
-            nodes = problem.get_val("surface").reshape(-1, 3)
-            draw_side(axes, turn.measure.surface, nodes, color, f"{kind}: {n_inverted} inverted cells")
+    """Draw the grid half-way up at the start, without and with the constraint, and the histories."""
+    problems = {kind: next(reversed(row.values())).problem for kind, row in runs.items()}
+    grids = {"start": turn.model.regenerate().to_vector()}
+    grids |= {f"{kind}: {turn.report(p).n_inverted} inverted cells": p.get_val(GRID) for kind, p in problems.items()}
+    with figure(folder, "quality_constrained", (12.0, 3.3)) as canvas:
+        *cuts, history = canvas.subplots(1, 4, width_ratios=(1.0, 1.0, 1.0, 1.2))
+        for axes, color, (title, nodes) in zip(cuts, (GRAY, RED, BLUE), grids.items()):
+            draw_cut(axes, turn.model, nodes, color)
+            axes.set_title(title, fontsize=10)
         draw_history(history, runs["constrained"], "distance", "mean square distance by that of the start")
 
 
-def draw_side(axes, surface: SurfaceGrid, nodes: np.ndarray, color: str, title: str) -> None:
-    """Draw the side of the cube towards y and the outline of the turned cube, seen against y where that ends."""
-    side = next(ids for ids in surface.faces if (surface.points[ids][..., 1] > 0.49).all())
-    x, y = np.moveaxis(nodes[side] @ turned(np.eye(3))[[0, 2]].T, -1, 0)
-    for lines in ((x, y), (x.T, y.T)):
-        axes.plot(*lines, color=color, linewidth=0.8)
-    axes.plot(*np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]]) / 2.0, "--", color="black", linewidth=0.8)
-    axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal")
+def draw_cut(axes, model: FittedModel, nodes: np.ndarray, color: str) -> None:
+    """Draw the grid lines in the plane z = 0 next to the cube, and the outline of the turned cube."""
+    baseline = model.regenerate()
+    for start, block in zip(baseline.blocks, model.header.grid(model.topology.shapes, nodes.reshape(-1, 3)).blocks):
+        for direction in (0, 1):
+            half = start.shape[direction] // 2
+            if np.abs(np.take(start.nodes, half, axis=direction)[..., 2]).max() < 1e-9:
+                x, y, _ = np.moveaxis(np.take(block.nodes, half, axis=direction), -1, 0)
+                for lines in ((x, y), (x.T, y.T)):
+                    axes.plot(*lines, color=color, linewidth=0.7)
+    outline = turned(np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]]) / 2.0)
+    axes.plot(*outline.T[:2], "--", color="black", linewidth=1.0)
+    axes.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), aspect="equal")
     axes.set_axis_off()
 
 
