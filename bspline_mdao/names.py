@@ -20,3 +20,6 @@ SURFACE_CONTROL_POINTS = "surface_control_points"
 
 SURFACE = "surface"
 """Nodes of the regenerated surface, each once, in the order of a `bspline_mdao.SurfaceGrid`."""
+
+ALL_NAMES = (GRID_INITIAL, GRID, CONTROL_POINTS_INITIAL, CONTROL_POINTS, SURFACE_CONTROL_POINTS, SURFACE)
+"""All of these; variables and measures have names of their own."""

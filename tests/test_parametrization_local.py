@@ -90,7 +90,7 @@ def test_blocks_are_indexed_as_arrays():
     np.testing.assert_array_equal(mesh.surface_ids[rows], np.unique(ids[np.isin(ids, mesh.surface_ids)]))
     with pytest.raises(InputError, match=r"in block 2 at \[7, 0, 0\]"):
         InBlock(1, (7, 0, 0)).rows(mesh)
-    with pytest.raises(InputError, match="2 blocks"):
+    with pytest.raises(InputError, match="no block has the number 2; give one from 0 to 1"):
         InBlock(2).rows(mesh)
 
 

@@ -6,11 +6,14 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..geometry.given import given_list
+from ..geometry.measure import MEMBERS
 from ..model import FittedModel
 from ..movement.boundary import moving_mesh
 from ..movement.elasticity import LinearElasticity
 from ..movement.mesh import MovingMesh
 from ..movement.mover import Mover
+from ..names import ALL_NAMES
 from ..parametrization.composition import Parametrization
 from .control_mesh_move import ControlMeshMove, mesh_of
 from .fit import Fit
@@ -101,25 +104,39 @@ class GridMovement(om.Group):
 
     def _add_measures(self, mesh: MovingMesh):
         """Regenerate the surface and measure it."""
-        surface = self.options["measures"][0].surface
-        self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
-        for measure in self.options["measures"]:
+        measures = given_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
+        surface = measures[0].surface
+        for measure in measures:
             if measure.surface is not surface:
                 raise InputError(
                     f"{self.msginfo}: measure '{measure.name}' is of another SurfaceGrid; make all with the same one"
                 )
+        self._require_names([measure.name for measure in measures])
+        self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
+        for measure in measures:
             self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
+
+    def _require_names(self, names: list[str]):
+        """Refuse names of measures that are taken."""
+        parametrization = self.options["parametrization"]
+        variables = [] if parametrization is None else [variable.name for variable in parametrization.variables]
+        twice = [name for n, name in enumerate(names) if name in names[:n] or name in variables or name in ALL_NAMES]
+        if twice:
+            raise InputError(
+                f"{self.msginfo}: the name '{twice[0]}' of a measure is taken; give it another one with name=..."
+            )
 
     def _mover(self) -> Mover:
         """The user's mover, or elasticity."""
         model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
         if mover is None and parametrization is None:
             return LinearElasticity(moving_mesh(model))
+        whose = "parametrization" if mover is None else "mover"
         mover = mover or LinearElasticity(parametrization.mesh)
         mesh, ids = mesh_of(mover, self.msginfo), model.mesh.control_ids
         if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
             raise InputError(
-                f"{self.msginfo}: the mover's mesh is not the control mesh of {model.header.source}; "
+                f"{self.msginfo}: the {whose}'s mesh is not the control mesh of {model.header.source}; "
                 f"make it with moving_mesh(model)"
             )
         if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from ..deformations.frame import surface_frame
 from ..errors import InputError
+from .given import given_direction
 from .quads import add_to_nodes, area_vectors, area_vectors_vjp
 from .scalars import by_baseline, single_row
 from .surface import SurfaceGrid
@@ -165,7 +166,7 @@ class ProjectedArea:
         >>> ProjectedArea.of(surface, name="planform_area").evaluate(surface.points).round(4)
         array([1.1592])
         """
-        direction = planform_normal(surface) if direction is None else _unit(direction, name)
+        direction = planform_normal(surface) if direction is None else given_direction(direction, f"{name}: direction")
         normals = area_vectors(surface.points[surface.quads])
         facing = normals @ direction
         shares = 0.5 + 0.5 * np.sign(np.where(np.abs(facing) > _EDGE_ON * np.linalg.norm(normals, axis=1), facing, 0.0))
@@ -189,13 +190,6 @@ class ProjectedArea:
 def planform_normal(surface: SurfaceGrid) -> np.ndarray:
     """Unit normal of a planform: the direction across the span in which the surface is shortest (`surface_frame`)."""
     return surface_frame(surface.points, surface.planes).axes[1]
-
-
-def _unit(direction, name):
-    direction = np.asarray(direction, dtype=float)
-    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InputError(f"{name}: direction {direction}; give three numbers, not all zero")
-    return direction / np.linalg.norm(direction)
 
 
 def _tangents(corners):

@@ -13,7 +13,10 @@ from scipy.sparse import csr_array
 
 from .surface import SurfaceGrid
 
-__all__ = ["Measure"]
+__all__ = ["MEMBERS", "Measure"]
+
+MEMBERS = ("name", "units", "shape", "surface", "evaluate", "partials")
+"""What every measure has."""
 
 
 class Measure(Protocol):

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..deformations.frame import Plane
-from ..errors import InputError
 from ..quality.aggregates import KreisselmeierSteinhauser
 from .clearance import nodes_of
+from .given import given_direction, given_vector
 from .surface import SurfaceGrid
 
 __all__ = ["PlaneClearance"]
@@ -80,11 +80,8 @@ class PlaneClearance:
         InputError
             If a patch does not exist, the normal has no length, or rho is not positive.
         """
-        normal = np.asarray(normal, dtype=float)
-        size = np.linalg.norm(normal)
-        if normal.shape != (3,) or not 0.0 < size < np.inf:
-            raise InputError(f"clearance: the normal of the plane is {normal.tolist()}; give three numbers, not all 0")
-        plane = Plane(normal / size, float(np.asarray(origin, dtype=float) @ normal / size))
+        normal = given_direction(normal, "clearance: the normal of the plane")
+        plane = Plane(normal, float(given_vector(origin, "clearance: the origin of the plane") @ normal))
         return cls(surface, nodes_of(surface, patches), plane, KreisselmeierSteinhauser(rho / surface.size), name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError
 from .crossings import body_intervals, find_crossings
+from .given import given_numbers
 from .surface import SurfaceGrid
 from .vectors import lengths
 
@@ -112,7 +113,7 @@ def checked_points(points: np.ndarray, what: str) -> np.ndarray:
     InputError
         If the shape is another, there is none, or one is not finite.
     """
-    points = np.atleast_2d(np.asarray(points, dtype=float))
+    points = np.atleast_2d(given_numbers(points, what))
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InputError(f"{what}: points of shape {points.shape}; give shape (n, 3)")
     if not np.isfinite(points).all():
@@ -123,7 +124,7 @@ def checked_points(points: np.ndarray, what: str) -> np.ndarray:
 
 
 def _checked_directions(directions, n, what):
-    directions = np.asarray(directions, dtype=float)
+    directions = given_numbers(directions, f"{what}: directions")
     if directions.shape not in ((3,), (n, 3)):
         raise InputError(f"{what}: directions of shape {directions.shape}; give shape (3,) or ({n}, 3)")
     directions = np.broadcast_to(directions, (n, 3))

@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 
 from ..deformations.frame import Frame, surface_frame
 from ..errors import InputError
+from .given import given_numbers
 from .grid_lines import GridLines
 from .stencils import polynomial_weights
 from .surface import SurfaceGrid
@@ -154,7 +155,8 @@ class SectionLines:
         low, high = z[0].max() - 1e-9 * np.ptp(edge), z[-1].min() + 1e-9 * np.ptp(edge)
         if fractions is None:
             return edge[(edge >= low) & (edge <= high)]
-        wanted = edge[0] + np.asarray(fractions, dtype=float) * np.ptp(edge)
+        fractions = np.atleast_1d(given_numbers(fractions, "sections: stations"))
+        wanted = edge[0] + fractions * np.ptp(edge)
         for fraction, position in zip(fractions, wanted):
             if not low <= position <= high:
                 raise InputError(

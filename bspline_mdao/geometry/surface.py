@@ -14,7 +14,7 @@ from ..grids.entities import BoundaryFace
 from ..grids.sharing import block_rows, node_sharing
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
-from ..movement.boundary import matching_patches, wall_patches
+from ..movement.boundary import matching_names, matching_patches, wall_patches
 from ..movement.freedom import plane_normal
 
 __all__ = ["SurfaceGrid"]
@@ -68,6 +68,8 @@ class SurfaceGrid:
         topology = model.topology
         wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
         found = [face for face in topology.boundary if face.patch in wanted]
+        if not found:
+            raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
         nodes = model.regenerate().to_vector().reshape(-1, 3)
         faces = [_oriented_rows(topology, nodes, face) for face in found]
         source = _evaluated_rows(topology)
@@ -94,12 +96,10 @@ class SurfaceGrid:
         return np.concatenate([np.stack(four, axis=-1).reshape(-1, 4) for four in corners])
 
     def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
-        """Numbers of the faces of some patches, by their exact names."""
-        wanted = {patches} if isinstance(patches, str) else set(patches)
-        unknown = sorted(wanted - set(self.patches))
-        if unknown:
-            known = ", ".join(sorted(set(self.patches)))
-            raise InputError(f"surface: no patch is called '{unknown[0]}'; the patches are {known}")
+        """Numbers of the faces of some patches, by name or pattern (``"wing*"``)."""
+        wanted = matching_names(set(self.patches), patches, "surface")
+        if not wanted:
+            raise InputError(f"surface: no patch is named; the patches are {', '.join(sorted(set(self.patches)))}")
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
 
 

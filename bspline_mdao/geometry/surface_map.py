@@ -39,12 +39,19 @@ class SurfaceMap:
         Raises
         ------
         InputError
-            If a node depends on a control point that is free to move and not on the design surface.
+            If a node depends on a control point that is free to move and not on the design surface, none depends on one
+            that is, or the surface is of another model.
         """
+        if surface.rows.max() >= model.n_nodes:
+            raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
         matrix = _evaluator(model, surface).matrix()
         _require_known(matrix, mesh, surface)
         is_design = np.zeros(mesh.n_points, dtype=bool)
         is_design[mesh.surface_ids] = True
+        if not matrix[:, mesh.surface_ids].data.any():
+            raise InputError(
+                f"surface: {surface.names[0]} and the rest do not depend on the design surface; name others"
+            )
         constant = matrix @ np.where(is_design[:, None], 0.0, model.control_points)
         if model.residual is not None:
             constant += model.residual[surface.rows]

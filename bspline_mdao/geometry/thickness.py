@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from .area import planform_normal
 from .combinations import Combinations
+from .given import given_numbers
 from .probes import FLAT, ROUND_OFF, checked_points, opposite_probes
 from .sheet import sheet_normals, sheet_points
 from .surface import SurfaceGrid
@@ -96,7 +97,7 @@ class Thickness:
         >>> thickness.evaluate(surface.points).round(3)
         array([0.082, 0.08 ])
         """
-        direction = planform_normal(surface) if direction is None else np.asarray(direction, dtype=float)
+        direction = planform_normal(surface) if direction is None else given_numbers(direction, f"{name}: direction")
         shape = np.shape(points)[:-1]
         flat = checked_points(np.reshape(points, (-1, 3)) if shape else points, name)
         entries, exits = opposite_probes(

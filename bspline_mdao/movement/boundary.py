@@ -6,7 +6,7 @@ held, wherever they are not released. Where patches meet, the surface goes befor
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..splines.greville import greville_abscissae
 from .freedom import Freedom
 from .mesh import MovingMesh
 
-__all__ = ["boundary_points", "matching_patches", "moving_grid", "moving_mesh", "wall_patches"]
+__all__ = ["boundary_points", "matching_names", "matching_patches", "moving_grid", "moving_mesh", "wall_patches"]
 
 Selection = str | np.ndarray
 """Patches by name or pattern, or points by number."""
@@ -174,12 +174,23 @@ def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> froze
         If a pattern matches none.
     """
     names = {face.patch for face in topology.boundary if face.patch is not None}
+    return matching_names(names, patterns, topology.source)
+
+
+def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: str) -> frozenset[str]:
+    """Names of patches that match any of the patterns (``"wing*"``); ``what`` has the patches, for messages.
+
+    Raises
+    ------
+    InputError
+        If a pattern matches none.
+    """
     found: set[str] = set()
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
         matches = {name for name in names if fnmatchcase(name, pattern)}
         if not matches:
             known = ", ".join(sorted(names)) or "none"
-            raise InputError(f"{topology.source}: no patch is called '{pattern}'; the patches are {known}")
+            raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {known}")
         found |= matches
     return frozenset(found)
 

@@ -10,6 +10,7 @@ import numpy as np
 from ..deformations.deformation import planes_of
 from ..deformations.frame import Frame, Plane, surface_frame
 from ..errors import InputError
+from ..geometry.given import given_mesh, given_numbers
 from ..movement.mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
 from .chord_lines import chord_lines
@@ -35,7 +36,7 @@ class ReferenceAxis:
 
     Parameters
     ----------
-    points : ndarray, shape (n, 3)
+    points : array_like, shape (n, 3)
         Points on the baseline (m), the root first.
     is_curved : bool
         Whether stations are those of closest points.
@@ -47,7 +48,7 @@ class ReferenceAxis:
     Raises
     ------
     InputError
-        If the shape is wrong.
+        If the shape is wrong, or a coordinate is not finite.
     """
 
     points: np.ndarray
@@ -55,8 +56,12 @@ class ReferenceAxis:
     order: int = field(default=4, kw_only=True)
 
     def __post_init__(self):
+        object.__setattr__(self, "points", given_numbers(self.points, "reference axis"))
         if self.points.ndim != 2 or self.points.shape[1] != 3 or len(self.points) < 2:
             raise InputError(f"reference axis: points of shape {self.points.shape}; give (n, 3), n at least 2")
+        if not np.isfinite(self.points).all():
+            bad = int(np.argmin(np.isfinite(self.points).all(axis=1)))
+            raise InputError(f"reference axis: point {bad + 1} is {self.points[bad].tolist()}; give finite numbers")
 
     @classmethod
     def of(
@@ -100,7 +105,9 @@ class ReferenceAxis:
         >>> ReferenceAxis.of(mesh, at=0.25, n=2).points.round(3).tolist()
         [[0.25, 0.0, 0.0], [0.997, 0.0, 1.484]]
         """
-        frame = _frame(mesh)
+        frame = _frame(given_mesh(mesh, "reference axis"))
+        if not span[0] < span[1]:
+            raise InputError(f"reference axis: span {span}; give two rising parts of it, such as (0.0, 1.0)")
         levels = np.linspace(*span, n) * frame.span
         points = mesh.points[mesh.surface_ids] if surface is None else surface.points
         quads = surface_quads(mesh) if surface is None else surface.quads
@@ -114,7 +121,7 @@ class ReferenceAxis:
         Raises
         ------
         InputError
-            If the axis does not go out along the span, or two of its points are one.
+            If the axis does not go out along the span, misses the surface, or two of its points are one.
         """
         frame = _frame(layout.mesh)
         seen = frame.axes[1:] if self.is_curved else frame.axes[2:]
@@ -127,10 +134,20 @@ class ReferenceAxis:
         segments, parts = _closest(self.points[:-1] @ seen.T, steps, layout.points @ seen.T, begins_in_plane)
         directions = (steps / lengths[:, None]) @ seen
         stations = (ends[segments] + parts * lengths[segments]) / ends[-1]
+        self._require_beside(layout.points[layout.rows()] @ frame.axes[2], stations[layout.rows()], frame)
         return HungRows(self, layout, frame, ends / ends[-1], directions, stations, begins_in_plane)
 
     def _begins_in(self, plane: Plane, tolerance: float) -> bool:
         return abs(self.points[0] @ plane.normal - plane.offset) <= tolerance
+
+    def _require_beside(self, places, stations, frame):
+        """Refuse an axis that all of the surface is inboard or outboard of."""
+        if not stations.max() > 0.0 or not stations.min() < 1.0:
+            ends = self.points[[0, -1]] @ frame.axes[2]
+            raise InputError(
+                f"reference axis: it goes from {ends[0]:.4g} to {ends[1]:.4g} m along the span, the surface from "
+                f"{places.min():.4g} to {places.max():.4g} m; lay it along the surface, in metres"
+            )
 
     def _require_advance(self, steps):
         is_bad = ~steps.any(axis=1) if self.is_curved else steps[:, 0] <= 0.0

@@ -46,7 +46,7 @@ class Collinear:
         """
         triples = surface_seams(mesh)
         if self.where is not None:
-            triples = triples[np.isin(triples[:, 1], rows_of(self.where, mesh, self.name))]
+            triples = triples[np.isin(triples[:, 1], rows_of(self.where, mesh, f"linear constraint '{self.name}'"))]
         before, after = np.diff(points[triples], axis=1).transpose(1, 0, 2)
         kinks = _angles(before, after)
         is_smooth = kinks <= self.max_kink

@@ -14,7 +14,9 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
 from ..errors import InputError
+from ..geometry.given import given_list, given_mesh
 from ..movement.mesh import MovingMesh
+from ..names import ALL_NAMES
 from .elimination import Elimination, eliminate
 from .pattern import ones_like
 from .variable import Carried, DesignMap, Layout, MapPartials, Variable
@@ -57,8 +59,8 @@ class Parametrization:
     Raises
     ------
     InputError
-        If two variables have one name, a variable does not fit the surface, a constraint cannot be satisfied, or the
-        constraints leave a value of a variable without effect.
+        If two variables have one name or one that is taken, a variable does not fit the surface, a constraint cannot be
+        satisfied, or the constraints leave a value of a variable without effect.
     """
 
     mesh: MovingMesh
@@ -66,11 +68,21 @@ class Parametrization:
     constraints: Sequence = ()
 
     def __post_init__(self):
+        given_list(self.variables, "variable", ("name", "units", "carried", "bind"), "parametrization")
+        given_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
+        given_mesh(self.mesh, "parametrization")
+        self._require_names()
+        self._require_effect()
+
+    def _require_names(self):
+        """Refuse names that are taken."""
         names = [variable.name for variable in self.variables]
         twice = [name for n, name in enumerate(names) if name in names[:n]]
         if twice:
             raise InputError(f"parametrization: two variables are called '{twice[0]}'; give each its own name")
-        self._require_effect()
+        taken = [name for name in names if not name or name in ALL_NAMES]
+        if taken:
+            raise InputError(f"parametrization: a variable is called '{taken[0]}', which is taken; choose another name")
 
     @cached_property
     def layout(self) -> Layout:
@@ -204,10 +216,10 @@ class Parametrization:
             if is_idle.any():
                 value = int(np.argmax(is_idle))
                 reason = self._what_holds(name, value) or "no point of the surface"
-                raise InputError(
-                    f"parametrization: value {value + 1} of '{name}' moves nothing ({reason}), nor do "
-                    f"{np.count_nonzero(is_idle) - 1} more of its {len(is_idle)}; leave them out"
-                )
+                idle = f"value {value + 1} of '{name}' moves nothing ({reason})"
+                rest = np.count_nonzero(is_idle) - 1
+                more = f", nor do {rest} more of its {len(is_idle)}" if rest else ""
+                raise InputError(f"parametrization: {idle}{more}; select and direct it so as to leave them out")
 
     def _what_holds(self, name: str, value: int) -> str:
         """The constraint that takes its effect from a value; empty where it never had one."""

@@ -90,10 +90,11 @@ class FreeForm:
         is_asked, is_held = self._is_asked(), embedding.is_held.ravel()
         ids = np.flatnonzero(is_asked & ~is_held & (weights >= IDLE))
         if not len(ids):
+            asked, held = np.count_nonzero(is_asked), np.count_nonzero(is_asked & is_held)
             raise InputError(
-                f"'{self.name}': of {np.count_nonzero(is_asked)} lattice points asked for, "
-                f"{np.count_nonzero(is_asked & is_held)} are held for continuity and the others are far from the "
-                f"surface; give the lattice more points, less 'continuity' or another place"
+                f"'{self.name}': of {asked} lattice points asked for, {held} are held for continuity and "
+                f"{asked - held} are too far from the surface to move it; choose others with 'where', or give the "
+                f"lattice more points, less 'continuity' or another place"
             )
         return ids
 

@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import INSIDE, invert_points
+from ..geometry.given import given_numbers
 from ..movement.mesh import MovingMesh
 from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
@@ -125,11 +126,8 @@ class Lattice:
         InputError
             If the directions lie in one plane, or the box has no extent in one of them.
         """
-        points = around.points[around.surface_ids] if isinstance(around, MovingMesh) else np.asarray(around, float)
-        axes = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
-        axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-        if not abs(np.linalg.det(axes)) > INSIDE:
-            raise InputError("lattice: the axes lie in one plane; give three that do not")
+        points = _corners(around)
+        axes = np.eye(3) if axes is None else _box_axes(axes)
         local = points @ np.linalg.inv(axes)
         low, extent = local.min(axis=0), np.ptp(local, axis=0)
         if not extent.min() > INSIDE * extent.max():
@@ -157,8 +155,10 @@ class Lattice:
         """
         orders = _orders(n, orders)
         places = greville_abscissae(_volume(n, orders))
-        linear = _volume((2, 2, 2), 2)
-        points = evaluate(linear, np.asarray(corners, dtype=float), places.reshape(-1, 3))
+        linear, corners = _volume((2, 2, 2), 2), given_numbers(corners, "lattice: corners")
+        if corners.shape != (2, 2, 2, 3):
+            raise InputError(f"lattice: corners of shape {corners.shape}; give shape (2, 2, 2, 3)")
+        points = evaluate(linear, corners, places.reshape(-1, 3))
         return cls(points.reshape(places.shape), orders, **options)
 
     @property
@@ -269,11 +269,32 @@ class Lattice:
             )
 
 
+def _corners(around) -> np.ndarray:
+    """Points that a box surrounds."""
+    if isinstance(around, MovingMesh):
+        return around.points[around.surface_ids]
+    points = given_numbers(around, "lattice: around")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"lattice: around points of shape {points.shape}; give a mesh, or finite ones of shape (n, 3)")
+    return points
+
+
+def _box_axes(axes) -> np.ndarray:
+    """Unit vectors along the edges of a box."""
+    axes = given_numbers(axes, "lattice: axes")
+    lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
+    if axes.shape != (3, 3) or not (lengths > 0.0).all() or not abs(np.linalg.det(axes / lengths)) > INSIDE:
+        raise InputError(f"lattice: axes {axes.tolist()}; give three directions that do not lie in one plane")
+    return axes / lengths
+
+
 def _orders(n: Sequence[int], orders: int | Sequence[int] | None) -> tuple[int, int, int]:
     """Orders of the three directions."""
     orders = [min(m, CUBIC) for m in n] if orders is None else orders
     if np.shape(n) != (3,) or np.shape(orders) not in ((), (3,)):
         raise InputError(f"lattice: {n} points and orders {orders}; give numbers for three directions")
+    if min(n) < 2:
+        raise InputError(f"lattice: {n} points; give two or more in each direction")
     orders = np.broadcast_to(orders, 3)
     return tuple(int(order) for order in orders)
 

@@ -40,7 +40,9 @@ class Pinned:
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
         """Equations ``n . d = 0`` for each point and direction n."""
         axes = axes_of(self.directions, self.name)
-        return Equations.of(len(points), rows_of(self.where, mesh, self.name)[:, None], axes[:, None])
+        return Equations.of(
+            len(points), rows_of(self.where, mesh, f"linear constraint '{self.name}'")[:, None], axes[:, None]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +70,20 @@ class InPlane:
         Raises
         ------
         InputError
-            If no normal is given and the points are not in one plane.
+            If no normal is given and the points are not in one plane, or are on one line.
         """
-        rows = rows_of(self.where, mesh, self.name)
+        rows = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
         normal = self._found(mesh, points, rows) if self.normal is None else self.normal
         return Equations.of(len(points), rows[:, None], axes_of(normal, self.name)[:1, None])
 
     def _found(self, mesh: MovingMesh, points: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Normal of the plane through the points."""
         normal, distances, tolerance = nearest_plane(points[rows])
+        if np.linalg.matrix_rank(points[rows] - points[rows[0]], tol=tolerance) < 2:
+            raise InputError(
+                f"linear constraint '{self.name}': all points, {place_of(mesh, rows[0])} among them, are on one "
+                f"line; give a normal"
+            )
         if distances.max() > tolerance:
             worst = place_of(mesh, rows[np.argmax(distances)])
             raise InputError(
@@ -132,7 +139,7 @@ class Together:
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
         """Equations ``n . (d - d_first) = 0`` for each other point and direction n."""
-        rows = rows_of(self.where, mesh, self.name)
+        rows = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
         pairs = np.column_stack([np.full(len(rows) - 1, rows[0]), rows[1:]])
         return _of_pairs(len(points), pairs, axes_of(self.directions, self.name), -1.0)
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from .displacement import Direction, Displacement, directions_of, displacements
-from .selection import Selection
+from .pairing import Where, rows_of
 from .surface_net import surface_normals
 from .variable import Carried, Layout
 
@@ -26,8 +26,8 @@ class Local:
     ----------
     name : str
         Name of the variable.
-    where : Selection, optional
-        Which points; all by default.
+    where : Selection or array_like of int, optional
+        Which points; numbers are rows of ``mesh.surface_ids``. All by default.
     direction : str or array_like
         Coordinate axes by name, ``"z"`` or several as in ``"xyz"``; ``"normal"``, the unit normal of the baseline
         into the fluid (see `bspline_mdao.parametrization.surface_net`); a vector, shape (3,); vectors of the selected
@@ -48,7 +48,7 @@ class Local:
     """
 
     name: str
-    where: Selection | None = None
+    where: Where | None = None
     direction: Direction = "xyz"
     units: str | None = "m"
     carried: ClassVar[tuple[Carried, ...]] = ()
@@ -62,6 +62,6 @@ class Local:
             If nothing is selected, or the directions do not fit what is.
         """
         mesh = layout.mesh
-        rows = np.arange(layout.n_surface) if self.where is None else self.where.rows(mesh)
+        rows = np.arange(layout.n_surface) if self.where is None else rows_of(self.where, mesh, f"'{self.name}'")
         directions = directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], f"'{self.name}'")
         return Displacement(displacements(rows, directions, len(layout.points)))

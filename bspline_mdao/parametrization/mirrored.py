@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
+from ..geometry.given import given_vector
 from ..movement.mesh import MovingMesh
 from .equations import Equations
 from .pairing import Where, axes_of, place_of, rows_of
@@ -51,16 +52,28 @@ class Mirrored:
             If a leader has no partner, or several.
         """
         normal, near = axes_of(self.normal, self.name)[0], self.tolerance * mesh.size
-        heights = (points - np.asarray(self.point, dtype=float)) @ normal
-        leaders = np.flatnonzero(heights >= -near) if self.leaders is None else self.leaders
+        heights = (points - given_vector(self.point, f"linear constraint '{self.name}': point")) @ normal
+        leaders = self._on_the_side_of_the_normal(heights, near) if self.leaders is None else self.leaders
         followers = np.arange(len(points)) if self.followers is None else self.followers
-        leaders, followers = rows_of(leaders, mesh, self.name), rows_of(followers, mesh, self.name)
+        leaders, followers = (
+            rows_of(leaders, mesh, f"linear constraint '{self.name}'"),
+            rows_of(followers, mesh, f"linear constraint '{self.name}'"),
+        )
         mirrored = (points - 2.0 * heights[:, None] * normal)[leaders]
         partners = followers[self._partners(mesh, cKDTree(points[followers]), mirrored, leaders, near)]
         reflection = np.eye(3) - 2.0 * np.outer(normal, normal)
         return Equations.of(
             len(points), np.column_stack([leaders, partners]), np.stack([-reflection, np.eye(3)], axis=1)
         )
+
+    def _on_the_side_of_the_normal(self, heights, near) -> np.ndarray:
+        rows = np.flatnonzero(heights >= -near)
+        if not len(rows):
+            raise InputError(
+                f"linear constraint '{self.name}': no point is on the side that the normal points to, the nearest is "
+                f"{-heights.max():.3g} m off the plane; turn the normal, or move the plane"
+            )
+        return rows
 
     def _partners(self, mesh, tree, mirrored, leaders, near) -> np.ndarray:
         """Number of the one point of the tree at each mirrored place."""

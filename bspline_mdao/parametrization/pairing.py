@@ -9,6 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from ..errors import InputError
+from ..geometry.given import given_numbers
 from ..movement.mesh import MovingMesh
 from .selection import Selection
 
@@ -33,22 +34,23 @@ def axes_of(directions: Directions, name: str) -> np.ndarray:
         if not letters or set(letters) - set("xyz"):
             raise InputError(f"linear constraint '{name}': no direction is called '{directions}'; give some of 'xyz'")
         return np.eye(3)[["xyz".index(letter) for letter in letters]]
-    vectors = np.atleast_2d(np.asarray(directions, dtype=float))
+    vectors = np.atleast_2d(given_numbers(directions, f"linear constraint '{name}': direction"))
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     if vectors.shape[1:] != (3,) or not np.isfinite(lengths).all() or not (lengths > 0.0).all():
         raise InputError(f"linear constraint '{name}': give directions of three coordinates that are not all zero")
     return vectors / lengths
 
 
-def rows_of(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:
-    """Rows of surface control points, at least one."""
+def rows_of(where: Where, mesh: MovingMesh, what: str) -> np.ndarray:
+    """Rows of surface control points, at least one; ``what`` is for messages."""
     if isinstance(where, Selection):
         return where.rows(mesh)
     rows, n = np.atleast_1d(where), len(mesh.surface_ids)
     if not rows.size or rows.ndim > 1 or not np.issubdtype(rows.dtype, np.integer):
-        raise InputError(f"linear constraint '{name}': give a selection, or numbers of surface control points")
+        raise InputError(f"{what}: give a selection, or numbers of surface control points")
     if rows.min() < 0 or rows.max() >= n:
-        raise InputError(f"linear constraint '{name}': there is no surface control point {rows.max()} of {n}")
+        wrong = rows[(rows < 0) | (rows >= n)][0]
+        raise InputError(f"{what}: there is no surface control point {wrong}; give numbers from 0 to {n - 1}")
     return rows
 
 
@@ -63,7 +65,7 @@ def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndar
     InputError
         If there are not as many followers as leaders.
     """
-    first, second = rows_of(leaders, mesh, name), rows_of(followers, mesh, name)
+    first, second = (rows_of(where, mesh, f"linear constraint '{name}'") for where in (leaders, followers))
     if len(first) == 1:
         return np.column_stack([np.repeat(first, len(second)), second])
     if len(first) != len(second):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..deformations.formulas import scaled, slope, turned
+from ..errors import InputError
 from .axis import ReferenceAxis
 from .displacement import Displacement
 from .hung_rows import HungRows
@@ -48,6 +49,10 @@ class AlongAxis(ABC):
     name: str
     axis: ReferenceAxis
     on: Lattice | None = field(default=None, kw_only=True)
+
+    def __post_init__(self):
+        if not isinstance(self.axis, ReferenceAxis):
+            raise InputError(f"'{self.name}': the axis is of type {type(self.axis).__name__}; give a ReferenceAxis")
 
     @property
     def carried(self) -> tuple[Carried, ...]:
@@ -189,9 +194,19 @@ class Camber(AtStations):
     line: Callable[[np.ndarray], np.ndarray] = field(default=parabola, kw_only=True)
 
     def _bind(self, hung: HungRows) -> Displacement:
-        heights = hung.chord_lengths * self.line(hung.chord_parts)
+        heights = hung.chord_lengths * self._line(hung.chord_parts)
         spline = self.spline.matrix(hung.stations)
         return Displacement(along_vectors(heights[:, None] * hung.chord_axes[:, 1], spline))
+
+    def _line(self, parts: np.ndarray) -> np.ndarray:
+        heights = np.broadcast_to(self.line(parts), parts.shape)
+        if not np.isfinite(heights).all():
+            bad = parts[np.argmin(np.isfinite(heights))]
+            raise InputError(
+                f"'{self.name}': the camber line is not finite at the part {bad:.4g} of the chord; define it a "
+                f"little beyond 0 and 1 too, where control points stick out of the surface"
+            )
+        return heights
 
 
 class _Shifting(AtStations):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
+from ..geometry.given import given_direction, given_numbers, given_vector
 from ..model import FittedModel
 from ..movement.boundary import boundary_points, matching_patches
 from ..movement.mesh import MovingMesh
@@ -48,11 +49,11 @@ class OnPatch(Selection):
             raise InputError(f"selection: the mesh is not of {topology.source}; give OnPatch the model of the mesh")
         wanted = matching_patches(topology, self.patches)
         found = [ids for face, ids in boundary_points(topology, blocks) if face.patch in wanted]
-        return np.isin(mesh.surface_ids, np.concatenate(found))
+        return np.isin(mesh.surface_ids, np.concatenate([np.zeros(0, dtype=int), *found]))
 
     def __str__(self) -> str:
         names = (self.patches,) if isinstance(self.patches, str) else self.patches
-        return f"on patch {' or '.join(names)}"
+        return f"on patch {' or '.join(names) or '(none is named)'}"
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,8 @@ class InBox(Selection):
 
     def __post_init__(self):
         ends = (_limits(self.low, -np.inf), _limits(self.high, np.inf))
+        if {end.shape for end in ends} != {(3,)}:
+            raise InputError(f"selection: {self}; give three numbers (or None) for either end")
         if not (ends[0] <= ends[1]).all():
             raise InputError(f"selection: {self} has a low end above its high end, or one that is no number")
 
@@ -100,8 +103,10 @@ class InBlock(Selection):
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is in this part of the block."""
-        if not 0 <= self.block < len(mesh.blocks):
-            raise InputError(f"selection: {self}; the mesh has {len(mesh.blocks)} blocks: give a number from 0")
+        if self.block not in range(len(mesh.blocks)):
+            raise InputError(
+                f"selection: no block has the number {self.block}; give one from 0 to {len(mesh.blocks) - 1}"
+            )
         try:
             ids = mesh.blocks[self.block][self.index]
         except IndexError as error:
@@ -132,8 +137,8 @@ class Nearest(Selection):
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is near enough."""
         tree, places = cKDTree(_surface(mesh)), _vectors(self.places, str(self))
-        if not 1 <= self.n <= tree.n:
-            raise InputError(f"selection: {self}; there are {tree.n} surface control points")
+        if self.n not in range(1, tree.n + 1):
+            raise InputError(f"selection: {self}; give a whole number from 1 to {tree.n}, all surface control points")
         farthest = tree.query(places, k=[self.n])[0][:, 0]
         found = tree.query_ball_point(places, farthest + TOUCHING * mesh.size)
         mask = np.zeros(tree.n, dtype=bool)
@@ -159,7 +164,7 @@ class Beyond(Selection):
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is on that side."""
-        return _heights(mesh, self.point, self.normal, str(self)) >= -TOUCHING * mesh.size
+        return _heights(mesh, self.point, self.normal) >= -TOUCHING * mesh.size
 
     def __str__(self) -> str:
         return f"beyond the plane through {tuple(self.point)} with the normal {tuple(self.normal)}"
@@ -183,7 +188,7 @@ class NearPlane(Selection):
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is near the plane."""
-        heights = _heights(mesh, self.point, self.normal, str(self))
+        heights = _heights(mesh, self.point, self.normal)
         return np.abs(heights) <= self.distance + TOUCHING * mesh.size
 
     def __str__(self) -> str:
@@ -206,7 +211,7 @@ class SurfaceRows(Selection):
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is one of them."""
-        rows, n = np.atleast_1d(self.numbers).ravel(), len(mesh.surface_ids)
+        rows, n = np.ravel(self.numbers), len(mesh.surface_ids)
         if rows.size and (not np.issubdtype(rows.dtype, np.integer) or rows.min() < 0 or rows.max() >= n):
             raise InputError(f"selection: rows {rows.min()} to {rows.max()}; give whole numbers from 0 to {n - 1}")
         mask = np.zeros(n, dtype=bool)
@@ -238,16 +243,13 @@ def _indices(part) -> str:
 
 def _vectors(values, what: str) -> np.ndarray:
     """Finite vectors, shape (n, 3)."""
-    vectors = np.atleast_2d(np.asarray(values, dtype=float))
+    vectors = np.atleast_2d(given_numbers(values, f"selection: {what}"))
     if vectors.ndim != 2 or vectors.shape[1] != 3 or not np.isfinite(vectors).all():
         raise InputError(f"selection: {what}; give finite points of three coordinates")
     return vectors
 
 
-def _heights(mesh: MovingMesh, point, normal, what: str) -> np.ndarray:
+def _heights(mesh: MovingMesh, point, normal) -> np.ndarray:
     """Distance of every surface control point from a plane, along its normal."""
-    (point,), (normal,) = _vectors(point, what), _vectors(normal, what)
-    length = np.linalg.norm(normal)
-    if length == 0.0:
-        raise InputError(f"selection: {what}; give a normal that is not zero")
-    return (_surface(mesh) - point) @ (normal / length)
+    point = given_vector(point, "selection: the point of a plane")
+    return (_surface(mesh) - point) @ given_direction(normal, "selection: the normal of a plane")

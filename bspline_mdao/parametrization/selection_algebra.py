@@ -38,10 +38,10 @@ class Selection(ABC):
         return rows
 
     def __and__(self, other: Selection) -> Selection:
-        return _Both(self, other)
+        return _Both(self, other) if isinstance(other, Selection) else NotImplemented
 
     def __or__(self, other: Selection) -> Selection:
-        return _Either(self, other)
+        return _Either(self, other) if isinstance(other, Selection) else NotImplemented
 
     def __invert__(self) -> Selection:
         return _Not(self)

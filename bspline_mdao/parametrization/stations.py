@@ -56,6 +56,8 @@ class StationSpline:
             if stations < 1:
                 raise InputError(f"stations: {stations} of them; give at least one")
             stations = np.linspace(0.0, 1.0, stations)
+        if np.ndim(stations) != 1:
+            raise InputError(f"stations: {stations}; give how many, or a list of places from 0 to 1")
         return cls(tuple(float(station) for station in stations), order)
 
     @property

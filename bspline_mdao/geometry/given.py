@@ -1,0 +1,86 @@
+"""Checks of what users hand over: numbers, meshes, and lists of objects of one kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ..errors import InputError
+from ..movement.mesh import MovingMesh
+
+__all__ = ["given_direction", "given_list", "given_mesh", "given_numbers", "given_vector"]
+
+
+def given_numbers(values, what: str) -> np.ndarray:
+    """Numbers as an array of floats; not necessarily finite.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers, or lists of unequal lengths.
+    """
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: '{values}' are no numbers; give an array of them") from None
+
+
+def given_vector(values, what: str) -> np.ndarray:
+    """A finite vector, shape (3,).
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    vector = given_numbers(values, what)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise InputError(f"{what} is {vector.tolist()}; give three finite numbers")
+    return vector
+
+
+def given_direction(values, what: str) -> np.ndarray:
+    """A unit vector, shape (3,), of a vector of any length.
+
+    Raises
+    ------
+    InputError
+        If it is no finite vector, or zero.
+    """
+    vector = given_vector(values, what)
+    if not vector.any():
+        raise InputError(f"{what} is {vector.tolist()}; give three numbers that are not all zero")
+    return vector / np.linalg.norm(vector)
+
+
+def given_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:
+    """Objects of one kind, told by the members that they need.
+
+    Raises
+    ------
+    InputError
+        If there is no list, or something in it is of another kind.
+    """
+    if not isinstance(items, Sequence) or isinstance(items, str):
+        raise InputError(f"{what}: the {kind}s are one {type(items).__name__}; give a list of them")
+    for number, item in enumerate(items, start=1):
+        missing = [member for member in members if not hasattr(item, member)]
+        if missing or isinstance(item, type):
+            found = f"the class {item.__name__}" if isinstance(item, type) else f"of type {type(item).__name__}"
+            lacks = f", which has no '{missing[0]}'" if missing else ""
+            raise InputError(f"{what}: {kind} {number} is {found}{lacks}; give a {kind}")
+    return items
+
+
+def given_mesh(mesh, what: str) -> MovingMesh:
+    """A control mesh that is ready to move.
+
+    Raises
+    ------
+    InputError
+        If it is something else, such as a model.
+    """
+    if not isinstance(mesh, MovingMesh):
+        raise InputError(f"{what}: the mesh is of type {type(mesh).__name__}; make it with moving_mesh(model)")
+    return mesh
