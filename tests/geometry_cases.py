@@ -7,7 +7,17 @@ from mover_cases import rotation
 
 from bspline_mdao.deformations.frame import Plane
 from bspline_mdao.generators.section import naca_section
+from bspline_mdao.geometry.area import ProjectedArea, SurfaceArea
+from bspline_mdao.geometry.camber_surface import CamberSurface
+from bspline_mdao.geometry.clearance import Clearance
+from bspline_mdao.geometry.curvature import Curvature
+from bspline_mdao.geometry.leading_edge import LeadingEdgeRadius
+from bspline_mdao.geometry.plane_clearance import PlaneClearance
+from bspline_mdao.geometry.sections import SectionThickness
 from bspline_mdao.geometry.surface import SurfaceGrid
+from bspline_mdao.geometry.thickness import Thickness
+from bspline_mdao.geometry.trailing_edge import TrailingEdgeAngle
+from bspline_mdao.geometry.volume import EnclosedVolume
 
 
 def surface_of(*sheets, planes=()):
@@ -100,3 +110,19 @@ def assert_derivatives_are_exact(measure, size=0.01, seed=5):
     pattern = measure.partials(measure.surface.points)
     assert np.array_equal(pattern.indices, jacobian.indices)
     assert np.array_equal(pattern.indptr, jacobian.indptr)
+
+
+MEASURES = {
+    CamberSurface: lambda wing: CamberSurface.of(wing, 4, 5),
+    Clearance: lambda wing: Clearance.from_points(wing, "wall", [[1.0, 2.0, 1.0], [0.5, -1.0, 2.0]]),
+    Curvature: lambda wing: Curvature.integral(wing),
+    EnclosedVolume: lambda wing: EnclosedVolume.of(wing, relative=True),
+    LeadingEdgeRadius: lambda wing: LeadingEdgeRadius.at(wing, [0.2, 0.7], relative_to="chord"),
+    PlaneClearance: lambda wing: PlaneClearance.of(wing, "wall", (0.0, -1.0, 0.0), (0.1, 1.0, 0.0)),
+    ProjectedArea: lambda wing: ProjectedArea.of(wing),
+    SectionThickness: lambda wing: SectionThickness.at(wing, [0.2, 0.6]),
+    SurfaceArea: lambda wing: SurfaceArea.of(wing),
+    Thickness: lambda wing: Thickness.at(wing, [[0.6, 0.0, 0.5], [1.1, 0.0, 2.0]]),
+    TrailingEdgeAngle: lambda wing: TrailingEdgeAngle.at(wing, [0.2, 0.7]),
+}
+"""Every measure, on a `rectangular_wing`: all of them pass the same tests of their derivatives."""

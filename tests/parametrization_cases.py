@@ -6,6 +6,16 @@ import numpy as np
 
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators.canonical import onera_m6_grid
+from bspline_mdao.parametrization.axis import ReferenceAxis
+from bspline_mdao.parametrization.collinear import Collinear
+from bspline_mdao.parametrization.free_form import FreeForm
+from bspline_mdao.parametrization.lattice import Lattice
+from bspline_mdao.parametrization.linear_constraints import InPlane, Linked, Opposite, Pinned, Together
+from bspline_mdao.parametrization.local import Local
+from bspline_mdao.parametrization.mirrored import Mirrored
+from bspline_mdao.parametrization.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
+from bspline_mdao.parametrization.selection import NearPlane
+from bspline_mdao.parametrization.user_defined import UserVariable
 
 
 @cache
@@ -40,3 +50,44 @@ def assert_exact(layout, variable, seed=0):
         np.testing.assert_array_equal(
             matrix.tocsr().sorted_indices().indices, at_baseline.tocsr().sorted_indices().indices
         )
+
+
+def swelling(name):
+    """A user's function: scales all points about a point beside the surface, and by their own heights."""
+    centre = np.array([0.3, 0.1, -0.2])
+
+    def function(points, values):
+        return points + values[0] * (points - centre) + values[1] * (points - centre) ** 2
+
+    def derivative(points, values):
+        rates = 1.0 + values[0] + 2.0 * values[1] * (points - centre)
+        return rates[:, :, None] * np.eye(3), np.stack([points - centre, (points - centre) ** 2], axis=-1)
+
+    return UserVariable(name, [0.0, 0.0], function, derivative)
+
+
+VARIABLES = {
+    Camber: lambda mesh: Camber("camber", ReferenceAxis.of(mesh), stations=3),
+    Chord: lambda mesh: Chord("chord", ReferenceAxis.of(mesh), stations=3),
+    Dihedral: lambda mesh: Dihedral("dihedral", ReferenceAxis.of(mesh), stations=3),
+    FreeForm: lambda mesh: FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="xy"),
+    Local: lambda mesh: Local("bump", ~NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), "normal"),
+    Span: lambda mesh: Span("span", ReferenceAxis.of(mesh), stations=3),
+    Sweep: lambda mesh: Sweep("sweep", ReferenceAxis.of(mesh), stations=3),
+    Taper: lambda mesh: Taper("taper", ReferenceAxis.of(mesh)),
+    ThicknessFactor: lambda mesh: ThicknessFactor("thickness", ReferenceAxis.of(mesh), stations=3),
+    Twist: lambda mesh: Twist("twist", ReferenceAxis.of(mesh, at=0.4), stations=3),
+    UserVariable: lambda mesh: swelling("swelling"),
+}
+"""Every kind of variable, on a mesh of `wing_model`: all of them pass the same tests of their derivatives."""
+
+CONSTRAINTS = {
+    Collinear: lambda: Collinear(max_kink=170.0),
+    InPlane: lambda: InPlane(NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), normal=(0.2, 1.0, 0.3)),
+    Linked: lambda: Linked([3, 8, 5], [11, 2, 14], directions=(1.0, 2.0, 0.5)),
+    Mirrored: lambda: Mirrored((0.0, 1.0, 0.0)),
+    Opposite: lambda: Opposite([3, 8, 5], [11, 2, 14]),
+    Pinned: lambda: Pinned([4, 9], "xy"),
+    Together: lambda: Together([3, 8, 5, 17], "yz"),
+}
+"""Every kind of linear constraint, on the same mesh."""

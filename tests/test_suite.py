@@ -1,5 +1,7 @@
 """The suite and the package check themselves: nothing is left untested, imported too early or compiled twice."""
 
+import importlib
+import inspect
 import pkgutil
 import re
 import subprocess
@@ -70,6 +72,27 @@ def test_every_run_script_is_run_by_a_test():
     scripts = [path.stem for path in ROOT.glob("run_scripts/*.py") if path.stem != "common"]
     assert len(scripts) >= 4
     assert [name for name in scripts if name not in tests] == []
+
+
+def kinds(folder: str, *members: str) -> set[type]:
+    """Classes of a folder that users make objects of, told by the members that they have."""
+    modules = [importlib.import_module(name) for name in MODULES if name.startswith(f"bspline_mdao.{folder}.")]
+    found = {value for module in modules for value in vars(module).values() if isinstance(value, type)}
+    return {
+        kind
+        for kind in found
+        if all(member in dir(kind) or member in getattr(kind, "__dataclass_fields__", ()) for member in members)
+        and not (inspect.isabstract(kind) or getattr(kind, "_is_protocol", False) or kind.__name__.startswith("_"))
+    }
+
+
+def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests():
+    from geometry_cases import MEASURES
+    from parametrization_cases import CONSTRAINTS, VARIABLES
+
+    assert kinds("parametrization", "bind") == set(VARIABLES)
+    assert kinds("parametrization", "equations") == set(CONSTRAINTS)
+    assert kinds("geometry", "surface", "evaluate", "partials") == set(MEASURES)
 
 
 def test_doctests_are_collected():
