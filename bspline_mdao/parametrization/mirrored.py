@@ -80,10 +80,10 @@ class Mirrored:
         counts = tree.query_ball_point(mirrored, near, return_length=True)
         gaps, partners = tree.query(mirrored)
         for leader, count, gap in zip(leaders[counts != 1], counts[counts != 1], gaps[counts != 1]):
-            none = f"no partner, the nearest point is {gap:.3g} m off its mirrored place; move the plane, raise the tolerance"
-            several = f"{count} partners within {near:.3g} m of its mirrored place; lower the tolerance"
+            none = f"no partner, the nearest point is {gap:.3g} m off its mirrored place; move the plane"
+            several = f"{count} partners within {near:.3g} m of its mirrored place; move the plane"
             raise InputError(
                 f"linear constraint '{self.name}': {place_of(mesh, leader)} has {several if count else none}, "
-                f"or name leaders and followers"
+                f"change the tolerance, or name leaders and followers"
             )
         return partners
