@@ -14,16 +14,15 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, ORANGE
 from openmdao.core.driver import Driver
-from scipy.optimize import lsq_linear
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import NLoptDriver
+from bspline_mdao.drivers.nlopt_problem import Statement
+from bspline_mdao.drivers.optimality import optimality
+from bspline_mdao.drivers.scaled_model import ScaledModel
 
 TIMED = ("compute", "compute_partials", "compute_jacvec_product", "solve_nonlinear", "linearize", "apply_linear")
 """Methods of components whose time counts."""
-
-ACTIVE = 1e-6
-"""Distance from a bound, in units of the driver, within which a constraint counts as active."""
 
 QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
 """Options of all drivers. Symmetry makes some derivatives zero at the start; idle variables are refused elsewhere."""
@@ -65,7 +64,7 @@ class Run:
     seconds : dict of float
         Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
     initial_gradient : float
-        Largest entry of the objective's gradient at the start, as the driver sees it.
+        Norm of the objective's gradient at the start, as the driver sees it.
     """
 
     problem: om.Problem
@@ -76,14 +75,14 @@ class Run:
     def numbers(self) -> dict:
         """What a run script tells of it."""
         result, total = self.problem.driver.result, sum(self.seconds.values())
-        optimality, violation = optimality_of(self.problem)
+        counts = {"evaluations": result.model_evals, "gradients": result.deriv_evals}  # before one more gradient
+        residual, violation = optimality_of(self.problem)
         return {
             "success": bool(result.success),
             "exit_status": str(result.exit_status),
-            "evaluations": result.model_evals,
-            "gradients": result.deriv_evals,
+            **counts,
             "objective": self.problem.driver.get_objective_values(driver_scaling=False).popitem()[1].item(),
-            "optimality": optimality / self.initial_gradient,
+            "optimality": residual / self.initial_gradient,
             "violation": violation,
             "seconds": total,
             "shares": {name: seconds / total for name, seconds in self.seconds.items()},
@@ -100,7 +99,7 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver) -> Run:
         driver.recording_options["record_desvars"] = False
         problem.setup(mode="rev")
         problem.run_model()
-        gradient = np.abs(problem.compute_totals(driver_scaling=True, return_format="array")[0])
+        gradient = problem.compute_totals(driver_scaling=True, return_format="array")[0]
         seconds = time_components(problem)
         start = time.perf_counter()
         with threadpool_limits(1, "blas"):  # dense algebra of a few hundred variables is no work for many threads
@@ -108,7 +107,7 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver) -> Run:
         seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
         problem.cleanup()
         history = read_history(Path(folder) / "cases.sql")
-    return Run(problem, history, dict(seconds), gradient.max())
+    return Run(problem, history, dict(seconds), float(np.linalg.norm(gradient)))
 
 
 def time_components(problem: om.Problem) -> dict[str, float]:
@@ -146,37 +145,11 @@ def read_history(file: Path) -> dict[str, np.ndarray]:
 
 
 def optimality_of(problem: om.Problem) -> tuple[float, float]:
-    """Largest residual of the Karush-Kuhn-Tucker conditions, and of constraints that are not scaled.
-
-    The multipliers are those that leave the smallest gradient: of any sign for equations, of one for active bounds.
-    """
-    totals = problem.compute_totals(driver_scaling=True, return_format="array")
-    values = problem.driver.get_constraint_values(driver_scaling=False)
-    active, lowest, violation, start = [], [], [0.0], 1
-    for name, meta in problem.model.get_constraints().items():
-        jacobian, start = totals[start : start + len(values[name])], start + len(values[name])
-        for slack, sign, least in _slacks(values[name], meta):
-            is_active = slack < ACTIVE
-            active.append(sign * jacobian[is_active])
-            lowest.append(np.full(np.count_nonzero(is_active), least))
-            violation.append(-slack.min())
-    if not active:
-        return np.abs(totals[0]).max(), 0.0
-    matrix = np.concatenate(active).T
-    bounds = (np.concatenate(lowest), np.inf)
-    rest = totals[0] - matrix @ lsq_linear(matrix, totals[0], bounds, tol=1e-14).x if matrix.size else totals[0]
-    return np.abs(rest).max(), max(violation)
-
-
-def _slacks(value: np.ndarray, meta: dict):
-    """Distances by which a constraint is satisfied, with the sign of its gradient and its least multiplier."""
-    if meta["equals"] is not None:
-        yield -np.abs(value - meta["equals"]), 1.0, -np.inf
-        return
-    if meta["lower"] is not None:
-        yield value - meta["lower"], 1.0, 0.0
-    if meta["upper"] is not None:
-        yield meta["upper"] - value, -1.0, 0.0
+    """Residual of the first-order conditions of an optimum, and the largest violation, in units of the driver."""
+    model = ScaledModel(problem.driver)
+    statement = Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)
+    point = statement.point(*model.present())
+    return optimality(statement, point, model.differentiate()), point.violation
 
 
 def set_up(problem: om.Problem) -> om.Problem:

@@ -16,7 +16,7 @@ Recovery = Literal["nan", "uphill", "worst"]
 class Algorithm:
     """Capabilities of one algorithm.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Its name in NLopt, for example ``"LD_SLSQP"``.
@@ -66,7 +66,7 @@ class Algorithm:
 class Needs:
     """What a problem asks of an algorithm.
 
-    Attributes
+    Parameters
     ----------
     n_variables : int
         Number of design variables.

@@ -11,9 +11,9 @@ from .nlopt_algorithms import ALGORITHMS, Needs
 from .nlopt_functions import Functions
 from .nlopt_optimizer import ENDS, Outcome, Settings, minimise
 from .nlopt_options import declare_options, make_settings
-from .nlopt_problem import Point, Statement, split_constraints
+from .nlopt_problem import Limits, Point, Statement
 from .recovery import RECOVERIES
-from .scaled_model import Limits, ScaledModel
+from .scaled_model import ScaledModel
 
 __all__ = ["NLoptDriver"]
 
@@ -25,17 +25,6 @@ CITATION = """
   howpublished = {https://github.com/stevengj/nlopt},
 }
 """
-
-
-def _joined(limits: tuple[Limits, ...], side: str) -> np.ndarray:
-    """Limits of one side of all variables in one vector."""
-    return np.concatenate([np.zeros(0), *(getattr(limit, side) for limit in limits)])
-
-
-def _statement(designs: tuple[Limits, ...], constraints: tuple[Limits, ...], tolerance: float) -> Statement:
-    """The problem in the form NLopt takes."""
-    sides = (_joined(constraints, side) for side in ("lower", "upper", "equals"))
-    return Statement(_joined(designs, "lower"), _joined(designs, "upper"), *split_constraints(*sides), tolerance)
 
 
 def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[Limits, ...]) -> Needs:
@@ -140,7 +129,7 @@ class NLoptDriver(Driver):
         model = ScaledModel(self)
         designs, constraints = model.design_limits(), model.constraint_limits()
         settings = make_settings(self.options, _needs(model, designs, constraints))
-        statement = _statement(designs, constraints, self.options["constraint_tolerance"])
+        statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
         functions = self._functions(model, statement, settings)
         self.outcome = _minimise(settings, functions)
         functions.settle()

@@ -34,7 +34,7 @@ def _remembering(callback: Callable) -> Callable:
 class Functions:
     """Objective and constraints of a model as callbacks.
 
-    Attributes
+    Parameters
     ----------
     model : Model
         The model, run at `start`.

@@ -44,13 +44,13 @@ _SPENT = ("MAXEVAL_REACHED", "MAXTIME_REACHED")
 class Criteria:
     """When to stop; zero switches a criterion off.
 
-    Attributes
+    Parameters
     ----------
     ftol_rel, ftol_abs : float
         Change of the objective, relative and absolute.
     xtol_rel : float
         Change of the design variables, relative.
-    xtol_abs : float or ndarray (n,)
+    xtol_abs : float or ndarray, shape (n,)
         Change of each design variable.
     maxeval : int
         Number of evaluations as NLopt counts them.
@@ -75,7 +75,7 @@ class Criteria:
 class Settings:
     """Everything about a run that is not the problem.
 
-    Attributes
+    Parameters
     ----------
     algorithm, local_optimizer : Algorithm, Algorithm or None
         The algorithm, and the one it runs inside.
@@ -85,7 +85,7 @@ class Settings:
         Objective that is good enough.
     maxtime : float
         Seconds; zero for no limit.
-    initial_step : float, ndarray (n,) or None
+    initial_step : float, ndarray, shape (n,) or None
         First step of algorithms without gradients; None for NLopt's choice.
     population : int
         Initial population of stochastic algorithms; zero for NLopt's choice.
@@ -122,7 +122,7 @@ class Settings:
 class Outcome:
     """How a run ended.
 
-    Attributes
+    Parameters
     ----------
     end : str
         Key of `ENDS`.

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["AnalysisFailed", "Model", "Point", "Rows", "Statement", "Stop", "split_constraints"]
+__all__ = ["AnalysisFailed", "Limits", "Model", "Point", "Rows", "Statement", "Stop", "split_constraints"]
 
 
 class AnalysisFailed(ArithmeticError):
@@ -27,16 +27,36 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Scaled limits of one design variable or constraint.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    lower, upper : ndarray, shape (size,)
+        Limits, infinite where there is none.
+    equals : ndarray, shape (size,)
+        Values demanded, NaN for anything but equality constraints.
+    """
+
+    name: str
+    lower: np.ndarray
+    upper: np.ndarray
+    equals: np.ndarray
+
+
+@dataclass(frozen=True)
 class Rows:
     """Constraints in the form NLopt takes: ``signs (c[ids] - limits)`` is at most zero, or zero.
 
-    Attributes
+    Parameters
     ----------
-    ids : ndarray of int (m,)
+    ids : ndarray of int, shape (m,)
         Which constraint each row is made of.
-    signs : ndarray (m,)
+    signs : ndarray, shape (m,)
         +1 for an upper limit or an equality, -1 for a lower limit.
-    limits : ndarray (m,)
+    limits : ndarray, shape (m,)
         The limit of each row.
     """
 
@@ -58,9 +78,9 @@ def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) 
 
     Parameters
     ----------
-    lower, upper : ndarray (m,)
+    lower, upper : ndarray, shape (m,)
         Limits, infinite where there is none.
-    equals : ndarray (m,)
+    equals : ndarray, shape (m,)
         Values demanded, NaN for inequalities.
 
     Returns
@@ -82,15 +102,15 @@ def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) 
 class Point:
     """A point with what the model says there, or what stands in for it where the analysis failed.
 
-    Attributes
+    Parameters
     ----------
-    x : ndarray (n,)
+    x : ndarray, shape (n,)
         Design variables.
     objective : float
         The objective.
-    constraints : ndarray (m,)
+    constraints : ndarray, shape (m,)
         The constraints.
-    violations : ndarray (n_rows,)
+    violations : ndarray, shape (n_rows,)
         How far each row is violated.
     is_analysed : bool
         False where the analysis failed.
@@ -118,9 +138,9 @@ class Point:
 class Statement:
     """Bounds and constraints of a problem.
 
-    Attributes
+    Parameters
     ----------
-    lower, upper : ndarray (n,)
+    lower, upper : ndarray, shape (n,)
         Bounds of the variables, infinite where there is none.
     inequalities, equalities : Rows
         The constraints.
@@ -134,6 +154,12 @@ class Statement:
     equalities: Rows
     tolerance: float
 
+    @classmethod
+    def of(cls, designs: tuple[Limits, ...], constraints: tuple[Limits, ...], tolerance: float) -> "Statement":
+        """Put the limits of all design variables and constraints in the form NLopt takes."""
+        sides = (_joined(constraints, side) for side in ("lower", "upper", "equals"))
+        return cls(_joined(designs, "lower"), _joined(designs, "upper"), *split_constraints(*sides), tolerance)
+
     def violations(self, constraints: np.ndarray) -> np.ndarray:
         """How far each row is violated (n_rows,), zero where it is not."""
         return np.concatenate(
@@ -143,3 +169,8 @@ class Statement:
     def point(self, x: np.ndarray, objective: float, constraints: np.ndarray) -> Point:
         """The point x (n,) with what the model says there."""
         return Point(x.copy(), float(objective), constraints, self.violations(constraints))
+
+
+def _joined(limits: tuple[Limits, ...], side: str) -> np.ndarray:
+    """Limits of one side of all variables in one vector."""
+    return np.concatenate([np.zeros(0), *(getattr(limit, side) for limit in limits)])

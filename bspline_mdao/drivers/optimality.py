@@ -36,7 +36,7 @@ def optimality(statement: Statement, point: Point, totals: np.ndarray) -> float:
         Bounds and constraints.
     point : Point
         The point.
-    totals : ndarray (1 + m, n)
+    totals : ndarray, shape (1 + m, n)
         Totals of objective and constraints there.
 
     Returns

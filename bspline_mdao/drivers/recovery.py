@@ -23,11 +23,11 @@ TURN = 0.02
 class Known:
     """What is known of the problem so far.
 
-    Attributes
+    Parameters
     ----------
     base : Point
         The best point so far.
-    totals : ndarray (1 + m, n)
+    totals : ndarray, shape (1 + m, n)
         Totals of objective and constraints there; zero if none were computed.
     worst_objective : float
         The highest objective so far.
@@ -69,13 +69,13 @@ class Known:
 class Standin:
     """What stands in for the analysis.
 
-    Attributes
+    Parameters
     ----------
     objective : float
         The objective.
-    constraints : ndarray (m,)
+    constraints : ndarray, shape (m,)
         The constraints.
-    totals : ndarray (1 + m, n)
+    totals : ndarray, shape (1 + m, n)
         Totals of objective and constraints.
     """
 

@@ -5,39 +5,17 @@ are declared, from 3.44 on an autoscaler scales vectors, and its ``get_bounds_sc
 3.45.0 and a dictionary of limits by name from 3.45.1 on.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import openmdao.api as om
 from openmdao.core.driver import Driver, RecordingDebugging
 from openmdao.core.group import Group
 
-from .nlopt_problem import AnalysisFailed
+from .nlopt_problem import AnalysisFailed, Limits
 
-__all__ = ["Limits", "ScaledModel"]
+__all__ = ["ScaledModel"]
 
 NO_LIMIT = 1e16
 """Scaled limits beyond this are none: OpenMDAO writes 1e30 for infinity, which scaling may reduce."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Scaled limits of one design variable or constraint.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    lower, upper : ndarray (size,)
-        Limits, infinite where there is none.
-    equals : ndarray (size,)
-        Values demanded, NaN for anything but equality constraints.
-    """
-
-    name: str
-    lower: np.ndarray
-    upper: np.ndarray
-    equals: np.ndarray
 
 
 def _as_limit(value, size: int, absent: float) -> np.ndarray:
@@ -125,12 +103,15 @@ class ScaledModel:
         self._driver._check_for_invalid_desvar_values()
         self._solve()
         self._good_states = self._states().copy()
-        objective, constraints = self._responses()
         try:
-            _require_numbers("the objective or a constraint at the start", objective, constraints)
+            _require_numbers("the objective or a constraint at the start", *self._responses())
         except AnalysisFailed as error:
             raise om.AnalysisError(str(error)) from None
-        return _flat(self._driver.get_design_var_values().values()), objective, constraints
+        return self.present()
+
+    def present(self) -> tuple[np.ndarray, float, np.ndarray]:
+        """Design variables (n,), objective and constraints (m,) as the last run left them."""
+        return _flat(self._driver.get_design_var_values().values()), *self._responses()
 
     def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Run at a point (n,); returns the objective and the constraints (m,).

@@ -23,7 +23,7 @@ SPACINGS = {
     "cosine": lambda n: 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, n)),
     "tip": lambda n: np.sin(0.5 * np.linspace(0.0, np.pi, n)),
 }
-"""Fractions of chord or span by the number of nodes: even; the closer the nearer to both ends; to the far end alone."""
+"""Fractions of chord or span by the number of nodes, even, closer to both ends, or to the far end."""
 
 _NEAR = 1e-9
 """Distance from a section, in spans, at which a node is on it."""
