@@ -83,6 +83,13 @@ class MovingMesh:
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @cached_property
+    def surface_rows(self) -> np.ndarray:
+        """Row of each point in ``surface_ids``, shape (n_points,); -1 for points that are not on the surface."""
+        rows = np.full(self.n_points, -1)
+        rows[self.surface_ids] = np.arange(len(self.surface_ids))
+        return rows
+
+    @cached_property
     def held_ids(self) -> np.ndarray:
         """Points that may not move and are not on the design surface, ascending."""
         is_held = ~self.is_free.any(axis=1)

@@ -26,10 +26,8 @@ def surface_seams(mesh: MovingMesh) -> np.ndarray:
         Rows of ``mesh.surface_ids``: the point next to the seam on one side, on the seam, and on the other side, each
         triple once. Where an edge is collapsed and has no such point, there is no triple.
     """
-    row = np.full(mesh.n_points, -1)
-    row[mesh.surface_ids] = np.arange(len(mesh.surface_ids))
     sides = defaultdict(list)
-    for face in _faces(mesh, row):
+    for face in _faces(mesh):
         for edge, inner in _edges(face):
             ahead, back = tuple(edge.tolist()), tuple(edge[::-1].tolist())
             sides[min(ahead, back)].append(inner if ahead <= back else inner[::-1])
@@ -39,12 +37,12 @@ def surface_seams(mesh: MovingMesh) -> np.ndarray:
     return _once(triples[(a != on) & (on != b) & (a != b)])
 
 
-def _faces(mesh: MovingMesh, row: np.ndarray) -> Iterator[np.ndarray]:
+def _faces(mesh: MovingMesh) -> Iterator[np.ndarray]:
     """Sides of blocks on the surface, as rows; neither those between two blocks nor those without extent."""
     found = defaultdict(list)
     for ids in mesh.blocks:
         for side in range(6):
-            face = row[np.take(ids, -(side % 2), axis=side // 2)]
+            face = mesh.surface_rows[np.take(ids, -(side % 2), axis=side // 2)]
             if (face >= 0).all() and not _has_collapsed(face):
                 found[np.unique(face).tobytes()].append(face)
     return (faces[0] for faces in found.values() if len(faces) == 1)

@@ -44,10 +44,8 @@ def surface_quads(mesh: MovingMesh) -> np.ndarray:
         Rows of ``mesh.surface_ids`` of the corners, around the normal that points into the fluid. A collapsed quad has
         corners that are the same.
     """
-    row = np.full(mesh.n_points, -1)
-    row[mesh.surface_ids] = np.arange(len(mesh.surface_ids))
     quads = np.concatenate([_side_quads(mesh.points, ids, side) for ids in mesh.blocks for side in range(6)])
-    quads = row[quads]
+    quads = mesh.surface_rows[quads]
     quads = quads[(quads >= 0).all(axis=1)]
     _, first, counts = np.unique(np.sort(quads, axis=1), axis=0, return_index=True, return_counts=True)
     return quads[np.sort(first[counts == 1])]  # those between two blocks are there twice
