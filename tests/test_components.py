@@ -19,6 +19,7 @@ from bspline_mdao.components.quality import Quality
 from bspline_mdao.components.surface_control import SurfaceControl
 from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.components.surface_measure import SurfaceMeasure
+from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.grids.multiblock import Block, Grid
@@ -334,3 +335,22 @@ def test_frozen_products_do_not_depend_on_the_input(model):
     problem.run_model()
     after, _ = products(problem, CONTROL_POINTS_INITIAL, GRID_INITIAL, v, np.zeros(model.control_points.size))
     np.testing.assert_array_equal(before, after)
+
+
+class Moody(Heights):
+    """A user's own measure that drops what is zero on the baseline."""
+
+    def partials(self, points):
+        matrix = super().partials(points)
+        if np.array_equal(points, self.surface.points):
+            matrix.data[5] = 0.0
+            matrix.eliminate_zeros()
+        return matrix
+
+
+def test_a_pattern_that_changes_is_refused(model):
+    problem = run_problem(SurfaceMeasure, model, measure=Moody(SurfaceGrid.of(model)))
+    problem.set_val(SURFACE, problem.get_val(SURFACE) + 0.1)
+    problem.run_model()
+    with pytest.raises(InputError, match=r"'heights': the derivative of entry 3 in entry \d+ was not in the pattern"):
+        problem.model.run_linearize()

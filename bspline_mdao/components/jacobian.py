@@ -88,10 +88,25 @@ class SparsePattern:
         keys = np.unique(_keys(matrix))
         return cls(*np.divmod(keys, matrix.shape[1]), matrix.shape[1])
 
-    def data(self, matrix: csr_array) -> np.ndarray:
-        """Entries, shape (n,), of a matrix within the pattern."""
-        data = np.zeros(len(self.rows))
-        data[np.searchsorted(self.rows * self.n_cols + self.cols, _keys(matrix))] = matrix.data
+    def data(self, matrix: csr_array, name: str) -> np.ndarray:
+        """Entries, shape (n,), of a matrix within the pattern.
+
+        Raises
+        ------
+        InputError
+            If the matrix has others; ``name`` says whose they are.
+        """
+        known, keys = self.rows * self.n_cols + self.cols, _keys(matrix)
+        at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+        is_new = known[at] != keys if len(known) else np.ones(len(keys), dtype=bool)
+        if is_new.any():
+            row, col = divmod(int(keys[np.argmax(is_new)]), self.n_cols)
+            raise InputError(
+                f"{name}: the derivative of entry {row + 1} in entry {col + 1} was not in the pattern that it began "
+                f"with; give the same entries everywhere, zeros included"
+            )
+        data = np.zeros(len(known))
+        data[at] = matrix.data
         return data
 
 

@@ -71,7 +71,7 @@ class SurfaceControl(om.ExplicitComponent):
         """Differentiate the move."""
         found = self.options["parametrization"].partials(*self._at(inputs))
         for name, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
-            partials[SURFACE_CONTROL_POINTS, name] = self._sparse[name].data(matrix)
+            partials[SURFACE_CONTROL_POINTS, name] = self._sparse[name].data(matrix, f"{self.msginfo}: '{name}'")
 
     def _at(self, inputs):
         """Surface control points of the baseline and the values of all variables."""

@@ -57,7 +57,8 @@ class SurfaceMeasure(om.ExplicitComponent):
     def compute_partials(self, inputs, partials):
         """Differentiate the measure."""
         measure = self.options["measure"]
-        partials[measure.name, SURFACE] = self._sparse.data(measure.partials(self._points(inputs)))
+        found = measure.partials(self._points(inputs))
+        partials[measure.name, SURFACE] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")
 
     def _points(self, inputs):
         return finite_points(inputs[SURFACE], SURFACE, self.msginfo)
