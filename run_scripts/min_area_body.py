@@ -130,7 +130,8 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     }
     body, runs = bodies[n_control[-1]][-1], {name: study[n_control[-1]][-1] for name, study in studies.items()}
     best = next(reversed(runs.values())).problem
-    cells = body.follow(best.get_val("radial")).model.quality.report()
+    followed = body.follow(best.get_val("radial"))  # a component does not keep its problem alive
+    cells = followed.model.quality.report()
     numbers = {
         "area": AREA,
         "n_variables": {n: len(row[0].parametrization.initial["radial"]) for n, row in bodies.items()},
