@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..movement.vectors import add_to, dot, less, row, scaled
 from ..quality.aggregates import KreisselmeierSteinhauser, Part
+from .scalars import row_at
 from .surface import SurfaceGrid
 
 __all__ = ["Clearance", "nodes_of"]
@@ -150,10 +151,7 @@ class Clearance:
         sides = self._sides(points)
         bars = _bars(*sides, self.rule.rho, self._bound(*sides))
         gradient = np.concatenate([bars[0], bars[1][: len(self.other_ids)]])
-        ids = np.concatenate([self.ids, self.other_ids])
-        columns = (3 * ids[:, None] + np.arange(3)).ravel()
-        indptr = np.array([0, len(columns)])
-        return csr_array((gradient.ravel(), columns, indptr), shape=(1, points.size))
+        return row_at(np.concatenate([self.ids, self.other_ids]), gradient, len(points))
 
     def _sides(self, points):
         return points[self.ids], np.concatenate([points[self.other_ids], self.fixed.astype(points.dtype)])

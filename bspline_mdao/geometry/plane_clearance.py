@@ -12,6 +12,7 @@ from ..deformations.frame import Plane
 from ..quality.aggregates import KreisselmeierSteinhauser
 from .clearance import nodes_of
 from .given import given_direction, given_vector
+from .scalars import row_at
 from .surface import SurfaceGrid
 
 __all__ = ["PlaneClearance"]
@@ -91,9 +92,7 @@ class PlaneClearance:
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (1, 3 n_points), on the nodes of the patches."""
         weights = self.rule.weights(self._distances(points), self.evaluate(points))
-        columns = (3 * self.ids[:, None] + np.arange(3)).ravel()
-        data = np.outer(weights, self.plane.normal).ravel()
-        return csr_array((data, columns, np.array([0, len(columns)])), shape=(1, points.size))
+        return row_at(self.ids, np.outer(weights, self.plane.normal), len(points))
 
     def _distances(self, points):
         return points[self.ids] @ self.plane.normal - self.plane.offset

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError
 
-__all__ = ["by_baseline", "single_row"]
+__all__ = ["by_baseline", "row_at", "single_row"]
 
 
 def by_baseline(measure, least: float):
@@ -35,5 +35,20 @@ def by_baseline(measure, least: float):
 
 def single_row(gradient: np.ndarray) -> csr_array:
     """Derivatives of one number, shape (1, 3 n_points), of its gradient, shape (n_points, 3); zeros kept."""
-    size = gradient.size
-    return csr_array((gradient.ravel(), np.arange(size), np.array([0, size])), shape=(1, size))
+    return row_at(np.arange(len(gradient)), gradient, len(gradient))
+
+
+def row_at(ids: np.ndarray, gradient: np.ndarray, n_points: int) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), that depends on some nodes: its gradient in these; zeros kept.
+
+    Parameters
+    ----------
+    ids : ndarray of int, shape (n,)
+        The nodes.
+    gradient : ndarray, shape (n, 3)
+        Derivatives in their coordinates.
+    n_points : int
+        Number of all nodes.
+    """
+    columns = (3 * ids[:, None] + np.arange(3)).ravel()
+    return csr_array((gradient.ravel(), columns, np.array([0, len(columns)])), shape=(1, 3 * n_points))

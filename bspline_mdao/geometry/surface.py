@@ -10,7 +10,8 @@ import numpy as np
 
 from ..deformations.frame import Plane
 from ..errors import InputError
-from ..grids.entities import BoundaryFace
+from ..grids.face_quads import facing, quads_in_turn
+from ..grids.index_space import Window
 from ..grids.sharing import block_rows, node_sharing
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
@@ -71,12 +72,13 @@ class SurfaceGrid:
         if not found:
             raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
         nodes = model.regenerate().to_vector().reshape(-1, 3)
-        faces = [_oriented_rows(topology, nodes, face) for face in found]
+        blocks = block_rows(topology.shapes)
+        faces = [_oriented_rows(blocks[face.window.block], nodes, face.window) for face in found]
         source = _evaluated_rows(topology)
         rows = np.unique(source[np.concatenate([face.ravel() for face in faces])])
         ids = tuple(np.searchsorted(rows, source[face]) for face in faces)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
-        patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, nodes)
+        patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, blocks, nodes)
         return cls(nodes[rows], rows, ids, names, patches, planes)
 
     @property
@@ -92,8 +94,7 @@ class SurfaceGrid:
     @cached_property
     def quads(self) -> np.ndarray:
         """Corners of the quads, shape (n_quads, 4), face by face in C order, around the normal into the fluid."""
-        corners = [[ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]] for ids in self.faces]
-        return np.concatenate([np.stack(four, axis=-1).reshape(-1, 4) for four in corners])
+        return np.concatenate([quads_in_turn(ids) for ids in self.faces])
 
     def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
         """Numbers of the faces of some patches, by name or pattern (``"wing*"``)."""
@@ -103,12 +104,12 @@ class SurfaceGrid:
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
 
 
-def _symmetry_planes(topology: Topology, nodes: np.ndarray) -> tuple[Plane, ...]:
+def _symmetry_planes(topology: Topology, blocks: list[np.ndarray], nodes: np.ndarray) -> tuple[Plane, ...]:
     """Planes of the symmetry patches, each once."""
-    rows, planes = block_rows(topology.shapes), {}
+    planes = {}
     for face in topology.boundary:
         if face.kind == "symmetry":
-            x = nodes[rows[face.window.block][face.window.slices].ravel()]
+            x = nodes[blocks[face.window.block][face.window.slices].ravel()]
             normal = plane_normal(x, f"{topology.source}: patch {face.patch}")
             normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
             offset = float(normal @ x.mean(axis=0))
@@ -124,18 +125,10 @@ def _evaluated_rows(topology: Topology) -> np.ndarray:
     return source
 
 
-def _oriented_rows(topology: Topology, nodes: np.ndarray, face: BoundaryFace) -> np.ndarray:
-    """Rows of the nodes of a face, shape (ni, nj), such that i x j points into its block.
-
-    The layer of nodes next to the face tells where that is, whatever the handedness of the block.
-    """
-    block, window = block_rows(topology.shapes)[face.window.block], face.window
+def _oriented_rows(block: np.ndarray, nodes: np.ndarray, window: Window) -> np.ndarray:
+    """Rows of the nodes of a face window, shape (ni, nj), such that i x j points into its block, given by its rows."""
     direction = window.shape.index(1)
     at = window.lo[direction]
-    here = [np.take(block, at + step * (1 if at == 0 else -1), axis=direction) for step in (0, 1)]
     slices = tuple(s for d, s in enumerate(window.slices) if d != direction)
-    rows, inner = (layer[slices] for layer in here)
-    x = nodes[rows]
-    area = np.cross(x[1:, 1:] - x[:-1, :-1], x[:-1, 1:] - x[1:, :-1])
-    inward = (nodes[inner] - x)[:-1, :-1]
-    return rows if np.sum(area * inward) > 0.0 else rows.T
+    layers = (np.take(block, n, axis=direction)[slices] for n in (at, at + (1 if at == 0 else -1)))
+    return facing(*layers, nodes)

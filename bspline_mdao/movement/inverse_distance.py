@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
+from ..grids.face_quads import quads_in_turn
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
@@ -111,7 +112,7 @@ def _areas(mesh: MovingMesh) -> np.ndarray:
     for ids in mesh.blocks:
         for side in range(6):
             face = ids.take(-(side % 2), axis=side // 2)
-            quads = np.stack([face[:-1, :-1], face[1:, :-1], face[1:, 1:], face[:-1, 1:]], axis=-1).reshape(-1, 4)
+            quads = quads_in_turn(face)
             quads = quads[is_known[quads].all(axis=1)]
             corners = mesh.points[quads]
             normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..grids.face_quads import facing, quads_in_turn
 from ..movement.mesh import MovingMesh
 
 __all__ = ["surface_normals", "surface_quads"]
@@ -55,10 +56,7 @@ def _side_quads(points: np.ndarray, ids: np.ndarray, side: int) -> np.ndarray:
     """Quads of one side of a block, around the normal into it."""
     layer = np.take(ids, -(side % 2), axis=side // 2)
     inner = np.take(ids, -2 if side % 2 else 1, axis=side // 2)
-    quads = np.stack([layer[:-1, :-1], layer[1:, :-1], layer[1:, 1:], layer[:-1, 1:]], axis=-1).reshape(-1, 4)
-    a, b, c, d = np.moveaxis(points[quads], 1, 0)
-    inward = (points[inner] - points[layer])[:-1, :-1].reshape(-1, 3)
-    return quads if np.sum(np.cross(c - a, d - b) * inward) > 0.0 else quads[:, ::-1]
+    return quads_in_turn(facing(layer, inner, points))
 
 
 def surface_normals(mesh: MovingMesh) -> np.ndarray:
