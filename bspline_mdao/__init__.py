@@ -93,6 +93,7 @@ _HOMES = {
     "require_inside": "evaluation.inversion",
     "ride": "evaluation.inversion",
     "write_grid": "grids.files",
+    "write_polymesh": "grids.openfoam",
     "write_vtk": "grids.vtk",
 }
 
