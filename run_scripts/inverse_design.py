@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, ORANGE, figure, run
-from optimisation import UNCONSTRAINED, Run, check_totals, draw_history, optimise, set_up, write_n2
+from history import draw_history
+from optimisation import UNCONSTRAINED, Run, check_totals, optimise, set_up, write_n2
 from scipy.spatial import cKDTree
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, GREEN, ORANGE, RED, figure, run
-from optimisation import DRIVERS, Run, check_totals, draw_history, move_at_random, optimise, set_up, write_n2
+from history import draw_history
+from optimisation import DRIVERS, Run, check_totals, move_at_random, optimise, set_up, write_n2
 
 from bspline_mdao import FittedModel, GridMovement, fit_grid, moving_mesh
 from bspline_mdao.components.surface_control import SurfaceControl

@@ -12,22 +12,20 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from common import BLUE, ORANGE
+from history import OptimalityHistory, read_history, read_optimality, statement_of
 from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import NLoptDriver
-from bspline_mdao.drivers.nlopt_problem import Statement
 from bspline_mdao.drivers.optimality import optimality
 from bspline_mdao.drivers.scaled_model import ScaledModel
 
-TIMED = ("compute", "compute_partials", "compute_jacvec_product", "solve_nonlinear", "linearize", "apply_linear")
+TIMED = ("compute", "compute_partials", "compute_jacvec_product")
+TIMED += ("solve_nonlinear", "linearize", "apply_linear", "solve_linear")
 """Methods of components whose time counts."""
 
 QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
 """Options of all drivers. Symmetry makes some derivatives zero at the start; idle variables are refused elsewhere."""
-
-COLORS = {"SciPy SLSQP": ORANGE, "NLopt LD_SLSQP": BLUE, "NLopt LD_LBFGS": BLUE}
 
 
 def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
@@ -65,12 +63,15 @@ class Run:
         Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
     initial_gradient : float
         Norm of the objective's gradient at the start, as the driver sees it.
+    optimality_history : OptimalityHistory
+        On the way.
     """
 
     problem: om.Problem
     history: dict[str, np.ndarray]
     seconds: dict[str, float]
     initial_gradient: float
+    optimality_history: OptimalityHistory
 
     def numbers(self) -> dict:
         """What a run script tells of it."""
@@ -89,14 +90,24 @@ class Run:
         }
 
 
-def optimise(make_problem: Callable[[], om.Problem], driver: Driver) -> Run:
-    """Run a problem, not yet set up, with a driver."""
+def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases: Path | None = None) -> Run:
+    """Run a problem, not yet set up, with a driver.
+
+    Parameters
+    ----------
+    make_problem : callable
+        Makes the problem.
+    driver : Driver
+        The driver.
+    cases : path-like, optional
+        File of the recorded cases, which is kept; a temporary one by default.
+    """
     problem = make_problem()
     problem.driver = driver
     problem.options["group_by_pre_opt_post"] = True  # what no design variable reaches runs once
     with tempfile.TemporaryDirectory() as folder:
-        driver.add_recorder(om.SqliteRecorder(Path(folder) / "cases.sql", record_viewer_data=False))
-        driver.recording_options["record_desvars"] = False
+        file = Path(cases or Path(folder) / "cases.sql")
+        record(driver, file)
         problem.setup(mode="rev")
         problem.run_model()
         gradient = problem.compute_totals(driver_scaling=True, return_format="array")[0]
@@ -106,14 +117,21 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver) -> Run:
             problem.run_driver()
         seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
         problem.cleanup()
-        history = read_history(Path(folder) / "cases.sql")
-    return Run(problem, history, dict(seconds), float(np.linalg.norm(gradient)))
+        histories = read_history(file), read_optimality(problem, file)
+    return Run(problem, histories[0], dict(seconds), float(np.linalg.norm(gradient)), histories[1])
+
+
+def record(driver: Driver, file: Path) -> None:
+    """Record every evaluation and every gradient of a driver in a file."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    driver.add_recorder(om.SqliteRecorder(file, record_viewer_data=False))
+    driver.recording_options["record_derivatives"] = True
 
 
 def time_components(problem: om.Problem) -> dict[str, float]:
     """Wall time spent in every component from now on, by its name (s)."""
     seconds = {}
-    for component in problem.model.system_iter(recurse=True, typ=om.ExplicitComponent):
+    for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
         if not component.name.startswith("_auto_ivc"):
             seconds[component.name] = 0.0
             for name in TIMED:
@@ -136,18 +154,9 @@ def _timed(method, seconds: dict[str, float], name: str):
     return run
 
 
-def read_history(file: Path) -> dict[str, np.ndarray]:
-    """Read objective and constraints of every evaluation from a recorded file."""
-    reader = om.CaseReader(str(file))
-    cases = [reader.get_case(name) for name in reader.list_cases("driver", out_stream=None)]
-    responses = [{**case.get_objectives(), **case.get_constraints()} for case in cases]
-    return {name: np.array([values[name] for values in responses]) for name in responses[0]}
-
-
 def optimality_of(problem: om.Problem) -> tuple[float, float]:
     """Residual of the first-order conditions of an optimum, and the largest violation, in units of the driver."""
-    model = ScaledModel(problem.driver)
-    statement = Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)
+    model, statement = ScaledModel(problem.driver), statement_of(problem)
     point = statement.point(*model.present())
     return optimality(statement, point, model.differentiate()), point.violation
 
@@ -234,14 +243,6 @@ def extrapolated(function: Callable[[float], dict[str, np.ndarray]], step: float
         pairs = zip(table, table[1:])
         table = [{name: (power * b[name] - a[name]) / (power - 1.0) for name in a} for a, b in pairs]
     return table[0]
-
-
-def draw_history(axes, runs: dict[str, Run], response: str, label: str, error=np.abs) -> None:
-    """Draw a function of a response, an error, over the evaluations of every driver."""
-    for name, result in runs.items():
-        axes.semilogy(error(result.history[response].ravel()), color=COLORS[name], label=name, linewidth=1.0)
-    axes.set(xlabel="evaluation", ylabel=label)
-    axes.legend()
 
 
 def write_n2(problem: om.Problem, folder: Path, name: str) -> None:

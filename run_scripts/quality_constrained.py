@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, RED, figure, run
-from optimisation import DRIVERS, Run, check_totals, draw_history, move_at_random, optimise, set_up, write_n2
+from history import draw_history
+from optimisation import DRIVERS, Run, check_totals, move_at_random, optimise, set_up, write_n2
 from scipy.sparse import csr_array
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, Quality, fit_grid, moving_mesh

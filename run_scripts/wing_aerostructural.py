@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 from common import GRAY, figure, run
+from history import COLORS
 from lattice_wing import LINES, RectangularWing, flow_in_one, started
-from optimisation import COLORS, DRIVERS, check_totals, optimise, write_n2
+from optimisation import DRIVERS, check_totals, optimise, write_n2
 
 from bspline_mdao.flow.aerostructure import Aerostructure, Spar
 from bspline_mdao.parametrization.axis import ReferenceAxis

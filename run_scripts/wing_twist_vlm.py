@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import openmdao.api as om
 from common import GRAY, figure, run
+from history import COLORS
 from lattice_wing import LINES, RectangularWing, flow_in_one, started
-from optimisation import COLORS, DRIVERS, Run, check_totals, optimise, write_n2
+from optimisation import DRIVERS, Run, check_totals, optimise, write_n2
 
 from bspline_mdao import VortexLattice
 from bspline_mdao.flow.wake import Wake, least_drag
