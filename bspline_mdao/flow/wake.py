@@ -1,8 +1,8 @@
 """Lift and induced drag from the wake far downstream, in the Trefftz plane.
 
 There the wake is a row of straight vortices that trail from the edges of the strips of a wing. With the circulation
-``g_i`` of strip i, its trace ``t_i`` in the plane from one trailing vortex to the next and its middle ``m_i``, and the
-strengths ``s_j`` of the vortices at ``p_j``, the differences of the circulations::
+``g_i`` of strip i, its trace ``t_i`` in the plane from one trailing vortex to the next and a point ``m_i`` of that,
+its middle or another one, and the strengths ``s_j`` of the vortices at ``p_j``, the differences of the circulations::
 
     lift / (rho V) = sum_i g_i t_iy,     drag / rho = 1/(4 pi) sum_ij g_i s_j (m_i - p_j) . t_i / |m_i - p_j|^2
 """
@@ -31,11 +31,14 @@ class Wake:
         Of the strips between them (m^2/s), positive where they lift. Real or complex.
     is_symmetric : bool
         The right half is the mirror image about y = 0 and counts as well.
+    places : float or ndarray, shape (n,)
+        Where the downwash is taken, as a part of the way from one vortex to the next.
     """
 
     points: np.ndarray
     circulations: np.ndarray
     is_symmetric: bool = True
+    places: float | np.ndarray = 0.5
 
     @property
     def lift(self):
@@ -66,9 +69,9 @@ class Wake:
         for sign, mirror, arms in self._images:
             traces, square = self._traces[:, None], _dot(arms, arms)[..., None]
             arms_bar = sign * weights * (traces - 2.0 * _dot(arms, traces)[..., None] / square * arms) / square
-            middle_bar, traces_bar = 0.5 * arms_bar.sum(axis=1), (sign * weights * arms / square).sum(axis=1)
-            points_bar[:-1] += middle_bar - traces_bar
-            points_bar[1:] += middle_bar + traces_bar
+            place_bar, traces_bar = arms_bar.sum(axis=1), (sign * weights * arms / square).sum(axis=1)
+            points_bar[:-1] += (1.0 - self._parts) * place_bar - traces_bar
+            points_bar[1:] += self._parts * place_bar + traces_bar
             points_bar -= mirror * arms_bar.sum(axis=0)
         return points_bar, (self.influence + self.influence.T) @ self.circulations
 
@@ -85,16 +88,21 @@ class Wake:
         return np.diff(self.points, axis=0)
 
     @property
+    def _parts(self) -> np.ndarray:
+        """`places` as a factor of points."""
+        return np.asarray(self.places)[..., None]
+
+    @property
     def _strengths(self) -> np.ndarray:
         """Strength of every trailing vortex, shape (n + 1,)."""
         return np.diff(self.circulations, prepend=0.0, append=0.0)
 
     @cached_property
     def _images(self) -> list[tuple[float, np.ndarray, np.ndarray]]:
-        """Sign and mirror of the vortices and of their image, and the arms (n, n + 1, 2) from them to the middles."""
-        middles = 0.5 * (self.points[1:] + self.points[:-1])
+        """Sign and mirror of the vortices and of their image, and the arms (n, n + 1, 2) from them to the places."""
+        places = (1.0 - self._parts) * self.points[:-1] + self._parts * self.points[1:]
         images = [(1.0, np.ones(2)), (-1.0, _MIRROR)] if self.is_symmetric else [(1.0, np.ones(2))]
-        return [(sign, mirror, middles[:, None] - mirror * self.points) for sign, mirror in images]
+        return [(sign, mirror, places[:, None] - mirror * self.points) for sign, mirror in images]
 
 
 def least_drag(points: np.ndarray, lift: float, is_symmetric: bool = True) -> Wake:
