@@ -13,8 +13,9 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, ORANGE, figure, run
 from history import draw_history
-from optimisation import UNCONSTRAINED, Run, check_totals, optimise, set_up, write_n2
+from optimisation import UNCONSTRAINED, Run, optimise, set_up, write_n2
 from scipy.spatial import cKDTree
+from totals import check_totals
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.names import GRID
@@ -216,7 +217,7 @@ def main(paper: bool = False, figures=None, increments: int | None = None, drive
     -------
     dict
         ``n_nodes``, ``n_variables``, the root mean square ``initial_distance`` of nodes (m); ``totals``, see
-        `optimisation.check_totals`; for each driver what `optimisation.Run.numbers` tells and
+        `totals.check_totals`; for each driver what `optimisation.Run.numbers` tells and
         ``relative_error_of_variables``, the norm of the error by that of the target, ``largest_error_of_variables`` (m)
         and ``largest_distance`` of a node (m).
     """

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import openmdao.api as om
-from optimisation import Run
 
 from bspline_mdao import CamberSurface, FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh
 from bspline_mdao.generators import rectangular_wing
@@ -116,11 +115,3 @@ def started(problem: om.Problem) -> om.Problem:
     problem.setup(mode="rev")
     problem.run_model()
     return problem
-
-
-def flow_in_one(found: Run) -> dict:
-    """Numbers of a run, the shares of the components of the flow added up."""
-    numbers, flow = found.numbers(), {system.name for system in found.problem.model.flow.system_iter(recurse=True)}
-    shares = {name: share for name, share in numbers["shares"].items() if name not in flow}
-    shares["flow"] = sum(share for name, share in numbers["shares"].items() if name in flow)
-    return numbers | {"shares": shares}

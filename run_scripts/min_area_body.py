@@ -13,7 +13,8 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, GREEN, ORANGE, RED, figure, run
 from history import draw_history
-from optimisation import DRIVERS, Run, check_totals, move_at_random, optimise, set_up, write_n2
+from optimisation import DRIVERS, Run, optimise, set_up, write_n2
+from totals import check_totals, move_at_random
 
 from bspline_mdao import FittedModel, GridMovement, fit_grid, moving_mesh
 from bspline_mdao.components.surface_control import SurfaceControl
@@ -120,7 +121,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
         ``area``, the analytic optimum (m^2); for each driver what `optimisation.Run.numbers` tells of the finest grid,
         ``roundness``, the largest distance of a node from the ball by its radius, and by number of control points along
         an edge, on grids ever finer, the relative ``errors`` of the area, their ``orders``, and the error
-        ``of_splines`` that is left when they are extrapolated; ``totals``, see `optimisation.check_totals`; of the grid
+        ``of_splines`` that is left when they are extrapolated; ``totals``, see `totals.check_totals`; of the grid
         that follows, ``n_inverted`` and the smallest corner triple product ``min_corner``.
     """
     n_nodes, n_control = SIZES[paper]

@@ -15,8 +15,9 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, RED, figure, run
 from history import draw_history
-from optimisation import DRIVERS, Run, check_totals, move_at_random, optimise, set_up, write_n2
+from optimisation import DRIVERS, Run, optimise, set_up, write_n2
 from scipy.sparse import csr_array
+from totals import check_totals, move_at_random
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, Quality, fit_grid, moving_mesh
 from bspline_mdao.generators import brick_grid
@@ -185,7 +186,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     dict
         ``n_variables``; for each driver, under ``unconstrained`` and ``constrained``, what `optimisation.Run.numbers`
         tells, the largest distance of ``corners`` from where they belong and of nodes from their ``planes`` (m),
-        ``n_inverted`` and ``min_corner`` of the cells; ``totals``, see `optimisation.check_totals`.
+        ``n_inverted`` and ``min_corner`` of the cells; ``totals``, see `totals.check_totals`.
     """
     turn = Turn.of(*SIZES[paper])
     runs = {

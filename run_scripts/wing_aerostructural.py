@@ -6,8 +6,9 @@ import numpy as np
 import openmdao.api as om
 from common import GRAY, figure, run
 from history import COLORS
-from lattice_wing import LINES, RectangularWing, flow_in_one, started
-from optimisation import DRIVERS, check_totals, optimise, write_n2
+from lattice_wing import LINES, RectangularWing, started
+from optimisation import DRIVERS, flow_in_one, optimise, write_n2
+from totals import check_totals
 
 from bspline_mdao.flow.aerostructure import Aerostructure, Spar
 from bspline_mdao.parametrization.axis import ReferenceAxis
@@ -41,7 +42,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     Returns
     -------
     dict
-        ``totals``, see `optimisation.check_totals`; what `flight` tells of the ``initial`` wing; for each driver that
+        ``totals``, see `totals.check_totals`; what `flight` tells of the ``initial`` wing; for each driver that
         and what `optimisation.Run.numbers` tells.
     """
     wing = RectangularWing.of(paper, n_chord=2)  # the loads on the spar are what matters

@@ -9,8 +9,9 @@ import numpy as np
 import openmdao.api as om
 from common import GRAY, figure, run
 from history import COLORS
-from lattice_wing import LINES, RectangularWing, flow_in_one, started
-from optimisation import DRIVERS, Run, check_totals, optimise, write_n2
+from lattice_wing import LINES, RectangularWing, started
+from optimisation import DRIVERS, Run, flow_in_one, optimise, write_n2
+from totals import check_totals
 
 from bspline_mdao import VortexLattice
 from bspline_mdao.flow.wake import Wake, least_drag
@@ -126,7 +127,7 @@ class Study:
     runs : dict of Run
         By the names of the drivers.
     totals : dict
-        See `optimisation.check_totals`.
+        See `totals.check_totals`.
     """
 
     title: str

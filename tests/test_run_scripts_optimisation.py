@@ -97,16 +97,17 @@ def problems():
     """Small problems of all scripts of this file, set up and run where no derivative is zero."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.syspath_prepend(str(RUN_SCRIPTS))
-        names = ("optimisation", "inverse_design", "min_area_body", "quality_constrained", "wing_twist_vlm")
-        optimisation, inverse, body, cube, lattice = map(importlib.import_module, names)
+        names = ("inverse_design", "min_area_body", "quality_constrained", "wing_twist_vlm")
+        optimisation, totals = map(importlib.import_module, ("optimisation", "totals"))
+        inverse, body, cube, lattice = map(importlib.import_module, names)
     design = inverse.InverseDesign.of(inverse.Size((7, 7, 7), (5, 5, 5), 2, "xyz"))
     ready = [
         inverse.part_of_the_way(design),
-        optimisation.move_at_random(optimisation.set_up(body.Body.of(5, 4).problem())),
-        optimisation.move_at_random(optimisation.set_up(cube.Turn.of(5, 4, 2).problem(is_constrained=True))),
+        totals.move_at_random(optimisation.set_up(body.Body.of(5, 4).problem())),
+        totals.move_at_random(optimisation.set_up(cube.Turn.of(5, 4, 2).problem(is_constrained=True))),
         lattice.perturbed(lattice.CASES["chord"].problem(lattice.RectangularWing.of(paper=False))),
     ]
-    return dict(zip(names[1:], ready))
+    return dict(zip(names, ready))
 
 
 def test_every_component_has_a_reader_and_no_option_is_too_large_to_show(problems):
