@@ -9,25 +9,32 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, ORANGE
 
-from bspline_mdao.drivers.nlopt_problem import Statement
+from bspline_mdao.drivers.nlopt_problem import Point, Statement
 from bspline_mdao.drivers.optimality import optimality
 from bspline_mdao.drivers.scaled_model import ScaledModel
 
 COLORS = {"SciPy SLSQP": ORANGE, "NLopt LD_SLSQP": BLUE, "NLopt LD_LBFGS": BLUE}
+"""Of the drivers."""
+
+LEAST = 1e-12
+"""Violations below it are drawn as if they were this."""
 
 
-class OptimalityHistory(NamedTuple):
-    """How far the points of an optimisation were from an optimum.
+class Course(NamedTuple):
+    """How the points of an optimisation approached an optimum, in units of the driver.
 
     Parameters
     ----------
-    evaluations : ndarray of int, shape (n,)
+    violations : ndarray, shape (n,)
+        Largest violation of the constraints at every evaluation.
+    differentiated : ndarray of int, shape (m,)
         Which evaluations had a gradient, from 0.
-    residuals : ndarray, shape (n,)
-        Residuals of the first-order conditions there, in units of the driver.
+    residuals : ndarray, shape (m,)
+        Residuals of the first-order conditions there.
     """
 
-    evaluations: np.ndarray
+    violations: np.ndarray
+    differentiated: np.ndarray
     residuals: np.ndarray
 
 
@@ -43,8 +50,8 @@ def read_history(file: Path) -> dict[str, np.ndarray]:
     return {name: np.array([values[name] for values in responses]) for name in responses[0]}
 
 
-def read_optimality(problem: om.Problem, file: Path) -> OptimalityHistory:
-    """Read how the gradients of a recorded optimisation approached an optimum.
+def read_course(problem: om.Problem, file: Path) -> Course:
+    """Read how a recorded optimisation went on.
 
     Parameters
     ----------
@@ -54,10 +61,13 @@ def read_optimality(problem: om.Problem, file: Path) -> OptimalityHistory:
         The recorded file.
     """
     statement, cases = statement_of(problem), read_cases(file)
+    points = [_point(statement, case) for case in cases]
     # OpenMDAO files a gradient under the evaluation that comes next
-    pairs = [(n, case, after.derivatives) for n, (case, after) in enumerate(zip(cases, cases[1:])) if after.derivatives]
-    residuals = [_residual(statement, problem, case, derivatives) for _, case, derivatives in pairs]
-    return OptimalityHistory(np.array([n for n, _, _ in pairs]), np.array(residuals))
+    found = [(n, after.derivatives) for n, after in enumerate(cases[1:]) if after.derivatives]
+    residuals = [optimality(statement, points[n], _totals(cases[n], derivatives)) for n, derivatives in found]
+    return Course(
+        np.array([point.violation for point in points]), np.array([n for n, _ in found], dtype=int), np.array(residuals)
+    )
 
 
 def statement_of(problem: om.Problem) -> Statement:
@@ -66,13 +76,17 @@ def statement_of(problem: om.Problem) -> Statement:
     return Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)
 
 
-def _residual(statement: Statement, problem: om.Problem, case, derivatives) -> float:
-    """Residual of the first-order conditions at a case, with derivatives that are recorded in units of the driver."""
+def _point(statement: Statement, case) -> Point:
+    """A recorded point in units of the driver."""
+    (objective,) = case.get_objectives(scaled=True).values()
     variables, constraints = case.get_design_vars(scaled=True), case.get_constraints(scaled=True)
-    (objective,) = case.get_objectives(scaled=True).items()
-    point = statement.point(_joined(variables.values()), objective[1].item(), _joined(constraints.values()))
-    rows = [np.hstack([derivatives[name, wrt] for wrt in variables]) for name in (objective[0], *constraints)]
-    return optimality(statement, point, np.vstack(rows))
+    return statement.point(_joined(variables.values()), objective.item(), _joined(constraints.values()))
+
+
+def _totals(case, derivatives) -> np.ndarray:
+    """Totals at a case, shape (1 + m, n), of derivatives, which are recorded in units of the driver."""
+    responses = [*case.get_objectives(), *case.get_constraints()]
+    return np.vstack([np.hstack([derivatives[name, wrt] for wrt in case.get_design_vars()]) for name in responses])
 
 
 def _joined(values) -> np.ndarray:
@@ -88,11 +102,20 @@ def draw_history(axes, runs: dict, response: str, label: str, error=np.abs) -> N
     axes.legend()
 
 
-def draw_optimality(axes, runs: dict) -> None:
-    """Draw the optimality of every recorded driver by that of its first gradient."""
+def draw_objective(axes, runs: dict, response: str, unit: float, label: str) -> None:
+    """Draw a response by a unit over the evaluations of every driver."""
     for name, result in runs.items():
-        history = result.optimality_history
-        relative = history.residuals / history.residuals[0]
-        axes.semilogy(history.evaluations, relative, "o-", color=COLORS[name], label=name, linewidth=1.0, markersize=3)
-    axes.set(xlabel="evaluation", ylabel="optimality by that of the start")
+        axes.plot(result.history[response].ravel() / unit, color=COLORS[name], label=name, linewidth=1.0)
+    axes.set(xlabel="evaluation", ylabel=label)
     axes.legend()
+
+
+def draw_course(axes, runs: dict) -> None:
+    """Draw the optimality of every driver by that of its first gradient, and the violations of constraints."""
+    for name, result in runs.items():
+        course, style = result.course, {"color": COLORS[name], "linewidth": 1.0, "markersize": 3}
+        relative = course.residuals / course.residuals[0]
+        axes.semilogy(course.differentiated, relative, "o-", label=f"{name}: optimality", **style)
+        axes.semilogy(np.maximum(course.violations, LEAST), ":", label="violation", **style)
+    axes.set(xlabel="evaluation", ylabel="optimality by the first, violation")
+    axes.legend(fontsize=8)

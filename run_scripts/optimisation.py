@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from history import OptimalityHistory, read_history, read_optimality, statement_of
+from history import Course, read_course, read_history, statement_of
 from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
@@ -63,15 +63,15 @@ class Run:
         Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
     initial_gradient : float
         Norm of the objective's gradient at the start, as the driver sees it.
-    optimality_history : OptimalityHistory
-        On the way.
+    course : Course
+        Optimality and violations on the way.
     """
 
     problem: om.Problem
     history: dict[str, np.ndarray]
     seconds: dict[str, float]
     initial_gradient: float
-    optimality_history: OptimalityHistory
+    course: Course
 
     def numbers(self) -> dict:
         """What a run script tells of it."""
@@ -117,8 +117,8 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases: Path
             problem.run_driver()
         seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
         problem.cleanup()
-        histories = read_history(file), read_optimality(problem, file)
-    return Run(problem, histories[0], dict(seconds), float(np.linalg.norm(gradient)), histories[1])
+        history, course = read_history(file), read_course(problem, file)
+    return Run(problem, history, dict(seconds), float(np.linalg.norm(gradient)), course)
 
 
 def record(driver: Driver, file: Path) -> None:
