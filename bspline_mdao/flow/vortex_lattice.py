@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import openmdao.api as om
 
-from ..errors import InputError
+from .lattice_states import STREAM, LatticeStates, lattice_surface, openaerostruct
 from .wake_forces import WakeForces
-
-_WING = "wing"
-"""Name that OpenAeroStruct's components give the wing."""
 
 
 class VortexLattice(om.Group):
@@ -66,11 +61,16 @@ class VortexLattice(om.Group):
 
     def setup(self):
         """Add OpenAeroStruct's components and those of the wake."""
-        surface = lattice_surface(self.options["n_chord"], self.options["n_span"], self.options["symmetry"])
-        self._add_circulations(surface)
+        sizes = {name: self.options[name] for name in ("n_chord", "n_span", "symmetry")}
+        surface = lattice_surface(**sizes)
+        self.add_subsystem(
+            "lattice",
+            LatticeStates(**sizes),
+            promotes_inputs=["camber_surface", "alpha", "Mach_number", "velocity", "density"],
+            promotes_outputs=["circulations", ("S_ref", self._mesh_area)],
+        )
         self._add_panel_forces(surface)
         self._add_moment(surface)
-        sizes = {name: self.options[name] for name in ("n_chord", "n_span", "symmetry")}
         self.add_subsystem("wake", WakeForces(**sizes), promotes=["*"])
         for name, (value, units) in _DEFAULTS.items():
             self.set_input_defaults(name, val=value, units=units)
@@ -83,22 +83,6 @@ class VortexLattice(om.Group):
         """Name of the lattice's own area."""
         return "S_ref" if self.options["reference_area"] is None else "S_mesh"
 
-    def _add_circulations(self, surface):
-        """From the mesh to the circulations and the forces on the panels."""
-        self.add_subsystem(
-            "panels",
-            openaerostruct("aerodynamics.geometry").VLMGeometry(surface=surface),
-            promotes_inputs=[("def_mesh", "camber_surface")],
-            promotes_outputs=[("S_ref", self._mesh_area)],
-        )
-        self.add_subsystem(
-            "lattice",
-            openaerostruct("aerodynamics.compressible_states").CompressibleVLMStates(surfaces=[surface]),
-            promotes_inputs=[("wing_def_mesh", "camber_surface"), *STREAM, "alpha", "Mach_number"],
-            promotes_outputs=["circulations"],
-        )
-        self.connect("panels.normals", "lattice.wing_normals")
-
     def _add_panel_forces(self, surface):
         """From the forces on the panels to their coefficients."""
         lift_drag = openaerostruct("aerodynamics.lift_drag").LiftDrag(surface=surface)
@@ -109,7 +93,7 @@ class VortexLattice(om.Group):
             promotes_inputs=[*STREAM, "S_ref"],
             promotes_outputs=[("CL1", "CL_panels"), ("CDi", "CD_panels")],
         )
-        self.connect("lattice.wing_sec_forces", "forces.sec_forces")
+        self.connect("lattice.panel_forces", "forces.sec_forces")
         for name in ("L", "D"):
             self.connect(f"forces.{name}", f"coefficients.{name}")
 
@@ -122,13 +106,10 @@ class VortexLattice(om.Group):
             promotes_inputs=[*STREAM, ("cg", "moment_reference"), *areas],
             promotes_outputs=["CM"],
         )
-        self.connect("lattice.wing_sec_forces", "moment.wing_sec_forces")
+        self.connect("lattice.panel_forces", "moment.wing_sec_forces")
         for name in ("b_pts", "widths", "chords"):
-            self.connect(f"panels.{name}", f"moment.wing_{name}")
+            self.connect(f"lattice.{name}", f"moment.wing_{name}")
 
-
-STREAM = [("v", "velocity"), ("rho", "density")]
-"""OpenAeroStruct's names of the stream and ours."""
 
 _DEFAULTS = {
     "alpha": (2.0, "deg"),
@@ -138,37 +119,3 @@ _DEFAULTS = {
     "moment_reference": (np.zeros(3), "m"),
 }
 """Values and units of the inputs of the flight."""
-
-
-def openaerostruct(module: str):
-    """Import a module of OpenAeroStruct, which is wanted by flow components alone.
-
-    Raises
-    ------
-    InputError
-        If it is not there.
-    """
-    try:
-        return import_module(f"openaerostruct.{module}")
-    except ImportError as error:
-        raise InputError(
-            f'the vortex lattice needs OpenAeroStruct: pip install "bspline_mdao[vlm]" ({error})'
-        ) from error
-
-
-def lattice_surface(n_chord: int, n_span: int, symmetry: bool = True, **settings) -> dict:
-    """Describe a wing to OpenAeroStruct: its components take sizes and the side of the wing from a mesh.
-
-    Parameters
-    ----------
-    n_chord, n_span : int
-        Nodes of the lattice.
-    symmetry : bool
-        The lattice is the left half of a symmetric wing.
-    **settings
-        Further entries of the dictionary.
-    """
-    mesh = np.zeros((n_chord, n_span, 3))
-    mesh[..., 0] = np.linspace(0.0, 1.0, n_chord)[:, None]
-    mesh[..., 1] = np.linspace(-1.0, 0.0 if symmetry else 1.0, n_span)
-    return {"name": _WING, "symmetry": symmetry, "S_ref_type": "projected", "mesh": mesh, **settings}
