@@ -58,6 +58,18 @@ def test_the_python_examples_of_design_run():
     assert checked.get_val("leading_edge_radius").shape == (3,)
 
 
+def test_the_python_examples_of_mphys_run():
+    pytest.importorskip("mphys", reason="MPhys is not installed")
+    problems = []
+    for example in code_blocks("mphys.rst", "python"):
+        contents = {"__name__": __name__}
+        exec(example, contents)
+        problems.append(contents["problem"])
+    foreign, ours = problems
+    assert np.abs(foreign.compute_totals(["cruise.cl"], ["twist"])["cruise.cl", "twist"]).min() > 1e-3
+    assert ours.get_val("climb.CL") > ours.get_val("cruise.CL")
+
+
 def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
     contents = {"__name__": __name__}
     exec(code_blocks("components.rst", "python")[-1], contents)

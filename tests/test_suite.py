@@ -13,7 +13,7 @@ import pytest
 import bspline_mdao
 
 ROOT = Path(__file__).parents[1]
-FRAMEWORKS = ("components", "cli", "drivers", "flow")
+FRAMEWORKS = ("components", "cli", "drivers", "flow", "mphys")
 MODULES = [module.name for module in pkgutil.walk_packages(bspline_mdao.__path__, "bspline_mdao.")]
 KERNELS = [name for name in MODULES if name.split(".")[1] not in FRAMEWORKS]
 
@@ -31,7 +31,7 @@ def test_kernels_never_import_the_framework():
     code = (
         "import sys\n"
         "def check(name):\n"
-        "    found = {'openmdao', 'click', 'rich', 'matplotlib'} & set(sys.modules)\n"
+        "    found = {'openmdao', 'mphys', 'click', 'rich', 'matplotlib'} & set(sys.modules)\n"
         "    assert not found, f'{name} imports {found}'\n" + loads
     )
     python(code)
@@ -41,7 +41,7 @@ def test_kernels_name_the_framework_nowhere():
     for name in KERNELS:
         path = ROOT.joinpath(*name.split("."))
         source = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text()
-        assert not re.search(r"^\s*(import|from) (openmdao|\.+(components|cli|drivers|flow))", source, re.M), name
+        assert not re.search(r"^\s*(import|from) (openmdao|\.+(components|cli|drivers|flow|mphys))", source, re.M), name
 
 
 def test_importing_the_package_loads_nothing_heavy():
