@@ -13,6 +13,7 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, GRAY, ORANGE, figure, run
 from history import draw_history
+from mismatch import Mismatch
 from optimisation import UNCONSTRAINED, Run, optimise, set_up, write_n2
 from scipy.spatial import cKDTree
 from totals import check_totals
@@ -55,46 +56,6 @@ PAPER = Size((45, 65, 33), (13, 13, 9), 1, "y")
 
 INCREMENTS = {"type": int, "help": "increments of the mover (2, and 1 at the paper's size)"}
 """Option of the command line."""
-
-
-class MeanSquareDistance(om.ExplicitComponent):
-    """Mean square of the distances between the nodes of a grid and those of a target.
-
-    ============  ======  ===========  =====  ======================================================
-    name          role    shape        units  meaning
-    ============  ======  ===========  =====  ======================================================
-    ``grid``      input   (3 n_nodes)  m      the grid
-    ``mismatch``  output  (1,)                mean square of the distances by the square of a length
-    ============  ======  ===========  =====  ======================================================
-
-    Options
-    -------
-    target : ndarray, shape (3 n_nodes,)
-        The target (m).
-    length : float
-        The length (m).
-    """
-
-    def initialize(self):
-        """Declare the options."""
-        self.options.declare("target", types=np.ndarray, recordable=False, desc="nodes to be matched")
-        self.options.declare("length", types=float, desc="length that distances are divided by")
-
-    def setup(self):
-        """Declare the variables."""
-        target = self.options["target"]
-        self._weight = 3.0 / target.size / self.options["length"] ** 2
-        self.add_input(GRID, val=target, units="m")
-        self.add_output("mismatch")
-        self.declare_partials("mismatch", GRID)
-
-    def compute(self, inputs, outputs):
-        """Square the distances."""
-        outputs["mismatch"] = self._weight * np.sum((inputs[GRID] - self.options["target"]) ** 2)
-
-    def compute_partials(self, inputs, partials):
-        """Differentiate the squares."""
-        partials["mismatch", GRID] = 2.0 * self._weight * (inputs[GRID] - self.options["target"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +128,9 @@ class InverseDesign:
     def problem(self) -> om.Problem:
         """The least squares, not set up."""
         problem = self.chain()
-        mismatch = MeanSquareDistance(target=self.target_grid, length=self.distance)
+        target = self.target_grid
+        weights = 3.0 / target.size / self.distance**2
+        mismatch = Mismatch(source=GRID, units="m", target=target, weights=weights)
         problem.model.add_subsystem("match", mismatch, promotes=["*"])
         for name, scale in self.scales.items():
             problem.model.add_design_var(name, ref=scale)
