@@ -90,6 +90,12 @@ def test_nodes_that_a_mover_decides_are_refused(wing):
         SurfaceMap.of(wing, moving_mesh(wing), SurfaceGrid.of(wing, "symmetry*"))
 
 
+def test_a_mesh_of_another_model_is_refused(wing):
+    other = moving_mesh(fit_grid(onera_m6_grid((7, 7, 7)), n_control=(4, 5, 4)))
+    with pytest.raises(InputError, match="the mesh is not the control mesh of H-H wing grid; make it with moving_mesh"):
+        SurfaceMap.of(wing, other, SurfaceGrid.of(wing))
+
+
 def test_faces_are_found_by_patch(wing):
     surface = SurfaceGrid.of(wing)
     assert sorted(surface.part("wing_upper") + surface.part("wing_lower")) == list(range(len(surface.faces)))

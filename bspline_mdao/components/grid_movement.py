@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..geometry.given import given_list
 from ..geometry.measure import MEMBERS
 from ..model import FittedModel
-from ..movement.boundary import moving_mesh
+from ..movement.boundary import moving_mesh, require_mesh_of
 from ..movement.elasticity import LinearElasticity
 from ..movement.mesh import MovingMesh
 from ..movement.mover import Mover
@@ -133,12 +133,8 @@ class GridMovement(om.Group):
             return LinearElasticity(moving_mesh(model))
         whose = "parametrization" if mover is None else "mover"
         mover = mover or LinearElasticity(parametrization.mesh)
-        mesh, ids = mesh_of(mover, self.msginfo), model.mesh.control_ids
-        if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
-            raise InputError(
-                f"{self.msginfo}: the {whose}'s mesh is not the control mesh of {model.header.source}; "
-                f"make it with moving_mesh(model)"
-            )
+        mesh = mesh_of(mover, self.msginfo)
+        require_mesh_of(model, mesh, f"{self.msginfo}: the {whose}'s mesh")
         if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):
             raise InputError(
                 f"{self.msginfo}: the mover and the parametrization have different design surfaces; "

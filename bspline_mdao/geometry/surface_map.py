@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..grids.sharing import node_sharing
 from ..model import FittedModel
+from ..movement.boundary import require_mesh_of
 from ..movement.mesh import MovingMesh
 from .surface import SurfaceGrid
 
@@ -40,8 +41,9 @@ class SurfaceMap:
         ------
         InputError
             If a node depends on a control point that is free to move and not on the design surface, none depends on one
-            that is, or the surface is of another model.
+            that is, or the surface or the mesh is of another model.
         """
+        require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
             raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
         matrix = _evaluator(model, surface).matrix()

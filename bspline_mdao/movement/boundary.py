@@ -20,7 +20,15 @@ from ..splines.greville import greville_abscissae
 from .freedom import Freedom
 from .mesh import MovingMesh
 
-__all__ = ["boundary_points", "matching_names", "matching_patches", "moving_grid", "moving_mesh", "wall_patches"]
+__all__ = [
+    "boundary_points",
+    "matching_names",
+    "matching_patches",
+    "moving_grid",
+    "moving_mesh",
+    "require_mesh_of",
+    "wall_patches",
+]
 
 Selection = str | np.ndarray
 """Patches by name or pattern, or points by number."""
@@ -58,6 +66,19 @@ def moving_mesh(
     return _mesh(
         model.topology, model.mesh.control_ids, model.control_points, design, pinned, released, parameters=parameters
     )
+
+
+def require_mesh_of(model: FittedModel, mesh: MovingMesh, what: str) -> None:
+    """Refuse the control mesh of another model; ``what`` names the mesh.
+
+    Raises
+    ------
+    InputError
+        If its control points are not numbered as those of the model.
+    """
+    ids = model.mesh.control_ids
+    if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
+        raise InputError(f"{what} is not the control mesh of {model.header.source}; make it with moving_mesh(model)")
 
 
 def moving_grid(

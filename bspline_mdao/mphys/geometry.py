@@ -27,7 +27,7 @@ class SurfaceGeometry(om.Group):
     ``x_aero0_geometry_input``      input   (3 n_points)         surface nodes of the solver on the baseline (m)
     ``x_aero0_geometry_output``     output  (3 n_points)         the same, moved (m)
     ``surface``                     output  (3 n)         m      nodes of the `SurfaceGrid`, see `SurfaceEvaluate`
-    name of each measure            output  the measure's own    what it measures, see `SurfaceMeasure`
+    name of each measure            output  its own       its    what it measures, see `SurfaceMeasure`
     ==============================  ======  ============  =====  ====================================================
 
     The displacement of every node is added to the input: at initial values a solver gets its own nodes back.
