@@ -35,6 +35,7 @@ _HOMES = {
     "InputError": "errors",
     "InverseDistance": "movement.inverse_distance",
     "Lattice": "parametrization.lattice",
+    "LatticeFlow": "flow.lattice_flow",
     "LeadingEdgeRadius": "geometry.leading_edge",
     "LinealSprings": "movement.springs",
     "LinearElasticity": "movement.elasticity",

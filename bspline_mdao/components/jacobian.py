@@ -196,4 +196,4 @@ def direction_in(d_inputs, inputs, name: str) -> np.ndarray | float:
 def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
     """Add a derivative, shape (n, 3), to the linear vector of an input, unless OpenMDAO leaves it out."""
     if name in d_inputs:
-        d_inputs[name] += bar.ravel()
+        d_inputs[name] += bar.reshape(d_inputs[name].shape)

@@ -26,7 +26,7 @@ _FINE = 64
 
 @dataclass(frozen=True, eq=False)
 class InducedDrag:
-    """Span load and induced drag as functions of forces, nodes and angle of attack. Make it by `of`.
+    """Span load and induced drag as functions of forces, nodes and angle of attack. Make it by `of` or `of_vortices`.
 
     Parameters
     ----------
@@ -62,6 +62,12 @@ class InducedDrag:
             points=np.stack([np.interp(fine, arc, unit) for unit in np.eye(len(arc))], axis=1),
             places=(middles - fine[:-1]) / np.diff(fine),
         )
+
+    @classmethod
+    def of_vortices(cls, strips: SpanStrips) -> InducedDrag:
+        """Take the strips for those of the wake: right where the loads solve for vortices between just these strips."""
+        n = strips.n_strips
+        return cls(strips, np.eye(n), np.eye(n + 1), np.full(n, 0.5))
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> tuple[np.ndarray, float]:
         """Span load and induced drag; real or complex.

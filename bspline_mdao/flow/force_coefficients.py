@@ -1,0 +1,84 @@
+"""Coefficients of lift, drag and moment of forces that act at points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .euler.gas import stream_axes
+
+__all__ = ["ForceCoefficients"]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCoefficients:
+    """Lift, drag, and moments about the axes x, y and z of the grid, in this order.
+
+    Parameters
+    ----------
+    points : csr_array, shape (n_forces, n_nodes)
+        Share of every node of a grid in the points that forces act at.
+    axes : ndarray, shape (3, 3)
+        Rows are the directions downstream, along the span, and up.
+    area, chord : float
+        Reference area (m^2) and chord (m).
+    reference : ndarray, shape (3,)
+        Point that moments are taken about (m).
+    """
+
+    points: csr_array
+    axes: np.ndarray
+    area: float
+    chord: float
+    reference: np.ndarray
+
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> np.ndarray:
+        """Coefficients, shape (5,); real or complex.
+
+        Parameters
+        ----------
+        forces : ndarray, shape (n_forces, 3)
+            Forces by the dynamic pressure (m^2).
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of the grid (m).
+        alpha : float
+            Angle of attack (rad).
+        """
+        moment = np.cross(self._arms(nodes), forces).sum(axis=0)
+        return self._coefficients(self._directions(alpha) @ forces.sum(axis=0), moment)
+
+    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> np.ndarray:
+        """Derivatives of `evaluate` along a direction in all of its arguments, shape (5,)."""
+        d_moment = np.cross(self._arms(nodes), d_forces) + np.cross(self.points @ d_nodes, forces)
+        turned = d_alpha * (self._slopes(alpha) @ forces.sum(axis=0))
+        return self._coefficients(self._directions(alpha) @ d_forces.sum(axis=0) + turned, d_moment.sum(axis=0))
+
+    def vjp(self, forces, nodes, alpha, bar) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp` to derivatives in the coefficients, shape (5,).
+
+        Returns
+        -------
+        tuple
+            Derivatives in the forces, shape (n_forces, 3), in the nodes, shape (n_nodes, 3), and in the angle (1/rad).
+        """
+        force_bar, moment_bar = bar[:2] / self.area, bar[2:] / (self.area * self.chord)
+        forces_bar = force_bar @ self._directions(alpha) + np.cross(moment_bar, self._arms(nodes))
+        nodes_bar = self.points.T @ np.cross(forces, moment_bar)
+        return forces_bar, nodes_bar, force_bar @ self._slopes(alpha) @ forces.sum(axis=0)
+
+    def _arms(self, nodes):
+        return self.points @ nodes - self.reference
+
+    def _directions(self, alpha):
+        """Directions of lift and of drag, shape (2, 3)."""
+        return stream_axes(alpha, self.axes)[::-1]
+
+    def _slopes(self, alpha):
+        """Derivatives of the directions in the angle."""
+        drag, lift = stream_axes(alpha, self.axes)
+        return np.stack([-drag, lift])
+
+    def _coefficients(self, force, moment):
+        return np.concatenate([force, moment / self.chord]) / self.area
