@@ -1,0 +1,285 @@
+"""OpenFOAM's rhoSimpleFoam on the project's grids: what another code makes of the same cells.
+
+The case is steady, compressible and inviscid (no viscosity, no conduction; perfect gas, ratio of heats 1.4): slip at
+walls, symmetry, ``freestreamPressure`` and ``freestreamVelocity`` far away. Gradients by Gauss' theorem, convection of
+momentum and enthalpy by ``linearUpwind`` (second order), pressure and velocity coupled by SIMPLEC. Pressure at the wall
+is that of the cell beside it. It ends where the initial residuals of all equations are below `TOLERANCE`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bspline_mdao.errors import InputError
+from bspline_mdao.geometry.quads import area_vectors
+from bspline_mdao.grids.cell_faces import CellFaces
+from bspline_mdao.grids.openfoam import PolyMesh
+from bspline_mdao.grids.topology import Topology
+
+HOME = "/usr/share/openfoam"
+"""Where Debian puts what OpenFOAM looks for in ``WM_PROJECT_DIR``."""
+
+TOLERANCE = 1e-6
+"""Of the initial residuals, as OpenFOAM scales them."""
+
+GAMMA, GAS_CONSTANT, PRESSURE, TEMPERATURE = 1.4, 8314.47 / 28.9, 1e5, 300.0
+"""Ratio of heats, gas constant (J/(kg K)), and free stream (Pa, K). Coefficients do not depend on the last three."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """What OpenFOAM finds.
+
+    Parameters
+    ----------
+    CL, CD : float
+        Lift and drag by the reference area.
+    Cp : ndarray, shape (n_wall,)
+        Pressure coefficient on the faces of walls, in the order of ``CellFaces.faces_of("wall")``.
+    residuals : dict of ndarray, shape (n_iterations,)
+        Initial residual of every equation over the iterations.
+    is_converged : bool
+        Whether all of them came below the tolerance.
+    seconds : float
+        Wall time of the solver.
+    """
+
+    CL: float
+    CD: float
+    Cp: np.ndarray
+    residuals: dict[str, np.ndarray]
+    is_converged: bool
+    seconds: float
+
+    @property
+    def n_iterations(self) -> int:
+        """Iterations of SIMPLE."""
+        return len(self.residuals["p"])
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Free stream.
+
+    Parameters
+    ----------
+    mach, alpha : float
+        Mach number and angle of attack (deg).
+    axes : str
+        Axes of the grid that point downstream, along the span and up.
+    """
+
+    mach: float
+    alpha: float
+    axes: str = "xzy"
+
+    @property
+    def directions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vectors of drag and lift."""
+        downstream, _, up = np.eye(3)[["xyz".index(axis) for axis in self.axes]]
+        cos, sin = np.cos(np.radians(self.alpha)), np.sin(np.radians(self.alpha))
+        return cos * downstream + sin * up, cos * up - sin * downstream
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity (m/s)."""
+        return self.mach * np.sqrt(GAMMA * GAS_CONSTANT * TEMPERATURE) * self.directions[0]
+
+    @property
+    def dynamic_pressure(self) -> float:
+        """Dynamic pressure (Pa)."""
+        return 0.5 * GAMMA * PRESSURE * self.mach**2
+
+
+def openfoam_forces(
+    topology: Topology,
+    nodes: np.ndarray,
+    mach: float,
+    alpha: float,
+    reference_area: float,
+    axes: str = "xzy",
+    max_iterations: int = 2000,
+) -> Forces | None:
+    """Solve the flow about a body with OpenFOAM.
+
+    Parameters
+    ----------
+    topology : Topology
+        How the blocks of the grid hang together, with its patches.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of the grid (m).
+    mach, alpha : float
+        Mach number and angle of attack (deg).
+    reference_area : float
+        Of the half that is in the grid, if it is a half (m^2).
+    axes : str
+        Axes of the grid that point downstream, along the span and up.
+    max_iterations : int
+        Iterations after which it ends all the same.
+
+    Returns
+    -------
+    Forces or None
+        None, after a line that says so, where OpenFOAM is not installed.
+
+    Raises
+    ------
+    InputError
+        If OpenFOAM stops with an error.
+    """
+    if shutil.which("rhoSimpleFoam") is None:
+        print("OpenFOAM is not installed; skipped")
+        return None
+    cells, stream = CellFaces.of(topology, nodes), Stream(mach, alpha, axes)
+    with tempfile.TemporaryDirectory() as folder:
+        write_case(Path(folder), PolyMesh.of(topology, nodes), stream, max_iterations)
+        start = time.perf_counter()
+        log = run("rhoSimpleFoam", Path(folder))
+        seconds = time.perf_counter() - start
+        pressure = read_field(Path(folder), "p")
+    wall = cells.faces_of("wall")
+    Cp = (pressure[cells.left[wall]] - PRESSURE) / stream.dynamic_pressure
+    force = Cp @ area_vectors(nodes[cells.corners[wall]]) / reference_area
+    drag, lift = (float(force @ direction) for direction in stream.directions)
+    return Forces(lift, drag, Cp, read_residuals(log), "solution converged" in log, seconds)
+
+
+def run(program: str, case: Path) -> str:
+    """Run a program of OpenFOAM on a case.
+
+    Returns
+    -------
+    str
+        What it printed.
+
+    Raises
+    ------
+    InputError
+        If it fails: the last lines of what it printed.
+    """
+    environment = {"WM_PROJECT_DIR": HOME, **os.environ}
+    done = subprocess.run([program, "-case", str(case)], env=environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        lines = " ".join((done.stderr or done.stdout).split())
+        raise InputError(f"{program}: failed with status {done.returncode}: {lines[-400:]}")
+    return done.stdout
+
+
+def read_field(case: Path, name: str) -> np.ndarray:
+    """Read a scalar of all cells at the last iteration that was written."""
+    last = max((path for path in case.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
+    text = (last / name).read_text()
+    values = re.search(r"internalField\s+nonuniform List<scalar>\s+\d+\s+\(([^)]*)\)", text)
+    return np.array(values[1].split(), dtype=float)
+
+
+def read_residuals(log: str) -> dict[str, np.ndarray]:
+    """Read the initial residuals of every equation, the first where one is solved twice in an iteration."""
+    found: dict[str, list[float]] = {}
+    for iteration in re.split(r"^Time = \d+$", log, flags=re.MULTILINE)[1:]:
+        solved = re.findall(r"Solving for (\w+), Initial residual = ([^,]+),", iteration)
+        for name, value in dict(reversed(solved)).items():
+            found.setdefault(name, []).append(float(value))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def write_case(case: Path, mesh: PolyMesh, stream: Stream, max_iterations: int) -> None:
+    """Write mesh, fields and settings of a case."""
+    mesh.write(case / "constant" / "polyMesh")
+    ux, uy, uz = stream.velocity
+    fields = {
+        "p": ("volScalarField", "[1 -1 -2 0 0 0 0]", f"{PRESSURE}", PRESSURE_CONDITIONS),
+        "T": ("volScalarField", "[0 0 0 1 0 0 0]", f"{TEMPERATURE}", TEMPERATURE_CONDITIONS),
+        "U": ("volVectorField", "[0 1 -1 0 0 0 0]", f"({ux} {uy} {uz})", VELOCITY_CONDITIONS),
+    }
+    for name, (kind, units, value, conditions) in fields.items():
+        boundary = "".join(
+            f"{patch.name} {{ {conditions.get(patch.kind, conditions['farfield']).format(value)} }}\n"
+            for patch in mesh.boundary
+        )
+        text = f"dimensions {units};\ninternalField uniform {value};\nboundaryField\n{{\n{boundary}}}\n"
+        write_dictionary(case / "0" / name, kind, text)
+    for name, text in SETTINGS.items():
+        write_dictionary(case / name, "dictionary", text % {"iterations": max_iterations, "tolerance": TOLERANCE})
+
+
+def write_dictionary(path: Path, kind: str, text: str) -> None:
+    """Write a file of OpenFOAM's with its head."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(f"FoamFile {{ version 2.0; format ascii; class {kind}; object {path.name}; }}\n{text}")
+
+
+PRESSURE_CONDITIONS = {
+    "wall": "type zeroGradient;",
+    "symmetry": "type symmetry;",
+    "farfield": "type freestreamPressure; freestreamValue uniform {0};",
+}
+TEMPERATURE_CONDITIONS = {
+    "wall": "type zeroGradient;",
+    "symmetry": "type symmetry;",
+    "farfield": "type inletOutlet; inletValue uniform {0}; value uniform {0};",
+}
+VELOCITY_CONDITIONS = {
+    "wall": "type slip;",
+    "symmetry": "type symmetry;",
+    "farfield": "type freestreamVelocity; freestreamValue uniform {0};",
+}
+"""Boundary conditions by kind of patch, with the free stream's value; the last for all other kinds."""
+
+SETTINGS = {
+    "constant/thermophysicalProperties": f"""
+thermoType
+{{
+    type hePsiThermo; mixture pureMixture; transport const; thermo hConst; equationOfState perfectGas;
+    specie specie; energy sensibleEnthalpy;
+}}
+mixture
+{{
+    specie {{ molWeight {8314.47 / GAS_CONSTANT}; }}
+    thermodynamics {{ Cp {GAMMA / (GAMMA - 1.0) * GAS_CONSTANT}; Hf 0; }}
+    transport {{ mu 0; Pr 1; }}
+}}
+""",
+    "constant/turbulenceProperties": "simulationType laminar;\n",
+    "system/controlDict": """
+application rhoSimpleFoam; startFrom startTime; startTime 0; stopAt endTime; endTime %(iterations)d; deltaT 1;
+writeControl timeStep; writeInterval %(iterations)d; writeFormat ascii; writePrecision 12; timePrecision 8;
+""",
+    "system/fvSchemes": """
+ddtSchemes { default steadyState; }
+gradSchemes { default Gauss linear; }
+divSchemes
+{
+    default Gauss linear;
+    div(phi,U) bounded Gauss linearUpwind grad(U);
+    div(phi,h) bounded Gauss linearUpwind grad(h);
+    div(phi,K) bounded Gauss linearUpwind grad(K);
+}
+laplacianSchemes { default Gauss linear corrected; }
+interpolationSchemes { default linear; }
+snGradSchemes { default corrected; }
+""",
+    "system/fvSolution": """
+solvers
+{
+    p { solver GAMG; smoother GaussSeidel; tolerance 1e-12; relTol 0.05; }
+    "(U|h)" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-14; relTol 0.1; }
+}
+SIMPLE
+{
+    nNonOrthogonalCorrectors 0; consistent yes; transonic no;
+    residualControl { "(p|U|h)" %(tolerance)g; }
+}
+relaxationFactors { equations { U 0.9; h 0.9; } }
+""",
+}
+"""Files of settings by their names."""
