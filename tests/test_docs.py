@@ -60,6 +60,7 @@ def test_the_python_examples_of_design_run():
 
 def test_the_python_examples_of_mphys_run():
     pytest.importorskip("mphys", reason="MPhys is not installed")
+    pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     problems = []
     for example in code_blocks("mphys.rst", "python"):
         contents = {"__name__": __name__}

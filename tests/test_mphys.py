@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import openmdao.api as om
 import pytest
+from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import (
     EnclosedVolume,
@@ -192,6 +193,13 @@ def test_totals_of_a_scenario_are_those_of_the_chain_without_mphys(wing):
     totals = cruise(wing).compute_totals(["cruise.CL"], list(DESIGN))
     for (_, name), expected in direct_chain(wing).compute_totals(["CL"], list(DESIGN)).items():
         np.testing.assert_allclose(totals["cruise.CL", name], expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("component", ["geometry.place", "cruise.aero_pre.fit_surface", "cruise.coupling.results"])
+def test_partials_of_linear_components_are_those_of_differences(wing, component):
+    problem = cruise(wing)
+    checked = problem.check_partials(includes=component, form="central", step=1.0, out_stream=None)
+    assert_check_partials(checked, atol=1e-9, rtol=1e-9)
 
 
 def test_nothing_of_ours_warns_in_one_process(wing):
