@@ -61,6 +61,8 @@ class CellFaces:
     beyond_left, beyond_right : ndarray of int, shapes (n_faces,) and (n_inner,)
         Cell behind the left cell as seen from the face, along the grid line through it, and behind the right one; -1
         where there is none.
+    third : ndarray of int, shape (n_faces - n_inner,)
+        Third cell of the grid line from each boundary face inwards; -1 where there is none.
     boundary : tuple of BoundaryFaces
         The patches.
     """
@@ -71,6 +73,7 @@ class CellFaces:
     right: np.ndarray
     beyond_left: np.ndarray
     beyond_right: np.ndarray
+    third: np.ndarray
     boundary: tuple[BoundaryFaces, ...]
 
     @classmethod
@@ -90,21 +93,22 @@ class CellFaces:
             If a block has no cells, or its cells have no volume in sum.
         """
         blocks = _blocks(topology, nodes)
-        neighbours = np.full((sum(block.cells.size for block in blocks), 6), NONE)
         inner = [faces for block in blocks for faces in block.inner()]
         inner += [_interface(blocks, interface) for interface in topology.interfaces]
         quads, left, left_slot, right, right_slot = (np.concatenate(parts) for parts in zip(*inner))
-        neighbours[left, left_slot] = right
-        neighbours[right, right_slot] = left
+        lines = _Lines.of(sum(block.cells.size for block in blocks), left, left_slot, right, right_slot)
         edge, patches = _boundary(blocks, topology.boundary, len(quads))
+        beyond_right, _ = lines.across(right, right_slot)
         left, left_slot = np.append(left, edge[1]), np.append(left_slot, edge[2])
+        beyond_left, entry = lines.across(left, left_slot)
         return cls(
             shapes=tuple(block.cells.shape for block in blocks),
             corners=np.concatenate([quads, edge[0]]),
             left=left,
             right=right,
-            beyond_left=neighbours[left, left_slot ^ 1],
-            beyond_right=neighbours[right, right_slot ^ 1],
+            beyond_left=beyond_left,
+            beyond_right=beyond_right,
+            third=lines.across(beyond_left[len(quads) :], entry[len(quads) :])[0],
             boundary=patches,
         )
 
@@ -171,6 +175,25 @@ class _Block:
         quads = self.quads(d)[tuple(parts)]
         parts[d] = slice(-1, None) if side else slice(0, 1)
         return (quads if side else quads[..., ::-1]), self.cells[tuple(parts)], 2 * d + side
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Neighbour of every cell in every slot and the slot there that leads back; the last cell stands for none."""
+
+    neighbours: np.ndarray
+    entries: np.ndarray
+
+    @classmethod
+    def of(cls, n_cells: int, left, left_slot, right, right_slot) -> _Lines:
+        neighbours, entries = np.full((n_cells + 1, 6), NONE), np.zeros((n_cells + 1, 6), dtype=int)
+        neighbours[left, left_slot], entries[left, left_slot] = right, right_slot
+        neighbours[right, right_slot], entries[right, right_slot] = left, left_slot
+        return cls(neighbours, entries)
+
+    def across(self, cells: np.ndarray, slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cells on the other side of cells that are entered through slots, and the slots that enter them."""
+        return self.neighbours[cells, slots ^ 1], self.entries[cells, slots ^ 1]
 
 
 def _blocks(topology: Topology, nodes: np.ndarray) -> list[_Block]:

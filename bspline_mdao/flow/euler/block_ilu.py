@@ -1,0 +1,205 @@
+"""Incomplete factorisation L U of a matrix of 5 x 5 blocks with a symmetric pattern, with level of fill.
+
+Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block of U at
+``(column, row)``; the blocks of L are by the pivots. Both triangles are made, and solved with, row by row of this one
+pattern, forwards and transposed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from ...sparse.fill_pattern import fill_pattern
+
+BLOCK = 5
+
+
+@dataclass(frozen=True, eq=False)
+class FactorPattern:
+    """Where the factor has blocks, and where the faces of the grid put theirs.
+
+    Parameters
+    ----------
+    rank : ndarray of int32, shape (n,)
+        Place of every cell in the order of elimination.
+    starts : ndarray of int64, shape (n + 1,)
+        Where each row of the strict lower triangle starts.
+    columns : ndarray of int32, shape (n_blocks,)
+        Columns, ascending within a row.
+    places : ndarray of int64, shape (n_pairs,)
+        Entry of every pair of neighbours.
+    """
+
+    rank: np.ndarray
+    starts: np.ndarray
+    columns: np.ndarray
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, left: np.ndarray, right: np.ndarray, n: int, fill: int) -> FactorPattern:
+        """Order the cells by reverse Cuthill and McKee and find the fill.
+
+        Parameters
+        ----------
+        left, right : ndarray of int, shape (n_pairs,)
+            Pairs of neighbours.
+        n : int
+            Number of cells.
+        fill : int
+            Level of fill.
+        """
+        ends = np.concatenate([left, right]), np.concatenate([right, left])
+        graph = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
+        graph.sum_duplicates()
+        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int32)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(n, dtype=np.int32)
+        starts, columns = fill_pattern(graph.indptr.astype(np.int64), graph.indices.astype(np.int32), order, fill)
+        return cls(rank, starts, columns, _find(starts, columns, rank[left], rank[right]))
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFactor:
+    """Incomplete factor.
+
+    Parameters
+    ----------
+    pattern : FactorPattern
+    lower, upper : ndarray, shape (n_blocks, 5, 5)
+        Blocks of L below its unit diagonal and of U above its diagonal.
+    pivots : ndarray, shape (n, 5, 5)
+        Inverses of the diagonal blocks of U.
+    """
+
+    pattern: FactorPattern
+    lower: np.ndarray
+    upper: np.ndarray
+    pivots: np.ndarray
+
+    @classmethod
+    def of(cls, pattern: FactorPattern, lower, upper, diagonal) -> BlockFactor:
+        """Factor a matrix whose blocks are in place, by rank; they are overwritten."""
+        _factorize(pattern.starts, pattern.columns, lower, upper, diagonal)
+        return cls(pattern, *(blocks.astype(np.float32) for blocks in (lower, upper, diagonal)))
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solve ``L U x = right``, shape (n, 5)."""
+        p = self.pattern
+        return _solve(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
+
+    def solve_transposed(self, right: np.ndarray) -> np.ndarray:
+        """Solve ``U^T L^T x = right``, shape (n, 5)."""
+        p = self.pattern
+        return _solve_transposed(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
+
+
+@njit(cache=True)
+def _find(starts, columns, left, right):
+    """Entries of pairs of rows."""
+    places = np.empty(len(left), np.int64)
+    for n in range(len(left)):
+        row, column = max(left[n], right[n]), min(left[n], right[n])
+        places[n] = starts[row] + np.searchsorted(columns[starts[row] : starts[row + 1]], column)
+    return places
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _subtract(block, left, right):
+    """Subtract the product of two blocks from a block."""
+    for a in range(BLOCK):
+        for k in range(BLOCK):
+            factor = left[a, k]
+            for b in range(BLOCK):
+                block[a, b] -= factor * right[k, b]
+
+
+@njit(cache=True, nogil=True)
+def _factorize(starts, columns, lower, upper, diagonal):
+    """Factor row by row in place, the diagonal blocks into their inverses."""
+    n = len(starts) - 1
+    place_of = np.full(n, -1, np.int64)
+    product = np.empty((BLOCK, BLOCK))
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            column = columns[entry]
+            for other in range(starts[column], starts[column + 1]):
+                place = place_of[columns[other]]
+                if place >= 0:
+                    _subtract(lower[entry], lower[place], upper[other])
+                    _subtract(upper[entry], lower[other], upper[place])
+            product[:] = 0.0
+            _subtract(product, lower[entry], diagonal[column])
+            lower[entry] = -product
+            _subtract(diagonal[row], lower[entry], upper[entry])
+            place_of[column] = entry
+        for entry in range(starts[row], starts[row + 1]):
+            place_of[columns[entry]] = -1
+        diagonal[row] = np.linalg.inv(diagonal[row])
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _solve(rank, starts, columns, lower, upper, pivots, right):
+    """Solve with L, then with U."""
+    n = len(rank)
+    x = np.empty((n, BLOCK))
+    for point in range(n):
+        x[rank[point]] = right[point]
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = lower[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                total = 0.0
+                for b in range(BLOCK):
+                    total += block[a, b] * z[b]
+                x[row, a] -= total
+    y = np.empty(BLOCK)
+    for row in range(n - 1, -1, -1):
+        for a in range(BLOCK):
+            total = 0.0
+            for b in range(BLOCK):
+                total += pivots[row, a, b] * x[row, b]
+            y[a] = total
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = upper[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                total = 0.0
+                for b in range(BLOCK):
+                    total += block[a, b] * y[b]
+                z[a] -= total
+        x[row] = y
+    return x[rank]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _solve_transposed(rank, starts, columns, lower, upper, pivots, right):
+    """Solve with the transpose of U, then with that of L."""
+    n = len(rank)
+    x = np.empty((n, BLOCK))
+    for point in range(n):
+        x[rank[point]] = right[point]
+    y = np.empty(BLOCK)
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = upper[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                factor = z[a]
+                for b in range(BLOCK):
+                    x[row, b] -= block[a, b] * factor
+        y[:] = 0.0
+        for a in range(BLOCK):
+            for b in range(BLOCK):
+                y[b] += pivots[row, a, b] * x[row, a]
+        x[row] = y
+    for row in range(n - 1, -1, -1):
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = lower[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                factor = x[row, a]
+                for b in range(BLOCK):
+                    z[b] -= block[a, b] * factor
+    return x[rank]

@@ -1,0 +1,179 @@
+"""The residual of steady flow on a grid, and all its derivatives.
+
+The residual depends on the grid through the area vectors of the faces alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...grids.cell_faces import CellFaces
+from .gas import N_STATES
+from .linearization import face_jacobians, state_jvp, state_vjp
+from .residual import residual
+from .stencil import FARFIELD, Stencil
+
+__all__ = ["DISSIPATION", "Discretization", "Linearization"]
+
+DISSIPATION = 1.0 / 6.0
+"""Share of the third difference that is dissipated: that of upwind-biased interpolation of third order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Discretization:
+    """Second-order finite volumes.
+
+    Parameters
+    ----------
+    faces : CellFaces
+        Cells and faces; their patches are of the kinds wall, symmetry or farfield.
+    stencil : Stencil
+        Cells and weights at every face.
+    dissipation : float
+        Share of the third difference that is dissipated.
+    shock_threshold : float
+        Relative second difference of the pressure at which half of the dissipation is of first order; 0 for none.
+    """
+
+    faces: CellFaces
+    stencil: Stencil
+    dissipation: float = DISSIPATION
+    shock_threshold: float = 0.0
+
+    @classmethod
+    def of(cls, faces: CellFaces, dissipation: float = DISSIPATION, shock_threshold: float = 0.0) -> Discretization:
+        """Discretize the flow between faces.
+
+        Raises
+        ------
+        InputError
+            If a patch is of a kind that says nothing about the flow.
+        """
+        return cls(faces, Stencil.of(faces), dissipation, shock_threshold)
+
+    def uniform(self, stream: np.ndarray) -> np.ndarray:
+        """Fill all cells with the free stream: states, shape (n_cells, 5)."""
+        return np.tile(stream, (self.faces.n_cells, 1))
+
+    def residual(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
+        """Sum what flows out of every cell.
+
+        Parameters
+        ----------
+        states : ndarray, shape (n_cells, 5)
+            See `.gas`. Real or complex.
+        areas : ndarray, shape (n_faces, 3)
+            Area vectors (m^2), see `.areas`. Real or complex.
+        stream : ndarray, shape (5,)
+            The free stream. Real or complex.
+
+        Returns
+        -------
+        ndarray, shape (n_cells, 5)
+            Mass, momentum and energy per time.
+        """
+        dtype = np.result_type(states, areas, stream)
+        states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
+        out = np.zeros_like(states)
+        residual(*self._geometry, areas, states, stream, self.dissipation, self.shock_threshold, out)
+        return out
+
+    def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> Linearization:
+        """Differentiate the residual in the states, the area vectors and the free stream."""
+        n = self.faces.n_faces
+        by_state, by_area = np.zeros((n, N_STATES, 2 * N_STATES)), np.zeros((n, N_STATES, 3))
+        jumps, sensors = np.zeros((n, 4)), np.zeros((n, 4 + N_STATES))
+        settings = self.dissipation, self.shock_threshold
+        face_jacobians(*self._geometry, areas, states, stream, *settings, by_state, by_area, jumps, sensors)
+        return Linearization(self, by_state, by_area, jumps, sensors)
+
+    @property
+    def _geometry(self):
+        return self.stencil.cells, self.stencil.weights, self.stencil.classes, self.stencil.roles
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """Jacobians of the fluxes of all faces; `jvp` and `vjp` are products with that of the residual.
+
+    Parameters
+    ----------
+    discretization : Discretization
+    by_state : ndarray, shape (n_faces, 5, 10)
+        In the mean state and in the jump.
+    by_area : ndarray, shape (n_faces, 5, 3)
+        In the area vector.
+    jumps : ndarray, shape (n_faces, 4)
+        Weights of the cells in the jump.
+    sensors : ndarray, shape (n_faces, 9)
+        Derivatives of the sensor in the pressures of the cells, and of the flux in the sensor.
+    """
+
+    discretization: Discretization
+    by_state: np.ndarray
+    by_area: np.ndarray
+    jumps: np.ndarray
+    sensors: np.ndarray
+
+    def state_jvp(self, d_states: np.ndarray) -> np.ndarray:
+        """Change of the residual with the states, both of shape (n_cells, 5)."""
+        out = np.zeros_like(d_states)
+        state_jvp(*self._arrays, np.ascontiguousarray(d_states), out)
+        return out
+
+    def state_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `state_jvp`."""
+        out = np.zeros_like(bar)
+        state_vjp(*self._arrays, np.ascontiguousarray(bar), out)
+        return out
+
+    def area_jvp(self, d_areas: np.ndarray) -> np.ndarray:
+        """Change of the residual, shape (n_cells, 5), with the area vectors, shape (n_faces, 3)."""
+        return self._gather(np.einsum("fnd,fd->fn", self.by_area, d_areas))
+
+    def area_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `area_jvp`."""
+        return np.einsum("fnd,fn->fd", self.by_area, self._through(bar))
+
+    def stream_jvp(self, d_stream: np.ndarray) -> np.ndarray:
+        """Change of the residual, shape (n_cells, 5), with the free stream, shape (5,)."""
+        flux = np.zeros((len(self.by_state), N_STATES))
+        flux[self._far] = self._by_stream @ d_stream
+        return self._gather(flux)
+
+    def stream_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `stream_jvp`."""
+        return np.einsum("fnm,fn->m", self._by_stream, self._through(bar)[self._far])
+
+    @property
+    def _arrays(self):
+        stencil = self.discretization.stencil
+        index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
+        return *index, self.by_state, self.jumps, self.sensors
+
+    @property
+    def _far(self) -> np.ndarray:
+        return np.flatnonzero(self.discretization.stencil.roles == FARFIELD)
+
+    @property
+    def _by_stream(self) -> np.ndarray:
+        """Jacobians of the far field's faces in the free stream: half of the mean state, all of the jump."""
+        by_state = self.by_state[self._far]
+        return 0.5 * by_state[..., :N_STATES] + by_state[..., N_STATES:]
+
+    def _gather(self, flux: np.ndarray) -> np.ndarray:
+        """Sum fluxes, shape (n_faces, 5), over the faces of every cell."""
+        faces = self.discretization.faces
+        out = np.zeros((faces.n_cells, N_STATES))
+        np.add.at(out, faces.left, flux)
+        np.subtract.at(out, faces.right, flux[: faces.n_inner])
+        return out
+
+    def _through(self, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `_gather`."""
+        faces = self.discretization.faces
+        through = bar[faces.left]
+        through[: faces.n_inner] -= bar[faces.right]
+        return through

@@ -1,0 +1,124 @@
+r"""Flux through one face: a central one, and dissipation by the matrix of Roe.
+
+With the mean state :math:`\bar w = (\rho, u, p)` at the face, the jump :math:`\delta w` that is dissipated, and the
+area vector S, all speeds are times the area: :math:`U = u \cdot S`, :math:`A = a |S|`,
+
+.. math::
+    G = \begin{pmatrix} \rho U \\ \rho U u + p S \\ \rho U H \end{pmatrix} - \frac12 \left(
+        \lambda_0 \, \delta \begin{pmatrix} \rho \\ \rho u \\ \rho E \end{pmatrix}
+        + Q \begin{pmatrix} \rho \\ \rho u \\ \rho H \end{pmatrix}
+        + P \begin{pmatrix} 0 \\ S \\ U \end{pmatrix} \right),
+
+    P = f \sigma \rho \, \delta U / |S|^2 + \Delta \, \delta p / A, \quad
+    Q = \sigma \, \delta p / (\rho a^2) + \Delta \, \delta U / A,
+
+with :math:`\sigma = (\lambda_+ + \lambda_-)/2 - \lambda_0` and :math:`\Delta = (\lambda_+ - \lambda_-)/2` of the
+rounded-off moduli :math:`\lambda = \sqrt{x^2 + (\epsilon A)^2}` of :math:`U` and :math:`U \pm A`: with f = 1 the
+product of Roe's absolute Jacobian with the jump, and differentiable everywhere. The factor
+:math:`f = M^2 / \sqrt{1 + M^4}` of the local Mach number M keeps jumps of the normal velocity from being dissipated at
+the speed of sound where the flow is slow, as about stagnation points: that costs most of the spurious drag.
+
+References
+----------
+P. L. Roe, "Approximate Riemann solvers, parameter vectors, and difference schemes", J. Comput. Phys. 43 (1981),
+357-372. J. M. Weiss and W. A. Smith, "Preconditioning applied to variable and constant density flows", AIAA J. 33
+(1995), 2050-2057, for this form of the product. F. Rieper, "A low-Mach number fix for Roe's approximate Riemann
+solver", J. Comput. Phys. 230 (2011), 5263-5287, for the factor, there min(1, M).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .gas import GAMMA
+
+ROUNDING = 0.05
+"""Below this share of the speed of sound wave speeds are rounded off."""
+
+_BY_GAMMA = 1.0 / (GAMMA - 1.0)
+
+
+@njit(cache=True, inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True)
+def face_flux(w, j, s):
+    """Flux of mass, momentum and energy.
+
+    Parameters
+    ----------
+    w, j : tuple of five
+        Mean state and jump.
+    s : tuple of three
+        Area vector, not zero.
+    """
+    r, u, p = w[0], (w[1], w[2], w[3]), w[4]
+    jr, ju, jp = j[0], (j[1], j[2], j[3]), j[4]
+    U, jU, q2, s2 = _dot(u, s), _dot(ju, s), _dot(u, u), _dot(s, s)
+    H = GAMMA * _BY_GAMMA * p / r + 0.5 * q2
+    A = np.sqrt(GAMMA * p / r * s2)
+    k = (ROUNDING * A) ** 2
+    l0, lp, lm = np.sqrt(U * U + k), np.sqrt((U + A) ** 2 + k), np.sqrt((U - A) ** 2 + k)
+    sm, df = 0.5 * (lp + lm) - l0, 0.5 * (lp - lm)
+    m2 = q2 * r / (GAMMA * p)
+    g = sm * r * m2 / np.sqrt(1.0 + m2 * m2)
+    P = g * jU / s2 + df * jp / A
+    Q = sm * jp / (GAMMA * p) + df * jU / A
+    m = r * U - 0.5 * (l0 * jr + r * Q)
+    push, drag = p - 0.5 * P, 0.5 * l0 * r
+    energy = r * H * (U - 0.5 * Q) - 0.5 * (l0 * (jp * _BY_GAMMA + 0.5 * q2 * jr + r * _dot(u, ju)) + P * U)
+    return (
+        m,
+        m * u[0] + push * s[0] - drag * ju[0],
+        m * u[1] + push * s[1] - drag * ju[1],
+        m * u[2] + push * s[2] - drag * ju[2],
+        energy,
+    )
+
+
+@njit(cache=True)
+def face_flux_jvp(w, j, s, dw, dj, ds):
+    """Change of the flux with mean state, jump and area vector."""
+    r, u, p = w[0], (w[1], w[2], w[3]), w[4]
+    jr, ju, jp = j[0], (j[1], j[2], j[3]), j[4]
+    dr, du, dp = dw[0], (dw[1], dw[2], dw[3]), dw[4]
+    djr, dju, djp = dj[0], (dj[1], dj[2], dj[3]), dj[4]
+    U, jU, q2, s2 = _dot(u, s), _dot(ju, s), _dot(u, u), _dot(s, s)
+    dU, djU = _dot(du, s) + _dot(u, ds), _dot(dju, s) + _dot(ju, ds)
+    dq2, ds2 = 2.0 * _dot(u, du), 2.0 * _dot(s, ds)
+    H = GAMMA * _BY_GAMMA * p / r + 0.5 * q2
+    dH = GAMMA * _BY_GAMMA * (dp - p / r * dr) / r + 0.5 * dq2
+    A = np.sqrt(GAMMA * p / r * s2)
+    dA = 0.5 * A * (dp / p - dr / r + ds2 / s2)
+    k, dk = (ROUNDING * A) ** 2, ROUNDING**2 * A * dA
+    l0, lp, lm = np.sqrt(U * U + k), np.sqrt((U + A) ** 2 + k), np.sqrt((U - A) ** 2 + k)
+    dl0, dlp, dlm = (U * dU + dk) / l0, ((U + A) * (dU + dA) + dk) / lp, ((U - A) * (dU - dA) + dk) / lm
+    sm, df = 0.5 * (lp + lm) - l0, 0.5 * (lp - lm)
+    dsm, ddf = 0.5 * (dlp + dlm) - dl0, 0.5 * (dlp - dlm)
+    m2 = q2 * r / (GAMMA * p)
+    dm2 = (dq2 * r + q2 * dr) / (GAMMA * p) - m2 * dp / p
+    c = 1.0 / np.sqrt(1.0 + m2 * m2)
+    g, dg = sm * r * m2 * c, (dsm * r + sm * dr) * m2 * c + sm * r * c**3 * dm2
+    P = g * jU / s2 + df * jp / A
+    dP = (dg * jU + g * (djU - jU * ds2 / s2)) / s2
+    dP += (ddf * jp + df * djp - df * jp * dA / A) / A
+    Q = sm * jp / (GAMMA * p) + df * jU / A
+    dQ = (dsm * jp + sm * djp - sm * jp * dp / p) / (GAMMA * p) + (ddf * jU + df * djU - df * jU * dA / A) / A
+    m = r * U - 0.5 * (l0 * jr + r * Q)
+    dm = dr * U + r * dU - 0.5 * (dl0 * jr + l0 * djr + dr * Q + r * dQ)
+    push, drag = p - 0.5 * P, 0.5 * l0 * r
+    dpush, ddrag = dp - 0.5 * dP, 0.5 * (dl0 * r + l0 * dr)
+    loss = jp * _BY_GAMMA + 0.5 * q2 * jr + r * _dot(u, ju)
+    dloss = djp * _BY_GAMMA + 0.5 * (dq2 * jr + q2 * djr) + dr * _dot(u, ju) + r * (_dot(du, ju) + _dot(u, dju))
+    denergy = (dr * H + r * dH) * (U - 0.5 * Q) + r * H * (dU - 0.5 * dQ)
+    denergy -= 0.5 * (dl0 * loss + l0 * dloss + dP * U + P * dU)
+    return (
+        dm,
+        dm * u[0] + m * du[0] + dpush * s[0] + push * ds[0] - ddrag * ju[0] - drag * dju[0],
+        dm * u[1] + m * du[1] + dpush * s[1] + push * ds[1] - ddrag * ju[1] - drag * dju[1],
+        dm * u[2] + m * du[2] + dpush * s[2] + push * ds[2] - ddrag * ju[2] - drag * dju[2],
+        denergy,
+    )

@@ -1,0 +1,48 @@
+"""The perfect gas and its free stream.
+
+States are primitive, ``(rho, u, v, w, p)``, by the density and the speed of sound of the free stream: there
+``rho = 1``, ``p = 1/GAMMA`` and the speed is the Mach number.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+GAMMA = 1.4
+"""Ratio of the specific heats of air."""
+
+N_STATES = 5
+"""Numbers per cell."""
+
+
+def free_stream(mach, alpha, axes: np.ndarray) -> np.ndarray:
+    """State of the free stream.
+
+    Parameters
+    ----------
+    mach : float or complex
+        Mach number.
+    alpha : float or complex
+        Angle of attack (rad).
+    axes : ndarray, shape (3, 3)
+        Rows are the directions downstream at zero angle, along the span, and up.
+
+    Returns
+    -------
+    ndarray, shape (5,)
+    """
+    velocity = mach * stream_axes(alpha, axes)[0]
+    return np.concatenate([[1.0], velocity, [1.0 / GAMMA]])
+
+
+def free_stream_partials(mach, alpha, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate `free_stream` in the Mach number and in the angle (1/rad): two arrays of shape (5,)."""
+    drag, lift = stream_axes(alpha, axes)
+    return np.concatenate([[0.0], drag, [0.0]]), np.concatenate([[0.0], mach * lift, [0.0]])
+
+
+def stream_axes(alpha, axes: np.ndarray) -> np.ndarray:
+    """Directions of drag and lift, shape (2, 3); the second is the derivative of the first in the angle."""
+    downstream, _, up = axes
+    sine, cosine = np.sin(alpha), np.cos(alpha)
+    return np.stack([cosine * downstream + sine * up, cosine * up - sine * downstream])

@@ -1,0 +1,180 @@
+"""Steady states by Newton steps with pseudo-time terms that fade out as the residual falls.
+
+Every step solves ``(T / CFL + dR/dW) dW = -R`` inexactly, T being the volumes by the time steps. The CFL number grows
+as the residual falls, and is cut where a linear solve fails or the step has to be shortened much: a density or pressure
+may fall by `LARGEST_FALL` at most, and the residual may rise by `LARGEST_RISE`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .block_ilu import FactorPattern
+from .discretization import Discretization
+from .krylov import solve_system
+from .preconditioner import compact_factor, time_terms
+
+__all__ = ["FlowSolution", "NewtonStep", "solve_flow"]
+
+FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
+"""CFL number of the first step from the uniform stream, and where growth and cuts end."""
+
+CFL_GROWTH = 1.5
+"""Growth of the CFL number beyond that of the inverse residual."""
+
+LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
+"""Relative fall of density and pressure, rise of the residual, and share of a Newton step."""
+
+FORCING = 1e-2
+"""Tolerance of the linear solves."""
+
+
+@dataclass(frozen=True)
+class NewtonStep:
+    """What a step did.
+
+    Parameters
+    ----------
+    residual : float
+        Norm of the residual after it, by that of the uniform stream.
+    cfl : float
+        CFL number.
+    n_products : int
+        Products with the Jacobian.
+    length : float
+        Share of the step that was taken; 0 where none was.
+    """
+
+    residual: float
+    cfl: float
+    n_products: int
+    length: float
+
+
+@dataclass(frozen=True, eq=False)
+class FlowSolution:
+    """States, and how they were reached.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n_cells, 5)
+    history : tuple of NewtonStep
+        The first is the state at the start.
+    tolerance : float
+        Residual that was asked for.
+    """
+
+    states: np.ndarray
+    history: tuple[NewtonStep, ...]
+    tolerance: float
+
+    @property
+    def residual(self) -> float:
+        """Norm of the last residual, by that of the uniform stream."""
+        return self.history[-1].residual
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the residual is as small as asked for."""
+        return self.residual <= self.tolerance
+
+
+def solve_flow(
+    discretization: Discretization,
+    areas: np.ndarray,
+    stream: np.ndarray,
+    *,
+    pattern: FactorPattern,
+    states: np.ndarray | None = None,
+    tolerance: float = 1e-10,
+    max_steps: int = 100,
+    progress: Callable[[NewtonStep], None] | None = None,
+) -> FlowSolution:
+    """Solve for the steady flow.
+
+    Parameters
+    ----------
+    discretization : Discretization
+    areas : ndarray, shape (n_faces, 3)
+        Area vectors (m^2).
+    stream : ndarray, shape (5,)
+        The free stream.
+    pattern : FactorPattern
+        Of the preconditioner.
+    states : ndarray, shape (n_cells, 5), optional
+        Where to start; the uniform stream by default.
+    tolerance : float
+        Norm of the residual by that of the uniform stream.
+    max_steps : int
+        Newton steps after which it is given up.
+    progress : callable, optional
+        Is told every step.
+
+    Returns
+    -------
+    FlowSolution
+        Converged or not: see ``is_converged``.
+    """
+    tell = progress or (lambda step: None)
+    scale = np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream))
+    scale = max(scale, np.finfo(float).eps * np.linalg.norm(areas))
+    states = discretization.uniform(stream) if states is None else states
+    residual = discretization.residual(states, areas, stream)
+    norm = np.linalg.norm(residual)
+    cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
+    history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
+    while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
+        update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)
+        states, residual, length = _advance(discretization, states, areas, stream, residual, update)
+        before, norm = norm, np.linalg.norm(residual)
+        history.append(NewtonStep(norm / scale, cfl, n_products, length))
+        tell(history[-1])
+        cfl = _next_cfl(cfl, length, before, norm)
+    return FlowSolution(states, tuple(history), tolerance)
+
+
+def _update(discretization, pattern, states, areas, stream, residual, cfl):
+    """Newton update, or none where the linear solve fails, and its products with the Jacobian."""
+    linearization = discretization.linearize(states, areas, stream)
+    diagonal = time_terms(discretization, states, areas) / cfl
+    factor = compact_factor(linearization, pattern, diagonal)
+
+    def product(x):
+        return linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)
+
+    solution = solve_system(product, factor.solve, -residual, FORCING)
+    is_usable = solution.is_converged and np.isfinite(solution.x).all()
+    return (solution.x if is_usable else None), solution.n_products
+
+
+def _advance(discretization, states, areas, stream, residual, update):
+    """Take as much of a step as keeps the states physical and the residual bounded."""
+    if update is None:
+        return states, residual, 0.0
+    largest = LARGEST_RISE * np.linalg.norm(residual)
+    length = _physical_length(states, update)
+    while length > SMALLEST_STEP:
+        moved = states + length * update
+        after = discretization.residual(moved, areas, stream)
+        if np.linalg.norm(after) < largest:
+            return moved, after, length
+        length *= 0.5
+    return states, residual, 0.0
+
+
+def _physical_length(states: np.ndarray, update: np.ndarray) -> float:
+    """Share of a step at which no density or pressure falls too far."""
+    fall = np.max(-update[:, [0, 4]] / states[:, [0, 4]])
+    return min(1.0, LARGEST_FALL / max(fall, np.finfo(float).tiny))
+
+
+def _next_cfl(cfl: float, length: float, before: float, after: float) -> float:
+    """CFL number of the next step."""
+    if length < 0.1:
+        return 0.2 * cfl
+    if after > 1.5 * before:
+        return 0.7 * cfl
+    return min(LARGEST_CFL, cfl * max(1.0, CFL_GROWTH * before / max(after, np.finfo(float).tiny)))
