@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -60,38 +61,67 @@ def read_course(problem: om.Problem, file: Path) -> Course:
     file : path-like
         The recorded file.
     """
-    statement, cases = statement_of(problem), read_cases(file)
-    points = [_point(statement, case) for case in cases]
-    # OpenMDAO files a gradient under the evaluation that comes next
-    found = [(n, after.derivatives) for n, after in enumerate(cases[1:]) if after.derivatives]
-    residuals = [optimality(statement, points[n], _totals(cases[n], derivatives)) for n, derivatives in found]
+    scaling, cases = Scaling.of(problem), read_cases(file)
+    points = [scaling.point(case) for case in cases]
+    # OpenMDAO files a gradient under the evaluation that comes next, in units of the driver
+    found = [(n, scaling.totals(after.derivatives)) for n, after in enumerate(cases[1:]) if after.derivatives]
+    residuals = [optimality(scaling.statement, points[n], totals) for n, totals in found]
     return Course(
         np.array([point.violation for point in points]), np.array([n for n, _ in found], dtype=int), np.array(residuals)
     )
 
 
-def statement_of(problem: om.Problem) -> Statement:
-    """Bounds and constraints of a problem in units of its driver."""
-    model = ScaledModel(problem.driver)
-    return Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)
+@dataclass(frozen=True)
+class Scaling:
+    """What recorded cases, which are in units of the model, are in units of the driver.
+
+    Parameters
+    ----------
+    statement : Statement
+        Bounds and constraints in units of the driver.
+    objective, designs, constraints : dict
+        What OpenMDAO knows of them by name, in the order of the statement.
+    """
+
+    statement: Statement
+    objective: dict[str, dict]
+    designs: dict[str, dict]
+    constraints: dict[str, dict]
+
+    @classmethod
+    def of(cls, problem: om.Problem) -> Scaling:
+        """Find the scaling of a problem that has run."""
+        model, known = ScaledModel(problem.driver), problem.model
+        limits = model.design_limits(), model.constraint_limits()
+        metas = known.get_design_vars(), known.get_constraints()
+        named = ({limit.name: meta[limit.name] for limit in each} for each, meta in zip(limits, metas))
+        return cls(Statement.of(*limits, tolerance=0.0), known.get_objectives(), *named)
+
+    def point(self, case) -> Point:
+        """Give a recorded point."""
+        parts = (
+            (self.designs, case.get_design_vars(scaled=False)),
+            (self.objective, case.get_objectives(scaled=False)),
+            (self.constraints, case.get_constraints(scaled=False)),
+        )
+        x, objective, constraints = (_joined(metas, values) for metas, values in parts)
+        return self.statement.point(x, objective.item(), constraints)
+
+    def totals(self, derivatives) -> np.ndarray:
+        """Totals, shape (1 + m, n), of recorded derivatives."""
+        rows = ([derivatives[name, wrt] for wrt in self.designs] for name in (*self.objective, *self.constraints))
+        return np.vstack([np.hstack(row) for row in rows])
 
 
-def _point(statement: Statement, case) -> Point:
-    """A recorded point in units of the driver."""
-    (objective,) = case.get_objectives(scaled=True).values()
-    variables, constraints = case.get_design_vars(scaled=True), case.get_constraints(scaled=True)
-    return statement.point(_joined(variables.values()), objective.item(), _joined(constraints.values()))
+def _joined(metas: dict[str, dict], values) -> np.ndarray:
+    """Scaled values of several variables in one vector."""
+    scaled = (_scaled(values[name], meta["total_adder"], meta["total_scaler"]) for name, meta in metas.items())
+    return np.concatenate([np.zeros(0), *map(np.ravel, scaled)])
 
 
-def _totals(case, derivatives) -> np.ndarray:
-    """Totals at a case, shape (1 + m, n), of derivatives, which are recorded in units of the driver."""
-    responses = [*case.get_objectives(), *case.get_constraints()]
-    return np.vstack([np.hstack([derivatives[name, wrt] for wrt in case.get_design_vars()]) for name in responses])
-
-
-def _joined(values) -> np.ndarray:
-    """Values of several variables in one vector."""
-    return np.concatenate([np.zeros(0), *map(np.ravel, values)])
+def _scaled(value: np.ndarray, adder, scaler) -> np.ndarray:
+    """A value in units of the driver."""
+    return (value + (0.0 if adder is None else adder)) * (1.0 if scaler is None else scaler)
 
 
 def draw_history(axes, runs: dict, response: str, label: str, error=np.abs) -> None:
@@ -116,6 +146,7 @@ def draw_course(axes, runs: dict) -> None:
         course, style = result.course, {"color": COLORS[name], "linewidth": 1.0, "markersize": 3}
         relative = course.residuals / course.residuals[0]
         axes.semilogy(course.differentiated, relative, "o-", label=f"{name}: optimality", **style)
-        axes.semilogy(np.maximum(course.violations, LEAST), ":", label="violation", **style)
+        if course.violations.any():
+            axes.semilogy(np.maximum(course.violations, LEAST), ":", label="violation", **style)
     axes.set(xlabel="evaluation", ylabel="optimality by the first, violation")
     axes.legend(fontsize=8)

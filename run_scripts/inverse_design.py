@@ -17,6 +17,7 @@ from mismatch import Mismatch
 from optimisation import UNCONSTRAINED, Run, optimise, set_up, write_n2
 from scipy.spatial import cKDTree
 from totals import check_totals
+from wing_drawings import section_of
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.names import GRID
@@ -220,21 +221,11 @@ def draw(folder, design: InverseDesign, runs: dict[str, Run]) -> None:
     with figure(folder, "inverse_design", (9.5, 3.4)) as canvas:
         section, history = canvas.subplots(1, 2, width_ratios=(1.3, 1.0))
         for name, (nodes, color, style) in wings.items():
-            line = section_halfway(design.model, nodes)
+            line = section_of(design.model, nodes)
             section.plot(line[:, 0], line[:, 1], style, color=color, label=name, markersize=3.0)
         section.set(xlabel="x (m)", ylabel="y (m)")
         section.legend()
         draw_history(history, runs, "mismatch", "mean square distance by that of the start")
-
-
-def section_halfway(model: FittedModel, nodes: np.ndarray) -> np.ndarray:
-    """Nodes around the wing halfway along the span, shape (n, 3)."""
-    grid = model.header.grid(model.topology.shapes, nodes.reshape(-1, 3))
-    windows = {patch.name: patch.windows[0] for patch in grid.patches}
-    sides = [windows[name] for name in ("wing_upper", "wing_lower")]
-    upper, lower = (grid.blocks[side.block].nodes[side.slices][:, 0] for side in sides)
-    halfway = upper.shape[1] // 2
-    return np.concatenate([upper[:, halfway], lower[::-1, halfway]])
 
 
 if __name__ == "__main__":

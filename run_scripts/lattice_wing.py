@@ -11,6 +11,7 @@ import openmdao.api as om
 from bspline_mdao import CamberSurface, FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh
 from bspline_mdao.generators import rectangular_wing
 from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
+from bspline_mdao.geometry.measure import Measure
 from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.parametrization.axis import ReferenceAxis
@@ -97,13 +98,7 @@ class RectangularWing:
     def problem(self, variables: Sequence[Variable], flow: om.Group) -> om.Problem:
         """Wire variables, surface, grid with its quality, and a flow. Not yet set up."""
         problem = om.Problem(reports=None)
-        geometry = GridMovement(
-            model=self.model,
-            parametrization=Parametrization(self.mesh, variables),
-            measures=[self.lattice],
-            mover=LinearElasticity(self.mesh, n_increments=1),
-            fit=False,
-        )
+        geometry = moved_grid(self.model, self.mesh, variables, [self.lattice])
         problem.model.add_subsystem("geometry", geometry, promotes=["*"])
         problem.model.add_subsystem("flow", flow, promotes=["*"])
         problem.model.add_constraint("corner_ks", lower=WORST_CORNER)
@@ -115,3 +110,20 @@ def started(problem: om.Problem) -> om.Problem:
     problem.setup(mode="rev")
     problem.run_model()
     return problem
+
+
+def moved_grid(
+    model: FittedModel,
+    mesh: MovingMesh,
+    variables: Sequence[Variable],
+    measures: Sequence[Measure],
+    n_increments: int = 1,
+) -> GridMovement:
+    """Chain from variables to a grid that is moved by elasticity, its measures and its quality."""
+    return GridMovement(
+        model=model,
+        parametrization=Parametrization(mesh, variables),
+        measures=measures,
+        mover=LinearElasticity(mesh, n_increments=n_increments),
+        fit=False,
+    )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from history import Course, read_course, read_history, statement_of
+from history import Course, Scaling, read_course, read_history
 from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
@@ -156,7 +156,7 @@ def _timed(method, seconds: dict[str, float], name: str):
 
 def optimality_of(problem: om.Problem) -> tuple[float, float]:
     """Residual of the first-order conditions of an optimum, and the largest violation, in units of the driver."""
-    model, statement = ScaledModel(problem.driver), statement_of(problem)
+    model, statement = ScaledModel(problem.driver), Scaling.of(problem).statement
     point = statement.point(*model.present())
     return optimality(statement, point, model.differentiate()), point.violation
 

@@ -65,7 +65,7 @@ def _untransposed(reverse: dict, forward: dict, direction: dict) -> float:
     for name, product in forward.items():
         rows = {wrt: reverse[name, wrt] for wrt in direction}
         terms = np.concatenate([rows[wrt] * values[values != 0.0] for wrt, values in direction.items()], axis=1)
-        errors.append(np.abs(terms.sum(axis=1) - product).max() / np.linalg.norm(terms))
+        errors.append(np.abs(terms.sum(axis=1) - product.ravel()).max() / np.linalg.norm(terms))
     return max(errors)
 
 
