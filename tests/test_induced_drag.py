@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, find_topology, flat_plate_grid, rectangular_wing
+from bspline_mdao import InputError, find_topology, flat_plate_grid, read_grid, rectangular_wing
 from bspline_mdao.fit.surface_fit import replace_nodes
 from bspline_mdao.flow.induced_drag import InducedDrag
 from bspline_mdao.flow.span_strips import SpanStrips
@@ -163,6 +163,25 @@ def test_walls_without_rows_around_them_are_shared_out_by_span():
     np.testing.assert_allclose(points[:, 2], np.linspace(z.min(), z.max(), 7), atol=1e-12)
     np.testing.assert_allclose(points[:, 0], points[::-1, 0], atol=1e-12)
     assert (points[1:-1, 0] > 0.0).all()
+
+
+def test_real_grids_have_strips(real_grids):
+    corners, nodes = walls_within(real_grids / "hh_naca0012_12blocks.xyz", [-0.1, -0.1, -0.1], [1.1, 0.1, 3.1])
+    assert SpanStrips.of(corners, nodes, AXES).n_strips == 16  # its own lines
+    corners, nodes = walls_within(real_grids / "pyhyp_m6_9blocks.xyz", [-0.1, -0.1, -0.1], [1.2, 0.1, 1.3])
+    trailing = SpanStrips.of(corners, nodes, AXES, n_strips=9).trailing @ nodes  # of a cap at the tip as well
+    sweep = np.polyfit(*trailing[1:, [2, 0]].T, 1)[0]
+    assert sweep == pytest.approx(np.tan(np.radians(15.8)), rel=0.01)
+
+
+def walls_within(path, low, high):
+    """Corners of the boundary faces that lie within a box and not in the plane of symmetry, and all nodes."""
+    grid = read_grid(path)
+    nodes = grid.to_vector().reshape(-1, 3)
+    faces = CellFaces.of(find_topology(grid), nodes)
+    corners = faces.corners[faces.n_inner :]
+    is_inside = ((nodes[corners] > low) & (nodes[corners] < high)).all(axis=(1, 2))
+    return corners[is_inside & (nodes[corners][..., 2].max(axis=1) > 1e-6)], nodes
 
 
 def test_wall_without_span_is_refused():

@@ -6,7 +6,7 @@ import pytest
 from openmdao.utils.assert_utils import assert_check_partials
 from scipy.sparse import csr_array, random_array
 
-from bspline_mdao import CamberSurface, InputError, LatticeFlow, fit_grid
+from bspline_mdao import CamberSurface, InputError, LatticeFlow, fit_grid, flat_plate_grid
 from bspline_mdao.flow.force_coefficients import ForceCoefficients
 from bspline_mdao.flow.induced_drag import InducedDrag
 from bspline_mdao.flow.lattice_forces import LatticeForces
@@ -111,6 +111,14 @@ def test_rectangular_wing_has_the_lift_of_its_vortex_lattice_and_the_induced_dra
     assert coarse.get_val("CL").item() == pytest.approx(lift, rel=0.005)
     assert lift**2 / (np.pi * 6.0 * drag) == pytest.approx(0.985, abs=0.005)
     assert fine.get_val("CD").item() == pytest.approx(drag, rel=1e-3)
+
+
+def test_plate_of_no_thickness_has_a_lattice():
+    found = flow(fit_grid(flat_plate_grid((9, 5, 9)), n_control=(5, 5, 5)), reference_area=2.0, n_span=17)
+    found.set_val("Mach_number", 0.0)
+    found.run_model()
+    assert found.get_val("CL").item() == pytest.approx(0.2549, rel=0.02)
+    assert found.get_val("CD_induced").item() == pytest.approx(0.0051, rel=0.02)
 
 
 def test_coefficients_are_those_of_the_lattice_in_half_wings(swept):
