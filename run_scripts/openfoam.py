@@ -1,9 +1,10 @@
 """OpenFOAM's rhoSimpleFoam on the project's grids: what another code makes of the same cells.
 
 The case is steady, compressible and inviscid (no viscosity, no conduction; perfect gas, ratio of heats 1.4): slip at
-walls, symmetry, ``freestreamPressure`` and ``freestreamVelocity`` far away. Gradients by Gauss' theorem, convection of
-momentum and enthalpy by ``linearUpwind`` (second order), pressure and velocity coupled by SIMPLEC. Pressure at the wall
-is that of the cell beside it. It ends where the initial residuals of all equations are below `TOLERANCE`.
+walls, symmetry, ``freestreamPressure`` and ``freestreamVelocity`` on all other patches. Gradients are ``Gauss linear``,
+convection of momentum, enthalpy and kinetic energy is ``linearUpwind`` (second order), and SIMPLEC couples velocity and
+pressure, relaxed by 0.9. Pressure at a wall is that of the cell beside it (``zeroGradient``), and the forces are its
+integral. A run ends where the initial residuals of all equations are below `TOLERANCE`.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def openfoam_forces(
     alpha: float,
     reference_area: float,
     axes: str = "xzy",
-    max_iterations: int = 2000,
+    max_iterations: int = 1000,
 ) -> Forces | None:
     """Solve the flow about a body with OpenFOAM.
 
@@ -134,19 +135,21 @@ def openfoam_forces(
     Raises
     ------
     InputError
-        If OpenFOAM stops with an error.
+        If no patch is a wall, or OpenFOAM stops with an error.
     """
     if shutil.which("rhoSimpleFoam") is None:
         print("OpenFOAM is not installed; skipped")
         return None
     cells, stream = CellFaces.of(topology, nodes), Stream(mach, alpha, axes)
+    wall = cells.faces_of("wall")
+    if len(wall) == 0:
+        raise InputError(f"{topology.source}: no patch is of kind wall; declare patches")
     with tempfile.TemporaryDirectory() as folder:
         write_case(Path(folder), PolyMesh.of(topology, nodes), stream, max_iterations)
         start = time.perf_counter()
         log = run("rhoSimpleFoam", Path(folder))
         seconds = time.perf_counter() - start
         pressure = read_field(Path(folder), "p")
-    wall = cells.faces_of("wall")
     Cp = (pressure[cells.left[wall]] - PRESSURE) / stream.dynamic_pressure
     force = Cp @ area_vectors(nodes[cells.corners[wall]]) / reference_area
     drag, lift = (float(force @ direction) for direction in stream.directions)
@@ -164,14 +167,19 @@ def run(program: str, case: Path) -> str:
     Raises
     ------
     InputError
-        If it fails: the last lines of what it printed.
+        If it fails.
     """
     environment = {"WM_PROJECT_DIR": HOME, **os.environ}
     done = subprocess.run([program, "-case", str(case)], env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        lines = " ".join((done.stderr or done.stdout).split())
-        raise InputError(f"{program}: failed with status {done.returncode}: {lines[-400:]}")
+        raise InputError(f"{program}: {_reason(done.stderr + done.stdout)}; see to the grid or the Mach number")
     return done.stdout
+
+
+def _reason(text: str) -> str:
+    """Say in one line why a program stopped: OpenFOAM's own words, or that numbers overflowed."""
+    message = re.search(r"FOAM FATAL (?:IO )?ERROR:(.*?)\n\s*From ", text, re.DOTALL)
+    return " ".join(message[1].split()) if message else "the flow diverged"
 
 
 def read_field(case: Path, name: str) -> np.ndarray:
@@ -271,7 +279,7 @@ snGradSchemes { default corrected; }
     "system/fvSolution": """
 solvers
 {
-    p { solver GAMG; smoother GaussSeidel; tolerance 1e-12; relTol 0.05; }
+    p { solver GAMG; smoother DICGaussSeidel; tolerance 1e-12; relTol 0.05; }
     "(U|h)" { solver smoothSolver; smoother symGaussSeidel; tolerance 1e-14; relTol 0.1; }
 }
 SIMPLE

@@ -123,7 +123,7 @@ def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
 def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
     """Write a finer or coarser member of the grid family of a model.
 
-    The extension of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView).
+    The name of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), or a folder polyMesh (OpenFOAM).
     """
     from .refine import refine_model
 
@@ -172,8 +172,8 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
 def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], **options) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
-    The extension of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView). PATCH is a name or a pattern,
-    such as 'wing*'; --deform, --design and --pin may be given more than once.
+    The name of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), or a folder polyMesh (OpenFOAM).
+    PATCH is a name or a pattern, such as 'wing*'; --deform, --design and --pin may be given more than once.
     """
     from .move import MoveOptions, move_model
     from .movers import MoverOptions

@@ -114,7 +114,7 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
         with written_json(json, move_numbers(model_file, output, moved, options)):
             if options.surface:
                 _write_points(options.surface, moved.surface)
-            write_grid(output, moved.grid)
+            write_grid(output, moved.grid, model.topology)
     show_move(model_file, output, moved, options)
 
 

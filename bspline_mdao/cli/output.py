@@ -18,6 +18,7 @@ from rich.text import Text
 
 from ..errors import InputError
 from ..grids.atomic import replaced_file
+from ..grids.openfoam import FOLDER
 
 
 def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = ()) -> None:
@@ -38,7 +39,7 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
     taken = {os.path.realpath(path): "is read by this command" for path in inputs if path is not None}
     for path in (path for path in outputs if path is not None):
         folder = Path(os.path.realpath(path)).parent
-        if path.exists() and not path.is_file():
+        if path.exists() and not (path.is_file() or _is_polymesh(path)):
             raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'device'}; name a file")
         if not folder.is_dir():
             raise InputError(f"{path}: there is no folder '{folder}'; make it first")
@@ -47,6 +48,11 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: {taken[os.path.realpath(path)]}; choose another name")
         taken[os.path.realpath(path)] = "is written twice by this command"
+
+
+def _is_polymesh(path: Path) -> bool:
+    """Whether a path is a folder that a grid for OpenFOAM goes to."""
+    return path.name == FOLDER and path.is_dir()
 
 
 @contextmanager

@@ -36,7 +36,8 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
-        n_nodes = refined_topology(model.topology, factor).n_nodes
+        topology = refined_topology(model.topology, factor)
+        n_nodes = topology.n_nodes
         if n_nodes > MOST_NODES:
             raise InputError(
                 f"{model_file}: factor {factor:g} makes {n_nodes:,} nodes, more than {MOST_NODES:,}; lower it"
@@ -45,7 +46,7 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
         grid = family_member(model, factor)
         progress(0.8, "writing")
         with written_json(json, {**numbers, "blocks": grid.shapes, "n_nodes": grid.n_nodes}):
-            write_grid(output, grid)
+            write_grid(output, grid, topology)
     print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / model.n_nodes:.3g} times those of {model_file}")
     rows = [
         (number, counts_text(before), counts_text(block.shape), block.name)

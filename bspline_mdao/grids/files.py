@@ -9,9 +9,11 @@ from ..errors import InputError
 from .cgns import read_cgns, write_cgns
 from .compression import read_raw
 from .multiblock import Grid
+from .openfoam import FOLDER, write_polymesh
 from .patches import read_patches
 from .plot3d import read_plot3d, write_plot3d
 from .plot3d_dialect import Plot3dDialect
+from .topology import Topology
 from .vtk import write_vtk
 
 __all__ = ["read_grid", "write_grid"]
@@ -51,19 +53,22 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
     return grid if patches is None else read_patches(patches, grid)
 
 
-def write_grid(path: str | os.PathLike, grid: Grid) -> None:
+def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid, whole or not at all.
 
-    The suffixes ``.cgns`` and ``.vtm`` (ParaView) choose these formats. Under any other name a grid read from PLOT3D is
-    written in the dialect that it was read in; other grids become PLOT3D with 8-byte reals and a block count: ASCII for
-    ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either compressed where ``.gz`` follows.
+    The suffixes ``.cgns`` and ``.vtm`` (ParaView) and the name ``polyMesh`` (OpenFOAM) choose these formats. Under any
+    other name a grid read from PLOT3D is written in the dialect that it was read in; other grids become PLOT3D with
+    8-byte reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either
+    compressed where ``.gz`` follows.
 
     Parameters
     ----------
     path : path-like
-        The file to make or replace.
+        The file to make or replace; a folder for OpenFOAM.
     grid : Grid
         The grid.
+    topology : Topology, optional
+        See `write_polymesh`; other formats do without.
 
     Raises
     ------
@@ -72,8 +77,12 @@ def write_grid(path: str | os.PathLike, grid: Grid) -> None:
     """
     suffix = Path(path).suffix.lower()
     if suffix in _OTHER_SUFFIXES:
-        raise InputError(f"{path}: no '{suffix}' files are written; name it .vtm (ParaView), .cgns, .xyz or .fmt")
-    if suffix == ".cgns":
+        raise InputError(
+            f"{path}: no '{suffix}' files are written; name it .vtm (ParaView), .cgns, .xyz, .fmt or polyMesh"
+        )
+    if Path(path).name == FOLDER:
+        write_polymesh(path, grid, topology)
+    elif suffix == ".cgns":
         write_cgns(path, grid)
     elif suffix == ".vtm":
         write_vtk(path, grid)

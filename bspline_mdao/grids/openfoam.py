@@ -19,9 +19,7 @@ import numpy as np
 from ..errors import InputError
 from .atomic import replaced_file
 from .cell_faces import BoundaryFaces, CellFaces
-from .coincidence import COLLAPSED_EDGE, ROUND_OFF_UNITS, data_round_off
 from .multiblock import Grid
-from .sharing import block_rows, first_of_each, node_sharing
 from .topology import Topology, find_topology
 
 __all__ = ["FOLDER", "PolyMesh", "write_polymesh"]
@@ -103,12 +101,13 @@ class PolyMesh:
             If a block has no cells, or two patches have the same name in OpenFOAM.
         """
         cells = CellFaces.of(topology, nodes)
-        corners = _merged_rows(topology, nodes)[cells.corners]
-        is_corner = corners != np.roll(corners, -1, axis=1)
-        inner, edge = _kept(cells, _has_area(corners, is_corner))
+        is_corner = cells.corners != np.roll(cells.corners, -1, axis=1)
+        inner, edge = _kept(cells, has_area=is_corner.sum(axis=1) > 2)
         is_turned = np.append(cells.left[inner] > cells.right[inner], np.zeros(len(edge), dtype=bool))[:, None]
         order = np.concatenate([inner, edge])
-        corners, is_corner = (np.where(is_turned, part[order, ::-1], part[order]) for part in (corners, is_corner))
+        corners, is_corner = (
+            np.where(is_turned, part[order, ::-1], part[order]) for part in (cells.corners, is_corner)
+        )
         sides = np.sort([cells.left[inner], cells.right[inner]], axis=0)
         used, numbers = np.unique(corners, return_inverse=True)
         return cls(
@@ -161,26 +160,6 @@ class PolyMesh:
         n_cells = int(self.owner.max()) + 1
         sizes = f"nPoints:{len(self.points)} nCells:{n_cells} nFaces:{len(self.owner)}"
         return f'    note "{sizes} nInternalFaces:{len(self.neighbour)}";\n'
-
-
-def _merged_rows(topology: Topology, nodes: np.ndarray) -> np.ndarray:
-    """First of the rows of the grid vector that are the same point, for each row: shape (n_nodes,)."""
-    whole, round_off = block_rows(topology.shapes), data_round_off([nodes])
-    pairs = [node_sharing(topology).copies.T]
-    for window in topology.collapsed:
-        rows = whole[window.block][window.slices]
-        size = np.ptp(nodes[whole[window.block]].reshape(-1, 3), axis=0).max()
-        tolerance = max(COLLAPSED_EDGE * size, ROUND_OFF_UNITS * round_off * np.abs(nodes[rows]).max())
-        for d in range(3):
-            ends = np.stack([rows.take(range(n, rows.shape[d] - 1 + n), axis=d).ravel() for n in range(2)])
-            pairs.append(ends[:, np.linalg.norm(nodes[ends[1]] - nodes[ends[0]], axis=1) <= tolerance])
-    return first_of_each(len(nodes), pairs)
-
-
-def _has_area(corners: np.ndarray, is_corner: np.ndarray) -> np.ndarray:
-    """Whether faces have three corners at least and are not folded along a diagonal."""
-    is_folded = (corners[:, 0] == corners[:, 2]) | (corners[:, 1] == corners[:, 3])
-    return (is_corner.sum(axis=1) > 2) & ~is_folded
 
 
 def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

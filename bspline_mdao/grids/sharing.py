@@ -72,7 +72,7 @@ def shared_ids(
     starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
     pairs = [_link_pairs(shapes, starts, link, names) for link in links]
     pairs += [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
-    first = first_of_each(int(starts[-1]), pairs)
+    first = _first_of_each(int(starts[-1]), pairs)
     is_first = first == np.arange(len(first))
     ids = (np.cumsum(is_first) - 1).astype(np.int32)[first]
     return [ids[start:end].reshape(shape) for start, end, shape in zip(starts, starts[1:], shapes)]
@@ -111,7 +111,7 @@ def direction_classes(topology: Topology) -> np.ndarray:
         for d in range(3)
         if link.a_section[d] is None
     ]
-    first = first_of_each(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
+    first = _first_of_each(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3)
 
 
@@ -157,7 +157,7 @@ def _collapse_pairs(shapes, starts, collapse: Collapse) -> np.ndarray:
     return np.stack([first.ravel(), rows.ravel()])
 
 
-def first_of_each(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
+def _first_of_each(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
     """First point that each of n points is joined to, through any chain of pairs."""
     first = np.arange(n)
     if not pairs:
