@@ -1,0 +1,212 @@
+"""Grids, states and exact solutions for the tests of the Euler solver."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, two_block_plate
+
+from bspline_mdao.flow.euler.areas import area_vectors
+from bspline_mdao.flow.euler.discretization import Discretization, Linearization
+from bspline_mdao.flow.euler.gas import GAMMA, free_stream
+from bspline_mdao.flow.euler.newton import solve_flow
+from bspline_mdao.flow.euler.preconditioner import factor_pattern
+from bspline_mdao.flow.euler.stencil import FARFIELD, FIRST, MEAN, SLIP
+from bspline_mdao.generators import ball_grid
+from bspline_mdao.grids.cell_faces import CellFaces
+from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.multiblock import Grid
+from bspline_mdao.grids.patch_guess import guess_patches
+from bspline_mdao.grids.topology import find_topology
+
+AXES = np.eye(3)[[0, 2, 1]]
+"""Downstream, along the span and up of the project's wing grids."""
+
+
+def one_of_each_kind(nodes):
+    """One block, its faces far fields at the ends of i, a wall and a symmetry plane along j, and far away along k."""
+    face = Window.whole(0, nodes.shape[:3]).face
+    ends = face(0), face(1), face(4), face(5)
+    return grid_of(nodes, patches=[patch("farfield", *ends), patch("wall", face(2)), patch("symmetry", face(3))])
+
+
+def collapsed_strip():
+    """A box with a strip of faces without area."""
+    nodes = box(np.arange(6.0), np.arange(5.0), np.arange(4.0))
+    nodes[:, 0, 0] = nodes[:, 1, 0]
+    return nodes
+
+
+GRIDS = {
+    "smooth box": lambda: grid_of(smooth_box(6, 5, 7)),
+    "left-handed box": lambda: grid_of(smooth_box(6, 5, 7)[::-1]),
+    "boxes": lambda: grid_of(*split(smooth_box(9, 7, 8), [3, 5], [4], [2, 5])),
+    "one cell deep": lambda: grid_of(*split(smooth_box(9, 2, 6), [3, 6], [], [2])),
+    "O-grid": lambda: grid_of(o_grid()),
+    "cylinder about an axis": lambda: grid_of(o_grid(radius=0.0)),
+    "pie": lambda: grid_of(*split(o_grid(radius=0.0, n_span=7), [4, 8, 12], [], [3])),
+    "C-grid": lambda: grid_of(c_grid()),
+    "C-grid with tip": lambda: grid_of(c_grid(span=2, n_span=6)),
+    "hollow sphere": lambda: grid_of(*sphere_octants()),
+    "full sphere": lambda: grid_of(*sphere_octants(inner=0.0)),
+    "plate": two_block_plate,
+    "collapsed strip": lambda: grid_of(collapsed_strip()),
+    "all kinds": lambda: one_of_each_kind(smooth_box(6, 5, 7)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A grid and what the solver makes of it; states and directions are random but always the same."""
+
+    nodes: np.ndarray
+    discretization: Discretization
+    stream: np.ndarray
+
+    @property
+    def faces(self):
+        return self.discretization.faces
+
+    @cached_property
+    def areas(self):
+        return area_vectors(self.nodes, self.faces.corners)
+
+    @cached_property
+    def states(self):
+        """Free stream, each number changed by a tenth at most."""
+        noise = np.random.default_rng(1).uniform(-0.1, 0.1, (self.faces.n_cells, 5))
+        return self.discretization.uniform(self.stream) * (1.0 + noise) + 0.1 * noise[:, ::-1]
+
+    @cached_property
+    def linearization(self):
+        return self.discretization.linearize(self.states, self.areas, self.stream)
+
+    def residual(self, states=None, areas=None, stream=None):
+        given = [states, areas, stream], [self.states, self.areas, self.stream]
+        return self.discretization.residual(*(own if one is None else one for one, own in zip(*given)))
+
+    def solve(self, **options):
+        pattern = factor_pattern(self.discretization)
+        return solve_flow(self.discretization, self.areas, self.stream, pattern=pattern, **options)
+
+    def pressure_coefficients(self, states):
+        """Numbers of the wall faces, and the pressure coefficients there."""
+        walls, stencil = self.faces.faces_of("wall"), self.discretization.stencil
+        weights = stencil.weights[stencil.classes[walls], MEAN]
+        pressure = np.sum(weights * states[stencil.cells[walls], 4], axis=1)
+        return walls, (pressure - self.stream[4]) / (0.5 * self.stream[1:4] @ self.stream[1:4])
+
+    def force(self, states, area):
+        """Coefficient of the force on the walls."""
+        walls, cp = self.pressure_coefficients(states)
+        return cp @ self.areas[walls] / area
+
+
+def faces_of(grid, kinds=None):
+    """Faces of a grid, its patches of other kinds: one for all, or by name."""
+    faces = CellFaces.of(find_topology(grid), grid.to_vector().reshape(-1, 3))
+    if kinds is None:
+        return faces
+    new = [kinds if isinstance(kinds, str) else kinds.get(patch.name, patch.kind) for patch in faces.boundary]
+    return replace(faces, boundary=tuple(replace(patch, kind=kind) for patch, kind in zip(faces.boundary, new)))
+
+
+def case_of(grid, kinds=None, mach=0.3, degrees=4.0, axes=AXES, **settings):
+    """Case of a grid."""
+    stream = free_stream(mach, np.radians(degrees), axes)
+    discretization = Discretization.of(faces_of(grid, kinds), **settings)
+    return Case(grid.to_vector().reshape(-1, 3), discretization, stream)
+
+
+def with_guessed_patches(grid: Grid) -> Grid:
+    """Give what no patch claims the patches that its shape suggests."""
+    return replace(grid, patches=guess_patches(grid, [face.window for face in find_topology(grid).boundary]))
+
+
+def sphere_quarters(steps, n_sphere=24, n_off=48, far=20.0):
+    """Quarters of a ball's grid with every ``step``-th node of one fine grid; half of the blocks are left-handed."""
+    fine = ball_grid((n_sphere + 1, n_sphere + 1, n_sphere + 1, n_off + 1), far=far, off_wall=0.03, octant=True)
+    for step in steps:
+        blocks = [block.nodes[::step, ::step, ::step] for block in fine.blocks]
+        patches = [_mirrored(one, step) for one in fine.patches if one.name != "symmetry_x"]
+        yield grid_of(*blocks, *(nodes * [-1.0, 1.0, 1.0] for nodes in blocks), patches=patches)
+
+
+def _mirrored(fine, step):
+    """A patch of the octant on both sides."""
+    windows = [Window(w.block, *(tuple(n // step for n in end) for end in (w.lo, w.hi))) for w in fine.windows]
+    return patch(fine.kind, *windows, *(replace(w, block=w.block + 3) for w in windows), name=fine.name)
+
+
+def bend(n, wave=0.1, n_span=1):
+    """Quarter of an annulus between the walls r = 1 and 1.384, with wavy grid lines inside."""
+    a, b, c = np.moveaxis(box(*(np.linspace(0.0, 1.0, m + 1) for m in (n, n, n_span))), -1, 0)
+    bump = wave * np.sin(np.pi * a) * np.sin(np.pi * b) * (1.0 + 0.5 * np.sin(np.pi * c) * (n_span > 1))
+    r, angle = 1.0 + 0.384 * (a + bump), 0.5 * np.pi * (b + 0.7 * bump)
+    return np.stack([r * np.cos(angle), r * np.sin(angle), 0.4 * c], axis=-1)
+
+
+def bend_grid(nodes):
+    """A bend with walls, open ends, and planes of symmetry."""
+    face = Window.whole(0, nodes.shape[:3]).face
+    kinds = {"wall": (0, 1), "farfield": (2, 3), "symmetry": (4, 5)}
+    return grid_of(nodes, patches=[patch(kind, *map(face, sides)) for kind, sides in kinds.items()])
+
+
+def vortex(points, mach=0.5):
+    """Isentropic vortex about z: states at points, the Mach number that of the speed at r = 1."""
+    x, y, _ = points.T
+    r = np.hypot(x, y)
+    rho = (1.0 + 0.5 * (GAMMA - 1.0) * mach**2 * (1.0 - 1.0 / r**2)) ** (1.0 / (GAMMA - 1.0))
+    return np.stack([rho, -mach * y / r**2, mach * x / r**2, 0.0 * r, rho**GAMMA / GAMMA], axis=1)
+
+
+def cell_centres(nodes):
+    """Mean of the corners of the cells of a block."""
+    for axis in range(3):
+        low, high = ([slice(None)] * 3 for _ in range(2))
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        nodes = 0.5 * (nodes[tuple(low)] + nodes[tuple(high)])
+    return nodes.reshape(-1, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenEnds(Discretization):
+    """A far field whose faces have states of their own on them, and take those inside from two cells.
+
+    The flux of the solver's far field is kept; it is called for all faces with the same state at a time.
+    """
+
+    outside: np.ndarray | None = None
+
+    @classmethod
+    def around(cls, faces, outside):
+        """Take the states, shape (n_faces, 5), where the far field's faces are."""
+        plain = Discretization.of(faces)
+        weights = plain.stencil.weights.copy()
+        (far,) = np.unique(plain.stencil.classes[plain.stencil.roles == FARFIELD])
+        weights[far, MEAN, :2], weights[far, FIRST, :2] = (-0.25, 0.75), (0.5, -1.5)
+        return cls(faces, replace(plain.stencil, weights=weights), outside=outside)
+
+    def residual(self, states, areas, stream):
+        return sum(Discretization.residual(self, states, *part) for part in self._parts(areas))
+
+    def linearize(self, states, areas, stream):
+        parts = [Discretization.linearize(self, states, *part) for part in self._parts(areas)]
+        names = "by_state", "by_area", "jumps", "sensors"
+        return Linearization(self, *(sum(getattr(part, name) for part in parts) for name in names))
+
+    def _parts(self, areas):
+        """Areas of the faces that share a state, all others 0, and the state: all other faces first."""
+        far = np.flatnonzero(self.stencil.roles == FARFIELD)
+        rounded, groups = np.unique(np.round(self.outside[far], 13), axis=0, return_inverse=True)
+        yield np.where(self.stencil.roles[:, None] == FARFIELD, 0.0, areas), rounded[0]
+        for number, state in enumerate(rounded):
+            part, members = np.zeros_like(areas), far[groups.ravel() == number]
+            part[members] = areas[members]
+            yield part, state
+
+
+def slip_faces(case):
+    """Numbers of the faces of walls and symmetry planes."""
+    return np.flatnonzero(case.discretization.stencil.roles == SLIP)
