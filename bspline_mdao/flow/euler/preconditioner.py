@@ -17,7 +17,7 @@ from .stencil import FIRST, INNER, MEAN
 FILL = 1
 """Level of fill of the factor."""
 
-COMPACT_DISSIPATION = 0.25
+COMPACT_DISSIPATION = 0.5
 """Share of the first difference that stands in for that of the third."""
 
 
