@@ -1,0 +1,87 @@
+"""What the flow about a grid needs and that does not change with its shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import InputError
+from ...grids.cell_faces import CellFaces
+from ...grids.topology import Topology
+from .areas import area_vectors, area_vectors_jvp, area_vectors_vjp
+from .block_ilu import FactorPattern
+from .discretization import Discretization
+from .preconditioner import factor_pattern
+
+__all__ = ["FlowGrid", "flow_axes"]
+
+
+@dataclass(frozen=True, eq=False)
+class FlowGrid:
+    """Faces and stencils, the pattern of the preconditioner, and the axes of the flow.
+
+    Parameters
+    ----------
+    discretization : Discretization
+    pattern : FactorPattern
+    axes : ndarray, shape (3, 3)
+        Rows are the directions downstream, along the span, and up.
+    """
+
+    discretization: Discretization
+    pattern: FactorPattern
+    axes: np.ndarray
+
+    @classmethod
+    def of(cls, topology: Topology, nodes: np.ndarray, axes: str = "xzy", **settings) -> FlowGrid:
+        """Prepare a grid.
+
+        Parameters
+        ----------
+        topology : Topology
+            How its blocks hang together, with declared patches.
+        nodes : ndarray, shape (n_nodes, 3)
+            Baseline nodes (m).
+        axes : str
+            Axes of the grid that point downstream, along the span, and up.
+        **settings
+            Of the `Discretization`.
+
+        Raises
+        ------
+        InputError
+            If a part of the boundary is not declared as wall, symmetry or far field, or the axes cannot be used.
+        """
+        discretization = Discretization.of(CellFaces.of(topology, nodes), **settings)
+        return cls(discretization, factor_pattern(discretization), flow_axes(axes))
+
+    @property
+    def faces(self) -> CellFaces:
+        """Cells and faces."""
+        return self.discretization.faces
+
+    def areas(self, nodes: np.ndarray) -> np.ndarray:
+        """Area vectors (m^2), shape (n_faces, 3), of nodes, shape (n_nodes, 3)."""
+        return area_vectors(nodes, self.faces.corners)
+
+    def areas_jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
+        """Change of the area vectors with the nodes."""
+        return area_vectors_jvp(nodes, self.faces.corners, d_nodes)
+
+    def areas_vjp(self, nodes: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `areas_jvp`."""
+        return area_vectors_vjp(nodes, self.faces.corners, bar)
+
+
+def flow_axes(axes: str) -> np.ndarray:
+    """Directions downstream, along the span, and up, shape (3, 3), from the names of the axes.
+
+    Raises
+    ------
+    InputError
+        If they are not x, y and z in some order.
+    """
+    if sorted(axes) != ["x", "y", "z"]:
+        raise InputError(f"flow: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
+    return np.eye(3)[["xyz".index(axis) for axis in axes]]

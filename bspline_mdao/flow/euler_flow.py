@@ -1,0 +1,88 @@
+"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group."""
+
+from __future__ import annotations
+
+from numbers import Real
+
+import openmdao.api as om
+
+from ..errors import InputError
+from ..model import FittedModel
+from ..names import GRID
+from .euler.flow_grid import FlowGrid
+from .euler_forces import EulerForces
+from .euler_state import EulerState
+
+
+class EulerFlow(om.Group):
+    """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
+
+    Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
+    must cover the boundary of the grid.
+
+    ================  ======  ============  =====  =====================================================================
+    name              role    shape         units  meaning
+    ================  ======  ============  =====  =====================================================================
+    ``grid``          input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``alpha``         input   (1,)          deg    angle of attack; 2 by default
+    ``Mach_number``   input   (1,)                 of the free stream; 0.3 by default
+    ``states``        output  (5 n_cells)          see `EulerState`
+    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
+    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid
+    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces
+    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing, from the tip
+    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
+    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ================  ======  ============  =====  =====================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid, with its patches.
+    reference_area : float
+        Of what the grid shows (m^2): of the half wing, if it shows one half.
+    reference_chord : float
+        For moments (m).
+    moment_reference : sequence of three float
+        Point that moments are about, in the axes of the grid (m).
+    axes : str
+        Axes of the grid that point downstream, along the span, and up.
+    tolerance, linear_tolerance, max_steps, iprint
+        See `EulerState`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the patches do not tell what the boundary is, or there is no reference area.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("reference_area", default=None, desc="of what the grid shows, m**2")
+        self.options.declare("reference_chord", default=1.0, desc="for moments, m")
+        self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
+        self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
+        self.options.declare("tolerance", default=1e-10, desc="residual at which a run ends")
+        self.options.declare("linear_tolerance", default=1e-12, desc="of the linear systems of derivatives")
+        self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
+        self.options.declare("iprint", types=int, default=0, desc="0, 1 line a run, or 2 for one a step")
+
+    def setup(self):
+        """Add the solution and what is made of it."""
+        area = self.options["reference_area"]
+        if not isinstance(area, Real) or not area > 0.0:
+            raise InputError(f"{self.msginfo}: reference area {area}; give a positive number of square metres")
+        model = self.options["model"]
+        nodes = model.regenerate().to_vector().reshape(-1, 3)
+        flow = FlowGrid.of(model.topology, nodes, self.options["axes"])
+        settings, references = ({name: self.options[name] for name in names} for names in (_SETTINGS, _REFERENCES))
+        self.add_subsystem("state", EulerState(flow=flow, nodes=nodes, **settings), promotes=["*"])
+        self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
+        self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
+        self.set_input_defaults("alpha", val=2.0, units="deg")
+        self.set_input_defaults("Mach_number", val=0.3)
+
+
+_SETTINGS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
+_REFERENCES = ("reference_area", "reference_chord", "moment_reference")

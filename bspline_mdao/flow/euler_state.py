@@ -1,0 +1,193 @@
+"""The steady Euler equations as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ..components.jacobian import add_bar, direction_in, finite_points
+from ..names import GRID
+from .euler.flow_grid import FlowGrid
+from .euler.gas import N_STATES, free_stream, free_stream_partials
+from .euler.krylov import solve_system
+from .euler.newton import FlowSolution, NewtonStep, solve_flow
+from .euler.preconditioner import compact_factor
+
+LARGEST_RESIDUAL = 1e-8
+"""Residual, by that of the uniform stream, up to which a flow that no longer converges is taken."""
+
+_RADIAN = np.pi / 180.0
+
+
+class EulerState(om.ImplicitComponent):
+    """Solve the steady Euler equations on the cells of a grid.
+
+    ===============  ======  ============  =====  ======================================================================
+    name             role    shape         units  meaning
+    ===============  ======  ============  =====  ======================================================================
+    ``grid``         input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``alpha``        input   (1,)          deg    angle of attack
+    ``Mach_number``  input   (1,)                 of the free stream
+    ``states``       output  (5 n_cells)          density, velocity and pressure of every cell, by density and speed of
+                                                  sound of the free stream; its residual is what flows out of the cells
+    ===============  ======  ============  =====  ======================================================================
+
+    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer.
+
+    Options
+    -------
+    flow : FlowGrid
+        The grid's faces, the scheme and the preconditioner.
+    nodes : ndarray, shape (n_nodes, 3)
+        Baseline nodes (m).
+    tolerance : float
+        Residual, by that of the uniform stream, at which a run ends.
+    linear_tolerance : float
+        Residual of the linear systems of derivatives, by their right-hand sides.
+    max_steps : int
+        Newton steps at most.
+    iprint : int
+        0 for no output, 1 for one line a run, 2 for one line a Newton step.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if a node is not finite, or the residual does not fall below 1e-8, with its history; with derivatives,
+        if a linear system cannot be solved.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces, scheme and preconditioner")
+        self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
+        self.options.declare("tolerance", default=1e-10, desc="residual at which a run ends")
+        self.options.declare("linear_tolerance", default=1e-12, desc="of the linear systems of derivatives")
+        self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
+        self.options.declare("iprint", types=int, default=0, desc="0, 1 line a run, or 2 for one a step")
+
+    def setup(self):
+        """Declare the variables."""
+        flow = self.options["flow"]
+        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
+        self.add_input("alpha", units="deg")
+        self.add_input("Mach_number")
+        self.add_output("states", val=flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes)).ravel())
+
+    def apply_nonlinear(self, inputs, outputs, residuals):
+        """Sum what flows out of every cell."""
+        states = outputs["states"].reshape(-1, N_STATES)
+        residuals["states"] = self._discretization.residual(states, *self._at(inputs)).ravel()
+
+    def solve_nonlinear(self, inputs, outputs):
+        """Solve for the states, from those that are there or else from the uniform stream."""
+        finite_points(inputs[GRID], GRID, self.msginfo)
+        areas, stream = self._at(inputs)
+        starts = outputs["states"].reshape(-1, N_STATES).copy(), self._discretization.uniform(stream)
+        norms = [np.linalg.norm(self._discretization.residual(start, areas, stream)) for start in starts]
+        for start in [starts[0], starts[1]] if norms[0] < norms[1] else [starts[1]]:
+            self._solution = self._solve(areas, stream, start)
+            if self._solution.residual <= LARGEST_RESIDUAL:
+                outputs["states"] = self._solution.states.ravel()
+                return
+        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}")
+
+    def linearize(self, inputs, outputs, jacobian):
+        """Differentiate the residual, and factor a neighbour of its Jacobian for the linear systems."""
+        states = outputs["states"].reshape(-1, N_STATES)
+        self._linearization = self._discretization.linearize(states, *self._at(inputs))
+        still = np.zeros((len(states), N_STATES, N_STATES))
+        self._factor = compact_factor(self._linearization, self.options["flow"].pattern, still)
+
+    def apply_linear(self, inputs, outputs, d_inputs, d_outputs, d_residuals, mode):
+        """Apply the Jacobian of the residual or its transpose."""
+        if "states" not in d_residuals:
+            return
+        if mode == "fwd":
+            self._forward(inputs, d_inputs, d_outputs, d_residuals)
+        else:
+            self._reverse(inputs, d_inputs, d_outputs, d_residuals)
+
+    def solve_linear(self, d_outputs, d_residuals, mode):
+        """Solve with the Jacobian, or with its transpose: the adjoint."""
+        linearization, factor = self._linearization, self._factor
+        if mode == "fwd":
+            right, out, products = d_residuals, d_outputs, (linearization.state_jvp, factor.solve)
+        else:
+            right, out, products = d_outputs, d_residuals, (linearization.state_vjp, factor.solve_transposed)
+        system = right["states"].reshape(-1, N_STATES)
+        solution = solve_system(*products, system, self.options["linear_tolerance"])
+        if not solution.is_converged:
+            raise om.AnalysisError(
+                f"{self.msginfo}: the linear system of the derivatives is not solved to "
+                f"{self.options['linear_tolerance']:g} by {solution.n_products} products; allow a larger one"
+            )
+        out["states"] = solution.x.ravel()
+
+    @property
+    def solution(self) -> FlowSolution:
+        """The last solution, with its history."""
+        return self._solution
+
+    def _forward(self, inputs, d_inputs, d_outputs, d_residuals):
+        change = np.zeros((self._discretization.faces.n_cells, N_STATES))
+        if "states" in d_outputs:
+            change += self._linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
+        if GRID in d_inputs:
+            nodes, d_nodes = inputs[GRID].reshape(-1, 3), direction_in(d_inputs, inputs, GRID)
+            change += self._linearization.area_jvp(self.options["flow"].areas_jvp(nodes, d_nodes))
+        for name, by_name in self._stream_partials(inputs).items():
+            if name in d_inputs:
+                change += self._linearization.stream_jvp(by_name * d_inputs[name])
+        d_residuals["states"] += change.ravel()
+
+    def _reverse(self, inputs, d_inputs, d_outputs, d_residuals):
+        bar = d_residuals["states"].reshape(-1, N_STATES)
+        if "states" in d_outputs:
+            d_outputs["states"] += self._linearization.state_vjp(bar).ravel()
+        if GRID in d_inputs:
+            nodes, areas_bar = inputs[GRID].reshape(-1, 3), self._linearization.area_vjp(bar)
+            add_bar(d_inputs, GRID, self.options["flow"].areas_vjp(nodes, areas_bar))
+        for name, by_name in self._stream_partials(inputs).items():
+            if name in d_inputs:
+                d_inputs[name] += by_name @ self._linearization.stream_vjp(bar)
+
+    @property
+    def _discretization(self):
+        return self.options["flow"].discretization
+
+    def _at(self, inputs):
+        """Area vectors and free stream."""
+        flow = self.options["flow"]
+        stream = free_stream(inputs["Mach_number"][0], _RADIAN * inputs["alpha"][0], flow.axes)
+        return flow.areas(inputs[GRID].reshape(-1, 3)), stream
+
+    def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
+        """Derivatives of the free stream by the inputs."""
+        axes = self.options["flow"].axes
+        by_mach, by_alpha = free_stream_partials(inputs["Mach_number"][0], _RADIAN * inputs["alpha"][0], axes)
+        return {"Mach_number": by_mach, "alpha": _RADIAN * by_alpha}
+
+    def _solve(self, areas, stream, start) -> FlowSolution:
+        flow, iprint = self.options["flow"], self.options["iprint"]
+        settings = {name: self.options[name] for name in ("tolerance", "max_steps")}
+        progress = (lambda step: print(f"{self.pathname}: {_line(step)}")) if iprint > 1 else None
+        solution = solve_flow(
+            flow.discretization, areas, stream, pattern=flow.pattern, states=start, progress=progress, **settings
+        )
+        if iprint:
+            print(f"{self.pathname}: residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps")
+        return solution
+
+
+def _line(step: NewtonStep) -> str:
+    """Tell of a step."""
+    return f"residual {step.residual:.2e}  CFL {step.cfl:.1e}  products {step.n_products}  length {step.length:.2g}"
+
+
+def _complaint(solution: FlowSolution) -> str:
+    """Tell of a solution that did not converge."""
+    residuals = " ".join(f"{step.residual:.1e}" for step in solution.history[-8:])
+    return (
+        f"the flow did not converge: residual {solution.residual:.1e} by that of the uniform stream after "
+        f"{len(solution.history) - 1} steps (the last: {residuals}); take a smaller step, or look for bad cells"
+    )
