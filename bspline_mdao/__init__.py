@@ -19,6 +19,7 @@ _HOMES = {
     "DelaunayGraph": "movement.delaunay",
     "Dihedral": "parametrization.planform",
     "EnclosedVolume": "geometry.volume",
+    "EulerBuilder": "mphys.builders",
     "Fit": "components.fit",
     "FittedModel": "model",
     "FlowBuilder": "mphys.builders",

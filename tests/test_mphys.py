@@ -29,7 +29,13 @@ mphys = pytest.importorskip("mphys", reason="MPhys is not installed")
 
 from mphys.scenarios import ScenarioAerodynamic  # noqa: E402
 
-from bspline_mdao.mphys.builders import FLOW_RESULTS, FlowBuilder, GeometryBuilder  # noqa: E402
+from bspline_mdao.mphys.builders import (  # noqa: E402
+    EULER_RESULTS,
+    FLOW_RESULTS,
+    EulerBuilder,
+    FlowBuilder,
+    GeometryBuilder,
+)
 from bspline_mdao.mphys.conventions import require_one_process  # noqa: E402
 from bspline_mdao.mphys.geometry import SurfaceGeometry  # noqa: E402
 from bspline_mdao.mphys.warper import VolumeWarper  # noqa: E402
@@ -40,8 +46,12 @@ CONDITIONS = {"angle_of_attack": 3.0, "mach_number": 0.4}
 
 @pytest.fixture(scope="module")
 def wing():
+    return small_wing((9, 8, 7))
+
+
+def small_wing(shape):
     """A small wing, its variables and its mover."""
-    model = fit_grid(onera_m6_grid((9, 8, 7)))
+    model = fit_grid(onera_m6_grid(shape))
     mesh = moving_mesh(model)
     axis = ReferenceAxis.of(mesh)
     parametrization = Parametrization(mesh, [Twist("twist", axis, stations=3), Span("span", axis)])
@@ -206,6 +216,17 @@ def test_nothing_of_ours_warns_in_one_process(wing):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         cruise(wing).compute_totals(["cruise.CL"], ["twist"])
+
+
+def test_the_euler_equations_fly_a_scenario_with_exact_totals():
+    wing = small_wing((7, 6, 5))
+    builder = EulerBuilder(wing.model, surface=wing.surface, mover=wing.mover, reference_area=0.75)
+    problem, of = cruise(wing, "rev", builder), ["cruise.CL", "cruise.CD_induced"]
+    assert set(EULER_RESULTS) <= {meta["prom_name"] for meta in problem.model.cruise.get_io_metadata("output").values()}
+    direction = np.array([1.0, 2.0, -1.0])
+    totals = problem.compute_totals(of, ["twist"])
+    exact = [(totals[name, "twist"] @ direction).item() for name in of]
+    np.testing.assert_allclose(exact, slopes(problem, of, "twist", direction, step=0.1), rtol=1e-6)
 
 
 class ForeignMesh(om.ExplicitComponent):

@@ -7,17 +7,22 @@ from collections.abc import Callable, Mapping
 import openmdao.api as om
 from mphys import Builder
 
+from ..flow.euler_flow import EulerFlow
 from ..geometry.surface import SurfaceGrid
 from ..model import FittedModel
+from ..movement.mover import Mover
 from .conventions import COORDINATES, X_MESH
 from .flow_group import FlowGroup
 from .geometry import SurfaceGeometry
 from .warper import VolumeWarper
 
-__all__ = ["FlowBuilder", "GeometryBuilder"]
+__all__ = ["EulerBuilder", "FlowBuilder", "GeometryBuilder"]
 
 FLOW_RESULTS = {"CL": None, "CD": None, "CM": None, "CD_induced": None, "span_load": "m"}
 """Units of the outputs that every flow group has."""
+
+EULER_RESULTS = {**FLOW_RESULTS, "CD_entropy": None, "Cp": None}
+"""Units of the outputs of `EulerFlow`, but for its states."""
 
 
 class GeometryBuilder(Builder):
@@ -93,3 +98,27 @@ class FlowBuilder(Builder):
     def get_number_of_nodes(self) -> int:
         """Count the surface nodes."""
         return self._surface.n_points
+
+
+class EulerBuilder(FlowBuilder):
+    """The Euler equations as the aerodynamic solver of scenarios.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    surface : SurfaceGrid, optional
+        The design surface; all walls by default.
+    mover : Mover, optional
+        Moves the control mesh; by default linear elasticity.
+    **options
+        Those of `EulerFlow`, such as ``reference_area``.
+    """
+
+    def __init__(
+        self, model: FittedModel, *, surface: SurfaceGrid | None = None, mover: Mover | None = None, **options
+    ):
+        def flow():
+            return EulerFlow(model=model, **options)
+
+        super().__init__(model, flow, surface=surface, results=EULER_RESULTS, mover=mover)

@@ -20,7 +20,7 @@ class FlowGroup(om.Group):
     name                   role    shape           units  meaning
     =====================  ======  ==============  =====  =========================================
     ``aero_vol_coords``    input   (3 n_nodes)            nodes of the grid (m)
-    ``angle_of_attack``    input   (1,)            deg    0 by default
+    ``angle_of_attack``    input   (1,)            deg    2 by default
     ``mach_number``        input   (1,)                   0.3 by default
     name of each result    output  the flow's own         coefficients and whatever else was named
     =====================  ======  ==============  =====  =========================================
@@ -65,7 +65,7 @@ class _Pair:
 
 def _conditions(size: int) -> list[_Pair]:
     """Names of MPhys for what a flow group wants."""
-    degrees = {"val": 0.0, "units": "deg"}
+    degrees = {"val": 2.0, "units": "deg"}
     return [
         _Pair(VOLUME, GRID, {"shape": size, "tags": COUPLING}, {"shape": size, "units": "m"}),
         _Pair(ANGLE_OF_ATTACK, "alpha", {**degrees, "tags": INPUT}, degrees),
