@@ -72,7 +72,7 @@ class Stencil:
                 )
             part = slice(patch.start, patch.stop)
             roles[part] = KINDS[patch.kind]
-            classes[part] = _BOUNDARY_CLASSES[patch.kind] + depths[part]
+            classes[part] = _BOUNDARY_CLASSES[KINDS[patch.kind]] + depths[part]
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
         return cls(cells, _WEIGHTS, classes, roles)
 
@@ -99,9 +99,8 @@ def _boundary(*means: tuple[float, ...], first: float = 0.0) -> list[np.ndarray]
 _WEIGHTS = np.stack(
     [
         *(_folded(no_a, no_d) for no_d in (False, True) for no_a in (False, True)),
-        *_boundary((1.0,), (1.5, -0.5), (1.875, -1.25, 0.375)),  # as far as the wall, by ever higher polynomials
-        *_boundary((1.0,), (1.125, -0.125), (1.125, -0.125)),  # a parabola that is level at the symmetry plane
+        *_boundary((1.0,), (1.5, -0.5), (1.875, -1.25, 0.375)),  # to the face, by ever higher polynomials
         *_boundary((0.5,), (0.5,), (0.5,), first=-1.0),  # half-way to the free stream
     ]
 )
-_BOUNDARY_CLASSES = {"wall": 4, "symmetry": 7, "farfield": 10}
+_BOUNDARY_CLASSES = {SLIP: 4, FARFIELD: 7}
