@@ -9,7 +9,9 @@ from .face_states import face_state, shock_sensor
 from .flux import face_flux_jvp
 from .stencil import FIRST, INNER, MEAN, SLIP, THIRD
 
-_UNITS = np.eye(13)
+_ZERO, _STILL = (0.0,) * 5, (0.0,) * 3
+_UNIT = tuple(tuple(float(n == m) for n in range(5)) for m in range(5))
+_AXIS = tuple(unit[:3] for unit in _UNIT[:3])
 
 
 @njit(cache=True, nogil=True)
@@ -45,16 +47,26 @@ def face_jacobians(
 
 @njit(cache=True, nogil=True)
 def _fill(mean, jump, s, by_state, by_area):
-    """Differentiate in one argument after the other."""
-    for m in range(13):
-        t = _UNITS[m]
-        dw, dj, ds = (t[0], t[1], t[2], t[3], t[4]), (t[5], t[6], t[7], t[8], t[9]), (t[10], t[11], t[12])
-        column = face_flux_jvp(mean, jump, s, dw, dj, ds)
-        for n in range(5):
-            if m < 10:
-                by_state[n, m] = column[n]
-            else:
-                by_area[n, m - 10] = column[n]
+    """Differentiate in one argument after the other: written out, what is multiplied by zero is not compiled."""
+    _put(by_state, 0, face_flux_jvp(mean, jump, s, _UNIT[0], _ZERO, _STILL))
+    _put(by_state, 1, face_flux_jvp(mean, jump, s, _UNIT[1], _ZERO, _STILL))
+    _put(by_state, 2, face_flux_jvp(mean, jump, s, _UNIT[2], _ZERO, _STILL))
+    _put(by_state, 3, face_flux_jvp(mean, jump, s, _UNIT[3], _ZERO, _STILL))
+    _put(by_state, 4, face_flux_jvp(mean, jump, s, _UNIT[4], _ZERO, _STILL))
+    _put(by_state, 5, face_flux_jvp(mean, jump, s, _ZERO, _UNIT[0], _STILL))
+    _put(by_state, 6, face_flux_jvp(mean, jump, s, _ZERO, _UNIT[1], _STILL))
+    _put(by_state, 7, face_flux_jvp(mean, jump, s, _ZERO, _UNIT[2], _STILL))
+    _put(by_state, 8, face_flux_jvp(mean, jump, s, _ZERO, _UNIT[3], _STILL))
+    _put(by_state, 9, face_flux_jvp(mean, jump, s, _ZERO, _UNIT[4], _STILL))
+    _put(by_area, 0, face_flux_jvp(mean, jump, s, _ZERO, _ZERO, _AXIS[0]))
+    _put(by_area, 1, face_flux_jvp(mean, jump, s, _ZERO, _ZERO, _AXIS[1]))
+    _put(by_area, 2, face_flux_jvp(mean, jump, s, _ZERO, _ZERO, _AXIS[2]))
+
+
+@njit(cache=True, nogil=True)
+def _put(jacobian, m, column):
+    for n in range(5):
+        jacobian[n, m] = column[n]
 
 
 @njit(cache=True, nogil=True)
