@@ -142,6 +142,30 @@ class FittedModel:
             points = points + self.residual
         return self.header.grid(self.topology.shapes, points)
 
+    def member(self, factor: float) -> FittedModel:
+        """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
+
+        The residual of the fit belongs to the nodes of the fitted grid and is not carried over.
+
+        Parameters
+        ----------
+        factor : float
+            Cells per direction of the member, by those of the grid.
+
+        Returns
+        -------
+        FittedModel
+            Patches and blanking are scaled; the report is that of the fitted grid.
+
+        Raises
+        ------
+        InputError
+            If the factor is not a positive number.
+        """
+        member = refine(self.topology, self.mesh, self.parameters, factor)
+        header = _scaled_header(self.header, IndexScaling.of(self.topology, factor))
+        return replace(self, topology=member.topology, parameters=member.parameters, residual=None, header=header)
+
     def save(self, path, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.model_file.write_model`."""
         from .model_file import write_model
@@ -157,9 +181,7 @@ class FittedModel:
 
 
 def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
-    """Grid of a fitted model with ``factor`` times the cells per direction.
-
-    The residual of the fit belongs to the nodes of the fitted grid and is not carried over.
+    """Grid of a fitted model with ``factor`` times the cells per direction, see `FittedModel.member`.
 
     Parameters
     ----------
@@ -180,18 +202,16 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
     InputError
         If the factor is not a positive number.
     """
-    member = refine(model.topology, model.mesh, model.parameters, factor)
-    nodes = member.evaluator().forward(model.control_points if control_points is None else control_points)
-    scaling = IndexScaling.of(model.topology, factor)
-    header = replace(
-        model.header,
-        patches=tuple(_scaled_patch(patch, scaling) for patch in model.header.patches),
-        iblanks=tuple(
-            None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
-            for block, iblank in enumerate(model.header.iblanks)
-        ),
+    return model.member(factor).regenerate(control_points)
+
+
+def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:
+    patches = tuple(_scaled_patch(patch, scaling) for patch in header.patches)
+    iblanks = tuple(
+        None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
+        for block, iblank in enumerate(header.iblanks)
     )
-    return header.grid(member.topology.shapes, nodes)
+    return replace(header, patches=patches, iblanks=iblanks)
 
 
 def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:

@@ -154,6 +154,16 @@ def test_factor_two_contains_the_grid(m6_model):
         np.testing.assert_allclose(refined.nodes[::2, ::2, ::2], block.nodes, rtol=0, atol=1e-13)
 
 
+def test_a_member_is_a_model_of_its_own(m6_model):
+    member = m6_model.member(1.5)
+    grid = member.regenerate()
+    np.testing.assert_array_equal(grid.to_vector(), family_member(m6_model, 1.5).to_vector())
+    found = find_topology(grid)
+    assert member.n_nodes == grid.n_nodes > 2 * m6_model.n_nodes
+    assert set(found.boundary) == set(member.topology.boundary)
+    assert len(found.interfaces) == len(member.topology.interfaces)
+
+
 @pytest.mark.parametrize("d", range(3))
 def test_ratios_of_neighbouring_cells_change_less_in_finer_members(m6_model, d):
     def largest_change(parameters):
