@@ -1,10 +1,13 @@
 """Span load and induced drag of a wing from the forces on its wall, by the wake far downstream.
 
-The lift of a strip per length of its trace in the Trefftz plane is its circulation (Kutta and Joukowski). Vortices
-between strips as they come would give the drag of an elliptical load 2 to 6 % too small with 16 strips of a half wing.
-So the loads are first interpolated to many strips at equal intervals of the angle ``t`` of a cosine, along the trace
-``s = S cos t``: smooth loads are smooth functions of it, and if the downwash is taken half-way between two *angles*,
-sums over vortices are integrals of trigonometric polynomials without error.
+The lift of a strip per length of its trace in the Trefftz plane is its circulation (Kutta and Joukowski). With the
+angle ``t`` of a cosine along the trace, ``s = S cos t``, a load that goes to zero at the tips is a sum of sines
+``sin(n t)``. The first is the ellipse, and alone carries the lift: it is taken from that. A few more are fitted to the
+strips by least squares, and not as many as there are strips, since the pressures at a tip are those of a vortex that
+rolls up over its side: a wake that leaves the trailing edge alone would take the load there for drag.
+
+The sum is then given to many vortices at equal intervals of the angle; if the downwash is taken half-way between two
+*angles*, sums over vortices are integrals of trigonometric polynomials without error.
 """
 
 from __future__ import annotations
@@ -12,13 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .euler.gas import stream_axes
 from .span_strips import SpanStrips
 from .wake import Wake
 
 __all__ = ["InducedDrag"]
+
+HARMONICS = 4
+"""Sines that the load of a half wing is made of, the odd ones up to ``sin(7 t)``; twice as many of a whole wing."""
 
 _FINE = 64
 """Strips of the wake of a half wing: the drag of an elliptical load is then 5e-5 too small."""
@@ -55,10 +60,11 @@ class InducedDrag:
         angles = np.linspace(0.0, end, 1 + _FINE * (1 if strips.is_symmetric else 2))
         between = 0.5 * (angles[1:] + angles[:-1])
         fine, middles = half * (1.0 - np.cos(angles)), half * (1.0 - np.cos(between))
-        lift = _integral(np.arccos(np.clip(1.0 - arc / half, -1.0, 1.0)), widths, strips.is_symmetric)
+        sines = _sines(strips)
+        stations = np.arccos(np.clip(1.0 - arc / half, -1.0, 1.0))
         return cls(
             strips,
-            loads=lift(between, 1) / (half * np.sin(between))[:, None],
+            loads=np.sin(np.outer(between, sines)) @ _fit(stations, sines),
             points=np.stack([np.interp(fine, arc, unit) for unit in np.eye(len(arc))], axis=1),
             places=(middles - fine[:-1]) / np.diff(fine),
         )
@@ -179,11 +185,24 @@ def _turn_slope(axes: np.ndarray, alpha) -> np.ndarray:
     return np.stack([np.zeros(3), -stream_axes(alpha, axes)[0]])
 
 
-def _integral(angles: np.ndarray, widths: np.ndarray, is_symmetric: bool) -> CubicSpline:
-    """Lift from the tip to an angle, one column for every strip of unit load.
+def _sines(strips: SpanStrips) -> np.ndarray:
+    """Multiples of the angle; the load of a symmetric wing has the odd ones alone."""
+    step = 2 if strips.is_symmetric else 1
+    return np.arange(1, 1 + step * min(2 * HARMONICS // step, strips.n_strips), step)
 
-    It is flat at a tip. In the plane of symmetry, about which it is odd, it has no curvature.
-    """
-    n = len(widths)
-    lift = np.vstack([np.zeros(n), np.cumsum(np.diag(widths), axis=0)])
-    return CubicSpline(angles, lift, bc_type=((1, np.zeros(n)), (2 if is_symmetric else 1, np.zeros(n))))
+
+def _fit(angles: np.ndarray, sines: np.ndarray) -> np.ndarray:
+    """Amplitudes of the sines by the loads of strips between angles from the tip, shape (n_sines, n_strips)."""
+    widths, area = np.diff(-np.cos(angles)), 0.5 * angles[-1]
+    means = np.stack([np.diff(_moment(angles, n)) / widths for n in sines], axis=1)
+    first = widths / area
+    roots = np.sqrt(widths)[:, None]
+    others = np.linalg.pinv(roots * means[:, 1:]) @ (roots * (np.eye(len(widths)) - np.outer(means[:, 0], first)))
+    return np.vstack([first, others])
+
+
+def _moment(angles: np.ndarray, n: int) -> np.ndarray:
+    """Integral of sin(n t) sin(t) from 0 to angles."""
+    if n == 1:
+        return 0.5 * angles - 0.25 * np.sin(2.0 * angles)
+    return 0.5 * (np.sin((n - 1) * angles) / (n - 1) - np.sin((n + 1) * angles) / (n + 1))
