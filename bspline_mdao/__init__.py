@@ -20,6 +20,7 @@ _HOMES = {
     "Dihedral": "parametrization.planform",
     "EnclosedVolume": "geometry.volume",
     "EulerBuilder": "mphys.builders",
+    "EulerFlow": "flow.euler_flow",
     "Fit": "components.fit",
     "FittedModel": "model",
     "FlowBuilder": "mphys.builders",

@@ -169,6 +169,7 @@ def test_openmdao_lists_the_components():
     }
     assert ours("openmdao_group") == {
         "bspline_mdao.components.grid_movement:GridMovement",
+        "bspline_mdao.flow.euler_flow:EulerFlow",
         "bspline_mdao.flow.lattice_flow:LatticeFlow",
         "bspline_mdao.flow.vortex_lattice:VortexLattice",
     }
