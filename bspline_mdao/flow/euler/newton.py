@@ -120,7 +120,7 @@ def solve_flow(
     """
     tell = progress or (lambda step: None)
     scale = np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream))
-    scale = max(scale, np.finfo(float).eps * np.linalg.norm(areas))
+    scale = max(scale, np.finfo(float).eps * np.linalg.norm(areas) / tolerance)  # no less than fluxes are rounded
     states = discretization.uniform(stream) if states is None else states
     residual = discretization.residual(states, areas, stream)
     norm = np.linalg.norm(residual)

@@ -1,0 +1,249 @@
+"""Preconditioner, linear systems and Newton steps of the Euler solver."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from euler_cases import case_of, one_of_each_kind, sphere_quarters
+from topology_cases import smooth_box
+
+from bspline_mdao.flow.euler import newton
+from bspline_mdao.flow.euler.block_ilu import BLOCK, BlockFactor, FactorPattern
+from bspline_mdao.flow.euler.gas import GAMMA
+from bspline_mdao.flow.euler.krylov import solve_system
+from bspline_mdao.flow.euler.preconditioner import COMPACT_DISSIPATION, compact_factor, factor_pattern, time_terms
+from bspline_mdao.flow.euler.stencil import FIRST, INNER, MEAN
+from bspline_mdao.generators import flat_plate_grid
+
+SINGLE = np.finfo(np.float32).eps
+
+
+@cache
+def box_case(shock_threshold=0.0):
+    return case_of(one_of_each_kind(smooth_box(6, 5, 7)), shock_threshold=shock_threshold)
+
+
+@cache
+def sphere_case():
+    (grid,) = sphere_quarters([6])
+    return case_of(grid, mach=0.2, degrees=0.0, axes=np.eye(3))
+
+
+@cache
+def sphere_flow():
+    return sphere_case().solve()
+
+
+def dense(blocks, rows, columns, n):
+    """Matrix of blocks at given rows and columns, those at the same place added."""
+    matrix = np.zeros((n, n, BLOCK, BLOCK))
+    np.add.at(matrix, (rows, columns), blocks)
+    return matrix.transpose(0, 2, 1, 3).reshape(n * BLOCK, n * BLOCK)
+
+
+def random_system(n=23, n_pairs=60, seed=0):
+    """Pairs of neighbours, the blocks that each row has at the other, and the blocks on the diagonal."""
+    rng = np.random.default_rng(seed)
+    pairs = np.unique(np.sort(rng.integers(0, n, (n_pairs, 2)), axis=1), axis=0)
+    left, right = pairs[pairs[:, 0] < pairs[:, 1]].T
+    diagonal = rng.standard_normal((n, BLOCK, BLOCK)) + 12.0 * np.eye(BLOCK)
+    return left, right, *rng.standard_normal((2, len(left), BLOCK, BLOCK)), diagonal
+
+
+def factor_of(left, right, at_right, at_left, diagonal, fill):
+    """Factor of the matrix with ``at_right`` in the left rows and ``at_left`` in the right rows."""
+    pattern = FactorPattern.of(left, right, len(diagonal), fill)
+    lower, upper = np.zeros((2, len(pattern.columns), BLOCK, BLOCK))
+    is_low = pattern.rank[left] > pattern.rank[right]
+    lower[pattern.places] = np.where(is_low[:, None, None], at_right, at_left)
+    upper[pattern.places] = np.where(is_low[:, None, None], at_left, at_right)
+    placed = np.empty_like(diagonal)
+    placed[pattern.rank] = diagonal
+    return BlockFactor.of(pattern, lower, upper, placed)
+
+
+def test_a_factor_with_all_fill_is_exact_to_single_precision():
+    left, right, at_right, at_left, diagonal = system = random_system()
+    n = len(diagonal)
+    blocks, cells = np.concatenate([at_right, at_left, diagonal]), np.arange(n)
+    matrix = dense(blocks, np.concatenate([left, right, cells]), np.concatenate([right, left, cells]), n)
+    factor = factor_of(*system, fill=n)
+    rhs = np.random.default_rng(1).standard_normal((n, BLOCK))
+    np.testing.assert_allclose(factor.solve(rhs).ravel(), np.linalg.solve(matrix, rhs.ravel()), atol=50 * SINGLE)
+    transposed = np.linalg.solve(matrix.T, rhs.ravel())
+    np.testing.assert_allclose(factor.solve_transposed(rhs).ravel(), transposed, atol=50 * SINGLE)
+
+
+def test_less_fill_is_less_exact_and_takes_fewer_blocks():
+    system = random_system()
+    rhs = np.random.default_rng(1).standard_normal((23, BLOCK))
+    factors = [factor_of(*system, fill=fill) for fill in (0, 1, 23)]
+    sizes = [len(factor.lower) for factor in factors]
+    errors = [np.linalg.norm(factor.solve(rhs) - factors[-1].solve(rhs)) for factor in factors[:2]]
+    assert sizes[0] == len(system[0]) < sizes[1] < sizes[2]
+    assert errors[0] > errors[1] > 1e-3
+
+
+@pytest.mark.parametrize("fill", [0, 1, 23])
+def test_solves_with_a_factor_and_its_transpose_agree(fill):
+    factor = factor_of(*random_system(), fill=fill)
+    a, b = np.random.default_rng(2).standard_normal((2, 23, BLOCK))
+    assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.solve_transposed(b)), rel=1e-13)
+
+
+def compact_jacobian(case, dissipation):
+    """The compact neighbour of the Jacobian, from the Jacobians of the faces."""
+    stencil, faces, by_state = case.discretization.stencil, case.faces, case.linearization.by_state
+    mean, jump = by_state[..., :BLOCK], by_state[..., BLOCK:]
+    inner = slice(0, faces.n_inner)
+    left, right = faces.left[inner], faces.right
+    from_left = 0.5 * mean[inner] - dissipation * jump[inner]
+    from_right = 0.5 * mean[inner] + dissipation * jump[inner]
+    edge = slice(faces.n_inner, None)
+    weights = stencil.weights[stencil.classes[edge]]
+    at_edge = weights[:, MEAN].sum(axis=1)[:, None, None] * mean[edge]
+    at_edge += weights[:, FIRST, 1][:, None, None] * jump[edge]
+    blocks = np.concatenate([from_left, from_right, -from_left, -from_right, at_edge])
+    rows = np.concatenate([left, left, right, right, faces.left[edge]])
+    columns = np.concatenate([left, right, left, right, faces.left[edge]])
+    assert (stencil.roles[inner] == INNER).all()
+    return dense(blocks, rows, columns, faces.n_cells)
+
+
+def test_the_preconditioner_is_a_factor_of_the_compact_neighbour_of_the_jacobian(monkeypatch):
+    case = box_case()
+    monkeypatch.setattr("bspline_mdao.flow.euler.preconditioner.FILL", case.faces.n_cells)
+    diagonal = time_terms(case.discretization, case.states, case.areas)
+    pattern = factor_pattern(case.discretization)
+    solved = compact_factor(case.linearization, pattern, diagonal).solve(case.states)
+    cells = np.arange(case.faces.n_cells)
+    matrix = compact_jacobian(case, COMPACT_DISSIPATION) + dense(diagonal, cells, cells, len(cells))
+    np.testing.assert_allclose((matrix @ solved.ravel()).reshape(solved.shape), case.states, atol=1e-4)
+
+
+def test_time_terms_are_the_conserved_quantities_by_the_states_times_half_the_wave_speeds():
+    case = box_case()
+    terms = time_terms(case.discretization, case.states, case.areas)
+    rates = np.zeros(case.faces.n_cells)
+    for cells, areas in ((case.faces.left, case.areas), (case.faces.right, case.areas[: case.faces.n_inner])):
+        w, size = case.states[cells], np.linalg.norm(areas, axis=1)
+        sound = np.sqrt(GAMMA * w[:, 4] / w[:, 0]) * size
+        np.add.at(rates, cells, 0.5 * (np.abs(np.sum(w[:, 1:4] * areas, axis=1)) + sound))
+    for cell in (0, 37, 119):
+        w = case.states[cell]
+        moved = w + 1e-30j * np.eye(BLOCK)
+        energy = moved[:, 4] / (GAMMA - 1.0) + 0.5 * moved[:, 0] * np.sum(moved[:, 1:4] ** 2, axis=1)
+        conserved = np.column_stack([moved[:, 0], moved[:, :1] * moved[:, 1:4], energy])
+        np.testing.assert_allclose(terms[cell], rates[cell] * conserved.imag.T / 1e-30, atol=1e-13)
+
+
+@pytest.mark.parametrize("is_transposed", [False, True])
+def test_linear_systems_are_solved_forwards_and_transposed_with_one_factor(is_transposed):
+    case = sphere_case()
+    linearization = case.discretization.linearize(sphere_flow().states, case.areas, case.stream)
+    factor = compact_factor(linearization, factor_pattern(case.discretization), np.zeros((case.faces.n_cells, 5, 5)))
+    product = linearization.state_vjp if is_transposed else linearization.state_jvp
+    precondition = factor.solve_transposed if is_transposed else factor.solve
+    right = np.random.default_rng(3).standard_normal((case.faces.n_cells, 5))
+    solution = solve_system(product, precondition, right, 1e-10)
+    assert solution.is_converged
+    assert np.linalg.norm(product(solution.x) - right) < 2e-10 * np.linalg.norm(right)
+    assert solution.n_products < 100
+
+
+def test_a_linear_system_that_is_given_up_says_so():
+    case = sphere_case()
+    linearization = case.discretization.linearize(sphere_flow().states, case.areas, case.stream)
+    right = np.random.default_rng(3).standard_normal((case.faces.n_cells, 5))
+    assert not solve_system(linearization.state_jvp, lambda x: x, right, 1e-10, max_products=20).is_converged
+
+
+def test_the_last_steps_are_those_of_newton():
+    history = sphere_flow().history
+    assert sphere_flow().is_converged
+    assert len(history) < 15
+    assert all(step.length == 1.0 for step in history[-3:])
+    assert history[-2].residual / history[-1].residual > 30.0
+
+
+def test_a_step_solved_exactly_squares_the_residual(monkeypatch):
+    monkeypatch.setattr(newton, "FORCING", 1e-12)
+    residuals = np.array([step.residual for step in sphere_case().solve(tolerance=1e-11).history])
+    before = np.flatnonzero(residuals < 1e-2)[0]
+    assert residuals[before + 1] < 10.0 * residuals[before] ** 2
+
+
+def test_a_solution_starts_from_states_near_by_and_stays_where_it_has_converged():
+    case, flow = sphere_case(), sphere_flow()
+    again = case.solve(states=flow.states)
+    assert len(again.history) == 1
+    np.testing.assert_array_equal(again.states, flow.states)
+    faster = replace(case, stream=case.stream * np.array([1.0, 1.01, 1.0, 1.0, 1.0]))
+    warm, cold = faster.solve(states=flow.states + faster.stream - case.stream), faster.solve()
+    assert warm.is_converged
+    assert len(warm.history) < len(cold.history)
+    np.testing.assert_allclose(warm.states, cold.states, atol=1e-8)
+
+
+def test_a_linear_solve_that_fails_cuts_the_time_step_and_leaves_the_states(monkeypatch):
+    calls = []
+
+    def fails_at_second(*arguments, **options):
+        calls.append(1)
+        solution = solve_system(*arguments, **options)
+        return replace(solution, is_converged=False) if len(calls) == 2 else solution
+
+    monkeypatch.setattr(newton, "solve_system", fails_at_second)
+    flow = sphere_case().solve()
+    failed = flow.history[2]
+    assert failed.length == 0.0
+    assert failed.residual == flow.history[1].residual
+    assert flow.history[3].cfl < 0.5 * failed.cfl
+    assert flow.is_converged
+
+
+def test_an_update_that_is_not_finite_counts_as_a_failed_solve(monkeypatch):
+    def is_nan(*arguments, **options):
+        solution = solve_system(*arguments, **options)
+        return replace(solution, x=solution.x * np.nan)
+
+    monkeypatch.setattr(newton, "solve_system", is_nan)
+    flow = sphere_case().solve(max_steps=3)
+    assert not flow.is_converged
+    assert np.isfinite(flow.states).all()
+    assert [step.length for step in flow.history[1:]] == [0.0, 0.0, 0.0]
+
+
+def test_density_and_pressure_stay_positive_however_large_the_update(monkeypatch):
+    def overshoots(*arguments, **options):
+        solution = solve_system(*arguments, **options)
+        return replace(solution, x=-50.0 * np.abs(solution.x))
+
+    monkeypatch.setattr(newton, "solve_system", overshoots)
+    flow = sphere_case().solve(max_steps=4)
+    assert flow.states[:, [0, 4]].min() > 0.0
+
+
+def test_a_run_that_is_cut_off_says_so_and_tells_every_step():
+    told = []
+    flow = sphere_case().solve(max_steps=2, progress=told.append)
+    assert not flow.is_converged
+    assert flow.residual > flow.tolerance
+    assert tuple(told) == flow.history[1:]
+    assert len(told) == 2
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        lambda: case_of(one_of_each_kind(smooth_box(5, 4, 6)), "farfield"),
+        lambda: case_of(flat_plate_grid((7, 9, 5)), degrees=0.0),
+    ],
+    ids=["nothing in the way", "plate along the stream"],
+)
+def test_the_uniform_stream_is_a_solution_where_nothing_turns_it(case):
+    case = case()
+    flow = case.solve()
+    assert flow.is_converged
+    np.testing.assert_allclose(flow.states, case.discretization.uniform(case.stream), atol=1e-12)
