@@ -85,7 +85,7 @@ class BlockFactor:
     def of(cls, pattern: FactorPattern, lower, upper, diagonal) -> BlockFactor:
         """Factor a matrix whose blocks are in place, by rank; they are overwritten."""
         _factorize(pattern.starts, pattern.columns, lower, upper, diagonal)
-        return cls(pattern, *(blocks.astype(np.float32) for blocks in (lower, upper, diagonal)))
+        return cls(pattern, lower, upper, diagonal.astype(lower.dtype))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve ``L U x = right``, shape (n, 5)."""
@@ -108,14 +108,38 @@ def _find(starts, columns, left, right):
     return places
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@njit(cache=True, nogil=True, forceinline=True, fastmath={"contract"})
 def _subtract(block, left, right):
     """Subtract the product of two blocks from a block."""
     for a in range(BLOCK):
-        for k in range(BLOCK):
-            factor = left[a, k]
+        l0, l1, l2, l3, l4 = left[a, 0], left[a, 1], left[a, 2], left[a, 3], left[a, 4]
+        for b in range(BLOCK):
+            block[a, b] -= l0 * right[0, b] + l1 * right[1, b] + l2 * right[2, b] + l3 * right[3, b] + l4 * right[4, b]
+
+
+@njit(cache=True, nogil=True)
+def _invert(block, inverse):
+    """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
+    for a in range(BLOCK):
+        for b in range(BLOCK):
+            inverse[a, b] = 1.0 if a == b else 0.0
+    for k in range(BLOCK):
+        pivot = k
+        for a in range(k + 1, BLOCK):
+            if abs(block[a, k]) > abs(block[pivot, k]):
+                pivot = a
+        for b in range(BLOCK):
+            block[k, b], block[pivot, b] = block[pivot, b], block[k, b]
+            inverse[k, b], inverse[pivot, b] = inverse[pivot, b], inverse[k, b]
+        by_pivot = 1.0 / block[k, k]
+        for b in range(BLOCK):
+            block[k, b] *= by_pivot
+            inverse[k, b] *= by_pivot
+        for a in range(BLOCK):
+            factor = block[a, k] if a != k else 0.0
             for b in range(BLOCK):
-                block[a, b] -= factor * right[k, b]
+                block[a, b] -= factor * block[k, b]
+                inverse[a, b] -= factor * inverse[k, b]
 
 
 @njit(cache=True, nogil=True)
@@ -139,7 +163,8 @@ def _factorize(starts, columns, lower, upper, diagonal):
             place_of[column] = entry
         for entry in range(starts[row], starts[row + 1]):
             place_of[columns[entry]] = -1
-        diagonal[row] = np.linalg.inv(diagonal[row])
+        product[:] = diagonal[row]
+        _invert(product, diagonal[row])
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})

@@ -38,7 +38,7 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
         What is added to the blocks on the diagonal.
     """
     stencil = linearization.discretization.stencil
-    lower = np.zeros((len(pattern.columns), *diagonal.shape[1:]))
+    lower = np.zeros((len(pattern.columns), *diagonal.shape[1:]), np.float32)
     upper, placed = np.zeros_like(lower), np.empty_like(diagonal)
     placed[pattern.rank] = diagonal
     index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
