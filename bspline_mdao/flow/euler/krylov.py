@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
+from threadpoolctl import threadpool_limits
 
 __all__ = ["LinearSolution", "solve_system"]
 
@@ -57,5 +58,8 @@ def solve_system(
 
     operator = LinearOperator((right.size, right.size), preconditioned, dtype=float)
     n_cycles = max(1, max_products // RESTART)
-    y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
+    with threadpool_limits(
+        1, user_api="blas"
+    ):  # products of two vectors: on a busy machine threads wait for each other
+        y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
     return LinearSolution(precondition(y.reshape(right.shape)), n_products, info == 0)
