@@ -84,6 +84,22 @@ def test_area_vectors_point_from_left_to_right(name):
     assert (np.sum(areas[inner] * (centres[faces.right] - middles[inner]), axis=1) > 0.0).all()
 
 
+def test_cells_along_the_lines_of_one_block_are_those_of_its_index_space():
+    faces, cells, inner, edge = faces_of(grid_of(smooth_box(4, 6, 7))), np.arange(3 * 5 * 6).reshape(3, 5, 6), [], []
+    for axis in range(3):
+        lines = np.pad(
+            np.moveaxis(cells, axis, -1).reshape(-1, cells.shape[axis]), ((0, 0), (2, 2)), constant_values=-1
+        )
+        inner += [lines[:, n : n + 4] for n in range(1, cells.shape[axis])]
+        edge += [lines[:, 2:5], lines[:, -3:-6:-1]]
+    lines = np.stack([faces.beyond_left, faces.left], axis=1)
+    n_inner = faces.n_inner
+    found = np.column_stack([lines[:n_inner], faces.right, faces.beyond_right])
+    assert set(map(tuple, found.tolist())) == set(map(tuple, np.concatenate(inner).tolist()))
+    found = np.column_stack([faces.left[n_inner:], faces.beyond_left[n_inner:], faces.third])
+    assert sorted(found.tolist()) == sorted(np.concatenate(edge).tolist())
+
+
 def lines_through_faces(grid):
     """Cells along the line through each face by their places, the face's area vector from the lower to the higher."""
     faces, nodes = faces_of(grid), grid.to_vector().reshape(-1, 3)
