@@ -19,9 +19,13 @@ from euler_cases import (
 )
 
 from bspline_mdao.flow.euler.gas import GAMMA, stream_axes
+from bspline_mdao.flow.euler.wall import EntropyDrag
 from bspline_mdao.grids.files import read_grid
 
 SPHERE_MACH = 0.2
+CROSS_SECTION = 0.25 * np.pi
+"""Of the quarter of a sphere of radius 1 (m^2)."""
+
 SPHERE_SPEED = 1.5 + 551.0 / 1760.0 * SPHERE_MACH**2
 """Largest speed on a sphere by that of the stream: two terms of the expansion of Janzen and Rayleigh."""
 
@@ -66,34 +70,47 @@ def test_a_vortex_among_grid_lines_curved_in_space_is_solved_to_second_order():
     assert orders(errors, [16 / 12, 20 / 16]).min() > 1.9
 
 
+def entropy_drag(case, solution):
+    """Drag coefficient of the entropy that leaves a quarter of a sphere through the far field."""
+    far = case.areas[case.faces.faces_of("farfield")]
+    return EntropyDrag.of(case.discretization).evaluate(solution.states, far, SPHERE_MACH) / CROSS_SECTION
+
+
 @cache
 def spheres():
-    """Cells along an eighth of a circle, least and largest pressure coefficient and drag coefficient of each."""
+    """Cells along an eighth of a circle, least and largest pressure coefficient, drag and entropy drag of each."""
     rows = []
     for grid, n in zip(sphere_quarters([6, 4, 3]), (4, 6, 8)):
         case = case_of(grid, mach=SPHERE_MACH, degrees=0.0, axes=np.eye(3))
         solution = case.solve()
         assert solution.is_converged
         _, cp = case.pressure_coefficients(solution.states)
-        rows.append([n, cp.min(), cp.max(), case.force(solution.states, 0.25 * np.pi)[0]])
+        rows.append(
+            [n, cp.min(), cp.max(), case.force(solution.states, CROSS_SECTION)[0], entropy_drag(case, solution)]
+        )
     return np.array(rows).T
 
 
 def test_the_drag_of_a_sphere_falls_at_second_order():
-    n, _, _, drag = spheres()
+    n, _, _, drag, _ = spheres()
     assert orders(drag, n[1:] / n[:-1]).min() > 1.9
     assert 0.0 < drag[-1] < 5e-3
 
 
+def test_the_drag_of_a_sphere_is_that_of_the_entropy_that_leaves():
+    *_, drag, entropy = spheres()
+    np.testing.assert_allclose(entropy, drag, rtol=0.03)
+
+
 def test_the_least_pressure_on_a_sphere_tends_to_that_of_compressible_flow():
-    n, cp, _, _ = spheres()
+    n, cp, _, _, _ = spheres()
     assert pytest.approx(-1.2712, abs=1e-4) == SPHERE_CP
     assert orders(np.abs(cp - SPHERE_CP), n[1:] / n[:-1]).min() > 1.9
     assert cp[-1] == pytest.approx(SPHERE_CP, rel=5e-3)
 
 
 def test_the_pressure_at_the_nose_of_a_sphere_tends_to_that_of_stagnation():
-    n, _, cp, _ = spheres()
+    n, _, cp, _, _ = spheres()
     gap = pressure_coefficient(0.0, SPHERE_MACH) - cp
     assert (gap > 0.0).all()
     assert orders(gap, n[1:] / n[:-1]).min() > 1.5
