@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from common import RED
-from matplotlib.colors import to_rgb
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_rgb
 
 from bspline_mdao import FittedModel
 
@@ -19,6 +20,33 @@ WALL, PLANE = ("#9fc3e3", "#2b3238"), ("#fbfbfb", "#5d666e")
 _LIGHT = np.array([-0.35, 0.8, 0.5])
 _DISC = np.exp(2j * np.pi * np.arange(16) / 16)
 _DPI = 200
+
+
+@dataclass(frozen=True)
+class Paint:
+    """Faces in the colours of a scalar.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Corners (m).
+    quads : ndarray of int, shape (m, 4)
+        Numbers of the corners of each face.
+    values : ndarray, shape (m,)
+        The scalar.
+    norm : matplotlib.colors.Normalize
+        Range of the colours.
+    """
+
+    points: np.ndarray
+    quads: np.ndarray
+    values: np.ndarray
+    norm: Normalize
+    colors = "RdYlBu_r"
+
+    def mappable(self) -> ScalarMappable:
+        """What a colour bar is made of."""
+        return ScalarMappable(self.norm, self.colors)
 
 
 @dataclass(frozen=True)
@@ -33,12 +61,15 @@ class Scene:
         Points that are marked with red spheres (m).
     line_width : float
         Of the lines of the nets, in points.
+    paint : Paint, optional
+        Faces in the colours of a scalar.
     """
 
     walls: list[np.ndarray]
     planes: list[np.ndarray]
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     line_width: float = 0.3
+    paint: Paint | None = None
 
 
 @dataclass(frozen=True)
@@ -137,6 +168,8 @@ def _rendered(scene, camera, size) -> np.ndarray:
         sphere = pyvista.Sphere(radius=_mark_radius(camera))
         marks = pyvista.PolyData(scene.marks).glyph(geom=sphere, scale=False, orient=False)
         plotter.add_mesh(marks, color=RED, smooth_shading=True, specular=0.3)
+    if scene.paint is not None:
+        _add_paint(plotter, scene.paint)
     focus, direction = np.array(camera.focus), camera.axes()[2]
     plotter.camera_position = [focus + 4.0 * camera.height * direction, focus, (0.0, 1.0, 0.0)]
     plotter.camera.parallel_projection = True
@@ -154,6 +187,18 @@ def _surface(net: np.ndarray):
     return pyvista.StructuredGrid(*np.moveaxis(net[:, :, None], -1, 0))
 
 
+def _add_paint(plotter, paint: Paint) -> None:
+    """Add faces in colours that change smoothly from one to the next."""
+    import pyvista
+
+    faces = np.insert(paint.quads, 0, 4, axis=1)
+    mesh = pyvista.PolyData(paint.points, faces.ravel())
+    mesh.cell_data["scalar"] = paint.values
+    mesh = mesh.cell_data_to_point_data()
+    look = {"cmap": paint.colors, "clim": (paint.norm.vmin, paint.norm.vmax), "show_scalar_bar": False}
+    plotter.add_mesh(mesh, scalars="scalar", lighting=False, n_colors=256, **look)
+
+
 def _mark_radius(camera: Camera) -> float:
     return 0.0075 * camera.height
 
@@ -165,6 +210,8 @@ def _draw_polygons(axes, scene, camera) -> None:
     parts = [_quads(net, camera, *PLANE, lit=0.0) for net in scene.planes]
     parts += [_quads(net, camera, *WALL, lit=0.45) for net in scene.walls]
     parts.append(_discs(scene.marks, camera))
+    if scene.paint is not None:
+        parts.append(_painted(scene.paint, camera))
     polygons = [polygon for part in parts for polygon in part[0]]
     depth, faces, edges = (np.concatenate(arrays) for arrays in list(zip(*parts))[1:])
     order = np.argsort(depth, kind="stable")
@@ -183,6 +230,13 @@ def _quads(net, camera, face, edge, lit):
     shade = 1.0 - lit * (1.0 - np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0))
     faces = shade[:, None] * np.array(to_rgb(face))
     return flat[..., :2], flat[..., 2].mean(axis=1), faces, np.broadcast_to(to_rgb(edge), faces.shape)
+
+
+def _painted(paint: Paint, camera):
+    """Faces on the picture, their depths and their colours, which are those of their edges too."""
+    flat = camera.project(paint.points[paint.quads])
+    colors = paint.mappable().to_rgba(paint.values)[:, :3]
+    return flat[..., :2], flat[..., 2].mean(axis=1), colors, colors
 
 
 def _discs(marks, camera):
