@@ -34,7 +34,7 @@ class Discretization:
     dissipation : float
         Share of the third difference that is dissipated.
     shock_threshold : float
-        Relative second difference of the pressure at which half of the dissipation is of first order; 0 for none.
+        Relative second difference of the pressure at which a face is half that of a shock; 0 for no sensor.
     """
 
     faces: CellFaces
@@ -84,10 +84,10 @@ class Discretization:
         """Differentiate the residual in the states, the area vectors and the free stream."""
         n = self.faces.n_faces
         by_state, by_area = np.zeros((n, N_STATES, 2 * N_STATES)), np.zeros((n, N_STATES, 3))
-        jumps, sensors = np.zeros((n, 4)), np.zeros((n, 4 + N_STATES))
+        shares, sensors = np.zeros((n, 2, 4)), np.zeros((n, 5 + 2 * N_STATES))
         settings = self.dissipation, self.shock_threshold
-        face_jacobians(*self._geometry, areas, states, stream, *settings, by_state, by_area, jumps, sensors)
-        return Linearization(self, by_state, by_area, jumps, sensors)
+        face_jacobians(*self._geometry, areas, states, stream, *settings, by_state, by_area, shares, sensors)
+        return Linearization(self, by_state, by_area, shares, sensors)
 
     @property
     def _geometry(self):
@@ -105,16 +105,17 @@ class Linearization:
         In the mean state and in the jump.
     by_area : ndarray, shape (n_faces, 5, 3)
         In the area vector.
-    jumps : ndarray, shape (n_faces, 4)
-        Weights of the cells in the jump.
-    sensors : ndarray, shape (n_faces, 9)
-        Derivatives of the sensor in the pressures of the cells, and of the flux in the sensor.
+    shares : ndarray, shape (n_faces, 2, 4)
+        Weights of the cells in the mean state and in the jump.
+    sensors : ndarray, shape (n_faces, 15)
+        The sensor of shocks, its derivatives in the pressures of the cells and in the mean state of the two at the
+        face, and those of the flux in it.
     """
 
     discretization: Discretization
     by_state: np.ndarray
     by_area: np.ndarray
-    jumps: np.ndarray
+    shares: np.ndarray
     sensors: np.ndarray
 
     def state_jvp(self, d_states: np.ndarray) -> np.ndarray:
@@ -150,8 +151,7 @@ class Linearization:
     @property
     def _arrays(self):
         stencil = self.discretization.stencil
-        index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
-        return *index, self.by_state, self.jumps, self.sensors
+        return stencil.cells, stencil.roles, self.by_state, self.shares, self.sensors
 
     @property
     def _far(self) -> np.ndarray:

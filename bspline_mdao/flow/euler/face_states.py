@@ -1,15 +1,23 @@
 """Mean state and jump at a face, from the cells along the grid line through it.
 
-The jump is ``sigma`` of the first difference and ``(1 - sigma) dissipation`` of the third. The sensor of shocks is that
-of Jameson, smooth: with the relative second differences ``n`` of the pressure at the cells on both sides,
-``sigma = n^2 / (n^2 + threshold^2)``, of fourth order in smooth flow.
+In smooth flow the mean is of fourth order and the jump the third difference times ``dissipation``; at shocks both are
+those of the two cells at the face. The sensor ``sigma`` of shocks blends one into the other. With the relative second
+differences ``n`` of the pressure at the cells on both sides, after Jameson, Schmidt and Turkel (AIAA 81-1259), and
+``q = n_l^2 + n_r^2``, it is ``q^2 / (q^2 + threshold^4)``: smooth, and of eighth order in smooth flow.
 """
 
 from __future__ import annotations
 
 from numba import njit
 
-from .stencil import FARFIELD, FIRST, MEAN, THIRD
+from .gas import GAMMA
+from .stencil import FARFIELD, FIRST, INNER, MEAN, THIRD
+
+COMPACT_MEAN = (0.0, 0.5, 0.5, 0.0)
+"""Weights of the four cells in the mean state at shocks."""
+
+SHUT, OPEN = 0.4, 0.8
+"""Squares of the Mach number below which there are no shocks, and above which the sensor is free."""
 
 
 @njit(cache=True, inline="always")
@@ -33,56 +41,96 @@ def _combine(weights, states, cells):
     )
 
 
+@njit(cache=True, inline="always")
+def _blend(smooth, shock, sigma):
+    """Mix what holds in smooth flow and at shocks; and the derivative in the sensor."""
+    slope = (
+        shock[0] - smooth[0],
+        shock[1] - smooth[1],
+        shock[2] - smooth[2],
+        shock[3] - smooth[3],
+        shock[4] - smooth[4],
+    )
+    return _add(smooth, sigma, slope), slope
+
+
+@njit(cache=True, inline="always")
+def _scale(factor, a):
+    return factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4]
+
+
+@njit(cache=True, inline="always")
+def _add(a, factor, b):
+    return (
+        a[0] + factor * b[0],
+        a[1] + factor * b[1],
+        a[2] + factor * b[2],
+        a[3] + factor * b[3],
+        a[4] + factor * b[4],
+    )
+
+
 @njit(cache=True)
-def shock_sensor(states, cells, weights, threshold):
-    """Share of the first difference at an inner face, and its derivatives in the pressures of the four cells."""
+def shock_sensor(states, cells, threshold):
+    """Share of what holds at shocks at an inner face.
+
+    And its derivatives in the pressures of the four cells, and in the mean state of the two at the face.
+    """
+    share, by_pressure = _kink(states, cells, threshold)
+    gate, by_mean = _gate(_combine(COMPACT_MEAN, states, cells))
+    return gate * share, _scale(gate, by_pressure), _scale(share, by_mean)
+
+
+@njit(cache=True)
+def _kink(states, cells, threshold):
+    """Sense the second differences, and differentiate in the four pressures."""
     a, b, c, d = states[cells[0], 4], states[cells[1], 4], states[cells[2], 4], states[cells[3], 4]
     has_a, has_d = (1.0 if cells[0] != cells[1] else 0.0), (1.0 if cells[3] != cells[2] else 0.0)
     sum_l, sum_r = a + 2.0 * b + c, b + 2.0 * c + d
     n_l, n_r = has_a * (a - 2.0 * b + c) / sum_l, has_d * (b - 2.0 * c + d) / sum_r
-    square, level = n_l * n_l + n_r * n_r, threshold * threshold
-    slope = 2.0 * level / (square + level) ** 2
+    q, level = n_l * n_l + n_r * n_r, threshold**4
+    slope = 4.0 * q * level / (q * q + level) ** 2
     l, r = slope * n_l * has_a / sum_l, slope * n_r * has_d / sum_r
     ratio_l, ratio_r = l * n_l, r * n_r
     gradient = (l - ratio_l, r - 2.0 * l - 2.0 * ratio_l - ratio_r, l - 2.0 * r - ratio_l - 2.0 * ratio_r, r - ratio_r)
-    return square / (square + level), gradient
+    return q * q / (q * q + level), (*gradient, 0.0 * q)
+
+
+@njit(cache=True)
+def _gate(w):
+    """Open at the speed of sound, shut in slow flow; and its derivatives in the state."""
+    r, u, v, w, p = w
+    by_square = 1.0 / (GAMMA * p)
+    square = (u * u + v * v + w * w) * r * by_square
+    t = (square - SHUT) / (OPEN - SHUT)
+    if t.real <= 0.0 or t.real >= 1.0:
+        return (0.0 if t.real <= 0.0 else 1.0) + 0.0 * t, (0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t)
+    slope = 6.0 * t * (1.0 - t) / (OPEN - SHUT)
+    by_speed = 2.0 * slope * r * by_square
+    gradient = (slope * square / r, by_speed * u, by_speed * v, by_speed * w, -slope * square / p)
+    return t * t * (3.0 - 2.0 * t), gradient
 
 
 @njit(cache=True)
 def face_state(states, cells, weights, role, stream, dissipation, sigma):
-    """Mean state, jump, and the derivative of the jump in the sensor."""
+    """Mean state and jump, and the derivatives of both in the sensor."""
     mean = _combine(weights[MEAN], states, cells)
     first = _combine(weights[FIRST], states, cells)
-    if role == FARFIELD:
-        mean = (
-            mean[0] + 0.5 * stream[0],
-            mean[1] + 0.5 * stream[1],
-            mean[2] + 0.5 * stream[2],
-            mean[3] + 0.5 * stream[3],
-            mean[4] + 0.5 * stream[4],
-        )
-        jump = (
-            first[0] + stream[0],
-            first[1] + stream[1],
-            first[2] + stream[2],
-            first[3] + stream[3],
-            first[4] + stream[4],
-        )
-        return mean, jump, first
-    third = _combine(weights[THIRD], states, cells)
-    e = dissipation
-    slope = (
-        first[0] - e * third[0],
-        first[1] - e * third[1],
-        first[2] - e * third[2],
-        first[3] - e * third[3],
-        first[4] - e * third[4],
-    )
-    jump = (
-        e * third[0] + sigma * slope[0],
-        e * third[1] + sigma * slope[1],
-        e * third[2] + sigma * slope[2],
-        e * third[3] + sigma * slope[3],
-        e * third[4] + sigma * slope[4],
-    )
-    return mean, jump, slope
+    if role != INNER:
+        outside = 1.0 if role == FARFIELD else 0.0
+        return _add(mean, 0.5 * outside, stream), _add(first, outside, stream), first, first
+    mean, mean_slope = _blend(mean, _combine(COMPACT_MEAN, states, cells), sigma)
+    third = _scale(dissipation, _combine(weights[THIRD], states, cells))
+    jump, jump_slope = _blend(third, first, sigma)
+    return mean, jump, mean_slope, jump_slope
+
+
+@njit(cache=True, nogil=True)
+def face_weights(weights, role, dissipation, sigma, out):
+    """Weights of the four cells in mean state and jump, shape (2, 4), with the sensor as it is."""
+    for k in range(4):
+        out[0, k], out[1, k] = weights[MEAN, k], weights[FIRST, k]
+        if role == INNER:
+            third = dissipation * weights[THIRD, k]
+            out[0, k] += sigma * (COMPACT_MEAN[k] - out[0, k])
+            out[1, k] = third + sigma * (out[1, k] - third)

@@ -1,7 +1,7 @@
 """An incomplete factor of a compact neighbour of the Jacobian, with time steps on its diagonal.
 
 The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a share of their
-difference is dissipated.
+difference is dissipated: all of it at shocks, where the Jacobian itself is as compact.
 """
 
 from __future__ import annotations
@@ -43,12 +43,13 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     placed[pattern.rank] = diagonal
     index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
     dissipation = max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation)
-    _place(*index, linearization.by_state, dissipation, pattern.rank, pattern.places, lower, upper, placed)
+    sensor = linearization.sensors[:, 0]
+    _place(*index, linearization.by_state, dissipation, sensor, pattern.rank, pattern.places, lower, upper, placed)
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
 @njit(cache=True, nogil=True)
-def _place(cells, weights, classes, roles, by_state, dissipation, rank, places, lower, upper, diagonal):
+def _place(cells, weights, classes, roles, by_state, dissipation, sensor, rank, places, lower, upper, diagonal):
     """Add the blocks of all faces at their places."""
     for f in range(len(cells)):
         left, right, jacobian = rank[cells[f, 1]], rank[cells[f, 2]], by_state[f]
@@ -57,11 +58,11 @@ def _place(cells, weights, classes, roles, by_state, dissipation, rank, places, 
             mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
             diagonal[left] += mean * jacobian[:, :5] + w[FIRST, 1] * jacobian[:, 5:]
             continue
-        at = places[f]
+        at, share = places[f], dissipation + sensor[f] * (1.0 - dissipation)
         for n in range(5):
             for m in range(5):
-                from_left = 0.5 * jacobian[n, m] - dissipation * jacobian[n, 5 + m]
-                from_right = 0.5 * jacobian[n, m] + dissipation * jacobian[n, 5 + m]
+                from_left = 0.5 * jacobian[n, m] - share * jacobian[n, 5 + m]
+                from_right = 0.5 * jacobian[n, m] + share * jacobian[n, 5 + m]
                 diagonal[left, n, m] += from_left
                 diagonal[right, n, m] -= from_right
                 if left > right:

@@ -19,14 +19,14 @@ def residual(cells, weights, classes, roles, areas, states, stream, dissipation,
         near, role, w = cells[f], roles[f], weights[classes[f]]
         sigma = 0.0 * states[0, 4]
         if role == INNER and threshold > 0.0:
-            sigma = shock_sensor(states, near, w, threshold)[0]
-        mean, jump, _ = face_state(states, near, w, role, stream, dissipation, sigma)
+            sigma = shock_sensor(states, near, threshold)[0]
+        mean, jump, _, _ = face_state(states, near, w, role, stream, dissipation, sigma)
         b, c = near[1], near[2]
         if role == SLIP:
             for n in range(3):
                 out[b, 1 + n] += mean[4] * s[n]
             continue
-        flux = face_flux(mean, jump, s)
+        flux = face_flux(mean, jump, s, sigma)
         for n in range(5):
             out[b, n] += flux[n]
             if role == INNER:
