@@ -28,6 +28,9 @@ CFL_GROWTH = 1.5
 LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Relative fall of density and pressure, rise of the residual, and share of a Newton step."""
 
+ROUNDED = 1e-9
+"""Residual below which steps that gain nothing are the end: fluxes are rounded."""
+
 FORCING = 1e-2
 """Tolerance of the linear solves."""
 
@@ -127,6 +130,8 @@ def solve_flow(
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
+        if _is_rounded(history):
+            break
         update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)
         states, residual, length = _advance(discretization, states, areas, stream, residual, update)
         before, norm = norm, np.linalg.norm(residual)
@@ -134,6 +139,12 @@ def solve_flow(
         tell(history[-1])
         cfl = _next_cfl(cfl, length, before, norm)
     return FlowSolution(states, tuple(history), tolerance)
+
+
+def _is_rounded(history: list[NewtonStep]) -> bool:
+    """Whether the residual is so small that the last steps could not halve it."""
+    residuals = [step.residual for step in history[-3:]]
+    return residuals[0] < ROUNDED and min(residuals[1:]) > 0.5 * residuals[0]
 
 
 def _update(discretization, pattern, states, areas, stream, residual, cfl):
