@@ -146,3 +146,52 @@ def test_pressure_target_is_found_to_1e_6_by_its_pressures(script, monkeypatch):
         assert found["objective"] < 1e-12  # the square of 1e-6
         assert found["relative_error_of_variables"] < 1e-6
         assert found["evaluations"] < 40
+
+
+def test_plate_in_euler_flow_becomes_a_wing_of_less_drag_on_few_cells(script, monkeypatch, one_driver):
+    plate, wing_design = script("plate_to_aircraft"), script("wing_design")
+    rows = ((5, 7, 5), (5, 5), (7, 5)), ((4, 5, 4), (4, 4), (4, 4))
+    monkeypatch.setitem(plate.SIZES, "quick", wing_design.Size(*rows, 2, 1e-3))
+    numbers = plate.main(quick=True, drivers=one_driver)
+    assert_totals_are_exact(numbers["totals"])
+    (found,) = numbers["drivers"].values()
+    assert_feasible(found)
+    assert found["volume"] > 0.08 * (1.0 - TOLERANCE)
+    assert found["CL"] == pytest.approx(0.3, rel=TOLERANCE)
+    assert found["CL"] > 1.2 * numbers["initial"]["CL"]
+    assert found["CD_induced"] + found["CD_entropy"] == pytest.approx(found["drag"], rel=1e-12)
+    by_lift = [wing["drag"] / wing["CL"] ** 2 for wing in (found, numbers["initial"])]
+    assert by_lift[0] < 0.6 * by_lift[1]
+
+
+def test_flown_wing_knows_where_the_strips_of_the_span_load_end(script):
+    twist, flown_wing = script("twist_induced_drag"), script("flown_wing")
+    assert flown_wing.control_counts(((4, 5, 6), (7, 8), (9, 10)))[4:9] == [
+        *((5, 8, 9), (6, 8, 9)),
+        *((4, 7, 10), (5, 7, 10), (6, 7, 10)),
+    ]
+    for flow in flown_wing.FLOWS:
+        wing = twist.make_wing(twist.SIZES["quick"], flow)
+        problem = wing.problem([], mach=0.0)
+        problem.setup()
+        problem.final_setup()
+        problem.model.geometry.run_solve_nonlinear()
+        if flow == "vortex":
+            problem.model.flow.run_solve_nonlinear()
+        edges = wing.strip_edges(problem)
+        assert edges.size == problem.get_val("span_load").size + 1
+        assert edges[0] == pytest.approx(3.0, rel=0.02)  # a lattice ends where there still is a chord
+        assert edges[-1] == pytest.approx(0.0, abs=1e-12)
+        assert (np.diff(edges) < 0.0).all()
+
+
+def test_wing_drawings_find_the_sections_of_a_wing(script):
+    drawings, twist = script("wing_drawings"), script("twist_induced_drag")
+    wing = twist.make_wing(twist.SIZES["quick"], "vortex")
+    upper, lower = drawings.wing_sides(wing.model, wing.baseline.ravel())
+    assert upper.shape == lower.shape == (9, 13, 3)
+    assert upper[..., 1].max() == pytest.approx(0.06, rel=0.02)
+    np.testing.assert_allclose(upper * [1.0, -1.0, 1.0], lower, atol=1e-6)
+    section = drawings.section_of(wing.model, wing.baseline.ravel(), part=0.5)
+    assert np.ptp(section[:, 0]) == pytest.approx(1.0, abs=1e-3)
+    assert np.ptp(section[:, 2]) < 0.05
