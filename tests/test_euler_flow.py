@@ -1,0 +1,242 @@
+"""The flow by the Euler equations as an OpenMDAO group: derivatives of every output, failures, warm starts."""
+
+from functools import cache
+
+import numpy as np
+import openmdao.api as om
+import pytest
+
+from bspline_mdao import (
+    EulerFlow,
+    FittedModel,
+    GridMovement,
+    InputError,
+    Local,
+    OnPatch,
+    Parametrization,
+    ReferenceAxis,
+    Twist,
+    fit_grid,
+    moving_mesh,
+    onera_m6_grid,
+)
+from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.flow_forces import FlowForces
+
+COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")
+OUTPUTS = (*COEFFICIENTS, "span_load", "Cp")
+STREAM = ("alpha", "Mach_number")
+
+
+@cache
+def wing() -> FittedModel:
+    """A coarse M6 wing of 2,880 cells."""
+    return fit_grid(onera_m6_grid((9, 7, 6)))
+
+
+def problem(mode="auto", **options) -> om.Problem:
+    """The flow about the wing at an angle of 3 degrees."""
+    problem = om.Problem(reports=False)
+    flow = EulerFlow(model=wing(), reference_area=1.16, moment_reference=(0.3, 0.1, -0.2), **options)
+    problem.model.add_subsystem("flow", flow, promotes=["*"])
+    problem.setup(mode=mode)
+    problem.set_val("alpha", 3.0)
+    return problem
+
+
+EXACT = COEFFICIENTS[:-1]
+"""What differences give to seven digits: the entropy is a small difference of large sums over the far field."""
+
+
+def values(problem) -> np.ndarray:
+    """These coefficients in one row."""
+    return np.concatenate([problem.get_val(name).ravel() for name in EXACT])
+
+
+def extrapolated(function, step: float) -> np.ndarray:
+    """Central difference of a function of one number, by four values, of fourth order."""
+    near, far = (function(n * step) - function(-n * step) for n in (1, 2))
+    return (8.0 * near - far) / (12.0 * step)
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """A tightly converged run, with differences that are good for seven digits."""
+    flown = problem(tolerance=1e-12)
+    flown.run_model()
+    return flown
+
+
+def random_forces(seed=0):
+    """Forces, states far from uniform, nodes off the baseline."""
+    rng, nodes = np.random.default_rng(seed), wing().regenerate().to_vector().reshape(-1, 3)
+    flow = FlowGrid.of(wing().topology, nodes)
+    states = flow.discretization.uniform(free_stream(0.4, 0.1, flow.axes))
+    states *= rng.uniform(0.8, 1.2, states.shape)
+    nodes = nodes + 1e-3 * rng.standard_normal(nodes.shape)
+    return FlowForces.of(flow, nodes, 1.16, 0.7, (0.1, 0.2, 0.3)), (states, nodes, 0.1, 0.4)
+
+
+def random_directions(at, seed=1):
+    rng = np.random.default_rng(seed)
+    return [rng.standard_normal(np.shape(value)) if np.ndim(value) else rng.standard_normal() for value in at]
+
+
+def test_forces_agree_with_complex_steps_in_states_nodes_angle_and_mach_number():
+    forces, at = random_forces()
+    along = random_directions(at)
+    found = forces.jvp(*at, *along)
+    for name, value in forces.evaluate(*(a + 1e-30j * d for a, d in zip(at, along))).items():
+        exact = np.imag(value) / 1e-30
+        np.testing.assert_allclose(found[name], exact, rtol=1e-10, atol=1e-12 * np.abs(exact).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_products_with_the_forces_are_transposes(name):
+    forces, at = random_forces()
+    along = random_directions(at)
+    change = np.atleast_1d(forces.jvp(*at, *along)[name])
+    bar = np.random.default_rng(2).standard_normal(change.shape)
+    back = forces.vjp(*at, {name: bar})
+    reverse = sum(np.sum(np.asarray(b) * d) for b, d in zip(back, along))
+    assert abs(change @ bar) > 1e-8
+    assert reverse == pytest.approx(change @ bar, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", STREAM)
+def test_totals_by_the_stream_agree_with_differences_of_converged_flows(flown, name):
+    start = flown.get_val(name).copy()
+    totals = flown.compute_totals(EXACT, [name])
+
+    def run(step):
+        flown.set_val(name, start + step)
+        flown.run_model()
+        return values(flown)
+
+    exact = extrapolated(run, 1e-2 if name == "alpha" else 1e-3)
+    run(0.0)
+    found = np.concatenate([totals[of, name].ravel() for of in EXACT])
+    np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8 * np.abs(exact).max())
+
+
+def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(flown):
+    nodes, rng = flown.get_val("grid").copy(), np.random.default_rng(3)
+    totals = flown.compute_totals(EXACT, ["grid"])
+    by_node = np.concatenate([totals[of, "grid"].reshape(-1, nodes.size) for of in EXACT])
+    entries = rng.choice(np.flatnonzero(np.abs(by_node).max(axis=0) > 1e-3 * np.abs(by_node).max()), 4, replace=False)
+    for entry in entries:
+
+        def run(step, entry=entry):
+            flown.set_val("grid", nodes + step * (np.arange(nodes.size) == entry))
+            flown.run_model()
+            return values(flown)
+
+        exact = extrapolated(run, 1e-4)
+        run(0.0)
+        np.testing.assert_allclose(by_node[:, entry], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
+
+
+def test_forward_and_adjoint_totals_agree():
+    totals = []
+    for mode in ("fwd", "rev"):
+        flown = problem(mode, linear_tolerance=1e-14)
+        flown.run_model()
+        totals.append(flown.compute_totals(COEFFICIENTS, STREAM))
+    for key, forward in totals[0].items():
+        np.testing.assert_allclose(totals[1][key], forward, rtol=1e-11, atol=1e-9 if key[0] == "CD_entropy" else 1e-12)
+
+
+def test_rigid_translation_changes_no_force(flown):
+    totals = flown.compute_totals(["CL", "CD", "CD_induced", "CD_entropy"], ["grid"])
+    for key, total in totals.items():
+        by_node = total.reshape(-1, 3)
+        moves = by_node[:, :2] if key[0] == "CD_induced" else by_node  # whose wake knows the plane of symmetry
+        assert np.abs(moves.sum(axis=0)).max() < 1e-11 * np.abs(by_node).sum()
+
+
+def test_chain_from_design_variables_to_lift_has_a_taylor_remainder_of_second_order():
+    model = wing()
+    mesh = moving_mesh(model)
+    variables = [
+        Twist("twist", ReferenceAxis.of(mesh, at=0.25), stations=3),
+        Local("bumps", OnPatch(model, "wing*"), "y"),
+    ]
+    chain = om.Problem(reports=False)
+    movement = GridMovement(model=model, parametrization=Parametrization(mesh, variables))
+    chain.model.add_subsystem("movement", movement, promotes=["*"])
+    chain.model.add_subsystem("flow", EulerFlow(model=model, reference_area=1.16, tolerance=1e-12), promotes=["*"])
+    chain.setup(mode="rev")
+    chain.run_model()
+    names, rng = ("twist", "bumps", "alpha"), np.random.default_rng(4)
+    starts = {name: chain.get_val(name).copy() for name in names}
+    scales = {"twist": 1.0, "bumps": 1e-3, "alpha": 1.0}
+    along = {name: scales[name] * rng.standard_normal(start.shape) for name, start in starts.items()}
+    totals = chain.compute_totals(["CL"], names)
+    slope = sum((totals["CL", name] @ along[name].ravel()).item() for name in names)
+
+    def lift(step):
+        for name in names:
+            chain.set_val(name, starts[name] + step * along[name])
+        chain.run_model()
+        return chain.get_val("CL").item()
+
+    remainders = [abs(lift(step) - lift(0.0) - step * slope) for step in (0.2, 0.1, 0.05)]
+    rates = np.log2(np.divide(remainders[:-1], remainders[1:]))
+    assert np.all(rates > 1.9)
+
+
+def test_flow_that_does_not_converge_is_refused_with_its_history_and_the_next_one_is_solved():
+    flown = problem()
+    flown.run_model()
+    states, lift = flown.get_val("states").copy(), flown.get_val("CL").item()
+    flown.model.flow.state.options["max_steps"] = 1
+    flown.set_val("alpha", 6.0)
+    with pytest.raises(om.AnalysisError, match=r"did not converge: residual .* after 1 steps") as error:
+        flown.run_model()
+    assert "\n" not in str(error.value)
+    np.testing.assert_array_equal(flown.get_val("states"), states)
+    flown.model.flow.state.options["max_steps"] = 50
+    flown.set_val("alpha", 3.0)
+    flown.run_model()
+    assert flown.get_val("CL").item() == pytest.approx(lift, rel=1e-9)
+
+
+def test_node_that_is_not_finite_is_refused():
+    flown = problem()
+    flown.set_val("grid", np.nan, indices=7)
+    with pytest.raises(om.AnalysisError, match="y of point 3 of 'grid' is nan"):
+        flown.run_model()
+
+
+def test_next_design_starts_from_the_last_states():
+    flown = problem()
+    flown.run_model()
+    cold = len(flown.model.flow.state.solution.history)
+    flown.set_val("alpha", 3.01)
+    flown.run_model()
+    assert len(flown.model.flow.state.solution.history) < cold - 1
+
+
+def test_progress_is_told_on_request(capsys):
+    problem(iprint=2).run_model()
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 4
+    assert all(line.startswith("flow.state: residual") for line in lines)
+
+
+@pytest.mark.parametrize("area", [None, 0.0, "large"])
+def test_reference_area_is_asked_for(area):
+    flown = om.Problem(EulerFlow(model=wing(), reference_area=area), reports=False)
+    with pytest.raises(InputError, match="reference area"):
+        flown.setup()
+
+
+def test_boundary_that_is_not_declared_is_named():
+    from component_cases import small_model
+
+    flown = om.Problem(EulerFlow(model=small_model(), reference_area=1.0), reports=False)
+    with pytest.raises(
+        InputError, match="patch 'unassigned' .* is of kind 'None'; declare it as one of wall, symmetry"
+    ):
+        flown.setup()
