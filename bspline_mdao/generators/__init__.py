@@ -3,6 +3,7 @@
 from .blended_wing_body import BlendedWingBody, Rib, generic_blended_wing_body
 from .canonical import flat_plate_grid, onera_m6_grid, rectangular_wing
 from .hh_wing import FarField, Spacing, hh_wing_grid
+from .infinite_wing import infinite_wing_grid
 from .onera_m6 import onera_d_section, onera_m6_planform
 from .planform import Planform
 from .section import Section, cambered_section, flat_section, naca_section
@@ -28,6 +29,7 @@ __all__ = [
     "flat_section",
     "generic_blended_wing_body",
     "hh_wing_grid",
+    "infinite_wing_grid",
     "lay_nodes",
     "lay_walls",
     "naca_section",
