@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...grids.cell_faces import CellFaces
+from .face_ranges import sum_over_faces, visit_faces
 from .gas import N_STATES
 from .linearization import face_jacobians, state_jvp, state_vjp
 from .residual import residual
@@ -76,22 +77,26 @@ class Discretization:
         """
         dtype = np.result_type(states, areas, stream)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
-        out = np.zeros_like(states)
-        residual(*self._geometry, areas, states, stream, self.dissipation, self.shock_threshold, out)
-        return out
+        rest = states, stream, self.dissipation, self.shock_threshold
+
+        def add(part, out):
+            residual(*self.stencil.part(part), areas[part], *rest, out)
+
+        return sum_over_faces(self.faces.n_faces, add, states)
 
     def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> Linearization:
         """Differentiate the residual in the states, the area vectors and the free stream."""
         n = self.faces.n_faces
         by_state, by_area = np.zeros((n, N_STATES, 2 * N_STATES)), np.zeros((n, N_STATES, 3))
         shares, sensors = np.zeros((n, 2, 4)), np.zeros((n, 5 + 2 * N_STATES))
-        settings = self.dissipation, self.shock_threshold
-        face_jacobians(*self._geometry, areas, states, stream, *settings, by_state, by_area, shares, sensors)
-        return Linearization(self, by_state, by_area, shares, sensors)
+        rest = states, stream, self.dissipation, self.shock_threshold
 
-    @property
-    def _geometry(self):
-        return self.stencil.cells, self.stencil.weights, self.stencil.classes, self.stencil.roles
+        def fill(part):
+            out = by_state[part], by_area[part], shares[part], sensors[part]
+            face_jacobians(*self.stencil.part(part), areas[part], *rest, *out)
+
+        visit_faces(n, fill)
+        return Linearization(self, by_state, by_area, shares, sensors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +125,11 @@ class Linearization:
 
     def state_jvp(self, d_states: np.ndarray) -> np.ndarray:
         """Change of the residual with the states, both of shape (n_cells, 5)."""
-        out = np.zeros_like(d_states)
-        state_jvp(*self._arrays, np.ascontiguousarray(d_states), out)
-        return out
+        return self._multiply(state_jvp, d_states)
 
     def state_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `state_jvp`."""
-        out = np.zeros_like(bar)
-        state_vjp(*self._arrays, np.ascontiguousarray(bar), out)
-        return out
+        return self._multiply(state_vjp, bar)
 
     def area_jvp(self, d_areas: np.ndarray) -> np.ndarray:
         """Change of the residual, shape (n_cells, 5), with the area vectors, shape (n_faces, 3)."""
@@ -148,10 +149,15 @@ class Linearization:
         """Transposed product of `stream_jvp`."""
         return np.einsum("fnm,fn->m", self._by_stream, self._through(bar)[self._far])
 
-    @property
-    def _arrays(self):
-        stencil = self.discretization.stencil
-        return stencil.cells, stencil.roles, self.by_state, self.shares, self.sensors
+    def _multiply(self, kernel, vector: np.ndarray) -> np.ndarray:
+        """Product with the Jacobian or its transpose."""
+        stencil, vector = self.discretization.stencil, np.ascontiguousarray(vector)
+
+        def add(part, out):
+            jacobians = self.by_state[part], self.shares[part], self.sensors[part]
+            kernel(stencil.cells[part], stencil.roles[part], *jacobians, vector, out)
+
+        return sum_over_faces(len(self.by_state), add, vector)
 
     @property
     def _far(self) -> np.ndarray:
@@ -166,10 +172,12 @@ class Linearization:
     def _gather(self, flux: np.ndarray) -> np.ndarray:
         """Sum fluxes, shape (n_faces, 5), over the faces of every cell."""
         faces = self.discretization.faces
-        out = np.zeros((faces.n_cells, N_STATES))
-        np.add.at(out, faces.left, flux)
-        np.subtract.at(out, faces.right, flux[: faces.n_inner])
-        return out
+        columns = [
+            np.bincount(faces.left, column, faces.n_cells)
+            - np.bincount(faces.right, column[: faces.n_inner], faces.n_cells)
+            for column in flux.T
+        ]
+        return np.stack(columns, axis=1)
 
     def _through(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `_gather`."""

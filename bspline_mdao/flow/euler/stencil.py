@@ -76,6 +76,10 @@ class Stencil:
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
         return cls(cells, _WEIGHTS, classes, roles)
 
+    def part(self, faces: slice) -> tuple[np.ndarray, ...]:
+        """Cells, weights, classes and roles of a range of faces, as the kernels take them."""
+        return self.cells[faces], self.weights, self.classes[faces], self.roles[faces]
+
 
 def _folded(no_a: bool, no_d: bool) -> np.ndarray:
     """Weights where the cells at the ends of a line are extrapolated: a = 2 b - c, d = 2 c - b."""
