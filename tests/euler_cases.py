@@ -1,10 +1,21 @@
 """Grids, states and exact solutions for the tests of the Euler solver."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
-from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, two_block_plate
+from topology_cases import (
+    ORIENTATIONS,
+    box,
+    c_grid,
+    grid_of,
+    o_grid,
+    patch,
+    smooth_box,
+    sphere_octants,
+    split,
+    two_block_plate,
+)
 
 from bspline_mdao.flow.euler.areas import area_vectors
 from bspline_mdao.flow.euler.discretization import Discretization, Linearization
@@ -116,6 +127,29 @@ def case_of(grid, kinds=None, mach=0.3, degrees=4.0, axes=AXES, **settings):
     stream = free_stream(mach, np.radians(degrees), axes)
     discretization = Discretization.of(faces_of(grid, kinds), **settings)
     return Case(grid.to_vector().reshape(-1, 3), discretization, stream)
+
+
+@cache
+def every_kind(shock_threshold=0.0):
+    """One left-handed block with all boundary conditions, some of its faces moved together until they have no area."""
+    nodes = smooth_box(6, 5, 4)[::-1]
+    case = case_of(one_of_each_kind(nodes), mach=_mach(shock_threshold), shock_threshold=shock_threshold)
+    moved = nodes.copy()
+    moved[:, 0, 0] = moved[:, 1, 0]
+    return replace(case, nodes=moved.reshape(-1, 3))
+
+
+@cache
+def turned_blocks(shock_threshold=0.0):
+    """Three blocks that are permuted, one of them two cells deep, and the far field around."""
+    left, middle, right = split(smooth_box(8, 4, 5), [2, 5], [], [])
+    grid = grid_of(left, ORIENTATIONS[29].apply(middle), ORIENTATIONS[14].apply(right))
+    return case_of(grid, "farfield", mach=_mach(shock_threshold), shock_threshold=shock_threshold)
+
+
+def _mach(shock_threshold):
+    """Fast enough for the sensor to see shocks, if there is one."""
+    return 0.8 if shock_threshold else 0.3
 
 
 def with_guessed_patches(grid: Grid) -> Grid:
