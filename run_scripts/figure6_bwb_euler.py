@@ -35,8 +35,8 @@ from bspline_mdao.names import SURFACE_CONTROL_POINTS
 MACH, ALPHA = 0.3, 4.0
 UP = np.array([0.0, 1.0, 0.0])
 
-CAMERA = Camera(focus=(0.45, 0.1, 0.95), direction=(-0.6, 1.0, 0.5), height=2.0)
-PANEL = (4.6, 3.4)
+CAMERA = Camera(focus=(0.77, 0.05, 0.59), direction=(-0.35, 1.3, 0.35), height=1.4)
+PANEL = (4.6, 2.4)
 """Width and height of a picture in inches."""
 
 PLACES = (0.1, 0.5, 1.0, 1.6)
@@ -115,8 +115,8 @@ def draw(folder, morph: Morph, problem: om.Problem, other: np.ndarray | None) ->
     paint = Paint(nodes, quads, pressures, PRESSURES)
     grid = morph.model.header.grid(morph.model.topology.shapes, nodes)
     mesh = Scene(faces_of(morph.model, "wing", [block.nodes for block in grid.blocks]), [], line_width=0.25)
-    with figure(folder, "figure6_bwb_euler", size=(2.0 * PANEL[0] + 0.6, 2.0 * PANEL[1])) as canvas:
-        (surface, colors), (sections, history) = canvas.subplots(2, 2)
+    with figure(folder, "figure6_bwb_euler", size=(2.0 * PANEL[0] + 0.6, PANEL[1] + 3.4)) as canvas:
+        (surface, colors), (sections, history) = canvas.subplots(2, 2, height_ratios=(PANEL[1], 3.2))
         draw_scene(surface, mesh, CAMERA, PANEL)
         drawn_by = draw_scene(colors, Scene([], [], paint=paint), CAMERA, PANEL)
         canvas.colorbar(paint.mappable(), ax=colors, label="$C_p$", extend="both", shrink=0.8)

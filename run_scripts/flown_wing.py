@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import openmdao.api as om
+from euler_runs import wall_quads
 from lattice_wing import moved_grid
 from optimisation import Drivers, optimise
 
@@ -24,7 +25,6 @@ from bspline_mdao import (
 )
 from bspline_mdao.flow.span_strips import SpanStrips
 from bspline_mdao.geometry.measure import Measure
-from bspline_mdao.grids.cell_faces import CellFaces
 from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.names import GRID
 from bspline_mdao.parametrization.axis import ReferenceAxis
@@ -129,8 +129,7 @@ class FlownWing:
     @cached_property
     def wall_quads(self) -> np.ndarray:
         """Rows of the grid at the corners of the wall faces, shape (n, 4), in the order of ``Cp``."""
-        faces = CellFaces.of(self.model.topology, self.baseline)
-        return faces.corners[faces.faces_of("wall")]
+        return wall_quads(self.model)
 
 
 def control_counts(rows: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:

@@ -22,7 +22,7 @@ FACTORS = (2 / 3, 1.0, 3 / 2)
 """Cells per direction of the members, by those of the fitted grid."""
 
 COLORS = dict(zip(COEFFICIENTS, (BLUE, ORANGE, GREEN, PURPLE)))
-LABELS = dict(zip(COEFFICIENTS, ("$C_L$", "$C_D$", "$C_{D,induced}$", "$C_{D,entropy}$")))
+LABELS = dict(zip(COEFFICIENTS, ("$C_L$", "$C_D$", r"$C_{D,\mathrm{induced}}$", r"$C_{D,\mathrm{entropy}}$")))
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def draw(folder, numbers: dict) -> None:
     with figure(folder, "grid_family", size=(10.5, 3.6)) as canvas:
         for axes, (name, group) in zip(canvas.subplots(1, 3), panels):
             draw_members(axes, numbers[name], group)
-            axes.set(title=CASES[name].title, xlabel="$(n_{finest} / n)^{2/3}$, $n$ cells", xlim=(-0.1, None))
+            axes.set(title=CASES[name].title, xlabel=r"$(n_\mathrm{finest} / n)^{2/3}$, $n$ cells", xlim=(-0.1, None))
 
 
 def draw_members(axes, found: dict, names) -> None:
