@@ -113,8 +113,8 @@ class Linearization:
     shares : ndarray, shape (n_faces, 2, 4)
         Weights of the cells in the mean state and in the jump.
     sensors : ndarray, shape (n_faces, 15)
-        The sensor of shocks, its derivatives in the pressures of the cells and in the mean state of the two at the
-        face, and those of the flux in it.
+        The sensor of shocks, its derivatives in the pressures of the cells and in the mean state of the first and the
+        last, and those of the flux in it.
     """
 
     discretization: Discretization

@@ -16,8 +16,11 @@ from .stencil import FARFIELD, FIRST, INNER, MEAN, THIRD
 COMPACT_MEAN = (0.0, 0.5, 0.5, 0.0)
 """Weights of the four cells in the mean state at shocks."""
 
-SHUT, OPEN = 0.4, 0.8
+SHUT, OPEN = 0.7, 1.0
 """Squares of the Mach number below which there are no shocks, and above which the sensor is free."""
+
+OUTER_MEAN = (0.5, 0.0, 0.0, 0.5)
+"""Weights of the four cells in the state whose Mach number that is: a cell next to a shock still sees what is ahead."""
 
 
 @njit(cache=True, inline="always")
@@ -74,10 +77,10 @@ def _add(a, factor, b):
 def shock_sensor(states, cells, threshold):
     """Share of what holds at shocks at an inner face.
 
-    And its derivatives in the pressures of the four cells, and in the mean state of the two at the face.
+    And its derivatives in the pressures of the four cells, and in the mean state of the first and the last.
     """
     share, by_pressure = _kink(states, cells, threshold)
-    gate, by_mean = _gate(_combine(COMPACT_MEAN, states, cells))
+    gate, by_mean = _gate(_combine(OUTER_MEAN, states, cells))
     return gate * share, _scale(gate, by_pressure), _scale(share, by_mean)
 
 

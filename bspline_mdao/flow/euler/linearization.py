@@ -22,7 +22,7 @@ def face_jacobians(
 
     By its mean state and jump (5, 10), and by its area vector (5, 3). `shares` (2, 4) are the weights of the cells in
     both with the sensor as it is; `sensors` (15) are the sensor, its derivatives in the four pressures and in the mean
-    state of the two cells at the face, and those of the flux in it.
+    state of the first and the last cell, and those of the flux in it.
     """
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
@@ -93,7 +93,7 @@ def state_jvp(cells, roles, by_state, shares, sensors, d_states, out):
             sense += sensors[f, 1 + k] * d_states[at, 4]
         b, c = near[1], near[2]
         for n in range(5):
-            sense += 0.5 * sensors[f, 5 + n] * (d_states[b, n] + d_states[c, n])
+            sense += 0.5 * sensors[f, 5 + n] * (d_states[near[0], n] + d_states[near[3], n])
         for n in range(5):
             flux = sensors[f, 10 + n] * sense
             for m in range(5):
@@ -126,5 +126,5 @@ def state_vjp(cells, roles, by_state, shares, sensors, bar, out):
                 out[at, n] += shares[f, 0, k] * mean[n] + shares[f, 1, k] * jump[n]
             out[at, 4] += sensors[f, 1 + k] * sense
         for n in range(5):
-            out[b, n] += 0.5 * sensors[f, 5 + n] * sense
-            out[c, n] += 0.5 * sensors[f, 5 + n] * sense
+            out[near[0], n] += 0.5 * sensors[f, 5 + n] * sense
+            out[near[3], n] += 0.5 * sensors[f, 5 + n] * sense

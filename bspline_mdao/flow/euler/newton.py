@@ -31,8 +31,8 @@ LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing are the end: fluxes are rounded."""
 
-FORCING = 1e-2
-"""Tolerance of the linear solves."""
+FORCING, LARGEST_SOLVE = 1e-2, 300
+"""Tolerance of the linear solves, and the products after which they have failed: a smaller CFL number is cheaper."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _update(discretization, pattern, states, areas, stream, residual, cfl):
     def product(x):
         return linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)
 
-    solution = solve_system(product, factor.solve, -residual, FORCING)
+    solution = solve_system(product, factor.solve, -residual, FORCING, LARGEST_SOLVE)
     is_usable = solution.is_converged and np.isfinite(solution.x).all()
     return (solution.x if is_usable else None), solution.n_products
 
