@@ -19,6 +19,7 @@ from topology_cases import (
 
 from bspline_mdao.flow.euler.areas import area_vectors
 from bspline_mdao.flow.euler.discretization import Discretization, Linearization
+from bspline_mdao.flow.euler.face_states import OPEN, SHUT
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import factor_pattern
@@ -133,7 +134,7 @@ def case_of(grid, kinds=None, mach=0.3, degrees=4.0, axes=AXES, **settings):
 def every_kind(shock_threshold=0.0):
     """One left-handed block with all boundary conditions, some of its faces moved together until they have no area."""
     nodes = smooth_box(6, 5, 4)[::-1]
-    case = case_of(one_of_each_kind(nodes), mach=_mach(shock_threshold), shock_threshold=shock_threshold)
+    case = case_of(one_of_each_kind(nodes), mach=mach_of_cases(shock_threshold), shock_threshold=shock_threshold)
     moved = nodes.copy()
     moved[:, 0, 0] = moved[:, 1, 0]
     return replace(case, nodes=moved.reshape(-1, 3))
@@ -144,12 +145,12 @@ def turned_blocks(shock_threshold=0.0):
     """Three blocks that are permuted, one of them two cells deep, and the far field around."""
     left, middle, right = split(smooth_box(8, 4, 5), [2, 5], [], [])
     grid = grid_of(left, ORIENTATIONS[29].apply(middle), ORIENTATIONS[14].apply(right))
-    return case_of(grid, "farfield", mach=_mach(shock_threshold), shock_threshold=shock_threshold)
+    return case_of(grid, "farfield", mach=mach_of_cases(shock_threshold), shock_threshold=shock_threshold)
 
 
-def _mach(shock_threshold):
-    """Fast enough for the sensor to see shocks, if there is one."""
-    return 0.8 if shock_threshold else 0.3
+def mach_of_cases(shock_threshold):
+    """Free stream of the cases above: the gate of the sensor of shocks, if there is one, is half open."""
+    return np.sqrt(0.5 * (SHUT + OPEN)) if shock_threshold else 0.3
 
 
 def with_guessed_patches(grid: Grid) -> Grid:

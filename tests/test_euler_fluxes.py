@@ -138,9 +138,9 @@ def test_the_flux_is_that_of_roe_but_for_the_low_mach_factor():
         np.testing.assert_allclose(face_flux(tuple(w), tuple(jump), tuple(s)), expected, rtol=1e-11, atol=1e-11)
 
 
-def test_the_shock_sensor_is_between_none_and_all_and_of_eighth_order_in_smooth_flow():
+def test_the_shock_sensor_of_fast_flow_is_between_none_and_all_and_of_eighth_order_where_it_is_smooth():
     def sensor(pressures):
-        states = np.ones((4, 5))
+        states = np.full((4, 5), 1.2)
         states[:, 4] = pressures
         return shock_sensor(states, np.arange(4), 0.05)[0]
 
@@ -152,6 +152,14 @@ def test_the_shock_sensor_is_between_none_and_all_and_of_eighth_order_in_smooth_
 
 def test_the_sensor_sees_no_cells_beyond_the_ends_of_lines():
     states = np.random.default_rng(9).uniform(0.5, 1.5, (4, 5))
+    assert shock_sensor(states, np.arange(4), 0.05)[0] > 0.1
     share, by_pressure, by_mean = shock_sensor(states, np.array([1, 1, 2, 2]), 0.05)
     assert share == 0.0
     assert not any((*by_pressure, *by_mean))
+
+
+def test_the_sensor_is_shut_in_slow_flow():
+    states = np.full((4, 5), 0.1)
+    states[:, [0, 4]] = np.array([[1.0, 1.0, 4.5, 4.5]]).T
+    share, by_pressure, by_mean = shock_sensor(states, np.arange(4), 0.05)
+    assert not any((share, *by_pressure, *by_mean))
