@@ -144,7 +144,7 @@ def solve_flow(
 def _is_rounded(history: list[NewtonStep]) -> bool:
     """Whether the residual is so small that the last steps could not halve it."""
     residuals = [step.residual for step in history[-3:]]
-    return residuals[0] < ROUNDED and min(residuals[1:]) > 0.5 * residuals[0]
+    return len(residuals) == 3 and residuals[0] < ROUNDED and min(residuals[1:]) > 0.5 * residuals[0]
 
 
 def _update(discretization, pattern, states, areas, stream, residual, cfl):
