@@ -47,6 +47,8 @@ class EulerFlow(om.Group):
         Point that moments are about, in the axes of the grid (m).
     axes : str
         Axes of the grid that point downstream, along the span, and up.
+    shock_threshold : float
+        Of the sensor of shocks, 0.05 for transonic flow; 0, the default, for none.
     tolerance, linear_tolerance, max_steps, iprint
         See `EulerState`.
 
@@ -63,6 +65,7 @@ class EulerFlow(om.Group):
         self.options.declare("reference_chord", default=1.0, desc="for moments, m")
         self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
+        self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
         self.options.declare("tolerance", default=1e-10, desc="residual at which a run ends")
         self.options.declare("linear_tolerance", default=1e-12, desc="of the linear systems of derivatives")
         self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
@@ -75,7 +78,8 @@ class EulerFlow(om.Group):
             raise InputError(f"{self.msginfo}: reference area {area}; give a positive number of square metres")
         model = self.options["model"]
         nodes = model.regenerate().to_vector().reshape(-1, 3)
-        flow = FlowGrid.of(model.topology, nodes, self.options["axes"])
+        shocks = self.options["shock_threshold"]
+        flow = FlowGrid.of(model.topology, nodes, self.options["axes"], shock_threshold=shocks)
         settings, references = ({name: self.options[name] for name in names} for names in (_SETTINGS, _REFERENCES))
         self.add_subsystem("state", EulerState(flow=flow, nodes=nodes, **settings), promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])

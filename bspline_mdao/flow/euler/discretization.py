@@ -16,10 +16,13 @@ from .linearization import face_jacobians, state_jvp, state_vjp
 from .residual import residual
 from .stencil import FARFIELD, Stencil
 
-__all__ = ["DISSIPATION", "Discretization", "Linearization"]
+__all__ = ["DISSIPATION", "SHOCK_THRESHOLD", "Discretization", "Linearization"]
 
 DISSIPATION = 1.0 / 6.0
 """Share of the third difference that is dissipated: that of upwind-biased interpolation of third order."""
+
+SHOCK_THRESHOLD = 0.05
+"""A sound threshold of the sensor of shocks: flows slower than 0.83 of the speed of sound are the same as without."""
 
 
 @dataclass(frozen=True, eq=False)
