@@ -52,15 +52,20 @@ SIZES = {
 def make_wing(size: Size, flow: str) -> FlownWing:
     """Make and fit the grid of one of `SIZES`."""
     planform = onera_m6_planform()
-    model = fit_grid(onera_m6_grid(size.shape), n_control=control_counts(size.n_control))
-    return FlownWing(model, flow, Scale(planform.semi_span**2 * 2.0 / planform.aspect_ratio))
+    # on grids as coarse as these a least-squares fit folds elements of the control mesh; a coarse copy has none
+    model = fit_grid(onera_m6_grid(size.shape), n_control=control_counts(size.n_control), smoothing=np.inf)
+    return FlownWing(model, flow, Scale(planform.semi_span**2 * 2.0 / planform.aspect_ratio), n_increments=3)
 
 
 def variables_of(wing: FlownWing, size: Size) -> list[Variable]:
-    """From the sections outwards; the tip stays where it is along the span."""
+    """From the sections outwards; the tip stays where it is along the span.
+
+    Control points move up and down by parts of their heights, so that the two sides do not meet where the wing is thin.
+    """
     quarter, trailing = wing.axis(0.25), wing.axis(1.0)
+    heights = np.abs(wing.mesh.points[wing.mesh.surface_ids][wing.sides.mask(wing.mesh), 1])
     return [
-        Local("heights", wing.sides, "y"),
+        Local("heights", wing.sides, heights[:, None] * [0.0, 1.0, 0.0], units=None),
         Chord("chord", quarter, size.stations),
         Twist("twist", trailing, size.stations),
         Sweep("sweep", quarter),
@@ -83,7 +88,7 @@ def pose(wing: FlownWing, size: Size, mach: float) -> om.Problem:
     problem = wing.problem(variables_of(wing, size), mach, measures_of(wing))
     model = problem.model
     model.set_input_defaults("alpha", val=ALPHA, units="deg")
-    model.add_design_var("heights", lower=-0.03, upper=0.03, ref=0.01, units="m")
+    model.add_design_var("heights", lower=-0.4, upper=0.4, ref=0.2)
     model.add_design_var("chord", lower=0.5, upper=1.5, ref=0.2)
     model.add_design_var("twist", lower=-10.0, upper=10.0, ref=3.0, units="deg")
     model.add_design_var("sweep", lower=-10.0, upper=10.0, ref=5.0, units="deg")

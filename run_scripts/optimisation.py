@@ -35,7 +35,7 @@ def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
 
 def nlopt(algorithm: str, tolerance: float, max_iterations: int) -> Driver:
     """Give an algorithm of NLopt; it ends where the objective changes by less than the tolerance, constraints met."""
-    violation = max(1e-8, 0.01 * tolerance)
+    violation = max(1e-8, 0.1 * tolerance)
     stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
     return NLoptDriver(optimizer=algorithm, constraint_tolerance=violation, **stop, **QUIET)
 

@@ -80,10 +80,10 @@ def pose(wing: FlownWing, size: Size) -> om.Problem:
     problem = wing.problem(variables_of(wing, size), MACH, measures)
     model = problem.model
     model.set_input_defaults("alpha", val=ALPHA, units="deg")
-    model.add_design_var("upper_heights", lower=0.0, upper=0.15, ref=0.02, units="m")
-    model.add_design_var("lower_heights", lower=-0.15, upper=0.0, ref=0.02, units="m")
+    model.add_design_var("upper_heights", lower=0.0, upper=0.06, ref=0.02, units="m")
+    model.add_design_var("lower_heights", lower=-0.06, upper=0.0, ref=0.02, units="m")
     model.add_design_var("chord", lower=0.4, upper=1.5, ref=0.2)
-    model.add_design_var("twist", lower=-10.0, upper=10.0, ref=3.0, units="deg")
+    model.add_design_var("twist", lower=-5.0, upper=5.0, ref=3.0, units="deg")
     model.add_design_var("span", lower=0.7, upper=WIDEST, ref=0.2)
     model.add_design_var("sweep", lower=-10.0, upper=30.0, ref=10.0, units="deg")
     model.add_constraint("CL", equals=LIFT, ref=LIFT)

@@ -15,11 +15,12 @@ from flown_wing import OPTIONS, FlownWing, Scale, control_counts, optimise_with,
 from history import COLORS, draw_course, draw_objective
 from optimisation import DRIVERS, flow_in_one, set_up, write_n2
 from totals import check_totals, move_at_random
-from wing_drawings import draw_ellipse, draw_load
+from wing_drawings import draw_ellipse, draw_load, draw_twist
 
 from bspline_mdao import Twist, fit_grid
 from bspline_mdao.generators import Planform, Wing, naca_section
 from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
+from bspline_mdao.names import GRID
 
 WING = Wing(Planform(root_chord=1.0, semi_span=3.0), naca_section(0.12))
 """The wing: `rectangular_wing`, in chords of its own and with a semi-span of 3 of them exactly."""
@@ -48,9 +49,11 @@ class Size:
 
 
 SIZES = {
-    "quick": Size(((7, 9, 7), (7, 7), (13, 5)), ((5, 6, 5), (5, 5), (7, 4)), Spacing(0.04, 0.05, 0.05, 0.08), 4, 1e-7),
+    "quick": Size(
+        ((7, 9, 7), (7, 7), (9, 7)), ((5, 6, 5), (5, 5), (6, 5)), Spacing(0.03, 0.05, 0.05, 0.08, root=0.5), 4, 1e-7
+    ),
     "default": Size(
-        ((7, 11, 7), (7, 7), (17, 5)), ((5, 7, 5), (5, 5), (9, 4)), Spacing(0.03, 0.03, 0.03, 0.04), 6, 1e-7
+        ((9, 13, 9), (9, 9), (17, 9)), ((6, 7, 6), (5, 5), (9, 6)), Spacing(0.03, 0.03, 0.03, 0.08, root=0.25), 6, 1e-7
     ),
     "paper": Size(
         ((17, 33, 17), (25, 25), (33, 17)), ((7, 11, 7), (9, 9), (13, 7)), Spacing(0.01, 0.01, 0.01, 0.02), 8, 1e-8
@@ -138,10 +141,8 @@ def draw(folder, wing: FlownWing, start: om.Problem, runs: dict) -> None:
         for name, problem in {"initial": start, **{name: found.problem for name, found in runs.items()}}.items():
             style = {"color": COLORS.get(name, GRAY), "label": name}
             draw_load(load, wing.strip_edges(problem), problem.get_val("span_load"), style)
-            values = problem.get_val("twist", units="deg")
-            twist.plot(np.linspace(0.0, 1.0, values.size), values, "o-", **style)
+            draw_twist(twist, wing.model, problem.get_val(GRID), style)
         draw_ellipse(load)
-        twist.set(xlabel="$2 y / b$", ylabel="twist (deg)")
         draw_objective(drag, runs, "CD_induced", IDEAL, "induced drag by that of the ellipse")
         draw_course(course, runs)
 

@@ -12,7 +12,7 @@ from flown_wing import FlownWing, optimise_with
 from history import COLORS, draw_course, draw_objective
 from optimisation import Drivers, Run, flow_in_one, set_up, write_n2
 from totals import check_totals, move_at_random
-from wing_drawings import draw_ellipse, draw_load, draw_planform, draw_sections
+from wing_drawings import draw_ellipse, draw_load, draw_planform, draw_sections, draw_twist
 
 from bspline_mdao.names import GRID
 from bspline_mdao.quality.grid_quality import GridQuality
@@ -96,15 +96,13 @@ class Study:
                 draw_planform(planform, self.wing.model, problem.get_val(GRID), style)
                 draw_sections(sections, self.wing.model, problem.get_val(GRID), PARTS, style)
                 draw_load(load, self.wing.strip_edges(problem), problem.get_val("span_load"), style)
-                values = problem.get_val("twist", units="deg")
-                twist.plot(np.linspace(0.0, 1.0, values.size), values, "o-", **style)
+                draw_twist(twist, self.wing.model, problem.get_val(GRID), style)
             draw_ellipse(load)
             draw_objective(drag, self.runs, "drag", 1e-4, "drag (counts)")
             draw_course(course, self.runs)
             planform.set(xlabel="$z$ (m)", ylabel="$x$ (m)", aspect="equal")
             planform.invert_yaxis()
             sections.set(xlabel="$x / c$", ylabel="$y / c$", aspect="equal")
-            twist.set(xlabel="$2 y / b$", ylabel="twist (deg)")
             planform.legend()
 
     def told(self, problem: om.Problem) -> dict:

@@ -39,6 +39,14 @@ def draw_sections(axes, model: FittedModel, nodes: np.ndarray, parts, style: dic
         axes.plot(shape[:, 0], shape[:, 1] - 0.25 * number, **(style if number == 0 else style | {"label": None}))
 
 
+def draw_twist(axes, model: FittedModel, nodes: np.ndarray, style: dict) -> None:
+    """Draw the angles of the chord lines along the half span."""
+    upper, _ = wing_sides(model, nodes)
+    chords = upper[-1] - upper[0]
+    axes.plot(upper[0, :, 2] / upper[0, -1, 2], np.degrees(np.arctan2(-chords[:, 1], chords[:, 0])), **style)
+    axes.set(xlabel="$2 y / b$", ylabel="twist (deg)")
+
+
 def draw_load(axes, edges: np.ndarray, load: np.ndarray, style: dict) -> None:
     """Draw the load of the strips between edges along the half span by its mean, in the middles of the strips."""
     mean = load @ np.abs(np.diff(edges)) / np.ptp(edges)
