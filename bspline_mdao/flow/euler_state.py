@@ -32,7 +32,8 @@ class EulerState(om.ImplicitComponent):
                                                   sound of the free stream; its residual is what flows out of the cells
     ===============  ======  ============  =====  ======================================================================
 
-    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer.
+    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where they
+    are still those of the last solution, they are carried along with the free stream.
 
     Options
     -------
@@ -68,6 +69,7 @@ class EulerState(om.ImplicitComponent):
     def setup(self):
         """Declare the variables."""
         flow = self.options["flow"]
+        self._solution = None
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
         self.add_input("alpha", units="deg")
         self.add_input("Mach_number")
@@ -82,7 +84,7 @@ class EulerState(om.ImplicitComponent):
         """Solve for the states, from those that are there or else from the uniform stream."""
         finite_points(inputs[GRID], GRID, self.msginfo)
         areas, stream = self._at(inputs)
-        starts = outputs["states"].reshape(-1, N_STATES).copy(), self._discretization.uniform(stream)
+        starts = self._last_states(outputs, stream), self._discretization.uniform(stream)
         norms = [np.linalg.norm(self._discretization.residual(start, areas, stream)) for start in starts]
         for start in [starts[0], starts[1]] if norms[0] < norms[1] else [starts[1]]:
             self._solution = self._solve(areas, stream, start)
@@ -124,8 +126,8 @@ class EulerState(om.ImplicitComponent):
         out["states"] = solution.x.ravel()
 
     @property
-    def solution(self) -> FlowSolution:
-        """The last solution, with its history."""
+    def solution(self) -> FlowSolution | None:
+        """The last solution, with its history; None before the first run."""
         return self._solution
 
     def _forward(self, inputs, d_inputs, d_outputs, d_residuals):
@@ -160,6 +162,12 @@ class EulerState(om.ImplicitComponent):
         flow = self.options["flow"]
         stream = free_stream(inputs["Mach_number"][0], _RADIAN * inputs["alpha"][0], flow.axes)
         return flow.areas(inputs[GRID].reshape(-1, 3)), stream
+
+    def _last_states(self, outputs, stream) -> np.ndarray:
+        """States that are there, with the change of the free stream since they were solved for, where that is known."""
+        states, last = outputs["states"].reshape(-1, N_STATES), self._solution
+        is_solved = last is not None and np.array_equal(states, last.states)
+        return states + (stream - last.stream) if is_solved else states.copy()
 
     def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
         """Derivatives of the free stream by the inputs."""

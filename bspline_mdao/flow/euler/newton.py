@@ -64,6 +64,8 @@ class FlowSolution:
     Parameters
     ----------
     states : ndarray, shape (n_cells, 5)
+    stream : ndarray, shape (5,)
+        The free stream.
     history : tuple of NewtonStep
         The first is the state at the start.
     tolerance : float
@@ -71,6 +73,7 @@ class FlowSolution:
     """
 
     states: np.ndarray
+    stream: np.ndarray
     history: tuple[NewtonStep, ...]
     tolerance: float
 
@@ -138,7 +141,7 @@ def solve_flow(
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         tell(history[-1])
         cfl = _next_cfl(cfl, length, before, norm)
-    return FlowSolution(states, tuple(history), tolerance)
+    return FlowSolution(states, stream, tuple(history), tolerance)
 
 
 def _is_rounded(history: list[NewtonStep]) -> bool:
