@@ -1,11 +1,14 @@
 """Transonic flow: a section with a shock, its convergence, derivatives, and what the sensor leaves alone."""
 
+import importlib
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from euler_cases import AXES, case_of
 
+from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials, stream_axes
 from bspline_mdao.flow.euler.krylov import solve_system
@@ -15,7 +18,7 @@ from bspline_mdao.generators import FarField, Spacing, infinite_wing_grid, naca_
 from bspline_mdao.grids.hexahedron import cell_quality
 from bspline_mdao.grids.topology import find_topology
 
-MACH, DEGREES, THRESHOLD = 0.8, 1.25, 0.05
+MACH, DEGREES = 0.8, 1.25
 SPACING = Spacing(off_wall=8e-3, leading=1e-2, trailing=1e-2, tip=0.1)
 
 
@@ -25,7 +28,7 @@ def section_grid():
 
 
 @cache
-def section(threshold=THRESHOLD):
+def section(threshold=SHOCK_THRESHOLD):
     """NACA 0012, 1152 cells."""
     return case_of(section_grid(), mach=MACH, degrees=DEGREES, shock_threshold=threshold)
 
@@ -136,9 +139,11 @@ def test_the_adjoint_of_a_flow_with_a_shock_agrees_with_converged_differences():
 
 
 def test_subcritical_flow_does_not_notice_the_sensor():
-    slow, without = (solve(section(t), 0.3, DEGREES).states for t in (THRESHOLD, 0.0))
+    slow, without = (solve(section(t), 0.3, DEGREES).states for t in (SHOCK_THRESHOLD, 0.0))
     np.testing.assert_array_equal(slow, without)
-    fast = [coefficients(section(t), solve(section(t), 0.5, DEGREES).states, 0.5, DEGREES) for t in (THRESHOLD, 0.0)]
+    fast = [
+        coefficients(section(t), solve(section(t), 0.5, DEGREES).states, 0.5, DEGREES) for t in (SHOCK_THRESHOLD, 0.0)
+    ]
     np.testing.assert_allclose(*fast, rtol=1e-6)
 
 
@@ -151,3 +156,30 @@ def test_a_steady_normal_shock_leaves_nothing_but_dissipation_in_the_flux(mach):
     one_way, other_way = (np.array(face_flux(mean, j, s, 1.0)) for j in (jump, tuple(ahead - behind)))
     exact = np.array(face_flux(tuple(ahead), (0.0,) * 5, s))
     np.testing.assert_allclose(0.5 * (one_way + other_way), exact, atol=1e-13)
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "run_scripts"))
+    return importlib.import_module("transonic_naca0012")
+
+
+def test_the_run_script_flies_the_section_and_draws_it(script, tmp_path):
+    numbers = script.main(quick=True, figures=tmp_path)
+    for found in numbers.values():
+        assert found["residual"] < 1e-10
+        assert found["CL"] == pytest.approx(found["CL_literature"], rel=0.12)
+    assert numbers["transonic"]["CD"] > 10.0 * numbers["subcritical"]["CD"]
+    assert (tmp_path / "transonic_naca0012.png").stat().st_size > 50_000
+
+
+def test_derivatives_of_the_component_in_the_mach_number_agree_with_differences_at_a_shock(script):
+    problem, step, ends = script.problem_of(script.section_model(16), MACH, iprint=0), 1e-5, []
+    problem.run_model()
+    totals = problem.compute_totals(["CL", "CD"], ["Mach_number"])
+    for mach in (MACH + step, MACH - step):
+        problem.set_val("Mach_number", mach)
+        problem.run_model()
+        ends.append(np.array([problem.get_val(of).item() for of in ("CL", "CD")]))
+    slopes = [totals[of, "Mach_number"].item() for of in ("CL", "CD")]
+    np.testing.assert_allclose(slopes, (ends[0] - ends[1]) / (2.0 * step), rtol=1e-5)
