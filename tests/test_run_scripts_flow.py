@@ -189,7 +189,7 @@ def test_wing_drawings_find_the_sections_of_a_wing(script):
     drawings, twist = script("wing_drawings"), script("twist_induced_drag")
     wing = twist.make_wing(twist.SIZES["quick"], "vortex")
     upper, lower = drawings.wing_sides(wing.model, wing.baseline.ravel())
-    assert upper.shape == lower.shape == (9, 13, 3)
+    assert upper.shape == lower.shape == (9, 9, 3)
     assert upper[..., 1].max() == pytest.approx(0.06, rel=0.02)
     np.testing.assert_allclose(upper * [1.0, -1.0, 1.0], lower, atol=1e-6)
     section = drawings.section_of(wing.model, wing.baseline.ravel(), part=0.5)
