@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from pathlib import Path
 
@@ -14,7 +15,8 @@ HEAD = """Gallery
 =======
 
 Each picture is drawn by a run script, at its small size, when these pages are built. The same script makes it
-anywhere: ``python run_scripts/NAME.py --figures DIR``; ``--paper`` runs it at the size of the paper.
+anywhere: ``python run_scripts/NAME.py --figures DIR``; ``--paper`` runs it at the size of the paper. Flows are those of
+``--quick``.
 """
 
 
@@ -31,7 +33,8 @@ def section(name: str) -> str:
     if not {"main", "figure"} <= set(vars(script)):  # the latter: what pictures are drawn in, from `common`
         return ""
     folder = PICTURES / name
-    script.main(figures=folder)
+    is_long = "quick" in inspect.signature(script.main).parameters
+    script.main(figures=folder, **({"quick": True} if is_long else {}))
     title = script.__doc__.strip().splitlines()[0].rstrip(".")
     images = [
         f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n   :width: {width(path)}px\n"
