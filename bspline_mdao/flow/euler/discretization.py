@@ -91,7 +91,7 @@ class Discretization:
         """Differentiate the residual in the states, the area vectors and the free stream."""
         n = self.faces.n_faces
         by_state, by_area = np.zeros((n, N_STATES, 2 * N_STATES)), np.zeros((n, N_STATES, 3))
-        shares, sensors = np.zeros((n, 2, 4)), np.zeros((n, 5 + 2 * N_STATES))
+        shares, sensors = np.zeros((n, 2, 4)), np.zeros((n if self.shock_threshold > 0.0 else 0, 5 + 2 * N_STATES))
         rest = states, stream, self.dissipation, self.shock_threshold
 
         def fill(part):
@@ -117,7 +117,7 @@ class Linearization:
         Weights of the cells in the mean state and in the jump.
     sensors : ndarray, shape (n_faces, 15)
         The sensor of shocks, its derivatives in the pressures of the cells and in the mean state of the first and the
-        last, and those of the flux in it.
+        last, and those of the flux in it. Of no faces without a threshold.
     """
 
     discretization: Discretization

@@ -22,7 +22,7 @@ def face_jacobians(
 
     By its mean state and jump (5, 10), and by its area vector (5, 3). `shares` (2, 4) are the weights of the cells in
     both with the sensor as it is; `sensors` (15) are the sensor, its derivatives in the four pressures and in the mean
-    state of the first and the last cell, and those of the flux in it.
+    state of the first and the last cell, and those of the flux in it; without a threshold there are none.
     """
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
@@ -78,7 +78,7 @@ def _put(jacobian, m, column):
 @njit(cache=True, nogil=True)
 def state_jvp(cells, roles, by_state, shares, sensors, d_states, out):
     """Add the change of the residual with the states."""
-    mean, jump = np.zeros(5, d_states.dtype), np.zeros(5, d_states.dtype)
+    mean, jump, has_sensor = np.zeros(5, d_states.dtype), np.zeros(5, d_states.dtype), len(sensors) > 0
     for f in range(len(cells)):
         near, role = cells[f], roles[f]
         sense = 0.0
@@ -90,12 +90,14 @@ def state_jvp(cells, roles, by_state, shares, sensors, d_states, out):
             for n in range(5):
                 mean[n] += shares[f, 0, k] * d_states[at, n]
                 jump[n] += shares[f, 1, k] * d_states[at, n]
-            sense += sensors[f, 1 + k] * d_states[at, 4]
+        if has_sensor:
+            for k in range(4):
+                sense += sensors[f, 1 + k] * d_states[near[k], 4]
+            for n in range(5):
+                sense += 0.5 * sensors[f, 5 + n] * (d_states[near[0], n] + d_states[near[3], n])
         b, c = near[1], near[2]
         for n in range(5):
-            sense += 0.5 * sensors[f, 5 + n] * (d_states[near[0], n] + d_states[near[3], n])
-        for n in range(5):
-            flux = sensors[f, 10 + n] * sense
+            flux = sensors[f, 10 + n] * sense if has_sensor else 0.0
             for m in range(5):
                 flux += by_state[f, n, m] * mean[m] + by_state[f, n, 5 + m] * jump[m]
             out[b, n] += flux
@@ -106,14 +108,15 @@ def state_jvp(cells, roles, by_state, shares, sensors, d_states, out):
 @njit(cache=True, nogil=True)
 def state_vjp(cells, roles, by_state, shares, sensors, bar, out):
     """Add the transposed product of `state_jvp`."""
-    through, mean, jump = np.zeros(5), np.zeros(5), np.zeros(5)
+    through, mean, jump, has_sensor = np.zeros(5), np.zeros(5), np.zeros(5), len(sensors) > 0
     for f in range(len(cells)):
         near, role = cells[f], roles[f]
         b, c = near[1], near[2]
         sense = 0.0
         for n in range(5):
             through[n] = bar[b, n] - (bar[c, n] if role == INNER else 0.0)
-            sense += sensors[f, 10 + n] * through[n]
+            if has_sensor:
+                sense += sensors[f, 10 + n] * through[n]
             mean[n] = 0.0
             jump[n] = 0.0
         for n in range(5):
@@ -124,7 +127,9 @@ def state_vjp(cells, roles, by_state, shares, sensors, bar, out):
             at = near[k]
             for n in range(5):
                 out[at, n] += shares[f, 0, k] * mean[n] + shares[f, 1, k] * jump[n]
-            out[at, 4] += sensors[f, 1 + k] * sense
-        for n in range(5):
-            out[near[0], n] += 0.5 * sensors[f, 5 + n] * sense
-            out[near[3], n] += 0.5 * sensors[f, 5 + n] * sense
+        if has_sensor:
+            for k in range(4):
+                out[near[k], 4] += sensors[f, 1 + k] * sense
+            for n in range(5):
+                out[near[0], n] += 0.5 * sensors[f, 5 + n] * sense
+                out[near[3], n] += 0.5 * sensors[f, 5 + n] * sense

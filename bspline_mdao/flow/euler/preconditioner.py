@@ -58,7 +58,8 @@ def _place(cells, weights, classes, roles, by_state, dissipation, sensor, rank, 
             mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
             diagonal[left] += mean * jacobian[:, :5] + w[FIRST, 1] * jacobian[:, 5:]
             continue
-        at, share = places[f], dissipation + sensor[f] * (1.0 - dissipation)
+        at, shock = places[f], sensor[f] if len(sensor) > 0 else 0.0
+        share = dissipation + shock * (1.0 - dissipation)
         for n in range(5):
             for m in range(5):
                 from_left = 0.5 * jacobian[n, m] - share * jacobian[n, 5 + m]
