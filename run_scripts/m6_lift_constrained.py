@@ -43,7 +43,7 @@ MACH = {"type": float, "default": 0.3, "help": "Mach number (0.3)"}
 
 SIZES = {
     "quick": Size(((7, 9, 7), (7, 7), (9, 5)), ((5, 6, 5), (5, 5), (5, 4)), 3, 1e-3),
-    "default": Size(((7, 15, 7), (9, 9), (11, 5)), ((5, 8, 5), (6, 6), (6, 4)), 4, 1e-4),
+    "default": Size(((7, 15, 7), (9, 9), (11, 5)), ((5, 8, 5), (6, 6), (6, 4)), 4, 1e-5),
     "paper": Size(((17, 33, 17), (25, 25), (25, 13)), ((7, 11, 7), (9, 9), (9, 7)), 5, 1e-4),
 }
 """The tolerance is of the objective, the drag by `DRAG`."""
