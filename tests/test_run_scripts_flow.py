@@ -195,3 +195,15 @@ def test_wing_drawings_find_the_sections_of_a_wing(script):
     section = drawings.section_of(wing.model, wing.baseline.ravel(), part=0.5)
     assert np.ptp(section[:, 0]) == pytest.approx(1.0, abs=1e-3)
     assert np.ptp(section[:, 2]) < 0.05
+
+
+def test_mismatch_is_the_weighted_square_of_the_differences(script):
+    target, weights = np.array([1.0, -2.0, 0.5]), np.array([0.5, 2.0, 3.0])
+    problem = om.Problem(script("mismatch").Mismatch(source="Cp", target=target, weights=weights), reports=None)
+    problem.setup(force_alloc_complex=True)
+    problem.set_val("Cp", [2.0, 1.0, -0.5])
+    problem.run_model()
+    assert problem.get_val("mismatch") == pytest.approx(0.5 * 1.0 + 2.0 * 9.0 + 3.0 * 1.0)
+    (pairs,) = problem.check_partials(method="cs", out_stream=None).values()
+    pair = pairs["mismatch", "Cp"]
+    np.testing.assert_allclose(pair["J_fwd"], pair["J_fd"], rtol=1e-14)
