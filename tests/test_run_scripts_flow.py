@@ -199,7 +199,8 @@ def test_wing_drawings_find_the_sections_of_a_wing(script):
 
 def test_mismatch_is_the_weighted_square_of_the_differences(script):
     target, weights = np.array([1.0, -2.0, 0.5]), np.array([0.5, 2.0, 3.0])
-    problem = om.Problem(script("mismatch").Mismatch(source="Cp", target=target, weights=weights), reports=None)
+    problem, component = om.Problem(reports=None), script("mismatch").Mismatch
+    problem.model.add_subsystem("match", component(source="Cp", target=target, weights=weights), promotes=["*"])
     problem.setup(force_alloc_complex=True)
     problem.set_val("Cp", [2.0, 1.0, -0.5])
     problem.run_model()
