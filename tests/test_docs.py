@@ -71,6 +71,17 @@ def test_the_python_examples_of_mphys_run():
     assert ours.get_val("climb.CL") > ours.get_val("cruise.CL")
 
 
+def test_the_python_example_of_the_flow_runs(capsys):
+    (example,) = code_blocks("flow.rst", "python")
+    contents = {"__name__": __name__}
+    exec(example, contents)
+    problem = contents["problem"]
+    assert problem.get_val("CL") == pytest.approx(0.15, abs=0.03)
+    totals = problem.compute_totals(["CL"], ["twist", "alpha"])
+    assert totals["CL", "twist"].sum() == pytest.approx(totals["CL", "alpha"].item(), rel=0.05)  # all turn the same way
+    assert "flow.state: residual" in capsys.readouterr().out
+
+
 def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
     contents = {"__name__": __name__}
     exec(code_blocks("components.rst", "python")[-1], contents)
