@@ -18,8 +18,9 @@ from euler_cases import (
     with_guessed_patches,
 )
 
-from bspline_mdao.flow.euler.gas import GAMMA, stream_axes
+from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.wall import EntropyDrag
+from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.grids.files import read_grid
 
 SPHERE_MACH = 0.2

@@ -10,10 +10,11 @@ from euler_cases import AXES, case_of
 
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
-from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials, stream_axes
+from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
 from bspline_mdao.flow.euler.krylov import solve_system
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
+from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.generators import FarField, Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.grids.hexahedron import cell_quality
 from bspline_mdao.grids.topology import find_topology

@@ -10,8 +10,7 @@ from ..names import GRID
 from .euler.flow_grid import FlowGrid
 from .euler.gas import N_STATES
 from .flow_forces import FlowForces
-
-_RADIAN = np.pi / 180.0
+from .stream import RADIAN
 
 
 class EulerForces(om.ExplicitComponent):
@@ -87,18 +86,18 @@ class EulerForces(om.ExplicitComponent):
 
 
 _INPUTS = ("states", GRID, "alpha", "Mach_number")
-_UNITS = (1.0, 1.0, _RADIAN, 1.0)
+_UNITS = (1.0, 1.0, RADIAN, 1.0)
 """Inputs, and what of the kernels' units they are in."""
 
 
 def _at(inputs):
     """States, nodes, angle (rad) and Mach number."""
     states, nodes = inputs["states"].reshape(-1, N_STATES), inputs[GRID].reshape(-1, 3)
-    return states, nodes, _RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
+    return states, nodes, RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
 
 
 def _directions(inputs, d_inputs):
     """Directions in all of these, zero where OpenMDAO leaves one out."""
     states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
     d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])
-    return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), _RADIAN * d_alpha, d_mach
+    return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), RADIAN * d_alpha, d_mach

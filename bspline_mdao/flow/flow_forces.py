@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..errors import InputError
 from .euler.areas import area_vectors, area_vectors_jvp, area_vectors_vjp
 from .euler.flow_grid import FlowGrid
 from .euler.wall import EntropyDrag, WallPressure
@@ -57,17 +58,20 @@ class FlowForces:
         Raises
         ------
         InputError
-            If there is no wall, or it has no span.
+            If there is no wall, it has no span, a reference cannot be used, or the plane of symmetry is not at span 0.
         """
         faces = flow.faces
         wall, far = (faces.corners[faces.faces_of(kind)] for kind in ("wall", "farfield"))
-        is_symmetric = any(patch.kind == "symmetry" for patch in faces.boundary)
-        strips = SpanStrips.of(wall, nodes, flow.axes, is_symmetric=is_symmetric)
+        if not len(wall):
+            raise InputError("flow: no patch is a wall, so that there are no forces; declare what the body is")
+        planes = _planes_of_symmetry(flow, nodes)
+        strips = SpanStrips.of(wall, nodes, flow.axes, is_symmetric=len(planes) == 1)
+        induced = InducedDrag.of(strips, nodes) if len(planes) < 2 else InducedDrag.none(strips)
         middles = csr_array(
             (np.full(wall.size, 0.25), wall.ravel(), 4 * np.arange(len(wall) + 1)), (len(wall), len(nodes))
         )
-        coefficients = ForceCoefficients(middles, flow.axes, float(area), float(chord), np.asarray(reference, float))
-        wing = WingCoefficients(coefficients, InducedDrag.of(strips, nodes))
+        coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
+        wing = WingCoefficients(coefficients, induced)
         return cls(wall, far, WallPressure.of(flow.discretization), EntropyDrag.of(flow.discretization), wing)
 
     def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
@@ -123,3 +127,19 @@ class FlowForces:
     @property
     def _area(self) -> float:
         return self.wing.coefficients.area
+
+
+def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
+    """Coordinates along the span of the planes of symmetry across it: one of a half wing, two of an infinite one."""
+    corners = flow.faces.corners[flow.faces.faces_of("symmetry")]
+    span, sizes = (nodes @ flow.axes[1])[corners], np.ptp(nodes, axis=0).max()
+    across = np.ptp(span, axis=1) < _FLAT * sizes
+    places = np.sort(span[across].mean(axis=1))
+    planes = places[np.diff(places, prepend=-np.inf) > _FLAT * sizes]
+    if len(planes) == 1 and abs(planes[0]) > _FLAT * sizes:
+        raise InputError(f"flow: the plane of symmetry is at span {planes[0]:g}; shift the grid, so that it is at 0")
+    return list(planes)
+
+
+_FLAT = 1e-6
+"""Length, by the size of the grid, that is none."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from .euler.gas import stream_axes
+from ..errors import InputError
+from .stream import stream_axes
 
 __all__ = ["ForceCoefficients"]
 
@@ -24,15 +27,27 @@ class ForceCoefficients:
         Rows are the directions downstream, along the span, and up.
     area, chord : float
         Reference area (m^2) and chord (m).
-    reference : ndarray, shape (3,)
+    reference : sequence of three float
         Point that moments are taken about (m).
+
+    Raises
+    ------
+    InputError
+        If the area or the chord is not a positive number, or the point is none.
     """
 
     points: csr_array
     axes: np.ndarray
     area: float
     chord: float
-    reference: np.ndarray
+    reference: Sequence[float]
+
+    def __post_init__(self):
+        for name, value, unit in (("area", self.area, "square metres"), ("chord", self.chord, "metres")):
+            if not isinstance(value, Real) or not 0.0 < value < np.inf:
+                raise InputError(f"flow: reference {name} {value}; give a positive number of {unit}")
+        if np.shape(self.reference) != (3,) or not np.isfinite(self.reference).all():
+            raise InputError(f"flow: moment reference {self.reference}; give the coordinates x, y and z of a point")
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> np.ndarray:
         """Coefficients, shape (5,); real or complex.
@@ -69,7 +84,7 @@ class ForceCoefficients:
         return forces_bar, nodes_bar, force_bar @ self._slopes(alpha) @ forces.sum(axis=0)
 
     def _arms(self, nodes):
-        return self.points @ nodes - self.reference
+        return self.points @ nodes - np.asarray(self.reference)
 
     def _directions(self, alpha):
         """Directions of lift and of drag, shape (2, 3)."""

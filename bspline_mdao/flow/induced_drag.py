@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .euler.gas import stream_axes
 from .span_strips import SpanStrips
+from .stream import stream_axes
 from .wake import Wake
 
 __all__ = ["InducedDrag"]
@@ -74,6 +74,12 @@ class InducedDrag:
         """Take the strips for those of the wake: right where the loads solve for vortices between just these strips."""
         n = strips.n_strips
         return cls(strips, np.eye(n), np.eye(n + 1), np.full(n, 0.5))
+
+    @classmethod
+    def none(cls, strips: SpanStrips) -> InducedDrag:
+        """Leave the drag out, and give the span load alone: a wing from wall to wall has no wake."""
+        n = strips.n_strips
+        return cls(strips, np.zeros((n, n)), np.eye(n + 1), np.full(n, 0.5))
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> tuple[np.ndarray, float]:
         """Span load and induced drag; real or complex.

@@ -11,6 +11,7 @@ from ..geometry.camber_surface import CamberSurface
 from .force_coefficients import ForceCoefficients
 from .induced_drag import InducedDrag
 from .span_strips import SpanStrips
+from .stream import RADIAN
 from .wing_coefficients import WingCoefficients
 
 
@@ -77,7 +78,7 @@ class LatticeForces(om.ExplicitComponent):
 
     def _forward(self, inputs, d_inputs, d_outputs):
         forces, nodes = (direction_in(d_inputs, inputs, name) @ self._axes for name in _VECTORS)
-        d_alpha = _RADIAN * d_inputs["alpha"].item() if "alpha" in d_inputs else 0.0
+        d_alpha = RADIAN * d_inputs["alpha"].item() if "alpha" in d_inputs else 0.0
         found = self._wing.jvp(*self._arguments(inputs), forces, nodes, d_alpha)
         for name in d_outputs:
             d_outputs[name] += found[name]
@@ -88,7 +89,7 @@ class LatticeForces(om.ExplicitComponent):
         for name, bar in zip(_VECTORS, vector_bars):
             add_bar(d_inputs, name, bar @ self._axes.T)
         if "alpha" in d_inputs:
-            d_inputs["alpha"] += _RADIAN * alpha_bar
+            d_inputs["alpha"] += RADIAN * alpha_bar
 
     @property
     def _axes(self) -> np.ndarray:
@@ -97,22 +98,19 @@ class LatticeForces(om.ExplicitComponent):
     def _arguments(self, inputs):
         """Forces, nodes and angle (rad), in the axes of the grid."""
         forces, nodes = (inputs[name].reshape(-1, 3) @ self._axes for name in _VECTORS)
-        return forces, nodes, _RADIAN * inputs["alpha"][0]
+        return forces, nodes, RADIAN * inputs["alpha"][0]
 
     def _coefficients(self) -> WingCoefficients:
         """What is made of the forces."""
         shape, names = self.options["camber"].shape, ("reference_area", "reference_chord")
-        area, chord = (float(self.options[name]) for name in names)
-        reference = np.array(self.options["moment_reference"], dtype=float)
+        area, chord = (self.options[name] for name in names)
+        reference = self.options["moment_reference"]
         induced = InducedDrag.of_vortices(_strips(shape, self._axes))
         return WingCoefficients(ForceCoefficients(_bound(shape), self._axes, area, chord, reference), induced)
 
 
 _VECTORS = ("panel_forces", "camber_surface")
 """Inputs that are vectors."""
-
-_RADIAN = np.pi / 180.0
-"""Of a degree."""
 
 
 def _strips(shape: tuple[int, int, int], axes: np.ndarray) -> SpanStrips:

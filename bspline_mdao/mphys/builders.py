@@ -111,14 +111,22 @@ class EulerBuilder(FlowBuilder):
         The design surface; all walls by default.
     mover : Mover, optional
         Moves the control mesh; by default linear elasticity.
+    require_valid : bool
+        Refuse control meshes with inverted elements.
     **options
         Those of `EulerFlow`, such as ``reference_area``.
     """
 
     def __init__(
-        self, model: FittedModel, *, surface: SurfaceGrid | None = None, mover: Mover | None = None, **options
+        self,
+        model: FittedModel,
+        *,
+        surface: SurfaceGrid | None = None,
+        mover: Mover | None = None,
+        require_valid: bool = True,
+        **options,
     ):
         def flow():
             return EulerFlow(model=model, **options)
 
-        super().__init__(model, flow, surface=surface, results=EULER_RESULTS, mover=mover)
+        super().__init__(model, flow, surface=surface, results=EULER_RESULTS, mover=mover, require_valid=require_valid)

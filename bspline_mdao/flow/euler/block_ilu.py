@@ -98,7 +98,7 @@ class BlockFactor:
         return _solve_transposed(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _find(starts, columns, left, right):
     """Entries of pairs of rows."""
     places = np.empty(len(left), np.int64)
@@ -108,7 +108,7 @@ def _find(starts, columns, left, right):
     return places
 
 
-@njit(cache=True, nogil=True, forceinline=True, fastmath={"contract"})
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"})
 def _subtract(block, left, right):
     """Subtract the product of two blocks from a block."""
     for a in range(BLOCK):
@@ -117,7 +117,7 @@ def _subtract(block, left, right):
             block[a, b] -= l0 * right[0, b] + l1 * right[1, b] + l2 * right[2, b] + l3 * right[3, b] + l4 * right[4, b]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _invert(block, inverse):
     """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
     for a in range(BLOCK):
@@ -142,7 +142,7 @@ def _invert(block, inverse):
                 inverse[a, b] -= factor * inverse[k, b]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _factorize(starts, columns, lower, upper, diagonal):
     """Factor row by row in place, the diagonal blocks into their inverses."""
     n = len(starts) - 1
@@ -167,7 +167,7 @@ def _factorize(starts, columns, lower, upper, diagonal):
         _invert(product, diagonal[row])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 def _solve(rank, starts, columns, lower, upper, pivots, right):
     """Solve with L, then with U."""
     n = len(rank)
@@ -200,7 +200,7 @@ def _solve(rank, starts, columns, lower, upper, pivots, right):
     return x[rank]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 def _solve_transposed(rank, starts, columns, lower, upper, pivots, right):
     """Solve with the transpose of U, then with that of L."""
     n = len(rank)

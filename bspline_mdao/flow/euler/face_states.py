@@ -23,7 +23,7 @@ OUTER_MEAN = (0.5, 0.0, 0.0, 0.5)
 """Weights of the four cells in the state whose Mach number that is: a cell next to a shock still sees what is ahead."""
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _sum(weights, states, cells, n):
     return (
         weights[0] * states[cells[0], n]
@@ -33,7 +33,7 @@ def _sum(weights, states, cells, n):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _combine(weights, states, cells):
     return (
         _sum(weights, states, cells, 0),
@@ -44,7 +44,7 @@ def _combine(weights, states, cells):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _blend(smooth, shock, sigma):
     """Mix what holds in smooth flow and at shocks; and the derivative in the sensor."""
     slope = (
@@ -57,12 +57,12 @@ def _blend(smooth, shock, sigma):
     return _add(smooth, sigma, slope), slope
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _scale(factor, a):
     return factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _add(a, factor, b):
     return (
         a[0] + factor * b[0],
@@ -73,7 +73,7 @@ def _add(a, factor, b):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def shock_sensor(states, cells, threshold):
     """Share of what holds at shocks at an inner face.
 
@@ -84,7 +84,7 @@ def shock_sensor(states, cells, threshold):
     return gate * share, _scale(gate, by_pressure), _scale(share, by_mean)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _kink(states, cells, threshold):
     """Sense the second differences, and differentiate in the four pressures."""
     a, b, c, d = states[cells[0], 4], states[cells[1], 4], states[cells[2], 4], states[cells[3], 4]
@@ -99,7 +99,7 @@ def _kink(states, cells, threshold):
     return q * q / (q * q + level), (*gradient, 0.0 * q)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _gate(w):
     """Open at the speed of sound, shut in slow flow; and its derivatives in the state."""
     r, u, v, w, p = w
@@ -114,7 +114,7 @@ def _gate(w):
     return t * t * (3.0 - 2.0 * t), gradient
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def face_state(states, cells, weights, role, stream, dissipation, sigma):
     """Mean state and jump, and the derivatives of both in the sensor."""
     mean = _combine(weights[MEAN], states, cells)
@@ -128,7 +128,7 @@ def face_state(states, cells, weights, role, stream, dissipation, sigma):
     return mean, jump, mean_slope, jump_slope
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def face_weights(weights, role, dissipation, sigma, out):
     """Weights of the four cells in mean state and jump, shape (2, 4), with the sensor as it is."""
     for k in range(4):

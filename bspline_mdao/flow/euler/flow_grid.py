@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import InputError
 from ...grids.cell_faces import CellFaces
 from ...grids.topology import Topology
+from ..stream import flow_axes
 from .areas import area_vectors, area_vectors_jvp, area_vectors_vjp
 from .block_ilu import FactorPattern
 from .discretization import Discretization
 from .preconditioner import factor_pattern
 
-__all__ = ["FlowGrid", "flow_axes"]
+__all__ = ["FlowGrid"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +72,3 @@ class FlowGrid:
     def areas_vjp(self, nodes: np.ndarray, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `areas_jvp`."""
         return area_vectors_vjp(nodes, self.faces.corners, bar)
-
-
-def flow_axes(axes: str) -> np.ndarray:
-    """Directions downstream, along the span, and up, shape (3, 3), from the names of the axes.
-
-    Raises
-    ------
-    InputError
-        If they are not x, y and z in some order.
-    """
-    if sorted(axes) != ["x", "y", "z"]:
-        raise InputError(f"flow: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
-    return np.eye(3)[["xyz".index(axis) for axis in axes]]

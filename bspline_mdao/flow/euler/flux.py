@@ -41,12 +41,12 @@ ROUNDING = 0.05
 _BY_GAMMA = 1.0 / (GAMMA - 1.0)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def face_flux(w, j, s, shock=0.0):
     """Flux of mass, momentum and energy.
 
@@ -86,7 +86,7 @@ def face_flux(w, j, s, shock=0.0):
     )
 
 
-@njit(cache=True, forceinline=True, fastmath={"contract", "nnan", "nsz"})
+@njit(cache=True, error_model="numpy", forceinline=True, fastmath={"contract", "nnan", "nsz"})
 def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
     """Change of the flux with mean state, jump, area vector and share of shocks.
 

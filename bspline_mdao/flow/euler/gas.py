@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..stream import stream_axes
+
 GAMMA = 1.4
 """Ratio of the specific heats of air."""
 
@@ -41,8 +43,6 @@ def free_stream_partials(mach, alpha, axes: np.ndarray) -> tuple[np.ndarray, np.
     return np.concatenate([[0.0], drag, [0.0]]), np.concatenate([[0.0], mach * lift, [0.0]])
 
 
-def stream_axes(alpha, axes: np.ndarray) -> np.ndarray:
-    """Directions of drag and lift, shape (2, 3); the second is the derivative of the first in the angle."""
-    downstream, _, up = axes
-    sine, cosine = np.sin(alpha), np.cos(alpha)
-    return np.stack([cosine * downstream + sine * up, cosine * up - sine * downstream])
+def mach_numbers(states: np.ndarray) -> np.ndarray:
+    """Local Mach numbers, shape (n,), of states, shape (n, 5)."""
+    return np.sqrt(np.sum(states[:, 1:4] ** 2, axis=1) * states[:, 0] / (GAMMA * states[:, 4]))

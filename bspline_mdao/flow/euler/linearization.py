@@ -14,7 +14,7 @@ _UNIT = tuple(tuple(float(n == m) for n in range(5)) for m in range(5))
 _AXIS = tuple(unit[:3] for unit in _UNIT[:3])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def face_jacobians(
     cells, weights, classes, roles, areas, states, stream, dissipation, threshold, by_state, by_area, shares, sensors
 ):
@@ -51,7 +51,7 @@ def face_jacobians(
                 sensors[f, 10 + n] = column[n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _fill(mean, jump, s, sigma, by_state, by_area):
     """Differentiate in one argument after the other: written out, what is multiplied by zero is not compiled."""
     _put(by_state, 0, face_flux_jvp(mean, jump, s, sigma, _UNIT[0], _ZERO, _STILL, 0.0))
@@ -69,13 +69,13 @@ def _fill(mean, jump, s, sigma, by_state, by_area):
     _put(by_area, 2, face_flux_jvp(mean, jump, s, sigma, _ZERO, _ZERO, _AXIS[2], 0.0))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _put(jacobian, m, column):
     for n in range(5):
         jacobian[n, m] = column[n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def state_jvp(cells, roles, by_state, shares, sensors, d_states, out):
     """Add the change of the residual with the states."""
     mean, jump, has_sensor = np.zeros(5, d_states.dtype), np.zeros(5, d_states.dtype), len(sensors) > 0
@@ -105,7 +105,7 @@ def state_jvp(cells, roles, by_state, shares, sensors, d_states, out):
                 out[c, n] -= flux
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def state_vjp(cells, roles, by_state, shares, sensors, bar, out):
     """Add the transposed product of `state_jvp`."""
     through, mean, jump, has_sensor = np.zeros(5), np.zeros(5), np.zeros(5), len(sensors) > 0

@@ -17,7 +17,7 @@ from .discretization import Discretization
 from .krylov import solve_system
 from .preconditioner import compact_factor, time_terms
 
-__all__ = ["FlowSolution", "NewtonStep", "solve_flow"]
+__all__ = ["FlowSolution", "NewtonStep", "relative_residual", "solve_flow"]
 
 FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
 """CFL number of the first step from the uniform stream, and where growth and cuts end."""
@@ -27,6 +27,9 @@ CFL_GROWTH = 1.5
 
 LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Relative fall of density and pressure, rise of the residual, and share of a Newton step."""
+
+STALLED = 15
+"""Steps in which the residual has to be halved."""
 
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing are the end: fluxes are rounded."""
@@ -125,15 +128,14 @@ def solve_flow(
         Converged or not: see ``is_converged``.
     """
     tell = progress or (lambda step: None)
-    scale = np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream))
-    scale = max(scale, np.finfo(float).eps * np.linalg.norm(areas) / tolerance)  # no less than fluxes are rounded
+    scale = _scale(discretization, areas, stream, tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = discretization.residual(states, areas, stream)
     norm = np.linalg.norm(residual)
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
-        if _is_rounded(history):
+        if _is_rounded(history) or _is_stalled(history):
             break
         update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)
         states, residual, length = _advance(discretization, states, areas, stream, residual, update)
@@ -144,10 +146,28 @@ def solve_flow(
     return FlowSolution(states, stream, tuple(history), tolerance)
 
 
+def relative_residual(discretization: Discretization, states, areas, stream, tolerance: float = 1e-10) -> float:
+    """Norm of the residual of states by that of the uniform stream; arguments are those of `solve_flow`."""
+    residual = np.linalg.norm(discretization.residual(states, areas, stream))
+    return float(residual / _scale(discretization, areas, stream, tolerance))
+
+
+def _scale(discretization: Discretization, areas, stream, tolerance: float) -> float:
+    """Norm of the residual of the uniform stream, and no less than what rounded fluxes are by the tolerance."""
+    scale = np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream))
+    return max(scale, np.finfo(float).eps * np.linalg.norm(areas) / tolerance)
+
+
 def _is_rounded(history: list[NewtonStep]) -> bool:
     """Whether the residual is so small that the last steps could not halve it."""
     residuals = [step.residual for step in history[-3:]]
     return len(residuals) == 3 and residuals[0] < ROUNDED and min(residuals[1:]) > 0.5 * residuals[0]
+
+
+def _is_stalled(history: list[NewtonStep]) -> bool:
+    """Whether as many steps as `STALLED` have not halved the lowest residual."""
+    before, lately = ([step.residual for step in part] for part in (history[:-STALLED], history[-STALLED:]))
+    return bool(before) and min(lately) > 0.5 * min(before)
 
 
 def _update(discretization, pattern, states, areas, stream, residual, cfl):

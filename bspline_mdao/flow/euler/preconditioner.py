@@ -48,7 +48,7 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _place(cells, weights, classes, roles, by_state, dissipation, sensor, rank, places, lower, upper, diagonal):
     """Add the blocks of all faces at their places."""
     for f in range(len(cells)):
@@ -85,7 +85,7 @@ def time_terms(discretization: Discretization, states: np.ndarray, areas: np.nda
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _time_terms(cells, roles, areas, states, out):
     rates = np.zeros(len(states))
     for f in range(len(cells)):

@@ -9,7 +9,7 @@ from .flux import face_flux
 from .stencil import INNER, SLIP
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def residual(cells, weights, classes, roles, areas, states, stream, dissipation, threshold, out):
     """Add the fluxes through all faces to what flows out of the cells on their left, and into those on their right."""
     for f in range(len(cells)):

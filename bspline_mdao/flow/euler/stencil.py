@@ -66,9 +66,10 @@ class Stencil:
         depths = 2 - no_a - np.append(np.zeros(faces.n_inner, int), faces.third == NONE)
         for patch in faces.boundary:
             if patch.kind not in KINDS:
+                kind = f"of kind '{patch.kind}'" if patch.kind else "of no kind"
                 raise InputError(
-                    f"flow: patch '{patch.name}' ({patch.stop - patch.start} faces) is of kind '{patch.kind}'; "
-                    f"declare it as one of {', '.join(KINDS)}"
+                    f"flow: patch '{patch.name}' ({patch.stop - patch.start} faces) is {kind}; declare it as one of "
+                    f"{', '.join(KINDS)} (bspline-mdao inspect --draft begins the file)"
                 )
             part = slice(patch.start, patch.stop)
             roles[part] = KINDS[patch.kind]

@@ -1,0 +1,40 @@
+"""Directions of the free stream."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+
+__all__ = ["RADIAN", "flow_axes", "stream_axes"]
+
+RADIAN = np.pi / 180.0
+"""Of a degree."""
+
+
+def stream_axes(alpha, axes: np.ndarray) -> np.ndarray:
+    """Directions of drag and lift, shape (2, 3); the second is the derivative of the first in the angle.
+
+    Parameters
+    ----------
+    alpha : float or complex
+        Angle of attack (rad).
+    axes : ndarray, shape (3, 3)
+        Rows are the directions downstream at zero angle, along the span, and up.
+    """
+    downstream, _, up = axes
+    sine, cosine = np.sin(alpha), np.cos(alpha)
+    return np.stack([cosine * downstream + sine * up, cosine * up - sine * downstream])
+
+
+def flow_axes(axes: str) -> np.ndarray:
+    """Directions downstream, along the span, and up, shape (3, 3), from the names of the axes.
+
+    Raises
+    ------
+    InputError
+        If they are not x, y and z in some order.
+    """
+    if sorted(axes) != ["x", "y", "z"]:
+        raise InputError(f"flow: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
+    return np.eye(3)[["xyz".index(axis) for axis in axes]]
