@@ -56,7 +56,9 @@ class WallPressure:
 class EntropyDrag:
     """Drag of the entropy that leaves through the far field (Oswatitsch), by the dynamic pressure (m^2).
 
-    In smooth flow it is spurious: the drag that the discretization adds.
+    In flow without shocks there should be none. What there is comes from the errors of the discretization, those that
+    wear trailing vortices down included: their part of the induced drag is in the entropy as well, so that the two do
+    not add up to the drag of the pressures.
 
     Parameters
     ----------
