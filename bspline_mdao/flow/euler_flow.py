@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from numbers import Real
-
 import openmdao.api as om
 
-from ..errors import InputError
 from ..model import FittedModel
 from ..names import GRID
 from .euler.flow_grid import FlowGrid
+from .euler.sequencing import coarse_levels, useful_levels
 from .euler_forces import EulerForces
-from .euler_state import EulerState
+from .euler_state import LARGEST_RESIDUAL, EulerState
 
 
 class EulerFlow(om.Group):
     """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
 
     Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
-    must cover the boundary of the grid.
+    must cover the boundary of the grid. Inverted cells are not noticed: keep them out by constraints of `Quality`. Of a
+    node that blocks share, the first row in the grid counts for all.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning
@@ -28,7 +27,8 @@ class EulerFlow(om.Group):
     ``Mach_number``   input   (1,)                 of the free stream; 0.3 by default
     ``states``        output  (5 n_cells)          see `EulerState`
     ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
-    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid
+    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid; with ``axes="xzy"`` a
+                                                   positive third one turns the nose down
     ``Cp``            output  (n_wall)             pressure coefficients on the wall faces
     ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing, from the tip
     ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
@@ -66,22 +66,23 @@ class EulerFlow(om.Group):
         self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
-        self.options.declare("tolerance", default=1e-10, desc="residual at which a run ends")
-        self.options.declare("linear_tolerance", default=1e-12, desc="of the linear systems of derivatives")
+        self.options.declare(
+            "tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends"
+        )
+        self.options.declare("linear_tolerance", default=1e-12, lower=0.0, desc="of the linear systems of derivatives")
         self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
-        self.options.declare("iprint", types=int, default=0, desc="0, 1 line a run, or 2 for one a step")
+        self.options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
 
     def setup(self):
         """Add the solution and what is made of it."""
-        area = self.options["reference_area"]
-        if not isinstance(area, Real) or not area > 0.0:
-            raise InputError(f"{self.msginfo}: reference area {area}; give a positive number of square metres")
         model = self.options["model"]
         nodes = model.regenerate().to_vector().reshape(-1, 3)
         shocks = self.options["shock_threshold"]
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], shock_threshold=shocks)
+        n_levels = useful_levels(flow.faces.n_cells)
+        levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], shock_threshold=shocks)
         settings, references = ({name: self.options[name] for name in names} for names in (_SETTINGS, _REFERENCES))
-        self.add_subsystem("state", EulerState(flow=flow, nodes=nodes, **settings), promotes=["*"])
+        self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
         self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
         self.set_input_defaults("alpha", val=2.0, units="deg")

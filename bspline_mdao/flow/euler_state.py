@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..components.jacobian import add_bar, direction_in, finite_points
+from ..components.jacobian import add_bar, direction_in, finite_points, finite_values
+from ..errors import InputError
 from ..names import GRID
+from .euler.continuation import solve_by_dissipation
 from .euler.flow_grid import FlowGrid
-from .euler.gas import N_STATES, free_stream, free_stream_partials
+from .euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from .euler.krylov import solve_system
-from .euler.newton import FlowSolution, NewtonStep, solve_flow
+from .euler.newton import FlowSolution, NewtonStep, relative_residual, solve_flow
 from .euler.preconditioner import compact_factor
+from .euler.sequencing import states_from_coarse
+from .stream import RADIAN
 
 LARGEST_RESIDUAL = 1e-8
 """Residual, by that of the uniform stream, up to which a flow that no longer converges is taken."""
-
-_RADIAN = np.pi / 180.0
 
 
 class EulerState(om.ImplicitComponent):
@@ -32,13 +34,17 @@ class EulerState(om.ImplicitComponent):
                                                   sound of the free stream; its residual is what flows out of the cells
     ===============  ======  ============  =====  ======================================================================
 
-    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where they
-    are still those of the last solution, they are carried along with the free stream.
+    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
+    they are still those of the last solution, they are carried along with the free stream. If that fails, and in a
+    first run, it starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of
+    flows with more dissipation.
 
     Options
     -------
     flow : FlowGrid
         The grid's faces, the scheme and the preconditioner.
+    levels : list of CoarseLevel
+        Coarser members of the grid to start on; by default none.
     nodes : ndarray, shape (n_nodes, 3)
         Baseline nodes (m).
     tolerance : float
@@ -53,23 +59,28 @@ class EulerState(om.ImplicitComponent):
     Raises
     ------
     om.AnalysisError
-        In a run, if a node is not finite, or the residual does not fall below 1e-8, with its history; with derivatives,
-        if a linear system cannot be solved.
+        In a run, if an input is not finite or the Mach number not positive, or if the residual does not fall below
+        1e-8, with its history; with derivatives, if it is not below that, or a linear system cannot be solved.
+    InputError
+        Under complex step.
     """
 
     def initialize(self):
         """Declare the options."""
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces, scheme and preconditioner")
+        self.options.declare("levels", default=[], types=list, recordable=False, desc="coarser members to start on")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
-        self.options.declare("tolerance", default=1e-10, desc="residual at which a run ends")
-        self.options.declare("linear_tolerance", default=1e-12, desc="of the linear systems of derivatives")
+        self.options.declare(
+            "tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends"
+        )
+        self.options.declare("linear_tolerance", default=1e-12, lower=0.0, desc="of the linear systems of derivatives")
         self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
-        self.options.declare("iprint", types=int, default=0, desc="0, 1 line a run, or 2 for one a step")
+        self.options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
 
     def setup(self):
         """Declare the variables."""
         flow = self.options["flow"]
-        self._solution = None
+        self._solution = self._converged = None
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
         self.add_input("alpha", units="deg")
         self.add_input("Mach_number")
@@ -81,22 +92,28 @@ class EulerState(om.ImplicitComponent):
         residuals["states"] = self._discretization.residual(states, *self._at(inputs)).ravel()
 
     def solve_nonlinear(self, inputs, outputs):
-        """Solve for the states, from those that are there or else from the uniform stream."""
-        finite_points(inputs[GRID], GRID, self.msginfo)
+        """Solve for the states, from those that are there or else afresh."""
+        self._check(inputs)
         areas, stream = self._at(inputs)
-        starts = self._last_states(outputs, stream), self._discretization.uniform(stream)
-        norms = [np.linalg.norm(self._discretization.residual(start, areas, stream)) for start in starts]
-        for start in [starts[0], starts[1]] if norms[0] < norms[1] else [starts[1]]:
-            self._solution = self._solve(areas, stream, start)
-            if self._solution.residual <= LARGEST_RESIDUAL:
-                outputs["states"] = self._solution.states.ravel()
+        for solution in self._attempts(inputs, outputs, areas, stream):
+            self._solution = solution
+            self._tell(solution)
+            if solution.residual <= LARGEST_RESIDUAL:
+                self._converged = solution
+                outputs["states"] = solution.states.ravel()
                 return
         raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}")
 
     def linearize(self, inputs, outputs, jacobian):
         """Differentiate the residual, and factor a neighbour of its Jacobian for the linear systems."""
-        states = outputs["states"].reshape(-1, N_STATES)
-        self._linearization = self._discretization.linearize(states, *self._at(inputs))
+        states, (areas, stream) = outputs["states"].reshape(-1, N_STATES), self._at(inputs)
+        residual = relative_residual(self._discretization, states, areas, stream)
+        if not residual <= LARGEST_RESIDUAL:
+            raise om.AnalysisError(
+                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} by that of the uniform stream; run "
+                f"the model first, to {LARGEST_RESIDUAL:g}"
+            )
+        self._linearization = self._discretization.linearize(states, areas, stream)
         still = np.zeros((len(states), N_STATES, N_STATES))
         self._factor = compact_factor(self._linearization, self.options["flow"].pattern, still)
 
@@ -160,31 +177,55 @@ class EulerState(om.ImplicitComponent):
     def _at(self, inputs):
         """Area vectors and free stream."""
         flow = self.options["flow"]
-        stream = free_stream(inputs["Mach_number"][0], _RADIAN * inputs["alpha"][0], flow.axes)
+        stream = free_stream(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], flow.axes)
         return flow.areas(inputs[GRID].reshape(-1, 3)), stream
+
+    def _check(self, inputs):
+        """Refuse what is no flow."""
+        if self.under_complex_step:
+            raise InputError(f"{self.msginfo}: there is no complex step through a flow; its own derivatives are exact")
+        finite_points(inputs[GRID], GRID, self.msginfo)
+        finite_values(inputs["alpha"], "alpha", self.msginfo)
+        if not 0.0 < inputs["Mach_number"][0] < np.inf:
+            raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
+
+    def _supersonic(self, states) -> str:
+        """Advise a sensor of shocks where there is none and the flow is supersonic."""
+        n_supersonic = np.count_nonzero(mach_numbers(states) > 1.0)
+        is_missing = n_supersonic and not self._discretization.shock_threshold
+        return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
 
     def _last_states(self, outputs, stream) -> np.ndarray:
         """States that are there, with the change of the free stream since they were solved for, where that is known."""
-        states, last = outputs["states"].reshape(-1, N_STATES), self._solution
+        states, last = outputs["states"].reshape(-1, N_STATES), self._converged
         is_solved = last is not None and np.array_equal(states, last.states)
         return states + (stream - last.stream) if is_solved else states.copy()
 
     def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
         """Derivatives of the free stream by the inputs."""
         axes = self.options["flow"].axes
-        by_mach, by_alpha = free_stream_partials(inputs["Mach_number"][0], _RADIAN * inputs["alpha"][0], axes)
-        return {"Mach_number": by_mach, "alpha": _RADIAN * by_alpha}
+        by_mach, by_alpha = free_stream_partials(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], axes)
+        return {"Mach_number": by_mach, "alpha": RADIAN * by_alpha}
 
-    def _solve(self, areas, stream, start) -> FlowSolution:
-        flow, iprint = self.options["flow"], self.options["iprint"]
+    def _attempts(self, inputs, outputs, areas, stream):
+        """Yield solutions, each by a surer way than the last."""
+        flow, levels, iprint = (self.options[name] for name in ("flow", "levels", "iprint"))
         settings = {name: self.options[name] for name in ("tolerance", "max_steps")}
-        progress = (lambda step: print(f"{self.pathname}: {_line(step)}")) if iprint > 1 else None
-        solution = solve_flow(
-            flow.discretization, areas, stream, pattern=flow.pattern, states=start, progress=progress, **settings
-        )
-        if iprint:
-            print(f"{self.pathname}: residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps")
-        return solution
+        settings["progress"] = (lambda step: print(f"{self.pathname}: {_line(step)}")) if iprint > 1 else None
+        field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
+        starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
+        norms = [np.linalg.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
+        if norms[0] < norms[1]:
+            yield solve_flow(*field, states=starts[0], **settings)
+        cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
+        yield solve_flow(*field, states=cold, **settings)
+        yield solve_by_dissipation(*field, **settings)
+
+    def _tell(self, solution: FlowSolution) -> None:
+        """Print a line about a solution."""
+        if self.options["iprint"]:
+            end = f"residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps"
+            print(f"{self.pathname}: {end}{self._supersonic(solution.states)}")
 
 
 def _line(step: NewtonStep) -> str:

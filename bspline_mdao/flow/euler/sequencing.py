@@ -16,10 +16,13 @@ from ...grids.topology import Topology
 from .flow_grid import FlowGrid
 from .newton import solve_flow
 
-__all__ = ["CoarseLevel", "coarse_levels", "states_from_coarse"]
+__all__ = ["CoarseLevel", "coarse_levels", "states_from_coarse", "useful_levels"]
 
 TOLERANCE, MAX_STEPS = 1e-3, 30
 """Residual of the flows on coarser members, and their Newton steps at most."""
+
+SMALLEST = 4_000
+"""Cells below which a coarser member saves nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,17 @@ def coarse_levels(topology: Topology, nodes: np.ndarray, n_levels: int, axes: st
         topology, nodes = refined_topology(topology, 0.5), nodes[picked]
         levels.append(CoarseLevel(FlowGrid.of(topology, nodes, axes, **settings), picked, parents))
     return levels
+
+
+def useful_levels(n_cells: int) -> int:
+    """Count the coarser members that save time where a grid has so many cells.
+
+    Examples
+    --------
+    >>> useful_levels(10_000), useful_levels(36_864), useful_levels(1_000_000)
+    (0, 1, 2)
+    """
+    return max(0, int(np.log(n_cells / SMALLEST) / np.log(8.0)))
 
 
 def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray) -> np.ndarray | None:
