@@ -1,5 +1,6 @@
 """The flow by the Euler equations as an OpenMDAO group: derivatives of every output, failures, warm starts."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -23,6 +24,7 @@ from bspline_mdao import (
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.flow_forces import FlowForces
+from bspline_mdao.generators import infinite_wing_grid, naca_section
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")
 OUTPUTS = (*COEFFICIENTS, "span_load", "Cp")
@@ -196,6 +198,8 @@ def test_flow_that_does_not_converge_is_refused_with_its_history_and_the_next_on
         flown.run_model()
     assert "\n" not in str(error.value)
     np.testing.assert_array_equal(flown.get_val("states"), states)
+    with pytest.raises(om.AnalysisError, match="no derivatives at a residual of"):
+        flown.compute_totals(["CL"], ["alpha"])
     flown.model.flow.state.options["max_steps"] = 50
     flown.set_val("alpha", 3.0)
     flown.run_model()
@@ -231,18 +235,70 @@ def test_progress_is_told_on_request(capsys):
     assert all(line.startswith("flow.state: residual") for line in lines)
 
 
-@pytest.mark.parametrize("area", [None, 0.0, "large"])
-def test_reference_area_is_asked_for(area):
-    flown = om.Problem(EulerFlow(model=wing(), reference_area=area), reports=False)
-    with pytest.raises(InputError, match="reference area"):
-        flown.setup()
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("reference_area", None, "reference area None; give a positive number of square metres"),
+        ("reference_area", 0.0, "reference area 0.0"),
+        ("reference_chord", "long", "reference chord long; give a positive number of metres"),
+        ("moment_reference", (0.0, 1.0), "moment reference .* give the coordinates x, y and z of a point"),
+        ("axes", "xzz", "axes 'xzz'; name x, y and z"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused(option, value, message):
+    options = {"reference_area": 1.16, option: value}
+    with pytest.raises(InputError, match=message):
+        om.Problem(EulerFlow(model=wing(), **options), reports=False).setup()
+
+
+@pytest.mark.parametrize("mach", [0.0, -0.3, np.nan])
+def test_mach_number_that_is_not_positive_is_refused(mach):
+    flown = problem()
+    flown.set_val("Mach_number", mach)
+    with pytest.raises(om.AnalysisError, match="Mach_number is"):
+        flown.run_model()
+
+
+def test_complex_step_through_a_flow_is_refused():
+    flown = om.Problem(reports=False)
+    flown.model.add_subsystem("flow", EulerFlow(model=wing(), reference_area=1.16), promotes=["*"])
+    flown.model.approx_totals("cs")
+    flown.setup(force_alloc_complex=True)
+    flown.run_model()
+    with pytest.raises(InputError, match="no complex step through a flow"):
+        flown.compute_totals(["CL"], ["alpha"])
+
+
+def test_plane_of_symmetry_away_from_span_0_is_refused():
+    nodes = wing().regenerate().to_vector().reshape(-1, 3)
+    with pytest.raises(InputError, match="plane of symmetry is at span 1; shift the grid"):
+        FlowForces.of(FlowGrid.of(wing().topology, nodes), nodes + np.array([0.0, 0.0, 1.0]), 1.16)
+
+
+def test_wing_between_two_planes_of_symmetry_has_no_induced_drag():
+    model = fit_grid(infinite_wing_grid(naca_section(0.12), (9, 7)))
+    nodes = model.regenerate().to_vector().reshape(-1, 3)
+    flow = FlowGrid.of(model.topology, nodes)
+    forces = FlowForces.of(flow, nodes, 1.0)
+    rng, states = np.random.default_rng(5), flow.discretization.uniform(free_stream(0.4, 0.1, flow.axes))
+    found = forces.evaluate(states * rng.uniform(0.9, 1.1, states.shape), nodes, 0.1, 0.4)
+    assert found["CD_induced"] == 0.0
+    assert np.abs(found["span_load"]).min() > 0.0
+
+
+def test_body_without_walls_is_refused():
+    model = wing()
+    nodes = model.regenerate().to_vector().reshape(-1, 3)
+    flow = FlowGrid.of(model.topology, nodes)
+    patches = tuple(replace(patch, kind="farfield") for patch in flow.faces.boundary)
+    open_flow = replace(flow, discretization=replace(flow.discretization, faces=replace(flow.faces, boundary=patches)))
+    with pytest.raises(InputError, match="no patch is a wall"):
+        FlowForces.of(open_flow, nodes, 1.16)
 
 
 def test_boundary_that_is_not_declared_is_named():
     from component_cases import small_model
 
     flown = om.Problem(EulerFlow(model=small_model(), reference_area=1.0), reports=False)
-    with pytest.raises(
-        InputError, match=r"patch 'unassigned' .* is of kind 'None'; declare it as one of wall, symmetry"
-    ):
+    with pytest.raises(InputError, match=r"patch 'unassigned' .* is of no kind; declare it as one of wall, symmetry"):
         flown.setup()
