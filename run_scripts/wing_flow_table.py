@@ -57,12 +57,17 @@ class Case:
 
 
 def rectangular_wing(factor: float) -> FittedModel | None:
-    """Fit the grid of another project about a NACA 0012 wing: it, or a member of its family."""
+    """Fit the grid of another project about a NACA 0012 wing: it, or a member of its family.
+
+    The control points are three to four nodes, which keeps the wall of the members within 0.0005 chords of the grid's.
+    """
     folder = os.environ.get("BSPLINE_MDAO_GRIDS")
     if not folder:
         return None
     grid = read_grid(Path(folder) / "hh_naca0012_12blocks.xyz")
-    model = fit_grid(replace(grid, patches=guess_patches(grid, [face.window for face in find_topology(grid).boundary])))
+    grid = replace(grid, patches=guess_patches(grid, [face.window for face in find_topology(grid).boundary]))
+    n_control = [tuple(int(np.ceil(0.75 * n)) for n in block.nodes.shape[:3]) for block in grid.blocks]
+    model = fit_grid(grid, n_control=n_control)
     return model if factor == 1.0 else model.member(factor)
 
 
@@ -192,6 +197,7 @@ def draw_coefficients(axes, found: dict) -> None:
                 if {"CL", name} <= set(values):
                     axes.plot(values["CL"], values[name], marker, color=COLORS[code], fillstyle=fill, label=label)
                     label = None
+    axes.margins(0.1)
     axes.set(xlabel="$C_L$", ylabel="$C_D$, induced (open)", ylim=(0.0, None))
     axes.legend(fontsize=8)
 
