@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bspline_mdao import fit_grid, onera_m6_grid
+
 RUN_SCRIPTS = Path(__file__).parents[1] / "run_scripts"
 
 
@@ -112,3 +114,12 @@ def test_painted_faces_have_the_colours_of_their_values(script, without_renderer
         scenes.draw_scene(axes, scenes.Scene([], [], paint=paint), camera, (2.0, 2.0))
         colors = axes.collections[0].get_facecolors()
     np.testing.assert_allclose(colors, paint.mappable().to_rgba([-1.0, 0.5]))
+
+
+def test_openfoam_is_named_where_it_is_missing(script, monkeypatch):
+    runs = script("euler_runs")
+    monkeypatch.setattr(runs, "openfoam_forces", lambda *arguments: None)
+    model = fit_grid(onera_m6_grid((5, 5, 5)))
+    problem = runs.flow_problem(model, runs.Condition(0.3, 3.0, 1.16), iprint=0)
+    assert runs.run_openfoam(problem, model, runs.Condition(0.3, 3.0, 1.16)) == ({"refused": "not installed"}, None)
+    assert len(runs.wall_quads(model)) == problem.get_val("Cp").size
