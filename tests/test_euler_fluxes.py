@@ -92,9 +92,7 @@ def test_the_far_field_gives_what_the_flux_makes_of_both_sides():
 
 
 def test_a_patch_that_says_nothing_about_the_flow_is_refused_in_one_line():
-    with pytest.raises(
-        InputError, match=r"patch 'unassigned' \(94 faces\) is of kind 'None'; declare it as one of wall"
-    ):
+    with pytest.raises(InputError, match=r"patch 'unassigned' \(94 faces\) is of no kind; declare it as one of wall"):
         case_of(grid_of(smooth_box(4, 5, 6)))
 
 

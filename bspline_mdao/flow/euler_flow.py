@@ -9,7 +9,7 @@ from ..names import GRID
 from .euler.flow_grid import FlowGrid
 from .euler.sequencing import coarse_levels, useful_levels
 from .euler_forces import EulerForces
-from .euler_state import LARGEST_RESIDUAL, EulerState
+from .euler_state import SOLVER_OPTIONS, EulerState, declare_solver
 
 
 class EulerFlow(om.Group):
@@ -66,12 +66,7 @@ class EulerFlow(om.Group):
         self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
-        self.options.declare(
-            "tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends"
-        )
-        self.options.declare("linear_tolerance", default=1e-12, lower=0.0, desc="of the linear systems of derivatives")
-        self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
-        self.options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
+        declare_solver(self.options)
 
     def setup(self):
         """Add the solution and what is made of it."""
@@ -81,7 +76,7 @@ class EulerFlow(om.Group):
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], shock_threshold=shocks)
         n_levels = useful_levels(flow.faces.n_cells)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], shock_threshold=shocks)
-        settings, references = ({name: self.options[name] for name in names} for names in (_SETTINGS, _REFERENCES))
+        settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, _REFERENCES))
         self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
         self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
@@ -89,5 +84,4 @@ class EulerFlow(om.Group):
         self.set_input_defaults("Mach_number", val=0.3)
 
 
-_SETTINGS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
 _REFERENCES = ("reference_area", "reference_chord", "moment_reference")

@@ -70,12 +70,7 @@ class EulerState(om.ImplicitComponent):
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces, scheme and preconditioner")
         self.options.declare("levels", default=[], types=list, recordable=False, desc="coarser members to start on")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
-        self.options.declare(
-            "tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends"
-        )
-        self.options.declare("linear_tolerance", default=1e-12, lower=0.0, desc="of the linear systems of derivatives")
-        self.options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
-        self.options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
+        declare_solver(self.options)
 
     def setup(self):
         """Declare the variables."""
@@ -226,6 +221,18 @@ class EulerState(om.ImplicitComponent):
         if self.options["iprint"]:
             end = f"residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps"
             print(f"{self.pathname}: {end}{self._supersonic(solution.states)}")
+
+
+SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
+"""Options of `EulerState` that a group around it hands on."""
+
+
+def declare_solver(options) -> None:
+    """Declare these."""
+    options.declare("tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
+    options.declare("linear_tolerance", default=1e-12, lower=0.0, desc="of the linear systems of derivatives")
+    options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
+    options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
 
 
 def _line(step: NewtonStep) -> str:

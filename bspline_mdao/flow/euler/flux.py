@@ -13,8 +13,8 @@ area vector S, all speeds are times the area: :math:`U = u \cdot S`, :math:`A = 
     Q = \sigma \, \delta p / (\rho a^2) + \Delta \, \delta U / A,
 
 with :math:`\sigma = (\lambda_+ + \lambda_-)/2 - \lambda_0` and :math:`\Delta = (\lambda_+ - \lambda_-)/2` of the
-rounded-off moduli :math:`\lambda = \sqrt{x^2 + (\epsilon A)^2}` of :math:`U` and :math:`U \pm A`: with f = 1 the
-product of Roe's absolute Jacobian with the jump, and differentiable everywhere. The factor
+moduli :math:`\lambda = \sqrt{x^2 + (\epsilon A)^2}` of :math:`U` and :math:`U \pm A`, rounded off by an entropy fix:
+with f = 1 the product of Roe's absolute Jacobian with the jump, and differentiable everywhere. The factor
 :math:`f = M^2 / \sqrt{1 + M^4}` of the local Mach number M keeps jumps of the normal velocity from being dissipated at
 the speed of sound where the flow is slow, as about stagnation points: that costs most of the spurious drag. At shocks
 it is blended into one, and the flux of the mean state into the products of means of mass flux, velocity and total
@@ -68,12 +68,12 @@ def face_flux(w, j, s, shock=0.0):
     A = np.sqrt(GAMMA * p / r * s2)
     k = (ROUNDING * A) ** 2
     l0, lp, lm = np.sqrt(U * U + k), np.sqrt((U + A) ** 2 + k), np.sqrt((U - A) ** 2 + k)
-    sm, df = 0.5 * (lp + lm) - l0, 0.5 * (lp - lm)
+    sigma, delta = 0.5 * (lp + lm) - l0, 0.5 * (lp - lm)
     m2 = q2 * r / (GAMMA * p)
     low = m2 / np.sqrt(1.0 + m2 * m2)
-    g = sm * r * (low + shock * (1.0 - low))
-    P = g * jU / s2 + df * jp / A
-    Q = sm * jp / (GAMMA * p) + df * jU / A
+    g = sigma * r * (low + shock * (1.0 - low))
+    P = g * jU / s2 + delta * jp / A
+    Q = sigma * jp / (GAMMA * p) + delta * jU / A
     m = through - 0.5 * (l0 * jr + r * Q)
     push, drag = p - 0.5 * P, 0.5 * l0 * r
     energy = H * (through - 0.5 * r * Q) - 0.5 * (l0 * (jp * _BY_GAMMA + 0.5 * q2 * jr + r * _dot(u, ju)) + P * U)
@@ -111,18 +111,19 @@ def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
     k, dk = (ROUNDING * A) ** 2, ROUNDING**2 * A * dA
     l0, lp, lm = np.sqrt(U * U + k), np.sqrt((U + A) ** 2 + k), np.sqrt((U - A) ** 2 + k)
     dl0, dlp, dlm = (U * dU + dk) / l0, ((U + A) * (dU + dA) + dk) / lp, ((U - A) * (dU - dA) + dk) / lm
-    sm, df = 0.5 * (lp + lm) - l0, 0.5 * (lp - lm)
-    dsm, ddf = 0.5 * (dlp + dlm) - dl0, 0.5 * (dlp - dlm)
+    sigma, delta = 0.5 * (lp + lm) - l0, 0.5 * (lp - lm)
+    dsigma, ddelta = 0.5 * (dlp + dlm) - dl0, 0.5 * (dlp - dlm)
     m2 = q2 * r / (GAMMA * p)
     dm2 = (dq2 * r + q2 * dr) / (GAMMA * p) - m2 * dp / p
     c = 1.0 / np.sqrt(1.0 + m2 * m2)
-    f, df_ = m2 * c + shock * (1.0 - m2 * c), (1.0 - shock) * c**3 * dm2 + (1.0 - m2 * c) * dshock
-    g, dg = sm * r * f, (dsm * r + sm * dr) * f + sm * r * df_
-    P = g * jU / s2 + df * jp / A
+    factor, dfactor = m2 * c + shock * (1.0 - m2 * c), (1.0 - shock) * c**3 * dm2 + (1.0 - m2 * c) * dshock
+    g, dg = sigma * r * factor, (dsigma * r + sigma * dr) * factor + sigma * r * dfactor
+    P = g * jU / s2 + delta * jp / A
     dP = (dg * jU + g * (djU - jU * ds2 / s2)) / s2
-    dP += (ddf * jp + df * djp - df * jp * dA / A) / A
-    Q = sm * jp / (GAMMA * p) + df * jU / A
-    dQ = (dsm * jp + sm * djp - sm * jp * dp / p) / (GAMMA * p) + (ddf * jU + df * djU - df * jU * dA / A) / A
+    dP += (ddelta * jp + delta * djp - delta * jp * dA / A) / A
+    Q = sigma * jp / (GAMMA * p) + delta * jU / A
+    dQ = (dsigma * jp + sigma * djp - sigma * jp * dp / p) / (GAMMA * p)
+    dQ += (ddelta * jU + delta * djU - delta * jU * dA / A) / A
     m = through - 0.5 * (l0 * jr + r * Q)
     dm = dthrough - 0.5 * (dl0 * jr + l0 * djr + dr * Q + r * dQ)
     push, drag = p - 0.5 * P, 0.5 * l0 * r
