@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import openmdao.api as om
 from common import GRAY, figure
+from euler_runs import nodes_of
 from flown_wing import FlownWing, optimise_with
 from history import COLORS, draw_course, draw_objective
 from optimisation import Drivers, Run, flow_in_one, set_up, write_n2
@@ -113,8 +113,3 @@ class Study:
         cells = report_quality(GridQuality.of_baseline(self.wing.model.regenerate()), nodes_of(problem))
         counts = {"min_corner": cells.min_corner, "n_inverted": cells.n_inverted}
         return {name: problem.get_val(name).copy().squeeze() for name in wanted} | counts
-
-
-def nodes_of(problem: om.Problem) -> np.ndarray:
-    """Nodes of the grid of a problem, shape (n, 3) (m)."""
-    return problem.get_val(GRID).reshape(-1, 3)
