@@ -24,7 +24,7 @@ class LatticeFlow(om.Group):
     ==================  ======  =============  =====  ==================================================================
     ``grid``            input   (3 n)          m      nodes of the grid, xyz interleaved
     ``alpha``           input   (1,)           deg    angle of attack; 2 by default
-    ``Mach_number``     input   (1,)                  Prandtl-Glauert below 1; 0 by default
+    ``Mach_number``     input   (1,)                  Prandtl-Glauert below 1; 0.3 by default
     ``CL``              output  (1,)                  lift, of the half wing by its reference area
     ``CD``              output  (1,)                  drag of the forces on the bound vortices
     ``CM``              output  (3,)                  moments about the axes x, y and z of the grid
@@ -88,7 +88,7 @@ class LatticeFlow(om.Group):
         self.connect("stream.density", "lattice.density")
         self.connect("lattice.panel_forces", "forces.panel_forces")
         self.set_input_defaults("alpha", val=2.0, units="deg")
-        self.set_input_defaults("Mach_number", val=0.0)
+        self.set_input_defaults("Mach_number", val=0.3)
 
     def _add_camber(self) -> CamberSurface:
         """Add the camber surface of the grid's own nodes, without a copy of them in between."""
