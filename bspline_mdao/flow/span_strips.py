@@ -139,7 +139,8 @@ def _rows_of_edges(edges: np.ndarray, n_edges: int) -> np.ndarray:
 def _in_turn(strips: np.ndarray, edges: np.ndarray, root: int) -> np.ndarray | None:
     """Number the strips of quads from the tip to the root, each next to the one before; None if they are not so."""
     n = strips.max() + 1
-    touch = coo_array((np.ones(edges.size), (np.repeat(strips, 4), edges.ravel())), shape=(n, edges.max() + 1)).tocsr()
+    ends = np.repeat(strips, 4).astype(np.int32), edges.ravel().astype(np.int32)  # what SciPy's older versions take
+    touch = coo_array((np.ones(edges.size), ends), shape=(n, edges.max() + 1)).tocsr()
     steps = dijkstra(touch @ touch.T, unweighted=True, indices=root)
     if n < 2 or not np.array_equal(np.sort(steps), np.arange(n)):
         return None
