@@ -11,21 +11,32 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["add_to_nodes", "area_vectors", "area_vectors_vjp"]
+__all__ = ["add_to_nodes", "area_vectors", "area_vectors_jvp", "area_vectors_vjp"]
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:
     """Integrals of the normal, shape (n, 3), of quads, shape (n, 4, 3): half the cross product of the diagonals."""
-    return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return 0.5 * np.cross(*_diagonals(corners))
+
+
+def area_vectors_jvp(corners: np.ndarray, d_corners: np.ndarray) -> np.ndarray:
+    """Change of the area vectors, shape (n, 3), with the corners, shape (n, 4, 3)."""
+    (p, q), (dp, dq) = _diagonals(corners), _diagonals(d_corners)
+    return 0.5 * (np.cross(dp, q) + np.cross(p, dq))
 
 
 def area_vectors_vjp(corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
     """Derivatives in the corners, shape (n, 4, 3), of derivatives in the area vectors, shape (n, 3)."""
-    first = 0.5 * np.cross(corners[:, 3] - corners[:, 1], bar)
-    second = 0.5 * np.cross(bar, corners[:, 2] - corners[:, 0])
+    p, q = _diagonals(corners)
+    first, second = 0.5 * np.cross(q, bar), 0.5 * np.cross(bar, p)
     return np.stack([-first, -second, first, second], axis=1)
 
 
 def add_to_nodes(quads: np.ndarray, bar: np.ndarray, n_points: int) -> np.ndarray:
     """Sum what the corners of quads, shape (n, 4), carry, shape (n, 4, 3), at the nodes: shape (n_points, 3)."""
     return np.stack([np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)], axis=-1)
+
+
+def _diagonals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Diagonals of quads from the first and from the second corner."""
+    return corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
