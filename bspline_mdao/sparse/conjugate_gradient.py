@@ -11,6 +11,7 @@ from numba import njit
 
 from ..errors import MovementError
 from .blocks import BlockMatrix, BlockPattern
+from .graph import graph_of
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
 from .solution import Solution, check_right
 
@@ -68,7 +69,8 @@ class ConjugateGradients:
 
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> ConjugateGradientsAnalysis:
         """Find the pattern of the factor; the points, shape (n, 3), are not used."""
-        return ConjugateGradientsAnalysis(self, incomplete_pattern(pattern, narrow_order(pattern), self.fill))
+        graph = graph_of(pattern)
+        return ConjugateGradientsAnalysis(self, incomplete_pattern(graph, narrow_order(graph), self.fill))
 
 
 @dataclass(frozen=True, eq=False)

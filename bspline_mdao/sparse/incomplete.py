@@ -10,9 +10,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..errors import MovementError
-from .blocks import BlockMatrix, BlockPattern
+from .blocks import BlockMatrix
 from .fill_pattern import fill_pattern
-from .graph import graph_of
+from .graph import Graph
 
 __all__ = ["IncompleteFactor", "IncompletePattern", "incomplete_factor", "incomplete_pattern", "narrow_order"]
 
@@ -79,19 +79,18 @@ class IncompleteFactor:
         return _solve(pattern.order, pattern.starts, pattern.columns, self.lower, self.inverse_diagonal, right)
 
 
-def incomplete_pattern(pattern: BlockPattern, order: np.ndarray, fill: int) -> IncompletePattern:
+def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> IncompletePattern:
     """Find where the incomplete factor of level ``fill`` has blocks, for points eliminated in ``order``."""
     order = np.ascontiguousarray(order, np.int32)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=np.int32)
-    return IncompletePattern(order, rank, *fill_pattern(*graph_of(pattern), order, fill))
+    return IncompletePattern(order, rank, *fill_pattern(*graph, order, fill))
 
 
-def narrow_order(pattern: BlockPattern) -> np.ndarray:
+def narrow_order(graph: Graph) -> np.ndarray:
     """Order of elimination by reverse Cuthill and McKee, which gives the fewest iterations of those measured."""
-    graph = graph_of(pattern)
-    edges = np.ones(len(graph.neighbours), np.int8)
-    return reverse_cuthill_mckee(csr_array((edges, graph.neighbours, graph.starts), shape=(pattern.n,) * 2), True)
+    n, edges = len(graph.starts) - 1, np.ones(len(graph.neighbours), np.int8)
+    return reverse_cuthill_mckee(csr_array((edges, graph.neighbours, graph.starts), shape=(n, n)), True)
 
 
 def incomplete_factor(

@@ -12,32 +12,25 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...sparse.fill_pattern import fill_pattern
+from ...sparse.graph import Graph
+from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
 
 BLOCK = 5
 
 
 @dataclass(frozen=True, eq=False)
-class FactorPattern:
+class FactorPattern(IncompletePattern):
     """Where the factor has blocks, and where the faces of the grid put theirs.
 
     Parameters
     ----------
-    rank : ndarray of int32, shape (n,)
-        Place of every cell in the order of elimination.
-    starts : ndarray of int64, shape (n + 1,)
-        Where each row of the strict lower triangle starts.
-    columns : ndarray of int32, shape (n_blocks,)
-        Columns, ascending within a row.
+    order, rank, starts, columns : ndarray
+        See `IncompletePattern`; points are cells.
     places : ndarray of int64, shape (n_pairs,)
         Entry of every pair of neighbours.
     """
 
-    rank: np.ndarray
-    starts: np.ndarray
-    columns: np.ndarray
     places: np.ndarray
 
     @classmethod
@@ -54,13 +47,12 @@ class FactorPattern:
             Level of fill.
         """
         ends = np.concatenate([left, right]), np.concatenate([right, left])
-        graph = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
-        graph.sum_duplicates()
-        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int32)
-        rank = np.empty_like(order)
-        rank[order] = np.arange(n, dtype=np.int32)
-        starts, columns = fill_pattern(graph.indptr.astype(np.int64), graph.indices.astype(np.int32), order, fill)
-        return cls(rank, starts, columns, _find(starts, columns, rank[left], rank[right]))
+        both = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
+        both.sum_duplicates()
+        graph = Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
+        found = incomplete_pattern(graph, narrow_order(graph), fill)
+        places = _find(found.starts, found.columns, found.rank[left], found.rank[right])
+        return cls(found.order, found.rank, found.starts, found.columns, places)
 
 
 @dataclass(frozen=True, eq=False)
