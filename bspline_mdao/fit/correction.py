@@ -16,7 +16,7 @@ import numpy as np
 from ..grids.entities import Section
 from ..grids.index_space import Orientation
 from ..grids.sections import inner_slices, sections_of, whole_slices
-from .entities import Entity, source_rows
+from .entities import Entity
 from .problem import FitProblem, Progress, Solution, part_of, solve_fit
 from .projection import project
 
@@ -117,7 +117,7 @@ def _take_over(follower: _Follower, parameters) -> None:
 
 def _find_followers(problem: FitProblem) -> list[_Follower]:
     """All edges and faces that coincide with an entity of their kind elsewhere."""
-    source = source_rows(problem.sharing)
+    source = problem.sharing.source_rows()
     rows = [source[r] for r in problem.sharing.rows]
     owners = {int(e.rows.min()): e for e in problem.entities if 1 <= sum(e.is_free) <= 2 and e.rows.size}
     followers = []

@@ -71,13 +71,6 @@ class Entity:
         return " ".join([names[self.segment], self.kind, *ends])
 
 
-def source_rows(sharing: NodeSharing) -> np.ndarray:
-    """Row that stands for each row of the grid vector: its own, or that of the node that it is a copy of."""
-    source = np.arange(1 + max(int(rows.max()) for rows in sharing.rows))
-    source[sharing.copies[:, 0]] = sharing.copies[:, 1]
-    return source
-
-
 def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) -> Iterator[Entity]:
     """Corners, then edges, faces and interiors, each with what no earlier entity holds.
 
@@ -94,7 +87,7 @@ def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) 
     ------
     Entity
     """
-    source = source_rows(sharing)
+    source = sharing.source_rows()
     is_known, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(len(source), dtype=bool)
     for n_free in range(4):
         for segment, (ids, rows) in enumerate(zip(control_ids, sharing.rows)):

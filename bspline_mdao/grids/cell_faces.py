@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .face_quads import corners_in_turn
 from .index_space import Window
 from .sharing import block_rows, node_sharing
 from .topology import Topology
@@ -152,10 +153,10 @@ class _Block:
 
     def quads(self, d: int) -> np.ndarray:
         """Corners of the faces across direction ``d``, which point towards its high end: (*shape, 4)."""
-        rows = np.moveaxis(self.rows, (d, (d + 1) % 3, (d + 2) % 3), (0, 1, 2))
-        cycle = [rows[:, :-1, :-1], rows[:, 1:, :-1], rows[:, 1:, 1:], rows[:, :-1, 1:]]
-        quads = np.stack(cycle if self.is_right_handed else cycle[::-1], axis=-1)
-        return np.moveaxis(quads, (0, 1, 2), (d, (d + 1) % 3, (d + 2) % 3))
+        rows = np.moveaxis(self.rows, ((d + 1) % 3, (d + 2) % 3, d), (0, 1, 2))
+        quads = corners_in_turn(rows)
+        quads = quads if self.is_right_handed else quads[..., ::-1]
+        return np.moveaxis(quads, (0, 1, 2), ((d + 1) % 3, (d + 2) % 3, d))
 
     def inner(self):
         """Yield the faces inside the block by direction: corners, cells to the left and right and their slots."""
@@ -198,9 +199,7 @@ class _Lines:
 
 def _blocks(topology: Topology, nodes: np.ndarray) -> list[_Block]:
     """Index the blocks, with shared nodes in one row."""
-    canonical = np.arange(topology.n_nodes)
-    copies = node_sharing(topology).copies
-    canonical[copies[:, 0]] = copies[:, 1]
+    sources = node_sharing(topology).source_rows()
     cells = block_rows([tuple(n - 1 for n in shape) for shape in topology.shapes])
     blocks = []
     for number, (rows, own) in enumerate(zip(block_rows(topology.shapes), cells), start=1):
@@ -209,7 +208,7 @@ def _blocks(topology: Topology, nodes: np.ndarray) -> list[_Block]:
         volume = _signed_volume(nodes[rows])
         if volume == 0.0:
             raise InputError(f"{topology.source}: block {number} has no volume; leave it out")
-        blocks.append(_Block(canonical[rows], own, bool(volume > 0.0)))
+        blocks.append(_Block(sources[rows], own, bool(volume > 0.0)))
     return blocks
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["facing", "quads_in_turn"]
+__all__ = ["corners_in_turn", "facing", "quads_in_turn"]
 
 
 def quads_in_turn(ids: np.ndarray) -> np.ndarray:
     """Corners of the quads of a face of points, shape (ni, nj), around i x j; shape (n_quads, 4), in C order."""
-    return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
+    return corners_in_turn(ids).reshape(-1, 4)
+
+
+def corners_in_turn(ids: np.ndarray) -> np.ndarray:
+    """Corners of the quads of layers of points, shape (ni, nj, ...), around i x j; shape (ni - 1, nj - 1, ..., 4)."""
+    return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
 
 
 def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray) -> np.ndarray:

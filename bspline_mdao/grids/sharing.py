@@ -39,6 +39,12 @@ class NodeSharing:
     is_evaluated: tuple[np.ndarray, ...]
     copies: np.ndarray
 
+    def source_rows(self) -> np.ndarray:
+        """Row that stands for each row of the grid vector: its own, or that of the node that it is a copy of."""
+        source = np.arange(1 + max(int(rows.max()) for rows in self.rows))
+        source[self.copies[:, 0]] = self.copies[:, 1]
+        return source
+
 
 def shared_ids(
     shapes: Sequence[tuple[int, int, int]],
