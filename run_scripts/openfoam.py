@@ -21,6 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.flow.stream import stream_axes
+from bspline_mdao.geometry.given import given_axes
 from bspline_mdao.geometry.quads import area_vectors
 from bspline_mdao.grids.cell_faces import CellFaces
 from bspline_mdao.grids.openfoam import PolyMesh
@@ -86,9 +88,7 @@ class Stream:
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors of drag and lift."""
-        downstream, _, up = np.eye(3)[["xyz".index(axis) for axis in self.axes]]
-        cos, sin = np.cos(np.radians(self.alpha)), np.sin(np.radians(self.alpha))
-        return cos * downstream + sin * up, cos * up - sin * downstream
+        return tuple(stream_axes(np.radians(self.alpha), given_axes(self.axes, "OpenFOAM")))
 
     @property
     def velocity(self) -> np.ndarray:

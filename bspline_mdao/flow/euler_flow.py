@@ -10,6 +10,7 @@ from .euler.flow_grid import FlowGrid
 from .euler.sequencing import coarse_levels, useful_levels
 from .euler_forces import EulerForces
 from .euler_state import SOLVER_OPTIONS, EulerState, declare_solver
+from .references import REFERENCES, declare_references
 
 
 class EulerFlow(om.Group):
@@ -61,9 +62,7 @@ class EulerFlow(om.Group):
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
-        self.options.declare("reference_area", default=None, desc="of what the grid shows, m**2")
-        self.options.declare("reference_chord", default=1.0, desc="for moments, m")
-        self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
+        declare_references(self.options)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
         declare_solver(self.options)
@@ -76,12 +75,9 @@ class EulerFlow(om.Group):
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], shock_threshold=shocks)
         n_levels = useful_levels(flow.faces.n_cells)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], shock_threshold=shocks)
-        settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, _REFERENCES))
+        settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, REFERENCES))
         self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
         self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
         self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
-
-
-_REFERENCES = ("reference_area", "reference_chord", "moment_reference")

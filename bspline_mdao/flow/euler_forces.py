@@ -10,6 +10,7 @@ from ..names import GRID
 from .euler.flow_grid import FlowGrid
 from .euler.gas import N_STATES
 from .flow_forces import FlowForces
+from .references import REFERENCES, declare_references
 from .stream import RADIAN
 
 
@@ -50,14 +51,11 @@ class EulerForces(om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
-        self.options.declare("reference_area", desc="of what the grid shows, m**2")
-        self.options.declare("reference_chord", default=1.0, desc="for moments, m")
-        self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
+        declare_references(self.options)
 
     def setup(self):
         """Declare the variables."""
-        names = "reference_area", "reference_chord", "moment_reference"
-        self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *names)))
+        self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *REFERENCES)))
         self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells)
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
         self.add_input("alpha", units="deg")

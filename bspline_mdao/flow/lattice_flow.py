@@ -12,6 +12,7 @@ from ..model import FittedModel
 from ..names import GRID, SURFACE
 from .lattice_forces import LatticeForces
 from .lattice_states import LatticeStates
+from .references import REFERENCES, declare_references
 
 
 class LatticeFlow(om.Group):
@@ -61,9 +62,7 @@ class LatticeFlow(om.Group):
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
-        self.options.declare("reference_area", desc="of the half wing, m**2")
-        self.options.declare("reference_chord", default=1.0, desc="for moments, m")
-        self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
+        declare_references(self.options)
         self.options.declare("n_chord", types=int, default=5, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, default=17, lower=3, desc="nodes along the span")
         self.options.declare("patches", default=None, desc="patches of the wing by name or pattern")
@@ -77,7 +76,7 @@ class LatticeFlow(om.Group):
         sizes = {"n_chord": self.options["n_chord"], "n_span": self.options["n_span"]}
         inputs = ["camber_surface", "alpha", "Mach_number"]
         self.add_subsystem("lattice", LatticeStates(**sizes), promotes_inputs=inputs)
-        references = {name: self.options[name] for name in _REFERENCES}
+        references = {name: self.options[name] for name in REFERENCES}
         self.add_subsystem(
             "forces",
             LatticeForces(camber=camber, **references),
@@ -107,9 +106,6 @@ class LatticeFlow(om.Group):
         span = np.abs(surface.points[:, "xyz".find(self.options["axes"][1:2])])
         n_strips = self.options["n_span"] - 1
         return float(span.min()), float(span.min() + np.ptp(span) * n_strips / (n_strips + 0.25))
-
-
-_REFERENCES = ("reference_area", "reference_chord", "moment_reference")
 
 
 def _unit_stream() -> om.IndepVarComp:

@@ -10,6 +10,7 @@ from ..components.jacobian import add_bar, direction_in
 from ..geometry.camber_surface import CamberSurface
 from .force_coefficients import ForceCoefficients
 from .induced_drag import InducedDrag
+from .references import REFERENCES, declare_references
 from .span_strips import SpanStrips
 from .stream import RADIAN
 from .wing_coefficients import WingCoefficients
@@ -46,9 +47,7 @@ class LatticeForces(om.ExplicitComponent):
     def initialize(self):
         """Declare the options."""
         self.options.declare("camber", types=CamberSurface, recordable=False, desc="the lattice on the baseline")
-        self.options.declare("reference_area", desc="of the half wing, m**2")
-        self.options.declare("reference_chord", default=1.0, desc="for moments, m")
-        self.options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
+        declare_references(self.options)
 
     def setup(self):
         """Declare the variables."""
@@ -102,11 +101,9 @@ class LatticeForces(om.ExplicitComponent):
 
     def _coefficients(self) -> WingCoefficients:
         """What is made of the forces."""
-        shape, names = self.options["camber"].shape, ("reference_area", "reference_chord")
-        area, chord = (self.options[name] for name in names)
-        reference = self.options["moment_reference"]
+        shape, references = self.options["camber"].shape, (self.options[name] for name in REFERENCES)
         induced = InducedDrag.of_vortices(_strips(shape, self._axes))
-        return WingCoefficients(ForceCoefficients(_bound(shape), self._axes, area, chord, reference), induced)
+        return WingCoefficients(ForceCoefficients(_bound(shape), self._axes, *references), induced)
 
 
 _VECTORS = ("panel_forces", "camber_surface")

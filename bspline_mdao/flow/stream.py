@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError
-
-__all__ = ["RADIAN", "flow_axes", "stream_axes"]
+__all__ = ["RADIAN", "stream_axes"]
 
 RADIAN = np.pi / 180.0
 """Of a degree."""
@@ -25,16 +23,3 @@ def stream_axes(alpha, axes: np.ndarray) -> np.ndarray:
     downstream, _, up = axes
     sine, cosine = np.sin(alpha), np.cos(alpha)
     return np.stack([cosine * downstream + sine * up, cosine * up - sine * downstream])
-
-
-def flow_axes(axes: str) -> np.ndarray:
-    """Directions downstream, along the span, and up, shape (3, 3), from the names of the axes.
-
-    Raises
-    ------
-    InputError
-        If they are not x, y and z in some order.
-    """
-    if sorted(axes) != ["x", "y", "z"]:
-        raise InputError(f"flow: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
-    return np.eye(3)[["xyz".index(axis) for axis in axes]]

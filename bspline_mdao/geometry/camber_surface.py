@@ -14,6 +14,7 @@ from scipy.sparse import csr_array, kron, vstack
 
 from ..errors import InputError
 from .edge_cuts import cut_edges, edges_of_quads
+from .given import given_axes
 from .surface import SurfaceGrid
 
 __all__ = ["SPACINGS", "CamberSurface"]
@@ -130,9 +131,7 @@ class CamberSurface:
 
 def _turn(axes: str, points: np.ndarray) -> np.ndarray:
     """Rows of the identity in the order of the axes, the second turned round where the tip is on the positive side."""
-    if sorted(axes) != ["x", "y", "z"]:
-        raise InputError(f"camber surface: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
-    turn = np.eye(3)[["xyz".index(axis) for axis in axes]]
+    turn = given_axes(axes, "camber surface")
     span = points @ turn[1]
     turn[1] *= -1.0 if span.max() > -span.min() else 1.0
     return turn

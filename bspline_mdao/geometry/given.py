@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..movement.mesh import MovingMesh
 
-__all__ = ["given_direction", "given_list", "given_mesh", "given_numbers", "given_vector"]
+__all__ = ["given_axes", "given_direction", "given_list", "given_mesh", "given_numbers", "given_vector"]
 
 
 def given_numbers(values, what: str) -> np.ndarray:
@@ -52,6 +52,19 @@ def given_direction(values, what: str) -> np.ndarray:
     if not vector.any():
         raise InputError(f"{what} is {vector.tolist()}; give three numbers that are not all zero")
     return vector / np.linalg.norm(vector)
+
+
+def given_axes(axes: str, what: str) -> np.ndarray:
+    """Directions downstream, along the span, and up, shape (3, 3), from the names of the axes, such as "xzy".
+
+    Raises
+    ------
+    InputError
+        If they are not x, y and z in some order.
+    """
+    if sorted(axes) != ["x", "y", "z"]:
+        raise InputError(f"{what}: axes '{axes}'; name x, y and z in the order downstream, along the span, up")
+    return np.eye(3)[["xyz".index(axis) for axis in axes]]
 
 
 def given_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...geometry.given import given_axes
 from ...grids.cell_faces import CellFaces
 from ...grids.topology import Topology
-from ..stream import flow_axes
 from .areas import area_vectors, area_vectors_jvp, area_vectors_vjp
 from .block_ilu import FactorPattern
 from .discretization import Discretization
@@ -54,7 +54,7 @@ class FlowGrid:
             If a part of the boundary is not declared as wall, symmetry or far field, or the axes cannot be used.
         """
         discretization = Discretization.of(CellFaces.of(topology, nodes), **settings)
-        return cls(discretization, factor_pattern(discretization), flow_axes(axes))
+        return cls(discretization, factor_pattern(discretization), given_axes(axes, "flow"))
 
     @property
     def faces(self) -> CellFaces:

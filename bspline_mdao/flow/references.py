@@ -1,0 +1,15 @@
+"""Options of every flow: what coefficients are by and about."""
+
+from __future__ import annotations
+
+__all__ = ["REFERENCES", "declare_references"]
+
+REFERENCES = ("reference_area", "reference_chord", "moment_reference")
+"""Options that a group around the forces hands on."""
+
+
+def declare_references(options) -> None:
+    """Declare these."""
+    options.declare("reference_area", default=None, desc="of what the grid shows, m**2")
+    options.declare("reference_chord", default=1.0, desc="for moments, m")
+    options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")
