@@ -8,6 +8,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import Heights, Lift, Shear, Swirl, movable_model, small_model, two_blocks
+from differences import extrapolated_difference
 
 import bspline_mdao.components
 from bspline_mdao.components.control_mesh_move import ControlMeshMove
@@ -163,16 +164,8 @@ def test_products_are_directional_derivatives(model, component, options, of, wrt
     if problem.model.component.is_linear:
         difference = output(0.5) - output(-0.5)  # exact for a linear map, whatever the step
     else:
-        difference = extrapolated_difference(output, 4e-3)
+        difference = extrapolated_difference(output, 4e-3, levels=4)
     assert np.abs(difference - forward).max() < 1e-10 * np.abs(forward).max()
-
-
-def extrapolated_difference(function, step, levels=4):
-    """Central differences at halved steps, extrapolated to step zero (Richardson)."""
-    table = [(function(h) - function(-h)) / (2 * h) for h in step / 2.0 ** np.arange(levels)]
-    for power in range(1, levels):
-        table = [(4**power * fine - coarse) / (4**power - 1) for coarse, fine in zip(table, table[1:])]
-    return table[0]
 
 
 @every_component

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
+from differences import extrapolated_difference
 
 from bspline_mdao import (
     EulerFlow,
@@ -54,12 +55,6 @@ EXACT = COEFFICIENTS[:-1]
 def values(problem) -> np.ndarray:
     """These coefficients in one row."""
     return np.concatenate([problem.get_val(name).ravel() for name in EXACT])
-
-
-def extrapolated(function, step: float) -> np.ndarray:
-    """Central difference of a function of one number, by four values, of fourth order."""
-    near, far = (function(n * step) - function(-n * step) for n in (1, 2))
-    return (8.0 * near - far) / (12.0 * step)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +111,7 @@ def test_totals_by_the_stream_agree_with_differences_of_converged_flows(flown, n
         flown.run_model()
         return values(flown)
 
-    exact = extrapolated(run, 1e-2 if name == "alpha" else 1e-3)
+    exact = extrapolated_difference(run, 2e-2 if name == "alpha" else 2e-3, levels=2)
     run(0.0)
     found = np.concatenate([totals[of, name].ravel() for of in EXACT])
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8 * np.abs(exact).max())
@@ -134,7 +129,7 @@ def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(f
             flown.run_model()
             return values(flown)
 
-        exact = extrapolated(run, 1e-4)
+        exact = extrapolated_difference(run, 2e-4, levels=2)
         run(0.0)
         np.testing.assert_allclose(by_node[:, entry], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
 

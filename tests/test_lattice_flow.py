@@ -3,6 +3,7 @@
 import numpy as np
 import openmdao.api as om
 import pytest
+from differences import extrapolated_runs
 from openmdao.utils.assert_utils import assert_check_partials
 from scipy.sparse import csr_array, random_array
 
@@ -210,21 +211,6 @@ def force(problem):
     return np.array([*along, -forces[1] / 3.0])
 
 
-def extrapolated(problem, name, direction, steps=(4e-3, 2e-3, 1e-3)):
-    """Central differences of all outputs, extrapolated to a step of zero."""
-    start, differences = problem.get_val(name).copy(), []
-    for step in steps:
-        ends = []
-        for sign in (1.0, -1.0):
-            problem.set_val(name, start + sign * step * direction)
-            problem.run_model()
-            ends.append(found(problem))
-        differences.append((ends[0] - ends[1]) / (2.0 * step))
-    problem.set_val(name, start)
-    first, second = ((4.0 * fine - coarse) / 3.0 for coarse, fine in zip(differences, differences[1:]))
-    return (16.0 * second - first) / 15.0
-
-
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
 def test_totals_agree_with_extrapolated_differences(swept, mode):
     rng, n = np.random.default_rng(4), 3 * swept.n_nodes
@@ -239,7 +225,7 @@ def test_totals_agree_with_extrapolated_differences(swept, mode):
     else:
         exact = {name: forward(swept, name, d) for name, d in direction.items()}
     for name, step in direction.items():
-        expected = extrapolated(problem, name, step)
+        expected = extrapolated_runs(problem, name, step, OUTPUTS)
         np.testing.assert_allclose(exact[name], expected, atol=1e-9 * max(1.0, abs(expected).max()))
 
 

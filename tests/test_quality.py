@@ -6,6 +6,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import small_model, two_blocks
+from differences import extrapolated_difference
 
 from bspline_mdao.cli.main import run
 from bspline_mdao.components.quality import Quality
@@ -174,16 +175,8 @@ def test_products_with_the_jacobian_are_transposes_and_directional_derivatives(b
         return np.concatenate([list(moved.aggregates.values()), moved.q])
 
     exact = np.concatenate([list(change.aggregates.values()), change.q])
-    difference = extrapolated_difference(outputs, 1e-3)
+    difference = extrapolated_difference(outputs, 1e-3, levels=5)
     assert np.abs(difference - exact).max() < 1e-9 * np.abs(exact).max()
-
-
-def extrapolated_difference(function, step, levels=5):
-    """Central differences at halved steps, extrapolated to step zero (Richardson)."""
-    table = [(function(h) - function(-h)) / (2 * h) for h in step / 2.0 ** np.arange(levels)]
-    for power in range(1, levels):
-        table = [(4**power * fine - coarse) / (4**power - 1) for coarse, fine in zip(table, table[1:])]
-    return table[0]
 
 
 @pytest.mark.parametrize("name", AGGREGATES)
@@ -303,7 +296,7 @@ def test_totals_of_all_outputs_agree_with_differences():
         return np.concatenate([problem.get_val(name) for name in AGGREGATES])
 
     exact = np.concatenate([forward[name] for name in AGGREGATES])
-    np.testing.assert_allclose(extrapolated_difference(outputs, 2e-4), exact, atol=1e-8 * np.abs(exact).max())
+    np.testing.assert_allclose(extrapolated_difference(outputs, 2e-4, levels=5), exact, atol=1e-8 * np.abs(exact).max())
 
 
 def test_an_inverted_cell_is_an_analysis_error_where_validity_is_required_and_runs_go_on_after_it():

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import openmdao.api as om
 import pytest
+from differences import extrapolated_runs
 from openmdao.utils.assert_utils import assert_check_partials
 
 from bspline_mdao import InputError, fit_grid
@@ -259,21 +260,6 @@ def test_coefficients_do_not_depend_on_speed_and_density_and_refer_to_the_area_g
         np.testing.assert_allclose(fixed.get_val(name), scale * reference.get_val(name), rtol=1e-12)
 
 
-def extrapolated(problem, name, direction, steps=(4e-3, 2e-3, 1e-3)):
-    """Central differences of all outputs, extrapolated to a step of zero."""
-    start, differences = problem.get_val(name).copy(), []
-    for step in steps:
-        ends = []
-        for sign in (1.0, -1.0):
-            problem.set_val(name, start + sign * step * direction)
-            problem.run_model()
-            ends.append(np.concatenate([problem.get_val(of).ravel() for of in OUTPUTS]))
-        differences.append((ends[0] - ends[1]) / (2.0 * step))
-    problem.set_val(name, start)
-    first, second = ((4.0 * fine - coarse) / 3.0 for coarse, fine in zip(differences, differences[1:]))
-    return (16.0 * second - first) / 15.0
-
-
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
 def test_totals_agree_with_extrapolated_differences(mesh, mode):
     rng = np.random.default_rng(2)
@@ -284,7 +270,7 @@ def test_totals_agree_with_extrapolated_differences(mesh, mode):
         direction = (0.1 if name == "camber_surface" else 1.0) * rng.standard_normal(problem.get_val(name).shape)
         exact = np.concatenate([np.atleast_2d(totals[of, name]) @ direction.ravel() for of in OUTPUTS])
         np.testing.assert_allclose(
-            exact, extrapolated(problem, name, direction), atol=1e-10 * max(1.0, abs(exact).max())
+            exact, extrapolated_runs(problem, name, direction, OUTPUTS), atol=1e-10 * max(1.0, abs(exact).max())
         )
 
 
