@@ -1,6 +1,7 @@
 """Direct solvers: ours, and the adapters where their packages are installed."""
 
 import importlib.util
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -128,6 +129,18 @@ def test_single_precision_takes_half_the_memory_and_any_scale():
     double, single = (factor_of(scaled, points, Cholesky(single=single)) for single in (False, True))
     assert 2 * single.n_bytes == double.n_bytes
     np.testing.assert_allclose(single.apply(points), double.apply(points), rtol=1e-4, atol=1e-4 * 1e-150)
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_memory_of_a_factorisation_is_known_before_it_is_made(single):
+    matrix, points = box_matrix((17, 16, 15))
+    analysis = Cholesky(single=single, n_threads=1).analyze(matrix.pattern, points)
+    tracemalloc.start()
+    factor = analysis.factorize(matrix)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert analysis.factor_bytes == factor.n_bytes > 1e6
+    assert 0 <= peak - analysis.factor_bytes - analysis.work_bytes < 4 * matrix.data.nbytes
 
 
 def test_factor_of_an_earlier_matrix_solves_a_changed_one():

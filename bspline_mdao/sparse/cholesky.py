@@ -89,6 +89,20 @@ class CholeskyAnalysis:
         """Numbers that the factor holds."""
         return int(self.fronts.panel_starts[-1])
 
+    @property
+    def factor_bytes(self) -> int:
+        """Memory that a factor takes (bytes): known before there is a matrix."""
+        return self.n_factor * self._itemsize
+
+    @property
+    def work_bytes(self) -> int:
+        """Memory that a factorisation takes beside the factor (bytes): the updates, and scratch for every thread."""
+        return (self.fronts.n_kept + self.settings.threads * self.fronts.n_scratch) * self._itemsize
+
+    @property
+    def _itemsize(self):
+        return np.dtype(np.float32 if self.settings.single else np.float64).itemsize
+
     def factorize(self, matrix: BlockMatrix) -> CholeskyFactor:
         """Factor a matrix of the pattern.
 
