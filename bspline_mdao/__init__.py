@@ -2,7 +2,11 @@
 
 from importlib import import_module
 
+from .kernel_cache import ensure_kernel_cache
+
 __version__ = "0.1.0"
+
+ensure_kernel_cache()
 
 _HOMES = {
     "Beyond": "parametrization.selection",
