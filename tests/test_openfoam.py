@@ -223,7 +223,7 @@ def test_nothing_is_half_written(tmp_path):
         write_polymesh(folder, grid_of(smooth_box(4, 5, 6)))
     assert sorted(os.listdir(folder)) == ["neighbour", "points"]
     assert (folder / "points").read_text() == "as it was"
-    with pytest.raises(InputError, match="cannot be made"):
+    with pytest.raises(InputError, match="cannot be written"):
         write_polymesh(folder / "points" / "polyMesh", grid_of(smooth_box(4, 5, 6)))
 
 

@@ -10,14 +10,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from .atomic import replaced_file
+from .atomic import replaced_folder
 from .cell_faces import BoundaryFaces, CellFaces
 from .multiblock import Grid
 from .topology import Topology, find_topology
@@ -132,14 +130,9 @@ class PolyMesh:
         InputError
             If a file cannot be written.
         """
-        folder = Path(folder)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be made ({error.strerror or error}); choose another place") from error
-        with ExitStack() as stack:  # every file is complete before the first takes its place
+        with replaced_folder(folder) as new:
             for name, (kind, n, lines) in self._files().items():
-                with open(stack.enter_context(replaced_file(folder / name)), "w", encoding="ascii") as file:
+                with open(new / name, "w", encoding="ascii") as file:
                     file.write(_HEAD.format(kind, self._note() if "label" in kind else "", name) + f"{n}\n(\n")
                     file.writelines(lines)
                     file.write(")\n")

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..errors import InputError
-from .atomic import replaced_file
+from .atomic import replaced_file, replaced_folder
 from .multiblock import Block, Grid
 
 __all__ = ["write_vtk"]
@@ -28,7 +28,7 @@ def write_vtk(
     """Write a grid for ParaView.
 
     ``path`` becomes the index; the blocks go to files in a folder of the same name without ``.vtm``. IBLANK is written
-    as a node field. Each file is whole or absent, and the index is written last.
+    as a node field. All files are complete before the first takes its place, and that of the index is the last.
 
     Parameters
     ----------
@@ -61,15 +61,15 @@ def write_vtk(
         raise InputError(
             f"{path}: the index needs a suffix, so that the folder of its blocks has another name; add .vtm"
         )
-    _make_folder(folder)
     names = [f"{number:04d}.vts" for number in range(1, len(grid.blocks) + 1)]
-    for index, (block, name) in enumerate(zip(grid.blocks, names)):
-        on_nodes = {field: np.asarray(values[index]) for field, values in node_fields.items()}
-        if block.iblank is not None:
-            on_nodes.setdefault("iblank", block.iblank)
-        on_cells = {field: np.asarray(values[index]) for field, values in cell_fields.items()}
-        _write_block(folder / name, block, on_nodes, on_cells)
-    _write_index(path, grid, folder.name, names)
+    with replaced_file(path) as new_index, replaced_folder(folder) as new_folder:
+        for index, (block, name) in enumerate(zip(grid.blocks, names)):
+            on_nodes = {field: np.asarray(values[index]) for field, values in node_fields.items()}
+            if block.iblank is not None:
+                on_nodes.setdefault("iblank", block.iblank)
+            on_cells = {field: np.asarray(values[index]) for field, values in cell_fields.items()}
+            _write_block(new_folder / name, block, on_nodes, on_cells)
+        _write_index(new_index, grid, folder.name, names)
 
 
 def _check_fields(fields: Fields, shapes: Sequence[tuple[int, ...]], kind: str) -> None:
@@ -84,13 +84,6 @@ def _check_fields(fields: Fields, shapes: Sequence[tuple[int, ...]], kind: str) 
                 raise InputError(
                     f"{kind} field '{name}': type {array.dtype} is not known to VTK; give reals or integers"
                 )
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror or error}); choose another place") from error
 
 
 def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Mapping) -> None:
@@ -115,7 +108,7 @@ def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Ma
         "</StructuredGrid>",
         '<AppendedData encoding="raw">',
     ]
-    with replaced_file(path) as temporary, open(temporary, "wb") as file:
+    with open(path, "wb") as file:
         file.write("\n".join(lines).encode() + b"\n_")
         for array in appended.arrays:
             file.write(np.uint64(array.nbytes).tobytes())
@@ -158,5 +151,4 @@ def _write_index(path: Path, grid: Grid, folder: str, names: Sequence[str]) -> N
         file = quoteattr(f"{folder}/{name}")
         lines.append(f'<DataSet index="{index}" name={quoteattr(block.name)} file={file}/>')
     lines += ["</vtkMultiBlockDataSet>", "</VTKFile>", ""]
-    with replaced_file(path) as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    path.write_text("\n".join(lines), encoding="utf-8")
