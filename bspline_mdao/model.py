@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -121,8 +122,15 @@ class FittedModel:
         return self.topology.n_nodes
 
     def evaluator(self) -> Evaluator:
-        """Operator from the control points to the nodes of the grid, Eq. (3)."""
+        """Operator from the control points to the nodes of the grid, Eq. (3), made once and not pickled."""
+        return self._evaluator
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
         return Evaluator.of_grid(self.topology, self.mesh, self.parameters)
+
+    def __getstate__(self) -> dict:
+        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
 
     def regenerate(self, control_points: np.ndarray | None = None) -> Grid:
         """Grid of given control points, shape (n_control_points, 3), with the residual where it is carried.

@@ -14,6 +14,7 @@ from bspline_mdao import FittedModel, fit_grid, flat_plate_grid, read_grid
 from bspline_mdao.cli import output
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS
+from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.stiffness import ConstantLaw
@@ -65,6 +66,13 @@ def test_surface_points_are_read_back_as_they_were_written(workplace):
 def test_no_deformation_gives_the_baseline_back(workplace, model):
     assert run(move("--deform", "translate=0/0/0")) == 0
     np.testing.assert_array_equal(read_grid("moved.xyz").to_vector(), model.regenerate().to_vector())
+
+
+def test_a_move_finds_the_basis_functions_of_the_nodes_once(workplace, monkeypatch):
+    made, of_grid = [], Evaluator.of_grid
+    monkeypatch.setattr(Evaluator, "of_grid", lambda *arguments: made.append(1) or of_grid(*arguments))
+    assert run(move("--deform", "bumps=0.2cells,seed=3", "--mover", "held")) == 0  # which measures cells
+    assert len(made) == 1
 
 
 def test_deformations_are_done_in_turn(workplace):

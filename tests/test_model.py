@@ -1,11 +1,14 @@
 """Fitted models and their files."""
 
+import pickle
+
 import h5py
 import numpy as np
 import pytest
 from fit_cases import ALL_SHAPES, bent_block, c_grid, two_blocks
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Block, Grid, Patch
@@ -55,6 +58,18 @@ def test_the_baseline_comes_back_with_its_residual(shape):
     again = fit_grid(grid).regenerate()
     assert again.shapes == grid.shapes
     np.testing.assert_allclose(again.to_vector(), grid.to_vector(), atol=1e-14)
+
+
+def test_the_evaluator_is_made_once_and_not_pickled(monkeypatch):
+    model, made, of_grid = fit_grid(two_blocks()), [], Evaluator.of_grid
+    monkeypatch.setattr(Evaluator, "of_grid", lambda *arguments: made.append(1) or of_grid(*arguments))
+    before = len(pickle.dumps(model))
+    nodes = model.regenerate().to_vector()
+    assert model.evaluator() is model.evaluator()
+    assert (len(made), len(pickle.dumps(model))) == (1, before)
+    again = pickle.loads(pickle.dumps(model)).regenerate().to_vector()
+    np.testing.assert_array_equal(again, nodes)
+    assert len(made) == 2
 
 
 def test_without_residual_the_splines_alone_come_back():
