@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from .mesh import MovingMesh
-from .mover import IncrementReport, MovementReport, Step, check_request
+from .mover import IncrementReport, MovementReport, Step, check_reach, check_request
 
 __all__ = ["LOGGER", "IncrementalMovement", "in_increments"]
 
@@ -108,7 +108,7 @@ def in_increments(
     InputError
         If a shape or the number of increments is wrong.
     MovementError
-        If the move cannot be done.
+        If the move cannot be done, or carries a point far beyond what the surface does.
     """
     if n_increments < 1:
         raise InputError(f"movement: {n_increments} increments; give at least 1")
@@ -118,6 +118,7 @@ def in_increments(
     for i in range(1, n_increments + 1):
         steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
         before = steps[-1].points
+        check_reach(mesh, initial, surface, before)
         tangling = mesh.tangled(before)
         reports.append(IncrementReport(steps[-1].report, tangling.n_tangled, tangling.place, tangling.min_corner))
         LOGGER.info("increment %d of %d", i, n_increments)
@@ -139,7 +140,8 @@ class IncrementalMover:
         InputError
             If a shape or the number of increments is wrong.
         MovementError
-            If a coordinate is not finite, a surface point leaves its symmetry plane, or a system cannot be solved.
+            If a coordinate is not finite, a surface point leaves its symmetry plane, a system cannot be solved, or a
+            point is carried far beyond what the surface does.
         """
         return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
 

@@ -115,6 +115,11 @@ class MovingMesh:
         signs = [np.full(quality.q.size, quality.handedness, dtype=np.int8) for quality in self._baseline_quality]
         return np.concatenate(signs)
 
+    @property
+    def n_invalid(self) -> int:
+        """Number of elements that are invalid on the baseline."""
+        return sum(int(np.count_nonzero(~quality.is_valid)) for quality in self._baseline_quality)
+
     def slide(self, displacement: np.ndarray) -> np.ndarray:
         """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where held.
 

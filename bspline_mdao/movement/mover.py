@@ -16,10 +16,30 @@ import numpy as np
 from ..errors import InputError, MovementError
 from .mesh import MovingMesh
 
-__all__ = ["IncrementReport", "Movement", "MovementReport", "Mover", "SolveReport", "Step", "check_request"]
+__all__ = [
+    "IncrementReport",
+    "Movement",
+    "MovementReport",
+    "Mover",
+    "SolveReport",
+    "Step",
+    "check_reach",
+    "check_request",
+]
 
 PLANE_TOLERANCE = 1e-5
 """A surface point may leave its symmetry plane by this fraction of the mesh's size."""
+
+MAX_AMPLIFICATION = 20.0
+"""No point may be carried farther than so many times the largest displacement of the surface.
+
+A field with a maximum principle amplifies nothing. Rotations made in straight increments, elasticity and radial
+functions overshoot all the same, by up to 13 in what ``run_scripts/robustness_table.py`` asks of them; meshes that are
+folded or that hang together wrongly are carried away by 50 to 1000 times the displacement of the surface.
+"""
+
+ROUND_OFF = 1e-9
+"""Displacements below this fraction of the mesh's size are not judged."""
 
 
 @dataclass(frozen=True)
@@ -186,3 +206,38 @@ def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) ->
             f"movement: {mesh.place_of_point(mesh.surface_ids[rails[worst]])} leaves its symmetry plane by "
             f"{off[worst]:.3g} m; keep surface points on symmetry planes in them"
         )
+
+
+def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, points: np.ndarray) -> None:
+    """Refuse a move that carries a point far beyond what the surface does, see `MAX_AMPLIFICATION`.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    initial, points : ndarray, shape (n_points, 3)
+        Points before and after the move (m).
+    surface : ndarray, shape (n_surface, 3)
+        Surface points after it (m).
+
+    Raises
+    ------
+    MovementError
+        If there is such a point, or one that is not finite.
+    """
+    asked = np.linalg.norm(surface - initial[mesh.surface_ids], axis=1).max(initial=0.0)
+    reach = np.linalg.norm(points - initial, axis=1)
+    worst = np.argmax(np.where(np.isnan(reach), np.inf, reach))
+    if reach[worst] <= MAX_AMPLIFICATION * asked + ROUND_OFF * mesh.size:
+        return
+    if mesh.n_invalid:
+        cause = (
+            f"{mesh.n_invalid} of {len(mesh.elements)} elements are invalid before the move; make the mesh valid first "
+            f"(fit with fewer control points, or with smoothing=inf)"
+        )
+    else:
+        cause = "see by 'bspline-mdao inspect' whether all blocks are joined; if they are, take another mover"
+    raise MovementError(
+        f"movement: {mesh.place_of_point(worst)} would be carried {reach[worst]:.3g} m away by a surface that moves by "
+        f"{asked:.3g} m at most; {cause}"
+    )
