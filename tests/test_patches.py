@@ -13,6 +13,7 @@ from bspline_mdao.grids.index_space import FACE_NAMES, Window
 from bspline_mdao.grids.multiblock import Block, Grid, Patch
 from bspline_mdao.grids.patch_guess import draft_patches, guess_patches
 from bspline_mdao.grids.patches import read_patches
+from bspline_mdao.grids.topology import find_topology
 
 WING = """
 [[patch]]
@@ -150,12 +151,9 @@ def test_neutral_map_file_gives_patches_in_cyclic_face_directions(tmp_path):
 
 def test_connection_that_has_a_name_of_its_own_is_left_to_the_topology(tmp_path):
     text = NMF.replace("'one-to-one'  1 4  1 5  1 6   2 3  1 6  5 1  TRUE", "'A' 1 4 1 5 1 6\n'C' 2 3 1 6 1 5")
-    assert [patch.name for patch in read_text(tmp_path, text, two_boxes())] == [
-        "SYMMETRY-Y",
-        "far away",
-        "B1",
-        "viscous",
-    ]
+    topology = find_topology(replace(two_boxes(), patches=read_text(tmp_path, text, two_boxes())))
+    assert len(topology.interfaces) == 1
+    assert {face.patch for face in topology.boundary} == {None, "SYMMETRY-Y", "far away", "B1", "viscous"}
 
 
 @pytest.mark.parametrize(

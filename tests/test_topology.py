@@ -1,6 +1,7 @@
 import os
 import time
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -180,7 +181,7 @@ def test_one_displaced_node_is_reported_where_it_is():
     assert miss.gap == pytest.approx(2e-5)
 
 
-@pytest.mark.parametrize("kind", ["wall", "symmetry", "farfield", "other"])
+@pytest.mark.parametrize("kind", ["wall", "symmetry", "farfield"])
 def test_a_declared_face_and_the_one_it_coincides_with_are_boundary(kind):
     left, right = split(smooth_box(9, 5, 6), [4], [], [])
     window = Window.whole(1, right.shape[:3]).face(0)
@@ -190,6 +191,74 @@ def test_a_declared_face_and_the_one_it_coincides_with_are_boundary(kind):
     assert [(face.window, face.kind) for face in topology.boundary if face.patch == "lid"] == [(window, kind)]
     assert Window.whole(0, left.shape[:3]).face(1) in [face.window for face in topology.boundary]
     assert len(np.unique(labels)) == len(labels)
+    (warning,) = topology.warnings
+    assert warning.startswith(
+        f"patch 'lid' of kind {kind} on block 2 (1, 1-5, 1-6) coincides with block 1 (5, 1-5, 1-6)"
+    )
+
+
+@pytest.mark.parametrize("declared", [(0,), (1,), (0, 1)])
+def test_nodes_that_coincide_beat_a_patch_of_no_known_kind(declared):
+    blocks = split(smooth_box(9, 5, 6), [4], [], [])
+    windows = [Window(0, (4, 0, 0), (4, 4, 5)), Window(1, (0, 0, 0), (0, 4, 5))]
+    unknown = patch("other", *(windows[side] for side in declared), name="DEFAULT_SUBFACE")
+    topology, labels = labels_of(grid_of(*blocks, patches=[unknown]))
+    assert topology == find_topology(grid_of(*blocks))
+    assert are_same_partition(labels, labels_of_points(grid_of(*blocks)))
+    assert topology.warnings == ()
+
+
+def test_what_is_left_of_a_patch_of_no_known_kind_is_boundary():
+    nodes = smooth_box(9, 8, 7)
+    unknown = patch("other", Window(0, (4, 0, 0), (4, 7, 6)), name="side")
+    topology = find_topology(grid_of(nodes[:5], nodes[4:, 2:6, 1:4], patches=[unknown]))
+    (interface,) = topology.interfaces
+    assert interface.a == Window(0, (4, 2, 1), (4, 5, 3))
+    left = [face.window for face in topology.boundary if face.patch == "side"]
+    assert sum(np.prod([n - 1 for n in window.shape[1:]]) for window in left) == 7 * 6 - 3 * 2
+    assert not any(window.overlaps(interface.a) for window in left)
+    assert_faces_are_accounted_for(topology)
+
+
+def test_a_wall_on_one_side_beats_a_patch_of_no_known_kind_on_the_other():
+    blocks = split(smooth_box(9, 5, 6), [4], [], [])
+    unknown = patch("other", Window(0, (4, 0, 0), (4, 4, 5)), name="FIN")
+    wall = patch("wall", Window(1, (0, 0, 0), (0, 4, 5)), name="lid")
+    topology = find_topology(grid_of(*blocks, patches=[unknown, wall]))
+    assert topology.interfaces == ()
+    assert {face.patch for face in topology.boundary} == {None, "FIN", "lid"}
+    assert "patch 'lid' of kind wall on block 2" in topology.warnings[0]
+
+
+def test_the_two_walls_of_a_plate_are_not_reported():
+    assert find_topology(twelve_block_plate()).warnings == ()
+
+
+def connected(grid, shift=0.0, **options):
+    """The grid with its topology's connections, the second block displaced, and more patches."""
+    blocks = (grid.blocks[0], replace(grid.blocks[1], nodes=grid.blocks[1].nodes + shift))
+    return replace(grid, blocks=blocks, connections=find_topology(grid).interfaces, **options)
+
+
+def test_connections_that_the_nodes_do_not_bear_out_are_reported():
+    grid = grid_of(*split(smooth_box(9, 5, 6), [4], [], []))
+    assert find_topology(connected(grid)).warnings == ()
+    (warning,) = find_topology(connected(grid, shift=2.0)).warnings
+    assert warning == (
+        "the file connects block 1 (5, 1-5, 1-6) to block 2 (1, 1-5, 1-6), whose nodes are up to 3.46 m apart: "
+        "taken as boundary"
+    )
+
+
+def test_an_interface_on_a_patch_that_the_file_does_not_connect_is_reported():
+    grid = grid_of(*split(smooth_box(9, 5, 6), [4], [3], []))
+    interfaces = find_topology(grid).interfaces
+    fin = patch("other", interfaces[0].a, interfaces[0].b, name="FIN")
+    topology = find_topology(replace(grid, patches=(fin,), connections=interfaces[1:]))
+    assert topology.interfaces == interfaces
+    (warning,) = topology.warnings
+    assert "the file does not connect them" in warning
+    assert "make patch 'FIN' a wall" in warning
 
 
 def plate_labels(grid):

@@ -67,11 +67,17 @@ def write_draft(path: Path, grid: Grid, topology: Topology) -> None:
 
 
 def _all_patches(grid: Grid, topology: Topology) -> list[Patch]:
-    """Return what is declared, and a guess at the rest of the boundary under names that are free."""
+    """Return what is declared and no interface, and a guess at the rest of the boundary under names that are free."""
     guessed = guess_patches(grid, [face.window for face in topology.boundary if face.patch is None])
     taken = {patch.name for patch in grid.patches}
     renamed = [replace(p, name=f"{p.name}_guessed") if p.name in taken else p for p in guessed]
-    return [*grid.patches, *renamed]
+    declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
+    return [*(patch for patch in declared if patch.windows), *renamed]
+
+
+def _boundary_windows(patch: Patch, topology: Topology) -> tuple[Window, ...]:
+    """Windows of a declared patch that are boundary: without those of no known kind on which blocks meet."""
+    return tuple(face.window for face in topology.boundary if face.patch == patch.name)
 
 
 def grid_numbers(grid: Grid, topology: Topology) -> dict:
@@ -149,10 +155,14 @@ def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
 
 
 def _patch_rows(grid: Grid, topology: Topology) -> list[tuple]:
-    """One row per declared patch, and one for each boundary face that belongs to none."""
-    rows = [(patch.name, patch.kind, patch.windows) for patch in grid.patches]
+    """One row per declared patch, one for the interfaces that it covers, one for each face that belongs to none."""
+    sides = [side for interface in topology.interfaces for side in (interface.a, interface.b)]
+    rows = []
+    for patch in grid.patches:
+        met = tuple(window for window in patch.windows if any(window.overlaps(side) for side in sides))
+        rows += [(patch.name, patch.kind, _boundary_windows(patch, topology)), (patch.name, "interface", met)]
     rows += [("-", "-", (face.window,)) for face in topology.boundary if face.patch is None]
-    return [(name, kind, len(ws), ", ".join(describe(w, grid) for w in ws)) for name, kind, ws in rows]
+    return [(name, kind, len(ws), ", ".join(describe(w, grid) for w in ws)) for name, kind, ws in rows if ws]
 
 
 def _collapsed_faces(topology: Topology) -> list[Window]:

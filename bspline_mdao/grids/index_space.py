@@ -61,6 +61,18 @@ class Window:
         ends = zip(self.lo, other.lo, other.hi, self.hi)
         return self.block == other.block and all(a <= b and c <= d for a, b, c, d in ends)
 
+    def overlaps(self, other: Window) -> bool:
+        """Whether two windows of a block share cells, or cells of one face where they are flat."""
+        ends = zip(self.lo, self.hi, other.lo, other.hi)
+        return self.block == other.block and all(max(a, c) < min(b, d) or a == b == c == d for a, b, c, d in ends)
+
+    def is_on_face(self, shape) -> bool:
+        """Whether the window lies in a block of ``shape`` nodes, on one of its faces, and is no line or point of it."""
+        ends = tuple(zip(self.lo, self.hi, shape))
+        n_flat = sum(lo == hi and n > 1 for lo, hi, n in ends)
+        is_inside = all(0 <= lo <= hi < n for lo, hi, n in ends)
+        return is_inside and n_flat <= 1 and any(lo == hi and lo in (0, n - 1) for lo, hi, n in ends)
+
     def face(self, face: int) -> Window:
         """Face number ``face`` (see `FACE_NAMES`) of this window."""
         d, side = divmod(face, 2)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import InputError
+from .entities import Interface
 from .index_space import Window
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
@@ -70,12 +71,16 @@ class Grid:
         Where the grid came from, for messages.
     dialect : object, optional
         How the file was written, so that it can be written back alike; None for a generated grid.
+    connections : tuple of Interface
+        One-to-one connections that the file declares, each once. The topology is found from the nodes; it tells where
+        the two do not agree.
     """
 
     blocks: tuple[Block, ...]
     patches: tuple[Patch, ...] = ()
     source: str = "grid"
     dialect: object | None = field(default=None, compare=False)
+    connections: tuple[Interface, ...] = ()
 
     @property
     def shapes(self) -> tuple[tuple[int, int, int], ...]:

@@ -11,36 +11,19 @@ directions that follow the normal in cyclic order: i, j on a k face, j, k on an 
 from __future__ import annotations
 
 import re
-from itertools import combinations
 
 import numpy as np
 
 from ..errors import InputError
 from .index_space import Window
 from .multiblock import Grid, Patch
+from .patch_guess import kind_of_name
 
 __all__ = ["is_nmf", "parse_nmf"]
 
 _FACE_DIRECTIONS = {1: (2, 0), 2: (2, 1), 3: (0, 0), 4: (0, 1), 5: (1, 0), 6: (1, 1)}
 """Normal direction and side of NMF faces 1 to 6."""
 
-_KIND_OF_PREFIX = {
-    "sym": "symmetry",
-    "reflect": "symmetry",
-    "wall": "wall",
-    "viscous": "wall",
-    "inviscid": "wall",
-    "tangency": "wall",
-    "slip": "wall",
-    "noslip": "wall",
-    "no-slip": "wall",
-    "far": "farfield",
-    "freestream": "farfield",
-    "inflow": "farfield",
-    "inlet": "farfield",
-    "out": "farfield",
-    "back": "farfield",
-}
 _CONNECTIONS = ("one-to-one", "one_to_one", "1-to-1")
 
 COINCIDENCE = 1e-2
@@ -66,8 +49,7 @@ def parse_nmf(text: str, grid: Grid, source: str) -> tuple[Patch, ...]:
 
     Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall,
     far field) or else ``other``. ONE-TO-ONE lines are checked against the nodes and otherwise left to the topology,
-    which finds them again. So are two rectangles of kind ``other`` that lie on each other: they are a connection that
-    the file gives a name.
+    which finds them again, as it does connections that the file gives a name of their own.
 
     Parameters
     ----------
@@ -99,8 +81,7 @@ def parse_nmf(text: str, grid: Grid, source: str) -> tuple[Patch, ...]:
             _check_connection(first, fields[6:], grid, where)
         else:
             windows.setdefault(name, []).append(window)
-    patches = [Patch(name, _kind_of(name), tuple(found)) for name, found in windows.items()]
-    return _without_named_connections(patches, grid)
+    return tuple(Patch(name, kind_of_name(name), tuple(found)) for name, found in windows.items())
 
 
 def _check_blocks(lines: list[tuple[int, str]], grid: Grid, source: str) -> int:
@@ -170,33 +151,3 @@ def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid, where: s
 def _shortest_edge(nodes: np.ndarray) -> float:
     edges = np.concatenate([np.linalg.norm(np.diff(nodes, axis=d), axis=-1).ravel() for d in (0, 1)])
     return float(edges[edges > 0.0].min(initial=np.inf))
-
-
-def _kind_of(name: str) -> str:
-    word = name.lower()
-    return next((kind for prefix, kind in _KIND_OF_PREFIX.items() if word.startswith(prefix)), "other")
-
-
-def _without_named_connections(patches: list[Patch], grid: Grid) -> tuple[Patch, ...]:
-    """Drop windows of kind ``other`` whose corners lie on those of another one."""
-    unknown = [window for patch in patches if patch.kind == "other" for window in patch.windows]
-    corners = {window: _corner_points(window, grid) for window in unknown}
-    dropped = set()
-    for a, b in combinations(corners, 2):
-        size = np.ptp(corners[a], axis=0).max()
-        if np.abs(corners[a] - corners[b]).max() <= 1e-6 * size:
-            dropped |= {a, b}
-    kept = []
-    for patch in patches:
-        windows = tuple(window for window in patch.windows if window not in dropped)
-        if windows:
-            kept.append(Patch(patch.name, patch.kind, windows))
-    return tuple(kept)
-
-
-def _corner_points(window: Window, grid: Grid) -> np.ndarray:
-    """Corners of a window (eight, some equal) in a fixed order of their coordinates, shape (8, 3)."""
-    nodes = grid.blocks[window.block].nodes
-    points = nodes[np.ix_(*zip(window.lo, window.hi))].reshape(-1, 3)
-    rounded = np.round(points / max(np.ptp(points, axis=0).max(), np.finfo(float).tiny), 6)
-    return points[np.lexsort(rounded.T)]

@@ -1,7 +1,8 @@
-"""A first draft of a patches file: what the boundary of a grid probably is."""
+"""What the boundary of a grid probably is, from names and from where its faces lie; a first draft of a patches file."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,25 @@ import tomlkit
 from .index_space import FACE_NAMES, Window
 from .multiblock import Grid, Patch
 
-__all__ = ["draft_patches", "guess_patches"]
+__all__ = ["draft_patches", "guess_patches", "kind_of_name"]
+
+_KIND_OF_PREFIX = {
+    "sym": "symmetry",
+    "reflect": "symmetry",
+    "wall": "wall",
+    "viscous": "wall",
+    "inviscid": "wall",
+    "tangency": "wall",
+    "slip": "wall",
+    "noslip": "wall",
+    "no-slip": "wall",
+    "far": "farfield",
+    "freestream": "farfield",
+    "inflow": "farfield",
+    "inlet": "farfield",
+    "out": "farfield",
+    "back": "farfield",
+}
 
 PLANAR = 1e-6
 """A face is planar when its nodes leave the plane by less than this part of the grid's size."""
@@ -38,6 +57,28 @@ class _Frame:
     @property
     def size(self) -> float:
         return float((self.high - self.low).max())
+
+
+def kind_of_name(name: str) -> str:
+    """Kind of the patch that a name in a neutral map file or of a CGNS family stands for.
+
+    Parameters
+    ----------
+    name : str
+        The name. ``BC`` before it, as in ``BC_WALL``, counts for nothing.
+
+    Returns
+    -------
+    str
+        The kind that the word begins with, ``"other"`` where it says nothing.
+
+    Examples
+    --------
+    >>> kind_of_name("BC_WALL"), kind_of_name("SYMMETRY-Y"), kind_of_name("DEFAULT_SUBFACE")
+    ('wall', 'symmetry', 'other')
+    """
+    word = re.sub(r"^bc[-_. ]*", "", name.strip().lower())
+    return next((kind for prefix, kind in _KIND_OF_PREFIX.items() if word.startswith(prefix)), "other")
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:

@@ -113,7 +113,7 @@ def merge_patches(grid: Grid, patches: Sequence[Patch], source: str) -> Grid:
         faces.setdefault(_face_key(window), []).append((patch, window))
     for rivals in faces.values():
         for (patch, window), (other, other_window) in combinations(rivals, 2):
-            if _overlap(window, other_window):
+            if window.overlaps(other_window):
                 raise InputError(
                     f"{source}: patches '{patch.name}' and '{other.name}' both claim part of a face of "
                     f"{grid.blocks[window.block].name}; name each part once"
@@ -124,11 +124,6 @@ def merge_patches(grid: Grid, patches: Sequence[Patch], source: str) -> Grid:
 def _face_key(window: Window) -> tuple:
     """Tell apart windows that cannot share any area."""
     return window.block, tuple(lo if lo == hi else None for lo, hi in zip(window.lo, window.hi))
-
-
-def _overlap(a: Window, b: Window) -> bool:
-    spans = [(max(la, lb), min(ha, hb), ha > la) for la, ha, lb, hb in zip(a.lo, a.hi, b.lo, b.hi)]
-    return all(hi > lo if is_wide else hi == lo for lo, hi, is_wide in spans)
 
 
 def _add_toml(text: str, grid: Grid, path: Path) -> Grid:
@@ -197,7 +192,7 @@ def _parse_patch(table: object, number: int, grid: Grid, source: str) -> Patch:
         raise InputError(f'{where} has no faces; add faces = [{{ block = 1, face = "kmin" }}]')
     windows = tuple(_parse_face(face, grid, f"{where}: face {index}") for index, face in enumerate(faces, 1))
     for a, b in combinations(windows, 2):
-        if _face_key(a) == _face_key(b) and _overlap(a, b):
+        if a.overlaps(b):
             raise InputError(f"{where} names part of {grid.blocks[a.block].name} twice; name each part once")
     return Patch(name, kind, windows)
 

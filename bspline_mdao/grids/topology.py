@@ -1,8 +1,9 @@
 """The topology of a multi-block grid, found from coincident nodes.
 
-Interfaces are windows of faces that lie on the same points in any orientation; what is declared as a patch is never
-part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and the *links*
-between segments say which faces, edges and corners are one. A topology is found once and holds for every later shape.
+Interfaces are windows of faces that lie on the same points in any orientation; what is declared as a patch of a known
+kind is never part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and
+the *links* between segments say which faces, edges and corners are one. A topology is found once and holds for every
+later shape.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .junctions import junction_links
 from .matching import Matches, Quads, find_interfaces, find_regions, match_quads
 from .multiblock import Grid, Patch
 from .overlap import overlapping
-from .rectangles import decompose
+from .rectangles import Rectangle, decompose
 from .segments import segment_blocks
 from .sharing import shared_ids
 
@@ -109,27 +110,30 @@ def find_topology(grid: Grid) -> Topology:
     faces = block_faces(coincidence.ids)
     quads = Quads.of(faces)
     declared = [window for patch in grid.patches for window in patch.windows]
-    is_closed = quads.is_degenerate | _covered(faces, declared)
-    matches = match_quads(quads, _covered(faces, declared))
+    patch_ids = _patch_ids(faces, grid.patches)
+    is_apart = np.array([*(patch.kind != "other" for patch in grid.patches), False])[patch_ids]
+    is_closed = quads.is_degenerate | is_apart
+    matches = match_quads(quads, is_apart)
     regions = find_regions(quads, matches.pairs)
     if coincidence.is_coarse:
         regions = complete_regions(regions, faces, quads, ~is_closed, blocks, coincidence.round_off)
     collapsed = collapsed_windows(faces)
     pinched = {window: directions for window, directions in collapsed.items() if not _is_strip(window, directions)}
     segmentation = segment_blocks(grid.shapes, find_interfaces(faces, quads, regions), declared, pinched)
-    is_closed |= _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
+    is_joined = _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
+    is_closed |= is_joined
     junctions = junction_links(grid.shapes, segmentation, quads, matches.kept_apart, coincidence.ids)
     return Topology(
         source=grid.source,
         shapes=grid.shapes,
         interfaces=segmentation.interfaces,
-        boundary=_boundary(grid.patches, faces, is_closed),
+        boundary=_boundary(grid.patches, faces, is_joined, is_closed, patch_ids >= 0),
         collapsed=tuple(collapsed),
         near_misses=_near_misses(grid, coincidence, is_closed),
         segments=segmentation.segments,
         links=(*segmentation.links, *junctions),
         collapses=segmentation.collapses,
-        warnings=_warnings(grid, faces, quads, matches, segmentation),
+        warnings=_warnings(grid, faces, quads, matches, segmentation, patch_ids, is_closed),
     )
 
 
@@ -178,13 +182,47 @@ def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
     return np.concatenate([mask.ravel() for mask in masks])
 
 
-def _boundary(patches: Sequence[Patch], faces: Sequence[Face], is_taken: np.ndarray) -> tuple[BoundaryFace, ...]:
-    """List declared face windows, and rectangles of the quads that are neither declared nor matched nor collapsed."""
-    found = [BoundaryFace(window, patch.name, patch.kind) for patch in patches for window in patch.windows]
-    ends = np.cumsum([face.n_quads[0] * face.n_quads[1] for face in faces])
-    for face, taken in zip(faces, np.split(is_taken, ends[:-1])):
-        found += [BoundaryFace(face.part(rectangle)) for rectangle in decompose(~taken.reshape(face.n_quads))]
-    return tuple(found)
+def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
+    """Number of the patch that each quad of all faces belongs to, a known kind before another one; -1 for none."""
+    ids = [np.full(face.n_quads, -1) for face in faces]
+    for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other", reverse=True):
+        by_block = by_blocks(patches[number].windows)
+        for face, face_ids in zip(faces, ids):
+            for window in by_block.get(face.window.block, ()):
+                face_ids[face.covered(window)] = number
+    return np.concatenate([face_ids.ravel() for face_ids in ids])
+
+
+def _boundary(
+    patches: Sequence[Patch], faces: Sequence[Face], is_joined: np.ndarray, is_closed: np.ndarray, is_declared
+) -> tuple[BoundaryFace, ...]:
+    """List declared face windows where no interface covers them, and rectangles of what is left over.
+
+    All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
+    and of any patch.
+    """
+    joined, closed, taken = (_by_face(mask, faces) for mask in (is_joined, is_closed, is_closed | is_declared))
+    found = []
+    for patch in patches:
+        for window in patch.windows:
+            there = [number for number, face in enumerate(faces) if face.window.block == window.block]
+            covered = {number: faces[number].covered(window) for number in there}
+            parts = [window]
+            if any((covered[number] & joined[number]).any() for number in there):
+                parts = [part for n in there for part in _parts(faces[n], covered[n] & ~closed[n])]
+            found += [BoundaryFace(part, patch.name, patch.kind) for part in parts]
+    return (*found, *(BoundaryFace(part) for face, mask in zip(faces, taken) for part in _parts(face, ~mask)))
+
+
+def _by_face(mask: np.ndarray, faces: Sequence[Face]) -> list[np.ndarray]:
+    """Split a mask over the quads of all faces into one of shape `Face.n_quads` for each face."""
+    ends = np.cumsum([math.prod(face.n_quads) for face in faces])
+    return [part.reshape(face.n_quads) for face, part in zip(faces, np.split(mask, ends[:-1]))]
+
+
+def _parts(face: Face, mask: np.ndarray) -> list[Window]:
+    """Cut the quads of a face that a mask marks into windows."""
+    return [face.part(rectangle) for rectangle in decompose(mask)]
 
 
 def _near_misses(grid: Grid, coincidence: Coincidence, is_taken: np.ndarray) -> tuple[NearMiss, ...]:
@@ -212,10 +250,15 @@ def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
     return any(window.shape[d] == 2 for d in directions)
 
 
-def _warnings(grid: Grid, faces: Sequence[Face], quads: Quads, matches: Matches, segmentation) -> tuple[str, ...]:
+def _warnings(
+    grid: Grid, faces: Sequence[Face], quads: Quads, matches: Matches, segmentation, patch_ids, is_closed
+) -> tuple[str, ...]:
     """Say what the topology leaves out and what looks wrong, one line each."""
     crowded = [faces[number].window for number in np.unique(quads.face[matches.crowded])]
-    lines = [f"{describe(window)} coincides with two or more others: taken as boundary" for window in crowded]
+    lines = [*getattr(grid.dialect, "ignored", ())]
+    lines += [f"{describe(window)} coincides with two or more others: taken as boundary" for window in crowded]
+    lines += _contacts(grid.patches, faces, quads, matches.kept_apart, patch_ids)
+    lines += _disagreements(grid, faces, quads, matches.pairs, patch_ids, is_closed)
     lines += [
         f"{describe(item.a)} and {describe(item.b)} coincide with the cells of both on the same side: is a block given "
         f"twice, or folded?"
@@ -227,6 +270,59 @@ def _warnings(grid: Grid, faces: Sequence[Face], quads: Quads, matches: Matches,
     if len(lines) > MAX_WARNINGS:
         lines[MAX_WARNINGS:] = [f"and {len(lines) - MAX_WARNINGS} more like these"]
     return tuple(lines)
+
+
+def _contacts(patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids) -> list[str]:
+    """Say where patches of a known kind lie on another face; two walls are the sides of a plate, as they should be."""
+    kinds = np.array([*(patch.kind for patch in patches), ""])
+    is_plate = (kinds[patch_ids[pairs]] == "wall").all(axis=1)
+    lines = []
+    for (one, other), (a, b) in _met_windows(faces, quads, pairs[~is_plate], patch_ids):
+        if one < 0 or patches[one].kind == "other":
+            one, a, b = other, b, a
+        patch = patches[one]
+        lines.append(
+            f"patch '{patch.name}' of kind {patch.kind} on {describe(a)} coincides with {describe(b)}: kept apart; if "
+            f"the grid goes on there, take the face out of the patch"
+        )
+    return lines
+
+
+def _disagreements(
+    grid: Grid, faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids, is_closed
+) -> list[str]:
+    """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
+    lines = []
+    for item in grid.connections:
+        if not is_closed[_covered(faces, [item.a])].all():
+            there = item.orientation.apply(grid.blocks[item.b.block].nodes[item.b.slices])
+            gap = np.linalg.norm(grid.blocks[item.a.block].nodes[item.a.slices] - there, axis=-1).max()
+            lines.append(
+                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gap:.3g} m apart: "
+                f"taken as boundary"
+            )
+    if grid.connections:
+        is_told = _covered(faces, [side for item in grid.connections for side in (item.a, item.b)])
+        untold = pairs[is_closed[pairs[:, 0]] & ~is_told[pairs].any(axis=1) & (patch_ids[pairs] >= 0).any(axis=1)]
+        for (one, other), (a, b) in _met_windows(faces, quads, untold, patch_ids):
+            name = grid.patches[max(one, other)].name
+            lines.append(
+                f"{describe(a)} and {describe(b)} coincide, but the file does not connect them: taken as an interface; "
+                f"if they are the two sides of a plate, make patch '{name}' a wall"
+            )
+    return lines
+
+
+def _met_windows(faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray):
+    """Gather pairs of quads by their patches and faces: numbers of both patches, and windows around both sides."""
+    labels = np.concatenate([patch_ids[pairs], quads.face[pairs]], axis=1)
+    for label in np.unique(labels, axis=0):
+        sides = pairs[(labels == label).all(axis=1)].T
+        corners = [
+            Rectangle((quads.p[side].min(), quads.q[side].min()), (quads.p[side].max(), quads.q[side].max()))
+            for side in sides
+        ]
+        yield tuple(label[:2]), tuple(faces[number].part(corner) for number, corner in zip(label[2:], corners))
 
 
 def describe(window: Window) -> str:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..grids.entities import BoundaryFace
-from ..grids.index_space import Window
 from ..grids.topology import Topology
 from ..model import FittedModel
 from ..splines.greville import greville_abscissae
@@ -160,14 +159,8 @@ def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterato
     for face in topology.boundary:
         for number, segment in enumerate(topology.segments):
             for side in range(6) if segment.block == face.window.block else ():
-                if _overlap(segment.face(side), face.window):
+                if segment.face(side).overlaps(face.window):
                     yield face, np.unique(np.take(blocks[number], -(side % 2), axis=side // 2))
-
-
-def _overlap(a: Window, b: Window) -> bool:
-    """Whether two face windows of a block have cells in common."""
-    extents = [min(p, q) - max(r, s) for p, q, r, s in zip(a.hi, b.hi, a.lo, b.lo)]
-    return min(extents) == 0 and sorted(extents)[1] > 0 and a.shape.index(1) == extents.index(0)
 
 
 def wall_patches(topology: Topology) -> tuple[str, ...]:
