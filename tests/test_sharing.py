@@ -1,4 +1,3 @@
-import h5py
 import numpy as np
 import pytest
 from topology_cases import (
@@ -6,6 +5,8 @@ from topology_cases import (
     are_same_partition,
     box,
     c_grid,
+    connected_rows,
+    declared_connections,
     grid_of,
     labels_of_rows,
     o_grid,
@@ -142,7 +143,7 @@ def test_an_edge_link_joins_one_direction_only():
 
 @pytest.mark.parametrize("name", ["cgns_5blocks.cgns", "cgns_nozzle.cgns", "hopr_sphere_20blocks.cgns"])
 def test_nodes_are_shared_as_the_connectivity_in_the_file_says(real_grids, name):
-    names, nodes, links = read_cgns(real_grids / name)
+    names, nodes, links = declared_connections(real_grids / name)
     assert links
     topology = find_topology(grid_of(*nodes))
     starts = np.cumsum([0, *(block.size // 3 for block in nodes)])
@@ -164,34 +165,3 @@ def join_labels(labels, a, b):
             np.minimum.at(new, labels[members], low)
             labels = new[labels]
     return labels
-
-
-def connected_rows(rows, donor_rows, point_range, donor_range, transform):
-    """Rows of the nodes of a connection and of their donors, as the CGNS standard defines them (SIDS, 8.2)."""
-    (begin, end), donor_begin = point_range, donor_range[0]
-    steps = np.indices(np.abs(end - begin) + 1).reshape(3, -1) * np.where(end < begin, -1, 1)[:, None]
-    donor = np.zeros_like(steps)
-    for d, to in enumerate(transform):
-        donor[abs(to) - 1] = np.sign(to) * steps[d]
-    return rows[tuple(begin[:, None] + steps)], donor_rows[tuple(donor_begin[:, None] + donor)]
-
-
-def read_cgns(path):
-    """Names, nodes and one-to-one connections of the zones of a CGNS file."""
-
-    def children(group, label):
-        return {name: child for name, child in group.items() if child.attrs.get("label") == label}
-
-    names, nodes, links = [], [], []
-    with h5py.File(path) as file:
-        (base,) = children(file, b"CGNSBase_t").values()
-        for name, zone in children(base, b"Zone_t").items():
-            (coordinates,) = children(zone, b"GridCoordinates_t").values()
-            names.append(name)
-            nodes.append(np.stack([coordinates[f"Coordinate{axis}"][" data"][()].T for axis in "XYZ"], axis=-1))
-            for group in children(zone, b"ZoneGridConnectivity_t").values():
-                for link in children(group, b"GridConnectivity1to1_t").values():
-                    donor = link[" data"][()].tobytes().decode().strip()
-                    ranges = [link[kind][" data"][()].reshape(2, 3) - 1 for kind in ("PointRange", "PointRangeDonor")]
-                    links.append((name, ranges[0], donor, ranges[1], link["Transform"][" data"][()].ravel()))
-    return names, nodes, links

@@ -2,6 +2,7 @@
 
 from itertools import permutations, product
 
+import h5py
 import numpy as np
 
 from bspline_mdao.grids.index_space import Orientation, Window
@@ -130,3 +131,34 @@ def are_same_partition(a, b):
     """Whether two labellings put the same members together."""
     n_pairs = len(np.unique(np.stack([a, b], axis=1), axis=0))
     return n_pairs == len(np.unique(a)) == len(np.unique(b))
+
+
+def connected_rows(rows, donor_rows, point_range, donor_range, transform):
+    """Rows of the nodes of a connection and of their donors, as the CGNS standard defines them (SIDS, 8.2)."""
+    (begin, end), donor_begin = point_range, donor_range[0]
+    steps = np.indices(np.abs(end - begin) + 1).reshape(3, -1) * np.where(end < begin, -1, 1)[:, None]
+    donor = np.zeros_like(steps)
+    for d, to in enumerate(transform):
+        donor[abs(to) - 1] = np.sign(to) * steps[d]
+    return rows[tuple(begin[:, None] + steps)], donor_rows[tuple(donor_begin[:, None] + donor)]
+
+
+def declared_connections(path):
+    """Names, nodes and one-to-one connections of the zones of a CGNS file."""
+
+    def children(group, label):
+        return {name: child for name, child in group.items() if child.attrs.get("label") == label}
+
+    names, nodes, links = [], [], []
+    with h5py.File(path) as file:
+        (base,) = children(file, b"CGNSBase_t").values()
+        for name, zone in children(base, b"Zone_t").items():
+            (coordinates,) = children(zone, b"GridCoordinates_t").values()
+            names.append(name)
+            nodes.append(np.stack([coordinates[f"Coordinate{axis}"][" data"][()].T for axis in "XYZ"], axis=-1))
+            for group in children(zone, b"ZoneGridConnectivity_t").values():
+                for link in children(group, b"GridConnectivity1to1_t").values():
+                    donor = link[" data"][()].tobytes().decode().strip()
+                    ranges = [link[kind][" data"][()].reshape(2, 3) - 1 for kind in ("PointRange", "PointRangeDonor")]
+                    links.append((name, ranges[0], donor, ranges[1], link["Transform"][" data"][()].ravel()))
+    return names, nodes, links

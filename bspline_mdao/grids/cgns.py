@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError
 from .atomic import replaced_file
 from .cgns_boundaries import add_boundaries, read_patches_of_zones
+from .cgns_connectivity import add_connections, read_connections
 from .cgns_nodes import (
     add_node,
     children,
@@ -29,11 +30,15 @@ from .cgns_nodes import (
 from .hdf5 import replaced_hdf5_file
 from .multiblock import Block, Grid
 from .node_check import find_fault
+from .topology import Topology, find_topology
 
 __all__ = ["CgnsDialect", "read_cgns", "write_cgns"]
 
 LIBRARY_VERSION = 3.4
 """Version written into new files; older tools refuse 4.0."""
+
+_DATA_CLASS = "NormalizedByUnknownDimensional"
+"""What is said of the units: nothing, because most grid files that are converted do not tell theirs."""
 
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -47,7 +52,7 @@ class CgnsDialect:
     path : str
         Absolute path of the file; writing back starts from a copy of it.
     ignored : tuple of str
-        Boundary conditions that could not be taken over as patches, one line each.
+        Boundary conditions that could not be taken over as patches, and connections that fit no zone, one line each.
     """
 
     path: str
@@ -64,7 +69,8 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
     their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases of
     a lower cell dimension than the highest (surfaces of a volume grid) are left out. Boundary conditions become
-    patches, named after their family where they have one. Linked nodes are followed.
+    patches, named after their family where they have one; their kind is that of the condition or, where it says
+    nothing, of the name. One-to-one connections become those of the grid. Linked nodes are followed.
 
     Parameters
     ----------
@@ -85,11 +91,13 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     with damaged_is_input_error(source), h5py.File(path, "r") as file:
         zones = _find_zones(file, source)
         blocks = tuple(Block(_read_nodes(base, zone, name, source), name) for name, base, zone in zones)
-        patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], [b.shape for b in blocks])
+        shapes = [block.shape for block in blocks]
+        patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
+        connections, unfit = read_connections([zone for _, _, zone in zones], [name for name, _, _ in zones], shapes)
     fault = find_fault(blocks)
     if fault:
         raise InputError(f"{source}: {fault}")
-    return Grid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored))
+    return Grid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections)
 
 
 def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
@@ -160,12 +168,13 @@ def _coordinates(zone: h5py.Group, n_axes: int, name: str, source: str) -> list[
     return [arrays[axis] for axis in _AXES if axis in arrays]
 
 
-def write_cgns(path: str | os.PathLike, grid: Grid) -> None:
+def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a CGNS/HDF5 file, whole or not at all.
 
-    A grid read from CGNS is written as a copy of its file with new coordinates: everything else in the file stays.
-    Links in it are replaced by what they stand for, so that no other file is touched. Any other grid makes a new file
-    with one base, a zone for every block, and its patches as families.
+    A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
+    that the file lacks: everything else in the file stays. Links in it are replaced by what they stand for, so that no
+    other file is touched. Any other grid makes a new file with one base, a zone for every block, its patches as
+    families, its interfaces as one-to-one connections and collapsed faces as degenerate boundary conditions.
 
     Parameters
     ----------
@@ -173,6 +182,9 @@ def write_cgns(path: str | os.PathLike, grid: Grid) -> None:
         The file to make or replace.
     grid : Grid
         The grid.
+    topology : Topology, optional
+        How its blocks hang together, found from its nodes by default. Give that of the baseline for a grid that was
+        moved.
 
     Raises
     ------
@@ -182,21 +194,22 @@ def write_cgns(path: str | os.PathLike, grid: Grid) -> None:
     fault = find_fault(grid.blocks)
     if fault:
         raise InputError(f"{grid.source}: {fault}; nothing was written")
-    (_write_copy if isinstance(grid.dialect, CgnsDialect) else _write_new)(path, grid)
+    topology = topology or find_topology(grid)
+    (_write_copy if isinstance(grid.dialect, CgnsDialect) else _write_new)(path, grid, topology)
 
 
-def _write_copy(path: str | os.PathLike, grid: Grid) -> None:
+def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
     source = grid.dialect.path
     if not os.path.isfile(source):
         raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
     with replaced_file(path) as temporary:
         shutil.copyfile(source, temporary)
         with damaged_is_input_error(source):
-            _replace_coordinates(temporary, source, grid)
+            _replace_coordinates(temporary, source, grid, topology)
 
 
-def _replace_coordinates(path: Path, source: str, grid: Grid) -> None:
-    """Put the nodes of a grid into a copy of the file that it was read from."""
+def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology) -> None:
+    """Put the nodes of a grid into a copy of the file that it was read from, and add the connections that it lacks."""
     with h5py.File(path, "r+") as file, h5py.File(source, "r") as original:
         _resolve_links(file, original)
         zones = _find_zones(file, source)
@@ -209,6 +222,10 @@ def _replace_coordinates(path: Path, source: str, grid: Grid) -> None:
             for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
                 data = node[" data"]
                 data[...] = block.nodes[..., axis].T.reshape(data.shape)
+        nodes = [zone for _, _, zone in zones]
+        told = [side for item in read_connections(nodes, names, grid.shapes)[0] for side in (item.a, item.b)]
+        lacking = [item for item in topology.interfaces if not any(item.a.overlaps(side) for side in told)]
+        add_connections(nodes, lacking)
 
 
 def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
@@ -225,14 +242,16 @@ def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
         _resolve_links(group[name], target)
 
 
-def _write_new(path: str | os.PathLike, grid: Grid) -> None:
+def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
     with replaced_hdf5_file(path) as file:
         _write_root(file)
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3
         base = add_node(file, "Base", "CGNSBase_t", np.array([n_indices, 3], np.int32))
+        add_node(base, "DataClass", "DataClass_t", _DATA_CLASS)
         zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
-        add_boundaries(base, zones, grid)
+        add_boundaries(base, zones, grid, [w for w in topology.collapsed if w.is_on_face(topology.shapes[w.block])])
+        add_connections(zones, topology.interfaces)
 
 
 def _write_root(file: h5py.File) -> None:
@@ -253,5 +272,6 @@ def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
     coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
     for axis, name in enumerate(_AXES):
         nodes = block.nodes[..., axis].reshape(block.shape[:n_indices])
-        add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes.T, np.float64))
+        array = add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes.T, np.float64))
+        add_node(array, "DimensionalExponents", "DimensionalExponents_t", np.array([0, 1, 0, 0, 0], np.float32))
     return zone

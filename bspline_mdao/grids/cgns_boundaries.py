@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import h5py
 import numpy as np
 
 from .cgns_nodes import add_node, children, first_child, free_name, value, word
 from .index_space import Window
 from .multiblock import Grid, Patch
+from .patch_guess import kind_of_name
 
 __all__ = ["add_boundaries", "read_patches_of_zones"]
 
@@ -23,12 +26,20 @@ _TYPE_OF_KIND = {
     "wall": "BCWall",
     "symmetry": "BCSymmetryPlane",
     "farfield": "BCFarfield",
-    "other": "BCTypeUserDefined",
+    "other": "UserDefined",
 }
+_TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
+_NO_KIND = "BCGeneral"
+"""Type of a patch of kind other whose name would be taken for another kind."""
 
 
-def kind_of(bc_type: str) -> str:
-    """Patch kind of a CGNS boundary condition; what fluid passes through counts as far field."""
+def kind_of(bc_type: str, name: str) -> str:
+    """Patch kind of a CGNS boundary condition; what fluid passes through counts as far field.
+
+    Where the type says nothing, as ICEM writes it, the name of the family or of the condition does.
+    """
+    if bc_type in _TYPES_THAT_SAY_NOTHING:
+        return kind_of_name(name)
     return next((kind for prefix, kind in _KIND_OF_PREFIX if bc_type.startswith(prefix)), "other")
 
 
@@ -47,7 +58,7 @@ def read_patches_of_zones(
     Returns
     -------
     patches : tuple of Patch
-        Patches in order of appearance. Degenerate lines and points are none.
+        Patches in order of their families, then of appearance. Degenerate lines and points are none.
     ignored : tuple of str
         What could not be taken over, and why.
     """
@@ -63,8 +74,11 @@ def read_patches_of_zones(
                     f"{zone.name}: boundary condition '{name}' is no rectangle of a face; its patch was left out"
                 )
             else:
-                windows.setdefault((patch_name, kind_of(bc_type)), []).append(window)
-    return tuple(Patch(name, kind, tuple(found)) for (name, kind), found in windows.items()), tuple(ignored)
+                windows.setdefault((patch_name, kind_of(bc_type, patch_name)), []).append(window)
+    bases = {base.name: base for base, _ in zones}.values()
+    families = [name for base in bases for name, _ in children(base, "Family_t")]
+    order = sorted(windows, key=lambda key: families.index(key[0]) if key[0] in families else len(families))
+    return tuple(Patch(*key, tuple(windows[key])) for key in order), tuple(ignored)
 
 
 def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
@@ -102,7 +116,7 @@ def _window(block: int, shape: tuple[int, int, int], condition: h5py.Group) -> W
     n_faces = np.prod([max(n - (0 if is_vertex else 1), 1) for n in window.shape])
     if not is_range and (n_listed != n_faces or len(np.unique(indices, axis=0)) != n_listed):
         return None
-    return window if _is_on_face(window, shape) else None
+    return window if window.is_on_face(shape) else None
 
 
 def _to_nodes(location: str, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -112,16 +126,8 @@ def _to_nodes(location: str, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray
     return lo, np.where(across, hi, hi + 1)
 
 
-def _is_on_face(window: Window, shape: tuple[int, int, int]) -> bool:
-    """Whether the window lies in the block, on one of its faces, and is no line or point of it."""
-    inside = all(lo >= 0 and hi < n for lo, hi, n in zip(window.lo, window.hi, shape))
-    ends = [lo == hi and lo in (0, n - 1) for lo, hi, n in zip(window.lo, window.hi, shape)]
-    flat = sum(lo == hi and n > 1 for lo, hi, n in zip(window.lo, window.hi, shape))
-    return inside and any(ends) and flat <= 1
-
-
-def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid) -> None:
-    """Write the patches of a grid as families and boundary conditions.
+def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collapsed: Sequence[Window]) -> None:
+    """Write the patches of a grid as families and boundary conditions, and its collapsed faces as degenerate ones.
 
     Parameters
     ----------
@@ -131,19 +137,34 @@ def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid) -> Non
         The zone of every block.
     grid : Grid
         The grid with its patches.
+    collapsed : sequence of Window
+        Windows of faces that have collapsed to lines or points; those that a patch covers are left to it.
     """
     for patch in grid.patches:
         name = free_name(base, patch.name)
         family = add_node(base, name, "Family_t")
-        add_node(family, "FamilyBC", "FamilyBC_t", _TYPE_OF_KIND[patch.kind])
+        is_misleading = patch.kind == "other" != kind_of_name(name)
+        add_node(family, "FamilyBC", "FamilyBC_t", _NO_KIND if is_misleading else _TYPE_OF_KIND[patch.kind])
         for window in patch.windows:
-            _add_condition(zones[window.block], name, window)
+            condition = _add_condition(zones[window.block], "FamilySpecified", window)
+            add_node(condition, "FamilyName", "FamilyName_t", name)
+    declared = [window for patch in grid.patches for window in patch.windows]
+    for window in collapsed:
+        if not any(window.overlaps(other) for other in declared):
+            nodes = grid.blocks[window.block].nodes[window.slices]
+            _add_condition(zones[window.block], _degenerate_type(nodes), window)
 
 
-def _add_condition(zone: h5py.Group, family: str, window: Window) -> None:
+def _degenerate_type(nodes: np.ndarray) -> str:
+    """Type of the condition on a face that has collapsed, from its nodes, shape (ni, nj, nk, 3)."""
+    sizes = [np.linalg.norm(np.ptp(nodes, axis=d), axis=-1).max() for d in range(3) if nodes.shape[d] > 1]
+    return "BCDegeneratePoint" if max(sizes) <= 1e-9 * np.abs(nodes).max() else "BCDegenerateLine"
+
+
+def _add_condition(zone: h5py.Group, bc_type: str, window: Window) -> h5py.Group:
     zone_bc = zone["ZoneBC"] if "ZoneBC" in zone else add_node(zone, "ZoneBC", "ZoneBC_t")
-    condition = add_node(zone_bc, f"BC{len(children(zone_bc, 'BC_t')) + 1}", "BC_t", "FamilySpecified")
+    condition = add_node(zone_bc, f"BC{len(children(zone_bc, 'BC_t')) + 1}", "BC_t", bc_type)
     n_dimensions = zone[" data"].shape[1]
     ends = np.array([window.lo, window.hi], np.int32)[:, :n_dimensions] + 1
     add_node(condition, "PointRange", "IndexRange_t", ends)
-    add_node(condition, "FamilyName", "FamilyName_t", family)
+    return condition

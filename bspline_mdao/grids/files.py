@@ -68,7 +68,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     grid : Grid
         The grid.
     topology : Topology, optional
-        See `write_polymesh`; other formats do without.
+        See `write_polymesh` and `write_cgns`; other formats do without.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     if Path(path).name == FOLDER:
         write_polymesh(path, grid, topology)
     elif suffix == ".cgns":
-        write_cgns(path, grid)
+        write_cgns(path, grid, topology)
     elif suffix == ".vtm":
         write_vtk(path, grid)
     elif isinstance(grid.dialect, Plot3dDialect):
