@@ -1,5 +1,7 @@
 """Generated H-H grids: validity, spacings, topology, geometry."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from bspline_mdao.generators import (
 from bspline_mdao.generators.onera_m6 import ONERA_D_UPPER
 from bspline_mdao.generators.stretching import geometric_last, stretch, stretch_lines
 from bspline_mdao.grids.hexahedron import cell_quality
+from bspline_mdao.grids.sharing import node_sharing
 from bspline_mdao.grids.topology import find_topology
 
 SPACING = Spacing(off_wall=2e-3, leading=3e-3, trailing=4e-3, tip=5e-3)
@@ -97,6 +100,52 @@ def test_section_that_does_not_close_is_refused():
         Section.symmetric(ONERA_D_UPPER)
 
 
+@pytest.fixture
+def no_warnings():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.mark.usefixtures("no_warnings")
+@pytest.mark.parametrize("n", [3, 4, 5, 17, 53, 105, 401, 1001])
+def test_stretching_is_found_over_a_wide_range_of_sizes_and_spacings(n):
+    spacings = [1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 0.3, 0.9]
+    for first in spacings:
+        fitting = [last for last in (*spacings, geometric_last(n, first)) if first + last < 1.0]
+        for last in fitting if n > 3 else [1.0 - first]:
+            points = stretch(n, first, last)
+            assert points[-1] == 1.0
+            assert np.diff(points).min() > 0.0
+            assert points[1] == pytest.approx(first, rel=1e-8)
+            assert 1.0 - points[-2] == pytest.approx(last, rel=1e-8, abs=3e-16)
+
+
+@pytest.mark.usefixtures("no_warnings")
+@pytest.mark.parametrize("n", [3, 6, 54, 105, 1001])
+def test_intervals_in_geometric_progression_fill_the_length(n):
+    for first in (1e-9, 1e-5, 1e-3, 0.5 / n, (1.0 - 1e-8) / (n - 1), (1.0 - 1e-12) / (n - 1)):
+        ratio = (geometric_last(n, first) / first) ** (1.0 / (n - 2))
+        assert first * np.sum(ratio ** np.arange(n - 1)) == pytest.approx(1.0, rel=1e-7)
+
+
+@pytest.mark.usefixtures("no_warnings")
+@pytest.mark.parametrize(
+    ("shape", "spacing"),
+    [
+        ((5, 105, 5), Spacing()),  # as away from the wing in 73 x 105 x 53
+        ((73, 5, 53), Spacing()),
+        ((9, 41, 7), Spacing(1e-9, 1e-6, 1e-6, 1e-6)),
+        ((9, 7, 15), Spacing(1e-2, 1e-2, 1e-3, 1e-6)),
+    ],
+)
+@pytest.mark.parametrize("make", [onera_m6_grid, flat_plate_grid])
+def test_grids_of_any_size_and_spacing_are_made_without_a_warning(make, shape, spacing):
+    grid = make(shape, spacing)
+    assert grid.shapes == (shape,) * 12
+    assert all(np.isfinite(block.nodes).all() for block in grid.blocks)
+
+
 @pytest.mark.parametrize("shape", [(9, 9, 9), (9, 17, 11), (17, 13, 9), (33, 29, 21)])
 @pytest.mark.parametrize("make", [onera_m6_grid, flat_plate_grid])
 def test_all_cells_are_valid_and_right_handed_at_any_resolution(make, shape):
@@ -136,6 +185,17 @@ def test_topology_is_twelve_blocks_with_nineteen_interfaces_and_no_cut(m6, plate
         assert not topology.near_misses
         kinds = [face.kind for face in topology.boundary]
         assert [kinds.count(kind) for kind in ("wall", "symmetry", "farfield")] == [2, 6, 26]
+
+
+@pytest.mark.parametrize("off_wall", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("make", [onera_m6_grid, flat_plate_grid])
+def test_nodes_that_blocks_share_have_equal_bits(make, off_wall):
+    grid = make((8, 15, 9), Spacing(off_wall=off_wall))
+    topology = find_topology(grid)
+    assert (len(topology.interfaces), len(topology.segments), topology.near_misses) == (19, 12, ())
+    copies, points = node_sharing(topology).copies, grid.to_vector().view(np.int64).reshape(-1, 3)
+    assert len(copies) > 1000
+    np.testing.assert_array_equal(points[copies[:, 0]], points[copies[:, 1]])
 
 
 def test_spacings_next_to_the_wing_are_as_asked(m6):

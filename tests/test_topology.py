@@ -1,6 +1,5 @@
 import os
 import time
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +24,15 @@ from topology_cases import (
 )
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators import (
+    Spacing,
+    ball_grid,
+    brick_grid,
+    flat_plate_grid,
+    infinite_wing_grid,
+    naca_section,
+    onera_m6_grid,
+)
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.segments import MAX_SEGMENTS
 from bspline_mdao.grids.sharing import node_sharing
@@ -44,14 +52,18 @@ def assert_interfaces_meet(grid, topology):
 
 
 def assert_faces_are_accounted_for(topology: Topology):
-    """Interfaces, boundary and collapsed faces tile the faces of all blocks."""
+    """Interfaces, boundary and collapsed faces cover every cell of every face exactly once."""
     sides = [side for interface in topology.interfaces for side in (interface.a, interface.b)]
     windows = [*sides, *(face.window for face in topology.boundary), *topology.collapsed]
-    covered = Counter()
-    for window in windows:
-        covered[window.block] += int(np.prod([n - 1 for n in window.shape if n > 1])) * (window.shape.count(1) == 1)
-    for block, (ni, nj, nk) in enumerate(topology.shapes):
-        assert covered[block] == 2 * ((nj - 1) * (nk - 1) + (ni - 1) * (nk - 1) + (ni - 1) * (nj - 1))
+    for block, shape in enumerate(topology.shapes):
+        for d in range(3):
+            across = [t for t in range(3) if t != d]
+            for end in (0, shape[d] - 1):
+                covered = np.zeros([shape[t] - 1 for t in across], dtype=int)
+                for window in windows:
+                    if window.block == block and window.lo[d] == window.hi[d] == end:
+                        covered[tuple(slice(window.lo[t], window.hi[t]) for t in across)] += 1
+                assert (covered == 1).all()
 
 
 @pytest.mark.parametrize("turn", ORIENTATIONS)
@@ -99,6 +111,26 @@ def test_links_join_exactly_the_nodes_that_coincide(name):
     assert topology.near_misses == ()
     assert topology.warnings == ()
     assert_interfaces_meet(grid, topology)
+    if not name.startswith("one_node_deep"):
+        assert_faces_are_accounted_for(topology)
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        onera_m6_grid((7, 8, 6), Spacing(off_wall=1e-6)),
+        flat_plate_grid((7, 6, 8)),
+        infinite_wing_grid(naca_section(), (9, 7)),
+        ball_grid((5, 6, 7, 4)),
+        brick_grid((5, 6, 7, 4), octant=True),
+    ],
+    ids=lambda grid: grid.source,
+)
+def test_every_cell_of_every_face_of_a_generated_grid_is_described_once(grid):
+    topology = find_topology(grid)
+    assert topology.collapsed == ()
+    assert len(topology.segments) == len(grid.blocks)
+    assert_faces_are_accounted_for(topology)
 
 
 @pytest.mark.parametrize("name", CONFORMING)
@@ -453,5 +485,6 @@ def test_real_grids_have_the_topology_that_their_authors_gave_them(real_grids, n
     plot3d = pytest.importorskip("bspline_mdao.grids.plot3d")
     topology = find_topology(plot3d.read_plot3d(os.fspath(real_grids / name)))
     assert (len(topology.interfaces), len(topology.collapsed), len(topology.segments)) == READ_GRIDS[name]
+    assert_faces_are_accounted_for(topology)
     assert topology.near_misses == ()
     assert topology.warnings == ()

@@ -82,9 +82,26 @@ def hh_wing_grid(
         _extrude(rows[side][stream + 3 * outboard], side, layout.n_normal[side > 0], layout)
         for outboard, side, stream in product(range(2), (-1, 1), range(3))
     ]
+    _join(nodes)
     names = [f"{stream} {side} {span}" for span, side, stream in product(*_ROWS[::-1])]
     blocks = tuple(Block(np.ascontiguousarray(x), name) for x, name in zip(nodes, names))
     return Grid(blocks, _patches([block.shape for block in blocks]), source="H-H wing grid")
+
+
+def _join(nodes):
+    """Copy what blocks share, in place, from the block of lower number: they come by it on different ways.
+
+    Along the stream, then outboard, then upwards: what is copied before stays equal. The two sides of the wing share
+    its leading edge, its trailing edge and its tip.
+    """
+    for b in range(12):
+        if b % 3:
+            nodes[b][0] = nodes[b - 1][-1]
+        if b >= 6:
+            nodes[b][:, :, 0] = nodes[b - 6][:, :, -1]
+    for b in (3, 4, 5, 9, 10, 11):
+        for part in (np.s_[0], np.s_[-1], np.s_[:, -1]) if b == 4 else (np.s_[:],):
+            nodes[b][:, 0][part] = nodes[b - 3][:, -1][part]
 
 
 def _counts(shape):

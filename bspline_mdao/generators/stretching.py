@@ -14,6 +14,12 @@ from ..errors import InputError
 
 __all__ = ["geometric_last", "stretch", "stretch_lines"]
 
+_TOLERANCE = 1e-9
+"""Relative error of the end intervals."""
+
+_LOWEST_SLOPE, _HIGHEST_SLOPE = -60.0, 18.0
+"""Logarithms of the slopes at the ends between which the search stays; nothing overflows there."""
+
 
 def stretch(n: int, first: float, last: float) -> np.ndarray:
     """Distribute n points over [0, 1], smoothly, with given first and last interval.
@@ -40,17 +46,23 @@ def stretch(n: int, first: float, last: float) -> np.ndarray:
     >>> stretch(5, 0.1, 0.1).round(3).tolist()
     [0.0, 0.1, 0.5, 0.9, 1.0]
     """
-    if n < 3 or not (first > 0.0 and last > 0.0 and first + last < 1.0):
+    rest = 1.0 - first - last
+    if n < 3 or not (first > 0.0 and last > 0.0 and (rest > 0.0 if n > 3 else abs(rest) <= _TOLERANCE)):
         raise InputError(f"stretching: {n} points with end intervals {first:g} and {last:g} of the length do not fit")
+    if n == 3:
+        return np.array([0.0, first, 1.0])
     target = np.log([first, last])
+    highest = _HIGHEST_SLOPE - np.log(n - 1)
 
     def excess(slopes):
-        points = _vinokur(n, *np.exp(slopes))
-        return np.log([points[1], 1.0 - points[-2]]) - target
+        inside = np.clip(slopes, _LOWEST_SLOPE, highest)
+        points, left = _vinokur(n, *np.exp(inside))
+        # beyond the range the excess grows with the slopes, which takes the search back into it
+        return np.log([points[1], left[-2]]) - target + slopes - inside
 
-    solution = root(excess, target, tol=1e-13)
-    points = _vinokur(n, *np.exp(solution.x))
-    if np.abs(excess(solution.x)).max() > 1e-9 or not np.all(np.diff(points) > 0.0):
+    solution = root(excess, np.clip(target, _LOWEST_SLOPE, highest), tol=1e-13)
+    points = _vinokur(n, *np.exp(np.clip(solution.x, _LOWEST_SLOPE, highest)))[0]
+    if np.abs(excess(solution.x)).max() > _TOLERANCE or not np.all(np.diff(points) > 0.0):
         raise InputError(f"stretching: {n} points cannot grow from an interval of {first:g} to {last:g} of the length")
     return points
 
@@ -61,7 +73,7 @@ def geometric_last(n: int, first: float) -> float:
     Parameters
     ----------
     n : int
-        Number of points.
+        Number of points, at least 3.
     first : float
         First interval, as a fraction of the length.
 
@@ -71,10 +83,11 @@ def geometric_last(n: int, first: float) -> float:
         The last interval: the end spacing that asks least of the growth ratio.
     """
     cells = n - 1
-    if first * cells >= 1.0:
+    if first * cells >= 1.0 - _TOLERANCE:
         return 1.0 / cells
-    ratio = 1.0 + brentq(lambda r: np.log(first * np.expm1(cells * np.log1p(r)) / r), 1e-9, 1.0 / first)
-    return first * ratio ** (cells - 1)
+    steepest = -np.log(first) / (cells - 1)  # the last interval alone would fill the length
+    growth = brentq(lambda g: np.log(first * np.expm1(cells * g) / np.expm1(g)), 1e-12, steepest)
+    return first * np.exp(growth * (cells - 1))
 
 
 def stretch_lines(lengths: np.ndarray, n: int, first: float, last: float) -> np.ndarray:
@@ -105,19 +118,24 @@ def stretch_lines(lengths: np.ndarray, n: int, first: float, last: float) -> np.
 
 
 def _vinokur(n, first_slope, last_slope):
-    """Vinokur's function with end slopes (n - 1) first_slope and (n - 1) last_slope."""
+    """Vinokur's function with end slopes (n - 1) first_slope and (n - 1) last_slope, and one minus it."""
     xi = np.linspace(0.0, 1.0, n)
     skew = np.sqrt(last_slope / first_slope)
     symmetric = _symmetric(xi, 1.0 / ((n - 1) * np.sqrt(first_slope * last_slope)))
-    return symmetric / (skew + (1.0 - skew) * symmetric)
+    left = skew * symmetric[::-1]
+    return symmetric / (symmetric + left), left / (symmetric + left)
 
 
 def _symmetric(xi, steepness):
-    """Symmetric stretching with middle slope ``steepness``: tanh clusters towards the ends, tan away from them."""
+    """Symmetric stretching with middle slope ``steepness``: tanh clusters towards the ends, tan away from them.
+
+    Vinokur's ``(1 + tanh(d (xi - 1/2)) / tanh(d / 2)) / 2`` is written as a product, which has all digits where it is
+    small; one minus it is its mirror image.
+    """
     if abs(steepness - 1.0) < 1e-6:
         return xi * (1.0 + 2.0 * (steepness - 1.0) * (xi - 0.5) * (1.0 - xi))
     if steepness > 1.0:
         delta = brentq(lambda d: np.sinh(d) / d - steepness, 1e-6, 700.0)
-        return 0.5 * (1.0 + np.tanh(delta * (xi - 0.5)) / np.tanh(0.5 * delta))
+        return 0.5 * np.sinh(delta * xi) / (np.sinh(0.5 * delta) * np.cosh(delta * (xi - 0.5)))
     delta = brentq(lambda d: np.sin(d) / d - steepness, 1e-6, np.pi - 1e-9)
-    return 0.5 * (1.0 + np.tan(delta * (xi - 0.5)) / np.tan(0.5 * delta))
+    return 0.5 * np.sin(delta * xi) / (np.sin(0.5 * delta) * np.cos(delta * (xi - 0.5)))
