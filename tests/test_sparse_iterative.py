@@ -193,10 +193,40 @@ def test_iterations_without_end_are_an_error_with_advice(matrix, right):
         factor.solve(right)
 
 
-def test_tolerance_below_rounding_is_an_error_with_advice(matrix, right):
-    factor = factorize(ConjugateGradients(tolerance=1e-20), matrix)
-    with pytest.raises(MovementError, match="give a larger tolerance"):
-        factor.solve(right)
+def rounding(matrix, x):
+    """Residual that the rounding of a solution leaves."""
+    return np.finfo(float).eps * norm(BlockMatrix(matrix.pattern, np.abs(matrix.data)).dot(np.abs(x)))
+
+
+def test_tolerance_below_rounding_ends_at_what_rounding_leaves(matrix, right):
+    solution = factorize(ConjugateGradients(tolerance=1e-20), matrix).solve(right)
+    assert solution.residual <= rounding(matrix, solution.x) / norm(right) < 1e-14
+
+
+@pytest.mark.parametrize("hold", [1e-4, 1e-7])
+def test_random_right_hand_sides_of_a_soft_matrix_are_solved_at_the_defaults_as_well_as_by_a_direct_solver(hold):
+    matrix, random = stiffness((6, 4, 5), seed=3, hold=hold), np.random.default_rng(7)
+    factor, direct = factorize(ConjugateGradients(), matrix), factorize(Cholesky(), matrix)
+    for _ in range(3):
+        right = random.standard_normal((matrix.pattern.n, 3))
+        solution, exact = factor.solve(right), direct.solve(right)
+        assert 1e-12 < solution.residual <= 4.0 * rounding(matrix, solution.x) / norm(right)
+        assert solution.residual <= 10.0 * exact.residual
+        assert solution.residual == pytest.approx(norm(right - matrix.dot(solution.x)) / norm(right), rel=0.3)
+
+
+class Coarse(BlockMatrix):
+    """A matrix whose products are rounded to single precision."""
+
+    def dot(self, x):
+        return super().dot(x).astype(np.float32).astype(float)
+
+
+def test_residual_that_stays_above_rounding_is_an_error_that_says_by_how_much(matrix, right):
+    factor = factorize(ConjugateGradients(), matrix)
+    message = r"stays at \d\.\de-0[78], \de\+0[45] times the tolerance, .* rounding leaves \d\.\de-1[456]; .*direct"
+    with pytest.raises(MovementError, match=message):
+        factor.solve(right, Coarse(matrix.pattern, matrix.data))
 
 
 def test_points_without_neighbours_are_solved():
