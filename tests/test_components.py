@@ -9,11 +9,13 @@ import openmdao.api as om
 import pytest
 from component_cases import Heights, Lift, Shear, Swirl, movable_model, small_model, two_blocks
 from differences import extrapolated_difference
+from openmdao.utils.assert_utils import assert_check_partials
 
 import bspline_mdao.components
 from bspline_mdao.components.control_mesh_move import ControlMeshMove
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
+from bspline_mdao.components.jacobian import SparseComponent
 from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.components.monotonic import Monotonic
 from bspline_mdao.components.quality import Quality
@@ -110,7 +112,7 @@ def run_problem(component, model, **options) -> om.Problem:
     if "model" in component().options:
         options["model"] = model
     problem.model.add_subsystem("component", component(**options), promotes=["*"])
-    problem.setup(force_alloc_complex=False)
+    problem.setup(force_alloc_complex=True)
     for name in AWAY.get(component, []):
         value = problem.get_val(name)
         problem.set_val(name, value + np.random.default_rng(7).normal(scale=0.02, size=value.shape))
@@ -133,7 +135,9 @@ def test_every_component_is_in_the_partials_table():
         shipped |= {
             c for c in contents if isinstance(c, type) and issubclass(c, om.ExplicitComponent | om.ImplicitComponent)
         }
-    assert shipped - {om.ExplicitComponent, om.ImplicitComponent} == {case[0] for case in PARTIALS.values()}
+    assert shipped - {om.ExplicitComponent, om.ImplicitComponent, SparseComponent} == {
+        case[0] for case in PARTIALS.values()
+    }
 
 
 @every_component
@@ -169,17 +173,134 @@ def test_products_are_directional_derivatives(model, component, options, of, wrt
 
 
 @every_component
-def test_check_partials_finds_no_fault(model, component, options, of, wrt):
-    problem = run_problem(component, model, **options)
-    is_directional = problem.model.component.matrix_free  # OpenMDAO cannot check declared sparse ones that way
-    problem.model.component.set_check_partial_options("*", form="central", step=1e-5, directional=is_directional)
-    checked = problem.check_partials(out_stream=None)["component"][of, wrt]
-    assert checked["J_fd"].shape == (problem.get_val(of).size, 1 if is_directional else problem.get_val(wrt).size)
+def test_a_bare_check_partials_takes_one_direction_in_each_input_and_finds_no_fault(
+    model, component, options, of, wrt, monkeypatch
+):
+    problem, runs = run_problem(component, model, **options), []
+    compute = component.compute
+    monkeypatch.setattr(component, "compute", lambda *arguments: runs.append(1) or compute(*arguments))
+    np.random.seed(4)  # noqa: NPY002 - the generator that OpenMDAO takes directions from
+    checked = problem.check_partials(out_stream=None)
+    assert_check_partials(checked)
+    checked = checked["component"][of, wrt]
+    assert checked["J_fd"].shape == (problem.get_val(of).size, 1)
     assert np.abs(checked["J_fd"]).max() > 0.1
-    np.testing.assert_allclose(checked["J_fwd"], checked["J_fd"], atol=1e-6)
-    if is_directional:
-        forward, reverse = checked["directional_fwd_rev"]
-        assert abs(forward - reverse) < 1e-10 * abs(forward)
+    assert len(runs) <= 2 + 2 * len(problem.model.component.list_inputs(out_stream=None))
+    forward, reverse = checked["directional_fwd_rev"]
+    assert abs(forward - reverse) < 1e-10 * np.linalg.norm(checked["J_fwd"]) * np.sqrt(len(checked["J_fwd"]))
+
+
+class Tilted(Heights):
+    """A user's own measure with one wrong derivative."""
+
+    def partials(self, points):
+        matrix = super().partials(points)
+        matrix.data[7] *= 1.0 + 1e-3
+        return matrix
+
+
+def test_a_bare_check_partials_finds_one_wrong_entry_of_a_sparse_jacobian(model):
+    problem = run_problem(SurfaceMeasure, model, measure=Tilted(SurfaceGrid.of(model)))
+    with pytest.raises(ValueError, match="heights wrt surface"):
+        assert_check_partials(problem.check_partials(out_stream=None))
+
+
+def test_a_check_leaves_the_declared_jacobian_as_it_was(model):
+    problem = run_problem(SurfaceMeasure, model, measure=heights(model))
+    before = problem.compute_totals(["heights"], [SURFACE])["heights", SURFACE]
+    problem.check_partials(out_stream=None)
+    assert not problem.model.component.matrix_free
+    np.testing.assert_array_equal(problem.compute_totals(["heights"], [SURFACE])["heights", SURFACE], before)
+    assert np.count_nonzero(before)
+
+
+REFUSED = {"Fit live", "Quality, cells"}
+"""Cases that know no complex step, with all of `LiveGridEvaluate` and `ControlMeshMove`."""
+
+
+@pytest.mark.parametrize("case", PARTIALS)
+def test_a_complex_step_is_exact_or_refused_in_one_line(model, case):
+    component, options, of, wrt = PARTIALS[case]
+    problem, random = run_problem(component, model, **options), np.random.default_rng(10)
+    v = random.standard_normal(problem.get_val(wrt).shape)
+    forward, _ = products(problem, of, wrt, v.ravel(), np.zeros(problem.get_val(of).size))
+    start = problem.get_val(wrt).copy()
+    problem.set_complex_step_mode(True)
+    problem.set_val(wrt, start + 1e-40j * v)
+    if case in REFUSED or component in (LiveGridEvaluate, ControlMeshMove):
+        for call in (problem.run_model, lambda: problem.model.run_apply_linear("fwd")):
+            with pytest.raises(
+                InputError, match=r"^'component' <.*: there is no complex step .* method='fd'"
+            ) as refusal:
+                call()
+            assert "\n" not in str(refusal.value)
+    else:
+        problem.run_model()
+        np.testing.assert_allclose(
+            problem.get_val(of).imag.ravel() / 1e-40, forward, atol=1e-13 * np.abs(forward).max()
+        )
+    problem.set_complex_step_mode(False)
+    problem.set_val(wrt, start)
+    problem.run_model()  # goes on as if nothing had happened
+    np.testing.assert_array_equal(products(problem, of, wrt, v.ravel(), np.zeros(problem.get_val(of).size))[0], forward)
+
+
+@pytest.mark.parametrize("case", ["Fit", "GridEvaluate"])
+def test_linear_products_are_those_of_both_parts_under_complex_step(model, case):
+    component, options, of, wrt = PARTIALS[case]
+    problem, random = run_problem(component, model, **options), np.random.default_rng(12)
+    sizes = {name: problem.get_val(name).size for name in (of, wrt)}
+    for mode, seed_of, result_of in (("fwd", wrt, of), ("rev", of, wrt)):
+        seed = random.standard_normal(sizes[seed_of]) + 1j * random.standard_normal(sizes[seed_of])
+
+        def product(part, seed_of=seed_of, result_of=result_of, mode=mode):
+            vectors = {seed_of: part, result_of: np.zeros(sizes[result_of], dtype=part.dtype)}
+            problem.model.component.compute_jacvec_product({}, vectors, vectors, mode)
+            return vectors[result_of]
+
+        np.testing.assert_array_equal(product(seed), product(seed.real) + 1j * product(seed.imag))
+
+
+@pytest.mark.parametrize("case", ["SurfaceMeasure", "SurfaceControl, swirl"])
+def test_partials_that_vary_are_refused_under_complex_step(model, case):
+    component, options, _, _ = PARTIALS[case]
+    problem = run_problem(component, model, **options)
+    problem.set_complex_step_mode(True)
+    with pytest.raises(InputError, match=r"no complex step .* method='fd'"):
+        problem.model.run_linearize()
+
+
+def test_totals_by_complex_steps_through_linear_components_are_exact(model):
+    def totals(method):
+        problem, size = om.Problem(reports=False), {"shape": 3 * model.n_nodes, "units": "m"}
+        problem.model.add_subsystem("bend", om.ExecComp("x = a**2 * x_0", x=size, x_0=size, a=1.3))
+        problem.model.connect("bend.x", GRID_INITIAL)
+        problem.model.add_subsystem("fit", Fit(model=model), promotes=["*"])
+        problem.model.add_subsystem("evaluate", GridEvaluate(model=model), promotes_outputs=["*"])
+        problem.model.connect(CONTROL_POINTS_INITIAL, f"evaluate.{CONTROL_POINTS}")
+        problem.model.add_subsystem("size", om.ExecComp("f = sum(x**2)", x=size))
+        problem.model.connect(GRID, "size.x")
+        if method:
+            problem.model.approx_totals(method=method)
+        problem.setup(force_alloc_complex=True)
+        problem.set_val("bend.x_0", two_blocks().to_vector())
+        problem.run_model()
+        return problem.compute_totals(["size.f"], ["bend.a"])["size.f", "bend.a"].item()
+
+    assert abs(totals("cs") - totals(None)) <= 1e-12 * abs(totals(None)) > 0.0
+
+
+def test_totals_by_complex_steps_with_a_coloring_are_refused_in_one_line(model):
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("quality", Quality(model=model), promotes=["*"])
+    problem.model.add_objective("quality_ks")
+    problem.model.add_design_var(GRID)
+    problem.model.approx_totals(method="cs")
+    problem.model.declare_coloring(method="cs", show_summary=False)
+    problem.setup(force_alloc_complex=True)
+    problem.run_model()
+    with pytest.raises(InputError, match=r"no complex step .* method='fd'"):
+        problem.compute_totals()
 
 
 def test_the_assembled_jacobian_is_the_matrix_free_one(model):

@@ -12,8 +12,12 @@ from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import flat_plate_grid
 from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.held import Held
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
+from bspline_mdao.sparse import conjugate_gradient
+from bspline_mdao.sparse.cholesky import Cholesky
+from bspline_mdao.sparse.conjugate_gradient import ConjugateGradients
 
 BOTH = [CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS]
 
@@ -161,6 +165,32 @@ def test_a_mover_that_gives_up_is_an_analysis_error(mesh):
     assert problem.model.move.report is None
 
 
+@pytest.mark.parametrize("mode", ["fwd", "rev"])
+def test_a_product_that_fails_is_an_analysis_error(mesh, mode, monkeypatch):
+    problem = problem_of(LinearElasticity(mesh, n_increments=2, solver=ConjugateGradients()))
+    move_to(problem, lifted(mesh, 0.05))
+    monkeypatch.setattr(conjugate_gradient, "_iterate", lambda *arguments: (1e-7 * arguments[2], 1))
+    seeds = {SURFACE_CONTROL_POINTS if mode == "fwd" else CONTROL_POINTS: np.ones(mesh.points.size)}
+    seeds = {name: seed[: problem.get_val(name).size] for name, seed in seeds.items()}
+    with pytest.raises(om.AnalysisError, match=r"'move'.*: conjugate gradients: the residual stays at"):
+        problem.compute_jacvec_product([CONTROL_POINTS], [SURFACE_CONTROL_POINTS], mode, seeds)
+
+
+def test_random_products_by_conjugate_gradients_at_their_defaults_are_those_of_a_direct_solver(mesh):
+    def products(solver):
+        problem, random = problem_of(LinearElasticity(mesh, n_increments=2, solver=solver)), np.random.default_rng(3)
+        move_to(problem, lifted(mesh, 0.05))
+        v, w = random.standard_normal((2, mesh.points.size))
+        forward = problem.compute_jacvec_product([CONTROL_POINTS], BOTH[:1], "fwd", {CONTROL_POINTS_INITIAL: v})
+        reverse = problem.compute_jacvec_product([CONTROL_POINTS], BOTH[:1], "rev", {CONTROL_POINTS: w})
+        forward, reverse = forward[CONTROL_POINTS].ravel(), reverse[CONTROL_POINTS_INITIAL].ravel()
+        assert abs(forward @ w - v @ reverse) < 1e-11 * np.linalg.norm(forward) * np.linalg.norm(w)
+        return forward
+
+    direct = products(Cholesky())
+    np.testing.assert_allclose(products(ConjugateGradients()), direct, atol=1e-10 * np.abs(direct).max())
+
+
 @pytest.mark.parametrize("mover", [Held, Shear])
 def test_a_problem_recovers_from_an_infeasible_request(mesh, mover):
     problem, good = problem_of(mover(mesh)), lifted(mesh, 0.05)
@@ -235,8 +265,10 @@ def test_complex_step_is_refused_in_one_line(mesh):
     problem.model.add_subsystem("move", ControlMeshMove(mover=Held(mesh)), promotes=["*"])
     problem.setup(force_alloc_complex=True)
     problem.run_model()
-    with pytest.raises(InputError, match="no complex step; check them with method='fd'"):
-        problem.check_partials(method="cs", out_stream=None)
+    problem.check_partials(method="cs", out_stream=None)  # takes its own differences
+    problem.model.move.set_check_partial_options("*", method="cs", directional=True)
+    with pytest.raises(InputError, match=r"no complex step .* method='fd'"):
+        problem.check_partials(out_stream=None)
 
 
 @pytest.mark.parametrize("mover", [None, "elasticity", Held])

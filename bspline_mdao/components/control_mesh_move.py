@@ -7,11 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import openmdao.api as om
 
-from ..errors import InputError, MovementError
+from ..errors import InputError
 from ..movement.mesh import MovingMesh
 from ..movement.mover import Movement, MovementReport, Mover
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
-from .jacobian import add_bar, direction_in, finite_points
+from .jacobian import (
+    add_bar,
+    check_along_directions,
+    difference_step,
+    direction_in,
+    failures_as_analysis_errors,
+    finite_points,
+    refuse_complex_step,
+)
 
 INPUTS = (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
 
@@ -43,8 +51,8 @@ class ControlMeshMove(om.ExplicitComponent):
     InputError
         In ``setup``, if the mover is none; in a run, under complex step.
     om.AnalysisError
-        In a run, if a number is not finite, if the mover cannot go on, or if the control mesh tangles. Inputs that can
-        be followed give the same control mesh afterwards as if nothing had happened.
+        In a run or a product, if a number is not finite, if the mover cannot go on, or if the control mesh tangles.
+        Inputs that can be followed give the same control mesh afterwards as if nothing had happened.
     """
 
     is_linear = False
@@ -68,6 +76,7 @@ class ControlMeshMove(om.ExplicitComponent):
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
+        check_along_directions(self, difference_step(mesh.points[ids] for ids in mesh.blocks))
 
     def compute(self, inputs, outputs):
         """Make the move."""
@@ -78,29 +87,25 @@ class ControlMeshMove(om.ExplicitComponent):
         if CONTROL_POINTS not in d_outputs:
             return
         movement = self._movement_at(inputs)
-        if mode == "fwd":
-            directions = (direction_in(d_inputs, inputs, name) for name in INPUTS)
-            d_outputs[CONTROL_POINTS] += movement.jvp(*directions).ravel()
-        else:
-            initial_bar, surface_bar = movement.vjp(d_outputs[CONTROL_POINTS].reshape(-1, 3))
-            add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
-            add_bar(d_inputs, SURFACE_CONTROL_POINTS, surface_bar)
+        with failures_as_analysis_errors(self):
+            if mode == "fwd":
+                directions = (direction_in(d_inputs, inputs, name) for name in INPUTS)
+                d_outputs[CONTROL_POINTS] += movement.jvp(*directions).ravel()
+            else:
+                initial_bar, surface_bar = movement.vjp(d_outputs[CONTROL_POINTS].reshape(-1, 3))
+                add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
+                add_bar(d_inputs, SURFACE_CONTROL_POINTS, surface_bar)
 
     def _movement_at(self, inputs) -> Movement:
         """Movement for these inputs: the last one if it was made for them."""
-        if self.under_complex_step:
-            raise InputError(
-                f"{self.msginfo}: movers know no complex step; check them with method='fd', form='central'"
-            )
+        refuse_complex_step(self)
         initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
-        try:
+        with failures_as_analysis_errors(self):
             if self._last is None or not self._last.is_for(initial, surface):
                 self._last = None  # its factors make room for those of the next
                 self._last = _Move.of(self.options["mover"], initial.copy(), surface.copy())
             if self.options["require_valid"]:
                 self._last.movement.report.require_valid()
-        except MovementError as error:
-            raise om.AnalysisError(f"{self.msginfo}: {error}") from error
         return self._last.movement
 
 

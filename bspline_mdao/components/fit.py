@@ -9,7 +9,16 @@ from ..fit.derivatives import LiveFit, live_fit
 from ..fit.problem import problem_of_mesh
 from ..model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
-from .jacobian import add_product, at_baseline, finite_points
+from .jacobian import (
+    LINEAR_STEP,
+    add_product,
+    at_baseline,
+    by_parts,
+    check_along_directions,
+    difference_step,
+    finite_points,
+    refuse_complex_step,
+)
 
 
 class Fit(om.ExplicitComponent):
@@ -37,7 +46,8 @@ class Fit(om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if ``live`` is asked of a model whose parameters are corrected or whose knots are the user's own.
+        In ``setup``, if ``live`` is asked of a model whose parameters are corrected or whose knots are the user's own;
+        in a run, under complex step with ``live``.
     om.AnalysisError
         In a run, if a node is not finite, or if the nodes cannot be fitted.
     """
@@ -55,7 +65,8 @@ class Fit(om.ExplicitComponent):
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model = self.options["model"]
-        baseline = model.regenerate().to_vector()
+        grid = model.regenerate()
+        baseline = grid.to_vector()
         if self.options["live"]:
             self._live = live_fit(model, baseline.reshape(-1, 3))
         else:
@@ -63,11 +74,14 @@ class Fit(om.ExplicitComponent):
             self._frozen = problem.operator(model.parameters)
         self.add_input(GRID_INITIAL, val=baseline, units="m")
         self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
+        is_live = self.options["live"]
+        check_along_directions(self, difference_step(block.nodes for block in grid.blocks) if is_live else LINEAR_STEP)
 
     def compute(self, inputs, outputs):
         """Solve the least squares."""
         nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)
-        control_points = self._live_at(nodes).control_points if self.options["live"] else self._frozen.forward(nodes)
+        is_live = self.options["live"]
+        control_points = self._live_at(nodes).control_points if is_live else by_parts(self._frozen.forward, nodes)
         outputs[CONTROL_POINTS_INITIAL] = control_points.ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
@@ -80,5 +94,6 @@ class Fit(om.ExplicitComponent):
         add_product(jvp, vjp, d_inputs, d_outputs, mode, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
 
     def _live_at(self, nodes: np.ndarray) -> LiveFit:
+        refuse_complex_step(self)
         self._live = at_baseline(self._live, live_fit, self.options["model"], nodes, self.msginfo)
         return self._live

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import openmdao.api as om
 from scipy.sparse import identity, kron
 
 from ..model import FittedModel
 from ..names import CONTROL_POINTS, GRID
-from .jacobian import add_product, finite_points
+from .jacobian import LINEAR_STEP, SparseComponent, add_product, check_along_directions, finite_points
 
 
-class GridEvaluate(om.ExplicitComponent):
+class GridEvaluate(SparseComponent):
     """Regenerate the grid from the control points, Eq. (3): ``x = A b + r``.
 
     The component is linear (`is_linear`): A holds the basis values at the parameters and knots of the model, and r is
@@ -53,12 +52,13 @@ class GridEvaluate(om.ExplicitComponent):
         self.matrix_free = not self.options["assembled"]
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self.add_output(GRID, shape=3 * self._evaluator.n_rows, units="m")
+        check_along_directions(self, LINEAR_STEP)
 
     def setup_partials(self):
         """Declare the Jacobian once and for all where it is wanted as a matrix."""
         if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
             jacobian = kron(self._evaluator.matrix(), identity(3), format="coo")
-            self.declare_partials(GRID, CONTROL_POINTS, rows=jacobian.row, cols=jacobian.col, val=jacobian.data)
+            self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
 
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes."""
@@ -70,5 +70,8 @@ class GridEvaluate(om.ExplicitComponent):
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply A or its transpose, whatever the inputs."""
+        if self.options["assembled"]:
+            super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
+            return
         jvp, vjp = self._evaluator.forward, self._evaluator.adjoint
         add_product(jvp, vjp, d_inputs, d_outputs, mode, of=GRID, wrt=CONTROL_POINTS)

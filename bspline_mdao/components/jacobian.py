@@ -1,14 +1,25 @@
-"""What the components share: finite inputs, kernels that follow a baseline grid, products, sparse Jacobians."""
+"""What the components share: finite inputs, kernels that follow a baseline grid, products, sparse Jacobians, checks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import openmdao.api as om
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
-from ..errors import InputError
+from ..errors import InputError, MovementError
+
+LINEAR_STEP = 1.0
+"""Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
+
+SMOOTH_STEP = 1e-5
+"""Step of differences of what varies over a length of order 1, such as an angle or a scale."""
+
+TOUCHING = 1e-9
+"""Neighbours nearer than this part of the grid's size count as one point, of which no step can be a part."""
 
 
 def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
@@ -157,7 +168,7 @@ def add_product(jvp, vjp, d_inputs, d_outputs, mode: str, *, of: str, wrt: str) 
     Parameters
     ----------
     jvp, vjp : callable
-        The Jacobian and its transpose, of points of shape (n, 3) to points of shape (m, 3) and back.
+        The Jacobian and its transpose, of real points of shape (n, 3) to points of shape (m, 3) and back.
     d_inputs, d_outputs : Vector
         OpenMDAO's linear vectors.
     mode : str
@@ -168,9 +179,9 @@ def add_product(jvp, vjp, d_inputs, d_outputs, mode: str, *, of: str, wrt: str) 
     if of not in d_outputs or wrt not in d_inputs:
         return
     if mode == "fwd":
-        d_outputs[of] += jvp(d_inputs[wrt].reshape(-1, 3)).ravel()
+        d_outputs[of] += by_parts(jvp, d_inputs[wrt].reshape(-1, 3)).ravel()
     else:
-        d_inputs[wrt] += vjp(d_outputs[of].reshape(-1, 3)).ravel()
+        d_inputs[wrt] += by_parts(vjp, d_outputs[of].reshape(-1, 3)).ravel()
 
 
 def direction_in(d_inputs, inputs, name: str) -> np.ndarray | float:
@@ -197,3 +208,126 @@ def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
     """Add a derivative, shape (n, 3), to the linear vector of an input, unless OpenMDAO leaves it out."""
     if name in d_inputs:
         d_inputs[name] += bar.reshape(d_inputs[name].shape)
+
+
+def check_along_directions(component: om.ExplicitComponent, step: float, wrt: str = "*") -> None:
+    """Let ``check_partials`` compare products along one random direction in each input with central differences.
+
+    OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
+    ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
+
+    Parameters
+    ----------
+    component : ExplicitComponent
+        The component.
+    step : float
+        Of the differences, in the units of the inputs.
+    wrt : str
+        Inputs, by name or pattern.
+    """
+    component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
+
+
+def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> float:
+    """Find the step (m) at which central differences by all points of a grid are most accurate.
+
+    They lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation, where the length is that of the
+    shortest edge, by how much sharper than the edges the function is. Both are of the same size where the step is the
+    cube root of ``eps size length^2``.
+
+    Parameters
+    ----------
+    lines : iterable of ndarray, shapes (..., 3)
+        Points (m) of every block or face; neighbours along any direction are joined by edges.
+    sharpness : float
+        Lengths of the edges by those over which the function changes.
+
+    Returns
+    -------
+    float
+    """
+    lines = list(lines)
+    corners = np.array([(points.reshape(-1, 3).min(axis=0), points.reshape(-1, 3).max(axis=0)) for points in lines])
+    size = float(np.linalg.norm(corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)))
+    shortest = min((_shortest_edge(points, TOUCHING * size) for points in lines), default=size)
+    return float(np.cbrt(np.finfo(float).eps * size * (min(shortest, size) / sharpness) ** 2))
+
+
+def _shortest_edge(points: np.ndarray, least: float) -> float:
+    """Length of the shortest edge that is longer than ``least``; infinite where there is none."""
+    shortest = np.inf
+    for axis in range(points.ndim - 1):
+        squares = np.square(np.diff(points, axis=axis)).sum(axis=-1)
+        shortest = min(shortest, np.min(squares, where=squares > least**2, initial=np.inf))
+    return float(np.sqrt(shortest))
+
+
+class SparseComponent(om.ExplicitComponent):
+    """Component with sparse partials, which ``check_partials`` checks along directions, as the matrix-free ones.
+
+    OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the check
+    sees products with the very entries that are declared, in the place of the declaration.
+    """
+
+    def __init__(self, **options):
+        super().__init__(**options)
+        self.matrix_free = False  # although there are products
+        self._entries = {}
+
+    def check_partials(self, *arguments, **options):
+        """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
+        declared, is_matrix_free = self._subjacs_info, self.matrix_free
+        self._subjacs_info, self.matrix_free = {}, True
+        try:
+            return super().check_partials(*arguments, **options)
+        finally:
+            self._subjacs_info, self.matrix_free = declared, is_matrix_free
+
+    def declare_sparse(self, of: str, wrt: str, rows: np.ndarray, cols: np.ndarray, val=None) -> None:
+        """Declare entries that may differ from zero, in ``setup_partials``; where values are given, constant ones."""
+        self.declare_partials(of, wrt, rows=rows, cols=cols, val=val)
+        self._entries[of, wrt] = rows, cols, val
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the declared Jacobian or its transpose, for the check alone."""
+        partials = {}
+        self.compute_partials(inputs, partials)
+        for (of, wrt), (rows, cols, constant) in self._entries.items():
+            if of in d_outputs and wrt in d_inputs:
+                values = np.broadcast_to(partials.get((of, wrt), constant), len(rows))
+                matrix = coo_array((values, (rows, cols)), shape=(d_outputs[of].size, d_inputs[wrt].size))
+                if mode == "fwd":
+                    d_outputs[of] += (matrix @ d_inputs[wrt].ravel()).reshape(d_outputs[of].shape)
+                else:
+                    d_inputs[wrt] += (matrix.T @ d_outputs[of].ravel()).reshape(d_inputs[wrt].shape)
+
+
+def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) -> None:
+    """Refuse the complex steps of OpenMDAO, in a component whose kernels are real.
+
+    Raises
+    ------
+    InputError
+        Under complex step.
+    """
+    if component.under_complex_step:
+        raise InputError(
+            f"{component.msginfo}: there is no complex step through it; its own derivatives are exact, or take "
+            f"method='fd', form='central'"
+        )
+
+
+@contextmanager
+def failures_as_analysis_errors(component: om.ExplicitComponent | om.ImplicitComponent) -> Iterator[None]:
+    """Raise a `MovementError` within as ``om.AnalysisError`` with the name of the component."""
+    try:
+        yield
+    except MovementError as error:
+        raise om.AnalysisError(f"{component.msginfo}: {error}") from error
+
+
+def by_parts(apply, points: np.ndarray) -> np.ndarray:
+    """Apply a linear map of real numbers to points that may be complex, under complex step."""
+    if np.iscomplexobj(points):
+        return apply(np.ascontiguousarray(points.real)) + 1j * apply(np.ascontiguousarray(points.imag))
+    return apply(points)

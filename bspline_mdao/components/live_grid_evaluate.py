@@ -8,7 +8,15 @@ import openmdao.api as om
 from ..fit.live_mapping import LiveMapping, live_mapping
 from ..model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
-from .jacobian import add_bar, at_baseline, direction_in, finite_points
+from .jacobian import (
+    add_bar,
+    at_baseline,
+    check_along_directions,
+    difference_step,
+    direction_in,
+    finite_points,
+    refuse_complex_step,
+)
 
 
 class LiveGridEvaluate(om.ExplicitComponent):
@@ -35,7 +43,8 @@ class LiveGridEvaluate(om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if the model's parameters are corrected or its knots are the user's own.
+        In ``setup``, if the model's parameters are corrected or its knots are the user's own; in a run, under complex
+        step.
     om.AnalysisError
         In a run, if a number is not finite, or if the nodes have no parameters and knots.
     """
@@ -50,13 +59,15 @@ class LiveGridEvaluate(om.ExplicitComponent):
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model = self.options["model"]
-        baseline = model.regenerate().to_vector()
+        grid = model.regenerate()
+        baseline = grid.to_vector()
         self._mapping = live_mapping(model, baseline.reshape(-1, 3))
         self.add_input(GRID_INITIAL, val=baseline, units="m")
         if model.residual is not None:
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self.add_output(GRID, val=baseline, units="m")
+        check_along_directions(self, difference_step(block.nodes for block in grid.blocks))
 
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes."""
@@ -86,6 +97,7 @@ class LiveGridEvaluate(om.ExplicitComponent):
             add_bar(d_inputs, CONTROL_POINTS_INITIAL, -control_bar)
 
     def _mapping_at(self, inputs) -> LiveMapping:
+        refuse_complex_step(self)
         nodes = inputs[GRID_INITIAL]
         self._mapping = at_baseline(self._mapping, live_mapping, self.options["model"], nodes, self.msginfo)
         return self._mapping

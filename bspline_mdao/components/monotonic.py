@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import openmdao.api as om
 
 from ..geometry.monotonic import neighbour_differences
-from .jacobian import finite_values
+from .jacobian import LINEAR_STEP, SparseComponent, check_along_directions, finite_values
 
 
-class Monotonic(om.ExplicitComponent):
+class Monotonic(SparseComponent):
     """Subtract neighbouring values of a variable, such as the twist or the chord at stations along the span.
 
     ``add_constraint(..., lower=0.0, linear=True)`` on the output keeps the variable rising, or falling with
@@ -62,11 +61,12 @@ class Monotonic(om.ExplicitComponent):
         self._differences = neighbour_differences(size, self.options["decreasing"])
         self.add_input(self.options["variable"], val=np.zeros(size), units=units)
         self.add_output(self.output, val=np.zeros(size - 1), units=units)
+        check_along_directions(self, LINEAR_STEP)
 
     def setup_partials(self):
         """Declare the Jacobian once and for all."""
         rows, cols, values = self._differences
-        self.declare_partials(self.output, self.options["variable"], rows=rows, cols=cols, val=values)
+        self.declare_sparse(self.output, self.options["variable"], rows, cols, values)
 
     def compute(self, inputs, outputs):
         """Subtract neighbours."""

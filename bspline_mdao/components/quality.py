@@ -9,7 +9,7 @@ from ..model import FittedModel
 from ..names import GRID
 from ..quality.grid_quality import AGGREGATES, GridQuality, GridValues
 from ..quality.report import QualityReport, inverted_cells, report_quality
-from .jacobian import finite_points
+from .jacobian import check_along_directions, difference_step, finite_points, refuse_complex_step
 
 CELL_QUALITY = "cell_quality"
 
@@ -53,7 +53,7 @@ class Quality(om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if an option cannot be used.
+        In ``setup``, if an option cannot be used; in a run, under complex step.
     om.AnalysisError
         In a run, if a node is not finite; with ``require_valid``, if a cell is inverted.
     """
@@ -84,9 +84,12 @@ class Quality(om.ExplicitComponent):
             self.add_output(name)
         if self.options["cells"]:
             self.add_output(CELL_QUALITY, shape=self._quality.n_cells)
+        sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst corner of all
+        check_along_directions(self, difference_step((block.nodes for block in baseline.blocks), sharpness))
 
     def compute(self, inputs, outputs):
         """Measure the cells."""
+        refuse_complex_step(self)
         nodes = finite_points(inputs[GRID], GRID, self.msginfo)
         if self.options["require_valid"]:
             self._refuse_inverted(nodes)
@@ -100,6 +103,7 @@ class Quality(om.ExplicitComponent):
         """Apply the Jacobian or its transpose."""
         if GRID not in d_inputs:
             return
+        refuse_complex_step(self)
         nodes = inputs[GRID].reshape(-1, 3)
         values = self._values(nodes)
         if mode == "fwd":

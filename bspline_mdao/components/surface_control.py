@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import openmdao.api as om
-
 from ..names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from ..parametrization.composition import Parametrization
-from .jacobian import SparsePattern, finite_points, finite_values
+from .jacobian import (
+    SMOOTH_STEP,
+    SparseComponent,
+    SparsePattern,
+    check_along_directions,
+    finite_points,
+    finite_values,
+    refuse_complex_step,
+)
 
 
-class SurfaceControl(om.ExplicitComponent):
+class SurfaceControl(SparseComponent):
     """Move the surface control points by design variables: free-form, planform, the user's own, and all of them.
 
     The variables are those of a `Parametrization`; each is an input under its own name and moves nothing at its initial
@@ -33,6 +39,8 @@ class SurfaceControl(om.ExplicitComponent):
     ------
     om.AnalysisError
         In a run, if a value or a control point is not finite.
+    InputError
+        For partial derivatives under complex step.
     """
 
     is_linear = False
@@ -52,6 +60,7 @@ class SurfaceControl(om.ExplicitComponent):
             self.add_input(variable.name, val=parametrization.initial[variable.name], units=variable.units)
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        check_along_directions(self, SMOOTH_STEP)
 
     def setup_partials(self):
         """Declare what may differ from zero."""
@@ -61,7 +70,7 @@ class SurfaceControl(om.ExplicitComponent):
         self._sparse |= {name: SparsePattern.of(values) for name, values in pattern.values.items()}
         for name, sparse in self._sparse.items():
             cols = columns[sparse.cols] if name == CONTROL_POINTS_INITIAL else sparse.cols
-            self.declare_partials(SURFACE_CONTROL_POINTS, name, rows=sparse.rows, cols=cols)
+            self.declare_sparse(SURFACE_CONTROL_POINTS, name, sparse.rows, cols)
 
     def compute(self, inputs, outputs):
         """Move the points."""
@@ -69,6 +78,7 @@ class SurfaceControl(om.ExplicitComponent):
 
     def compute_partials(self, inputs, partials):
         """Differentiate the move."""
+        refuse_complex_step(self)
         found = self.options["parametrization"].partials(*self._at(inputs))
         for name, matrix in {CONTROL_POINTS_INITIAL: found.initial, **found.values}.items():
             partials[SURFACE_CONTROL_POINTS, name] = self._sparse[name].data(matrix, f"{self.msginfo}: '{name}'")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import openmdao.api as om
 from scipy.sparse import identity, kron
 
 from ..geometry.surface import SurfaceGrid
@@ -10,10 +9,10 @@ from ..geometry.surface_map import SurfaceMap
 from ..model import FittedModel
 from ..movement.mesh import MovingMesh
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
-from .jacobian import finite_points
+from .jacobian import LINEAR_STEP, SparseComponent, check_along_directions, finite_points
 
 
-class SurfaceEvaluate(om.ExplicitComponent):
+class SurfaceEvaluate(SparseComponent):
     """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
 
     They are those of `GridEvaluate` to round-off, at a fraction of the cost: the component is linear, its Jacobian
@@ -59,11 +58,12 @@ class SurfaceEvaluate(om.ExplicitComponent):
         self._map = SurfaceMap.of(self.options["model"], mesh, surface)
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(SURFACE, val=surface.points.ravel(), units="m")
+        check_along_directions(self, LINEAR_STEP)
 
     def setup_partials(self):
         """Declare the Jacobian once and for all."""
         jacobian = kron(self._map.matrix, identity(3), format="coo")
-        self.declare_partials(SURFACE, SURFACE_CONTROL_POINTS, rows=jacobian.row, cols=jacobian.col, val=jacobian.data)
+        self.declare_sparse(SURFACE, SURFACE_CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
 
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes."""

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import openmdao.api as om
-
 from ..geometry.measure import Measure
 from ..names import SURFACE
-from .jacobian import SparsePattern, finite_points
+from .jacobian import (
+    SparseComponent,
+    SparsePattern,
+    check_along_directions,
+    difference_step,
+    finite_points,
+    refuse_complex_step,
+)
 
 
-class SurfaceMeasure(om.ExplicitComponent):
+class SurfaceMeasure(SparseComponent):
     """Measure the surface: thickness, volume, area, radii, angles and whatever else is a `Measure`.
 
     ====================  ======  ==========  =====  ===============================================================
@@ -28,6 +33,8 @@ class SurfaceMeasure(om.ExplicitComponent):
     ------
     om.AnalysisError
         In a run, if a node is not finite.
+    InputError
+        For partial derivatives under complex step.
     """
 
     is_linear = False
@@ -42,12 +49,13 @@ class SurfaceMeasure(om.ExplicitComponent):
         measure: Measure = self.options["measure"]
         self.add_input(SURFACE, val=measure.surface.points.ravel(), units="m")
         self.add_output(measure.name, shape=measure.shape, units=measure.units)
+        check_along_directions(self, difference_step(measure.surface.points[ids] for ids in measure.surface.faces))
 
     def setup_partials(self):
         """Declare what may differ from zero."""
         measure = self.options["measure"]
         self._sparse = SparsePattern.of(measure.partials(measure.surface.points))
-        self.declare_partials(measure.name, SURFACE, rows=self._sparse.rows, cols=self._sparse.cols)
+        self.declare_sparse(measure.name, SURFACE, self._sparse.rows, self._sparse.cols)
 
     def compute(self, inputs, outputs):
         """Measure the surface."""
@@ -56,6 +64,7 @@ class SurfaceMeasure(om.ExplicitComponent):
 
     def compute_partials(self, inputs, partials):
         """Differentiate the measure."""
+        refuse_complex_step(self)
         measure = self.options["measure"]
         found = measure.partials(self._points(inputs))
         partials[measure.name, SURFACE] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import openmdao.api as om
 
+from ..components.jacobian import LINEAR_STEP, check_along_directions
 from ..names import GRID
 from .conventions import ANGLE_OF_ATTACK, COUPLING, INPUT, MACH_NUMBER, RESULT, VOLUME
 
@@ -93,6 +94,7 @@ class _Renamed(om.ExplicitComponent):
         for pair in self.options["pairs"]:
             self.add_input(pair.source, **pair.as_input)
             self.add_output(pair.target, **pair.as_output)
+        check_along_directions(self, LINEAR_STEP)
 
     def compute(self, inputs, outputs):
         for pair in self.options["pairs"]:

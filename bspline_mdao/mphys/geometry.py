@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
+from ..components.jacobian import LINEAR_STEP, SparseComponent, check_along_directions
 from ..components.surface_control import SurfaceControl
 from ..components.surface_evaluate import SurfaceEvaluate
 from ..components.surface_measure import SurfaceMeasure
@@ -75,7 +76,7 @@ class SurfaceGeometry(om.Group):
             self.add_subsystem(f"measure_{measure.name}", SurfaceMeasure(measure=measure), promotes=["*"])
 
 
-class _Displaced(om.ExplicitComponent):
+class _Displaced(SparseComponent):
     """Add the displacement of the surface to a solver's nodes."""
 
     def initialize(self):
@@ -90,12 +91,13 @@ class _Displaced(om.ExplicitComponent):
         self.add_input(X_INPUT, val=nodes, tags=COORDINATES)
         self.add_input(SURFACE, val=baseline.ravel(), units="m")
         self.add_output(X_OUTPUT, val=nodes, tags=COORDINATES)
+        check_along_directions(self, LINEAR_STEP)
 
     def setup_partials(self):
         columns = (3 * self._numbers[:, None] + [0, 1, 2]).ravel()
         rows = np.arange(len(columns))
-        self.declare_partials(X_OUTPUT, X_INPUT, rows=rows, cols=rows, val=1.0)
-        self.declare_partials(X_OUTPUT, SURFACE, rows=rows, cols=columns, val=1.0)
+        self.declare_sparse(X_OUTPUT, X_INPUT, rows, rows, 1.0)
+        self.declare_sparse(X_OUTPUT, SURFACE, rows, columns, 1.0)
 
     def compute(self, inputs, outputs):
         displacement = inputs[SURFACE].reshape(-1, 3) - self.options["surface"].points

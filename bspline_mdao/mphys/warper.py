@@ -7,7 +7,7 @@ import openmdao.api as om
 
 from ..components.control_mesh_move import mesh_of
 from ..components.grid_movement import GridMovement
-from ..components.jacobian import add_product, finite_points
+from ..components.jacobian import LINEAR_STEP, SparseComponent, add_product, check_along_directions, finite_points
 from ..geometry.surface import SurfaceGrid
 from ..geometry.surface_inverse import SurfaceInverse
 from ..geometry.surface_map import SurfaceMap
@@ -105,17 +105,20 @@ class _SurfaceFit(om.ExplicitComponent):
         self.add_input(X_AERO, val=nodes.ravel(), tags=COUPLING)
         self.add_input(X_JIG, val=nodes.ravel(), tags=COORDINATES)
         self.add_output(SURFACE_CONTROL_POINTS, val=self._inverse.apply(nodes).ravel(), units="m")
+        check_along_directions(self, LINEAR_STEP)
 
     def compute(self, inputs, outputs):
         nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo)
-        outputs[SURFACE_CONTROL_POINTS] = self._inverse.apply(nodes).ravel()
+        outputs[SURFACE_CONTROL_POINTS] = self._inverse.apply(nodes.real).ravel()
+        if self.under_complex_step:
+            outputs[SURFACE_CONTROL_POINTS] += 1j * self._inverse.jvp(nodes.imag).ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         jvp, vjp = self._inverse.jvp, self._inverse.vjp
         add_product(jvp, vjp, d_inputs, d_outputs, mode, of=SURFACE_CONTROL_POINTS, wrt=X_AERO)
 
 
-class _SolverNodes(om.ExplicitComponent):
+class _SolverNodes(SparseComponent):
     """Hand the nodes of the grid over in a solver's order."""
 
     def initialize(self):
@@ -128,10 +131,11 @@ class _SolverNodes(om.ExplicitComponent):
         self._rows = numbers_given(self.options["rows"], n_nodes, "rows", self.msginfo)
         self.add_input(GRID, shape=3 * n_nodes, units="m")
         self.add_output(self.options["name"], shape=3 * len(self._rows), tags=COUPLING)
+        check_along_directions(self, LINEAR_STEP)
 
     def setup_partials(self):
         columns = (3 * self._rows[:, None] + [0, 1, 2]).ravel()
-        self.declare_partials(self.options["name"], GRID, rows=np.arange(len(columns)), cols=columns, val=1.0)
+        self.declare_sparse(self.options["name"], GRID, np.arange(len(columns)), columns, 1.0)
 
     def compute(self, inputs, outputs):
         outputs[self.options["name"]] = inputs[GRID].reshape(-1, 3)[self._rows].ravel()
