@@ -27,7 +27,7 @@ from .errors import InputError
 from .fit.errors import BlockError, FitReport, InvalidElement, WorstNode
 from .grids.cgns import CgnsDialect
 from .grids.entities import BoundaryFace, Collapse, Interface, Link, NearMiss
-from .grids.hdf5 import replaced_hdf5_file
+from .grids.hdf5 import held_interrupts, replaced_hdf5_file
 from .grids.index_space import Orientation, Window
 from .grids.multiblock import Patch
 from .grids.plot3d_dialect import Plot3dDialect
@@ -73,10 +73,13 @@ def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = Tr
     document = json.dumps(_encode(_document_of(model))).encode()
     options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
     with replaced_hdf5_file(path) as file:
-        file.attrs.update(format=FORMAT, version=VERSION, checksum=_checksum(document, arrays))
-        file["document"] = np.frombuffer(document, np.uint8)
+        attributes = {"format": FORMAT, "version": VERSION, "checksum": _checksum(document, arrays)}
+        with held_interrupts():
+            file.attrs.update(attributes)
+            file["document"] = np.frombuffer(document, np.uint8)
         for name, array in arrays.items():
-            file.create_dataset(name, data=array, **options)
+            with held_interrupts():
+                file.create_dataset(name, data=array, **options)
 
 
 def read_model(path: str | os.PathLike) -> FittedModel:
@@ -116,7 +119,7 @@ def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
     limit = _LARGEST_RATIO * os.path.getsize(path)
-    with h5py.File(path, "r") as file:
+    with held_interrupts(), h5py.File(path, "r") as file:
         if file.attrs.get("format") != FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:

@@ -7,7 +7,13 @@ from pathlib import Path
 import pytest
 
 os.environ["OPENMDAO_REPORTS"] = "0"
-os.environ["OPENMDAO_WORKDIR"] = tempfile.mkdtemp(prefix="bspline_mdao_")
+WORK_FOLDER = tempfile.TemporaryDirectory(prefix="bspline_mdao_")
+os.environ["OPENMDAO_WORKDIR"] = WORK_FOLDER.name
+
+
+def pytest_unconfigure():
+    """Leave nothing in the temporary folder."""
+    WORK_FOLDER.cleanup()
 
 
 @pytest.fixture(scope="session")

@@ -147,7 +147,7 @@ def test_a_disk_that_fills_up_at_any_file_changes_nothing(tmp_path, tmp_path_fac
     monkeypatch.setattr(builtins, "open", full)
     monkeypatch.setattr("io.open", full)  # pathlib's
     WRITERS[kind](tmp_path_factory.mktemp("counted"))
-    for fail_at in range(1, n_files + 1):
+    for fail_at in range(1, n_files + 1):  # noqa: B007
         n_files = 0
         with pytest.raises(InputError, match=f"{re.escape(str(tmp_path))}.*No space left on device"):
             WRITERS[kind](tmp_path)

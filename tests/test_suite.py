@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import os
 import pkgutil
 import re
 import subprocess
@@ -115,6 +116,19 @@ def test_doctests_are_collected():
         cwd=ROOT,
     )
     assert done.stdout.count("::bspline_mdao.") > 5, done.stdout
+
+
+def test_the_suite_leaves_nothing_in_the_temporary_folder(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_suite.py", "-k", "openmdao_lists"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=ROOT,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
+    assert "1 passed" in done.stdout, done.stdout
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_doctests_are_part_of_the_ordinary_run(pytestconfig):

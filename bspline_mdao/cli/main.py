@@ -46,7 +46,7 @@ def run(arguments: Sequence[str]) -> int:
         bspline_mdao.main(args=list(arguments), prog_name=PROGRAM, standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
-        _say("interrupted; nothing was written")
+        _say("interrupted; each output is complete or as it was before")
         return INTERRUPTED
     except BrokenPipeError:
         _close_stdout()  # the reader of a pipe had seen enough

@@ -8,6 +8,7 @@ the OpenMP layer ends it after a fork.
 from __future__ import annotations
 
 import itertools
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
@@ -28,11 +29,11 @@ def run_tasks(task, n_tasks: int, n_threads: int):
     n_tasks, n_threads : int
         Number of calls and of threads.
     """
-    numbers = itertools.count()
+    numbers, is_over = itertools.count(), threading.Event()
 
     def work():
         for number in iter(numbers.__next__, None):
-            if number >= n_tasks:
+            if number >= n_tasks or is_over.is_set():
                 return
             task(number)
 
@@ -41,6 +42,10 @@ def run_tasks(task, n_tasks: int, n_threads: int):
         return work()
     with ThreadPoolExecutor(n_others) as pool:
         others = [pool.submit(work) for _ in range(n_others)]
-        work()
+        try:
+            work()
+        except BaseException:  # an interrupt from the keyboard, which is not to wait until all is done
+            is_over.set()
+            raise
     for other in others:
         other.result()

@@ -27,7 +27,7 @@ from .cgns_nodes import (
     value,
     word,
 )
-from .hdf5 import replaced_hdf5_file
+from .hdf5 import held_interrupts, replaced_hdf5_file
 from .multiblock import Block, Grid
 from .node_check import find_fault
 from .topology import Topology, find_topology
@@ -204,7 +204,7 @@ def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None
         raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
     with replaced_file(path) as temporary:
         shutil.copyfile(source, temporary)
-        with damaged_is_input_error(source):
+        with damaged_is_input_error(source), held_interrupts():
             _replace_coordinates(temporary, source, grid, topology)
 
 
@@ -243,7 +243,7 @@ def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
 
 
 def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
-    with replaced_hdf5_file(path) as file:
+    with replaced_hdf5_file(path) as file, held_interrupts():
         _write_root(file)
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3

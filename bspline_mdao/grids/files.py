@@ -8,6 +8,7 @@ from pathlib import Path
 from ..errors import InputError
 from .cgns import read_cgns, write_cgns
 from .compression import read_raw
+from .hdf5 import held_interrupts
 from .multiblock import Grid
 from .openfoam import FOLDER, write_polymesh
 from .patches import read_patches
@@ -49,7 +50,11 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
     if head.startswith(_ADF) or head[4:].startswith(_ADF):
         raise InputError(f"{path}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
     is_hdf5 = any(head[start : start + 8] == _HDF5 for start in (0, 512, 1024, 2048))
-    grid = read_cgns(path) if is_hdf5 else read_plot3d(path)
+    if is_hdf5:
+        with held_interrupts():
+            grid = read_cgns(path)
+    else:
+        grid = read_plot3d(path)
     return grid if patches is None else read_patches(patches, grid)
 
 
