@@ -1,5 +1,6 @@
 """Linear elasticity in increments: what it must leave alone, what it must reproduce, and its derivatives."""
 
+import weakref
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,23 +43,29 @@ class CountingSolver:
 
     solver: object = field(default_factory=default_solver)
     factorised: list = field(default_factory=list)
+    factors: list = field(default_factory=list)
+    n_alive: list = field(default_factory=list)
+    """Factors that still existed at each factorisation."""
 
     @property
     def name(self):
         return self.solver.name
 
     def analyze(self, pattern, points):
-        return CountingAnalysis(self.solver.analyze(pattern, points), self.factorised)
+        return CountingAnalysis(self.solver.analyze(pattern, points), self)
 
 
 @dataclass(frozen=True)
 class CountingAnalysis:
     analysis: object
-    factorised: list
+    counts: CountingSolver
 
     def factorize(self, matrix):
-        self.factorised.append(matrix)
-        return self.analysis.factorize(matrix)
+        self.counts.factorised.append(matrix)
+        self.counts.n_alive.append(sum(factor() is not None for factor in self.counts.factors))
+        factor = self.analysis.factorize(matrix)
+        self.counts.factors.append(weakref.ref(factor))
+        return factor
 
 
 def open_channel(is_oblique=False):
@@ -203,6 +210,15 @@ def test_derivatives_without_kept_factors_are_the_same_and_factorise_again():
     for mine, other in zip(lean.vjp(kept.points), kept.vjp(kept.points)):
         np.testing.assert_array_equal(mine, other)
     assert len(solver.factorised) == 5
+
+
+def test_factors_that_are_not_needed_any_more_make_room_for_the_next():
+    mesh, solver = open_channel(), CountingSolver()
+    initial, surface = bent_surface(mesh)
+    mover = LinearElasticity(mesh, n_increments=3, solver=solver, keep_factors=False)
+    mover.move(initial, surface)
+    mover.move(1.01 * initial, 1.01 * surface)
+    assert solver.n_alive == [0, 1, 1, 0, 1, 1]
 
 
 def test_a_move_does_not_see_its_arguments_change_afterwards():

@@ -1,15 +1,20 @@
 """Direct solvers: ours, and the adapters where their packages are installed."""
 
+import copy
 import importlib.util
+import pickle
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse.linalg
 from sparse_cases import box_elements, definite_matrix, dense, random_pattern
 
 from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.evaluation.threads import Crew
+from bspline_mdao.sparse import cholesky
 from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.cholmod import Cholmod
@@ -27,6 +32,14 @@ def box_matrix(shape=(9, 8, 7), seed=0):
     rng = np.random.default_rng(seed)
     elements, points = box_elements(shape)
     return definite_matrix(BlockPattern.of_elements(elements, len(points)), rng), points
+
+
+def dense_front(n=500):
+    """Matrix in which all points are coupled, so that it has one front, its points, and the same as a dense array."""
+    rng = np.random.default_rng(n)
+    pattern = random_pattern(n, 1.0, rng)
+    matrix = definite_matrix(pattern, rng)
+    return matrix, rng.random((n, 3)), dense(matrix)
 
 
 def factor_of(matrix, points, solver=None):
@@ -141,6 +154,78 @@ def test_memory_of_a_factorisation_is_known_before_it_is_made(single):
     tracemalloc.stop()
     assert analysis.factor_bytes == factor.n_bytes > 1e6
     assert 0 <= peak - analysis.factor_bytes - analysis.work_bytes < 4 * matrix.data.nbytes
+
+
+def test_factor_that_is_gone_leaves_its_memory_to_the_next():
+    matrix, points = box_matrix((17, 16, 15))
+    analysis = Cholesky(n_threads=1).analyze(matrix.pattern, points)
+    for _ in range(2):
+        tracemalloc.start()
+        factor = analysis.factorize(matrix)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        del factor
+    assert peak < 0.05 * analysis.factor_bytes
+
+
+def test_factor_that_is_kept_is_not_written_over():
+    matrix, points = box_matrix((9, 8, 7))
+    other = BlockMatrix(matrix.pattern, 2.0 * matrix.data)
+    analysis = Cholesky().analyze(matrix.pattern, points)
+    first = analysis.factorize(matrix)
+    solution, piece = first.apply(points), first.panels[10:500]
+    expected = piece.copy()
+    second = analysis.factorize(other)
+    assert np.array_equal(first.apply(points), solution)
+    del first, second
+    third = analysis.factorize(other)
+    np.testing.assert_allclose(third.apply(points), 0.5 * solution, rtol=1e-12)
+    assert np.array_equal(piece, expected)
+
+
+def test_copies_of_a_factor_solve_and_carry_no_idle_memory():
+    matrix, points = box_matrix((9, 8, 7))
+    analysis = Cholesky().analyze(matrix.pattern, points)
+    size = len(pickle.dumps(analysis))
+    factor = analysis.factorize(matrix)
+    for copied in (pickle.loads(pickle.dumps(factor)), copy.deepcopy(factor)):
+        assert np.array_equal(copied.apply(points), factor.apply(points))
+        assert np.array_equal(copied.analysis.factorize(copied.matrix).apply(points), factor.apply(points))
+    del factor
+    assert len(pickle.dumps(analysis)) == size
+
+
+@pytest.mark.parametrize(("single", "tolerance"), [(False, 1e-13), (True, 1e-4)])
+def test_front_that_threads_share_is_factored_as_by_lapack(single, tolerance):
+    matrix, points, dense_matrix = dense_front()
+    factor = factor_of(matrix, points, Cholesky(single=single, n_threads=3))
+    expected = scipy.linalg.cho_solve(scipy.linalg.cho_factor(dense_matrix), points.ravel())
+    np.testing.assert_allclose(factor.apply(points).ravel(), expected, rtol=0, atol=tolerance * abs(expected).max())
+
+
+def test_no_thread_has_a_large_front_to_itself(monkeypatch):
+    n_tasks = []
+
+    class CountingCrew(Crew):
+        def run(self, task, n):
+            n_tasks.append(n)
+            super().run(task, n)
+
+    monkeypatch.setattr(cholesky, "Crew", CountingCrew)
+    matrix, points, _ = dense_front()
+    factor_of(matrix, points, Cholesky(n_threads=2))
+    assert sum(n_tasks) > 3 * sum(n > 0 for n in n_tasks)
+
+
+@pytest.mark.parametrize("row", [0, 250, 499])
+@pytest.mark.parametrize("value", [-1.0, np.nan])
+def test_bad_pivot_of_a_front_that_threads_share_is_found(row, value):
+    matrix, points, _ = dense_front()
+    analysis = Cholesky(n_threads=2).analyze(matrix.pattern, points)
+    first_row = analysis.supernodes.order[row]
+    matrix.data[matrix.pattern.indptr[first_row + 1] - 1] *= value
+    with pytest.raises(MovementError, match=f"block row {first_row + 1};"):
+        analysis.factorize(matrix)
 
 
 def test_factor_of_an_earlier_matrix_solves_a_changed_one():

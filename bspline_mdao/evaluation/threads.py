@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 
 import numba
 
@@ -19,33 +19,57 @@ def thread_count(n_threads: int | None) -> int:
     return max(1, numba.config.NUMBA_NUM_THREADS if n_threads is None else n_threads)
 
 
-def run_tasks(task, n_tasks: int, n_threads: int):
-    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; the caller's is one of them.
+class Crew:
+    """Threads that stay for several rounds of tasks; a context. The caller's thread is one of them.
 
     Parameters
     ----------
-    task : callable
-        Must not depend on the order of the calls.
-    n_tasks, n_threads : int
-        Number of calls and of threads.
+    n_threads : int
+        Number of threads.
     """
-    numbers, is_over = itertools.count(), threading.Event()
 
-    def work():
-        for number in iter(numbers.__next__, None):
-            if number >= n_tasks or is_over.is_set():
-                return
-            task(number)
+    def __init__(self, n_threads: int):
+        self._n_others = n_threads - 1
+        self._pool = ThreadPoolExecutor(self._n_others) if self._n_others > 0 else None
 
-    n_others = min(n_threads, n_tasks) - 1
-    if n_others < 1:
-        return work()
-    with ThreadPoolExecutor(n_others) as pool:
-        others = [pool.submit(work) for _ in range(n_others)]
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *exception):
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def run(self, task, n_tasks: int):
+        """Call ``task(0) .. task(n_tasks - 1)``, each once, and return when all are done.
+
+        Parameters
+        ----------
+        task : callable
+            Must not depend on the order of the calls.
+        n_tasks : int
+            Number of calls.
+        """
+        numbers, is_over = itertools.count(), threading.Event()
+
+        def work():
+            for number in iter(numbers.__next__, None):
+                if number >= n_tasks or is_over.is_set():
+                    return
+                task(number)
+
+        others = [self._pool.submit(work) for _ in range(min(self._n_others, n_tasks - 1))]
         try:
             work()
         except BaseException:  # an interrupt from the keyboard, which is not to wait until all is done
             is_over.set()
             raise
-    for other in others:
-        other.result()
+        finally:
+            wait(others)
+        for other in others:
+            other.result()
+
+
+def run_tasks(task, n_tasks: int, n_threads: int):
+    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`."""
+    with Crew(min(n_threads, n_tasks)) as crew:
+        crew.run(task, n_tasks)

@@ -135,6 +135,7 @@ class Equilibrium:
     def _of_baseline(self, elements, initial):
         """Factor of the initial points, made when they are new."""
         if self.baseline.points is None or not np.array_equal(self.baseline.points, initial):
+            self.baseline.points = self.baseline.factored = None  # its memory serves the next one
             self.baseline.factored = self.factorized(elements)
             self.baseline.points = initial.copy()
         return self.baseline.factored

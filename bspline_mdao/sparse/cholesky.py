@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 
 from ..errors import InputError, MovementError
-from ..evaluation.threads import run_tasks, thread_count
+from ..evaluation.threads import Crew, thread_count
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern
 from .conjugate_gradient import preconditioned_solve
@@ -20,8 +21,9 @@ from .scaling import inverse_root_diagonal, scaled_blocks
 from .solution import Solution, check_right, product, relative_residual, residual_norm
 from .stages import Stages, find_stages
 from .supernodes import Supernodes, find_supernodes
+from .tiled_front import rounds
 
-__all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor"]
+__all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
 
 REFINE_ABOVE = 1e-12
 """A solution with a larger relative residual gets one step of refinement."""
@@ -65,6 +67,41 @@ class Cholesky:
         return CholeskyAnalysis(self, pattern, supernodes, stages, fronts)
 
 
+class Memory:
+    """Memory that has served and serves again: fresh memory can take as long as the arithmetic that fills it.
+
+    What is lent comes back by itself, when nothing refers to it any more; then it waits, as long as this object lives,
+    for the next request of its size. Threads may share one. Copies of one, and what is pickled, start empty.
+    """
+
+    def __init__(self):
+        self._idle: dict[int, list[np.ndarray]] = {}
+
+    def __reduce__(self):
+        return Memory, ()
+
+    def lend(self, size: int, dtype) -> np.ndarray:
+        """Array of shape (size,) that holds anything at all."""
+        n_bytes = size * np.dtype(dtype).itemsize
+        idle = self._idle.setdefault(n_bytes, [])
+        try:
+            memory = idle.pop()
+        except IndexError:
+            memory = np.empty(n_bytes, np.uint8)
+        return np.asarray(_Loan(memory, idle)).view(dtype)
+
+
+class _Loan:
+    """Base of an array and of all views of it; with the last of these it goes, and gives the memory back."""
+
+    def __init__(self, memory: np.ndarray, idle: list[np.ndarray]):
+        self.memory, self.idle = memory, idle
+        self.__array_interface__ = memory.__array_interface__
+
+    def __del__(self):
+        self.idle.append(self.memory)
+
+
 @dataclass(frozen=True, eq=False)
 class CholeskyAnalysis:
     """What can be known of a factorisation from the pattern alone.
@@ -76,6 +113,8 @@ class CholeskyAnalysis:
     supernodes : Supernodes
     stages : Stages
     fronts : Fronts
+    memory : Memory
+        Of factors and factorisations that are no more, for the next ones.
     """
 
     settings: Cholesky
@@ -83,6 +122,7 @@ class CholeskyAnalysis:
     supernodes: Supernodes
     stages: Stages
     fronts: Fronts
+    memory: Memory = field(default_factory=Memory, repr=False)
 
     @property
     def n_factor(self) -> int:
@@ -130,22 +170,27 @@ class CholeskyAnalysis:
 
     def _factor(self, data: np.ndarray) -> tuple[np.ndarray, int]:
         """Factor in the precision of the blocks; the place of the first pivot that is not positive, or -1."""
-        panels, kept = np.empty(self.n_factor, data.dtype), np.empty(self.fronts.n_kept, data.dtype)
-        structure, idle = (self.supernodes, self.fronts, routines(data.dtype), data, panels, kept), []
+        memory, fronts = self.memory, self.fronts
+        panels, kept = memory.lend(self.n_factor, data.dtype), memory.lend(fronts.n_kept, data.dtype)
+        structure = self.supernodes, fronts, routines(data.dtype), data, panels, kept
+        failed = np.full(len(self.supernodes.parents), -1)
         ranges, starts = self.stages
-        failed = np.full(len(ranges), -1)
 
-        def factor(task):
-            scratch = idle.pop() if idle else np.empty(self.fronts.n_scratch, data.dtype)
-            failed[task] = multifrontal.factorize(*ranges[task], *structure, scratch)
-            idle.append(scratch)
+        def factor_branch(number):
+            first, last = ranges[number]
+            scratch = memory.lend(fronts.n_scratch, data.dtype)
+            failed[first] = multifrontal.factorize(first, last, *structure, scratch)
 
-        with one_blas_thread():
-            for start, end in zip(starts, starts[1:]):
-                run_tasks(lambda number, start=start: factor(start + number), int(end - start), self.settings.threads)
-                if (failed >= 0).any():
-                    return panels, int(failed[failed >= 0].min())
-        return panels, -1
+        with one_blas_thread(), Crew(self.settings.threads) as crew:
+            crew.run(factor_branch, int(starts[1]))
+            for start, end in zip(starts[1:], starts[2:]):
+                trunk = [rounds(int(s), *structure, failed) for s, _ in ranges[start:end]]
+                for parts in zip_longest(*trunk, fillvalue=()):
+                    if (failed >= 0).any():
+                        break
+                    tasks = [task for part in parts for task in part]
+                    crew.run(lambda number, tasks=tasks: tasks[number](), len(tasks))
+        return panels, int(failed[failed >= 0].min()) if (failed >= 0).any() else -1
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from numba import njit
 
 from .lapack import LOWER, NOT_TRANSPOSED, NOT_UNIT, RIGHT, TRANSPOSED, call
 
-__all__ = ["factorize", "solve"]
+__all__ = ["assemble", "factorize", "first_unusable", "solve", "update_of"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -43,22 +43,13 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scr
     minus_one, zero, one = signs[0:1], signs[1:2], signs[2:3]
     info = np.zeros(1, np.int32)
     for s in range(first, last):
-        n_own = 3 * (supernodes.firsts[s + 1] - supernodes.firsts[s])
-        n_rest = 3 * (supernodes.row_starts[s + 1] - supernodes.row_starts[s])
+        n_own, n_rest = _extents(s, supernodes)
         n = n_own + n_rest
+        assemble(s, 0, n // 3, supernodes, fronts, data, factor, kept, scratch)
         panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
-        update = _update(fronts.update_starts[s], n_rest, kept, scratch)
-        panel[:] = 0.0
-        _add_blocks(s, fronts, data, factor, n)
-        n_children = fronts.child_starts[s + 1] - fronts.child_starts[s]
-        if n_children:
-            update[:] = 0.0
-        for child in fronts.children[fronts.child_starts[s] : fronts.child_starts[s + 1]]:
-            low, high = supernodes.row_starts[child], supernodes.row_starts[child + 1]
-            child_update = _update(fronts.update_starts[child], 3 * (high - low), kept, scratch)
-            _add_update(fronts.positions[low:high], child_update, panel, n, n_own, update, n_rest)
+        update = update_of(fronts.update_starts[s], n_rest, kept, scratch)
         call(routines.potrf, (LOWER, n_own, panel, n, info))
-        failed = info[0] - 1 if info[0] > 0 else _first_unusable(panel, n, n_own)
+        failed = info[0] - 1 if info[0] > 0 else first_unusable(panel, n, n_own)
         if failed >= 0:
             return supernodes.firsts[s] + failed // 3
         if n_rest:
@@ -67,7 +58,7 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scr
                 routines.trsm,
                 (RIGHT, LOWER, TRANSPOSED, NOT_UNIT, n_rest, n_own, one, panel, n, below, n),
             )
-            beta = one if n_children else zero
+            beta = one if fronts.child_starts[s + 1] > fronts.child_starts[s] else zero
             call(
                 routines.syrk,
                 (LOWER, NOT_TRANSPOSED, n_rest, n_own, minus_one, below, n, beta, update, n_rest),
@@ -75,8 +66,40 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scr
     return -1
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def assemble(s, first, last, supernodes, fronts, data, factor, kept, scratch):
+    """Sum up the columns of the points ``first <= point < last`` of a front; see `factorize`.
+
+    They consist of blocks of the matrix and of the updates of the front's children.
+    """
+    n_own, n_rest = _extents(s, supernodes)
+    n, size = n_own + n_rest, n_own // 3
+    panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
+    update = update_of(fronts.update_starts[s], n_rest, kept, scratch)
+    children = fronts.children[fronts.child_starts[s] : fronts.child_starts[s + 1]]
+    panel[3 * min(first, size) * n : 3 * min(last, size) * n] = 0.0
+    _add_blocks(s, 3 * first * n, 3 * last * n, fronts, data, panel, n)
+    if len(children):
+        for column in range(3 * max(first - size, 0), 3 * (last - size)):
+            update[column * n_rest + column : (column + 1) * n_rest] = 0.0
+    for child in children:
+        low, high = supernodes.row_starts[child], supernodes.row_starts[child + 1]
+        child_update = update_of(fronts.update_starts[child], 3 * (high - low), kept, scratch)
+        _add_update(fronts.positions[low:high], first, last, child_update, panel, n, n_own, update, n_rest)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _extents(s, supernodes):
+    """Scalar columns of a front that are its own, and the others."""
+    size, n_rows = (
+        supernodes.firsts[s + 1] - supernodes.firsts[s],
+        supernodes.row_starts[s + 1] - supernodes.row_starts[s],
+    )
+    return 3 * np.int64(size), 3 * n_rows
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _update(start, n_rows, kept, scratch):
+def update_of(start, n_rows, kept, scratch):
     """The update of so many scalar rows that starts at a place, see `Fronts`."""
     if start < 0:
         return scratch[~start : ~start + n_rows * n_rows]
@@ -84,7 +107,7 @@ def _update(start, n_rows, kept, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _first_unusable(panel, n, n_own):
+def first_unusable(panel, n, n_own):
     """First column whose pivot is not a positive finite number, which LAPACK may let pass; -1 if there is none."""
     for column in range(n_own):
         if not 0.0 < panel[column * n + column] < np.inf:
@@ -93,25 +116,24 @@ def _first_unusable(panel, n, n_own):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add_blocks(s, fronts, data, factor, n):
-    """Add the blocks of the matrix to a panel of ``n`` scalar rows."""
+def _add_blocks(s, low, high, fronts, data, panel, n):
+    """Add the blocks of the matrix that start at scalars ``low <= place < high`` of a panel of ``n`` scalar rows."""
     for entry in range(fronts.block_starts[s], fronts.block_starts[s + 1]):
         block, place = data[fronts.blocks[entry]], fronts.block_places[entry]
-        if place >= 0:
-            for c in range(3):
-                for r in range(3):
-                    factor[place + c * n + r] = block[r, c]
-        else:
-            for c in range(3):
-                for r in range(3):
-                    factor[~place + c * n + r] = block[c, r]
+        is_transposed = place < 0
+        place = (~place if is_transposed else place) - fronts.panel_starts[s]
+        if not low <= place < high:
+            continue
+        for c in range(3):
+            for r in range(3):
+                panel[place + c * n + r] = block[c, r] if is_transposed else block[r, c]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_update(positions, child, panel, n, n_own, update, n_rest):
-    """Add the update of a child, of ``3 len(positions)`` rows, to the two pieces of its parent's front."""
+def _add_update(positions, first, last, child, panel, n, n_own, update, n_rest):
+    """Add what the update of a child has for the points ``first <= point < last`` to the two pieces of a front."""
     n_child = 3 * len(positions)
-    for j in range(len(positions)):
+    for j in range(np.searchsorted(positions, first), np.searchsorted(positions, last)):
         column = 3 * positions[j]
         for c in range(3):
             source = child[(3 * j + c) * n_child : (3 * j + c + 1) * n_child]

@@ -1,8 +1,9 @@
 """Which fronts can be factored at the same time.
 
-The large fronts near the roots, the *trunk*, are tasks of their own. What hangs on them is cut into *branches*: runs of
-whole subtrees of about equal work. Branches come first; a front of the trunk comes when all below it is done. The cut
-depends on the pattern alone, and so do all sums: results are the same for any number of threads.
+The large fronts near the roots, the *trunk*, are tasks of their own, which threads share (`.tiled_front`). What hangs
+on them is cut into *branches*: runs of whole subtrees of about equal work, each for one thread. Branches come first; a
+front of the trunk comes when all below it is done. The cut depends on the pattern alone, and so do all sums: results
+are the same for any number of threads.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from .supernodes import Supernodes, front_seconds
 
 __all__ = ["Stages", "find_stages"]
 
-LARGEST_BRANCH = 0.1
+LARGEST_BRANCH = 0.05
 """Share of all work that a branch has at most."""
 
 LEAST_WORK = 0.02
@@ -31,7 +32,7 @@ class Stages(NamedTuple):
     ranges : ndarray of int32, shape (n_tasks, 2)
         First supernode of every task, and the one behind its last; the larger tasks of a stage come first.
     starts : ndarray of int64, shape (n_stages + 1,)
-        Where each stage starts.
+        Where each stage starts: the branches, if any, then the fronts of the trunk, by height.
     """
 
     ranges: np.ndarray
@@ -43,7 +44,7 @@ def find_stages(supernodes: Supernodes) -> Stages:
     sizes, n_rows = np.diff(supernodes.firsts), np.diff(supernodes.row_starts)
     ranges, stages, work = _cut(sizes.astype(np.int64), n_rows, supernodes.parents)
     order = np.lexsort((-work, stages))
-    starts = np.searchsorted(stages[order], np.arange(stages.max(initial=-1) + 2))
+    starts = np.searchsorted(stages[order], np.arange(stages.max(initial=0) + 2))
     return Stages(ranges[order], starts)
 
 
