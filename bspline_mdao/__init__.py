@@ -26,6 +26,7 @@ _HOMES = {
     "EulerBuilder": "mphys.builders",
     "EulerFlow": "flow.euler_flow",
     "Fit": "components.fit",
+    "FitWarning": "errors",
     "FittedModel": "model",
     "FlowBuilder": "mphys.builders",
     "FreeForm": "parametrization.free_form",

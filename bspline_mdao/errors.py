@@ -1,6 +1,6 @@
-"""The exceptions of the package: unusable input, and a movement that cannot be done."""
+"""Exceptions and warnings of the package: unusable input, a movement that cannot be done, and a fit to look at."""
 
-__all__ = ["InputError", "MovementError"]
+__all__ = ["FitWarning", "InputError", "MovementError"]
 
 
 class InputError(ValueError):
@@ -16,4 +16,12 @@ class MovementError(ArithmeticError):
 
     The message is one line that says where (increment, block, index) and what to do. Components raise it as
     ``om.AnalysisError``, so that a driver takes a smaller step.
+    """
+
+
+class FitWarning(UserWarning):
+    """A fit that can be used, but whose control mesh has invalid elements, which movers may not survive.
+
+    `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that says how many
+    elements there are, where the worst is and what to do; the report of the model has it as well.
     """

@@ -21,10 +21,18 @@ def test_choice_is_near_a_quarter_of_the_nodes():
 
 
 def test_few_planes_are_all_kept_and_lower_the_order():
-    counts = counts_of(grid_of(lattice(2, 21, 5)))
+    counts = counts_of(grid_of(lattice(2, 21, 5)), order=4)
     np.testing.assert_array_equal(counts.n_control[0, [0, 2]], [2, 5])
     np.testing.assert_array_equal(counts.orders, [[2, 4, 4]])
     assert "block 1 i (order 2)" in counts.warnings[0]
+
+
+def test_short_directions_choose_a_lower_order_and_keep_their_count():
+    counts = counts_of(grid_of(lattice(5, 12, 13)))
+    np.testing.assert_array_equal(counts.n_control, counts_of(grid_of(lattice(5, 12, 13)), order=4).n_control)
+    np.testing.assert_array_equal(counts.orders, [[2, 3, 4]])
+    assert counts.warnings == ()
+    np.testing.assert_array_equal(counts_of(grid_of(lattice(5, 12, 13)), (2, 12, 3)).orders, [[2, 2, 3]])
 
 
 def test_choice_agrees_across_permuted_interfaces():

@@ -74,10 +74,8 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
 @click.option(
     "--order",
     type=click.IntRange(min=2),
-    default=4,
-    show_default=True,
     metavar="P",
-    help="Order of the B-splines, which is their degree plus one.",
+    help="Order of the B-splines, which is their degree plus one; by default 4, less in short directions.",
 )
 @click.option(
     "--correct",

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import FitWarning
 from ..fit.fitting import fit_grid
 from ..model import FittedModel
 from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
@@ -20,7 +22,7 @@ class FitOptions:
     ----------
     n_control : tuple of three int, optional
         Control points per direction in every block.
-    order : int
+    order : int, optional
         Order of the B-splines.
     correct : int
         Cycles of parameter correction.
@@ -33,7 +35,7 @@ class FitOptions:
     """
 
     n_control: tuple[int, int, int] | None = None
-    order: int = 4
+    order: int | None = None
     correct: int = 0
     patches: Path | None = None
     smoothing: float = 0.0
@@ -58,7 +60,8 @@ def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptio
         If the grid cannot be used or a file cannot be written.
     """
     check_outputs([output, json], [file_of(grid_name), options.patches])
-    with progress_bar() as progress:
+    with progress_bar() as progress, warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)  # it is in the report
         progress(0.0, "reading")
         model = fit_grid(
             load_grid(grid_name, options.patches),
@@ -112,8 +115,8 @@ def show_fit(model: FittedModel, output: Path) -> None:
             f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} m",
         ]
     )
-    print_lines([f"warning: {warning}" for warning in report.warnings], style="yellow")
     print_lines([f"{output} written, {report.seconds:.2f} s"])
+    print_lines([f"warning: {warning}" for warning in report.warnings], style="yellow")
 
 
 def _counts(model: FittedModel) -> list[list[tuple[int, int, int]]]:

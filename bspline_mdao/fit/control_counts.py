@@ -29,6 +29,9 @@ HIGHEST_ORDER = 16
 FEW_PLANES = 6
 """A direction with no more nodes than this keeps one control point per node."""
 
+LONG = 13
+"""A direction gets order 4 from this number of nodes on, and 3 below it: fits of higher order than that fold there."""
+
 
 @dataclass(frozen=True)
 class ControlCounts:
@@ -54,10 +57,10 @@ class _Wish:
     count: int
     order: int
     is_firm: bool
-    asked_order: int
+    asked_order: int | None
 
 
-def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
+def choose_counts(topology: Topology, n_control=None, order=None) -> ControlCounts:
     """Numbers of control points and orders of all segments, equal on both sides of every interface.
 
     Parameters
@@ -68,9 +71,10 @@ def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
         Control points of every block, or of each block. Segments of a cut block share the block's number in proportion
         to their cells. None: about one span to four cells, fewer in blocks of millions of nodes; a direction of up to
         six nodes keeps them all.
-    order : int, triple of int or sequence of triples
+    order : None, int, triple of int or sequence of triples, optional
         Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
-        where a direction has fewer control points.
+        where a direction has fewer control points. None: 4; 3 in directions of fewer than `LONG` nodes; 2, so that
+        control points are nodes, where there are as many of them.
 
     Returns
     -------
@@ -81,7 +85,7 @@ def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
     InputError
         If numbers do not fit the blocks or each other.
     """
-    orders = _per_block(order, topology, "order")
+    orders = None if order is None else _per_block(order, topology, "order")
     counts = None if n_control is None else _per_block(n_control, topology, "n_control")
     wishes = [[_wish(topology, s, d, counts, orders) for d in range(3)] for s in range(len(topology.segments))]
     classes = direction_classes(topology)
@@ -90,7 +94,8 @@ def choose_counts(topology: Topology, n_control=None, order=4) -> ControlCounts:
         members = [tuple(m) for m in np.argwhere(classes == number)]
         n_result[classes == number], p_result[classes == number] = _agree(topology, members, wishes)
     limited = () if n_control is not None else tuple(_limit_size(topology, classes, n_result, p_result))
-    return ControlCounts(n_result, p_result, (*limited, *_lowered(topology, orders, p_result)))
+    lowered = () if orders is None else tuple(_lowered(topology, orders, p_result))
+    return ControlCounts(n_result, p_result, (*limited, *lowered))
 
 
 def _per_block(value, topology: Topology, name: str) -> np.ndarray:
@@ -113,12 +118,11 @@ def _per_block(value, topology: Topology, name: str) -> np.ndarray:
 def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
     window = topology.segments[segment]
     n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
-    order = int(orders[window.block, d])
-    if not min(2, n_block) <= order <= HIGHEST_ORDER:
+    order = None if orders is None else int(orders[window.block, d])
+    if order is not None and not min(2, n_block) <= order <= HIGHEST_ORDER:
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     if counts is None:
-        count = _sound_count(n_nodes, order)
-        return _Wish(count, min(order, count), False, order)
+        return _wish_of(_sound_count(n_nodes, order or 4), n_nodes, order, False)
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
         raise InputError(
@@ -126,10 +130,21 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
             f"with its {n_block} nodes; give {f'2 to {n_block}' if n_block > 1 else 1}"
         )
     if n_nodes == n_block:
-        return _Wish(whole, min(order, whole), True, order)
-    n_spans = max(round((whole + 1 - order) * (n_nodes - 1) / (n_block - 1)), 1)
-    count = min(n_spans + order - 1, n_nodes)
-    return _Wish(count, min(order, count), False, order)
+        return _wish_of(whole, n_nodes, order, True)
+    degree = (order or 4) - 1
+    n_spans = max(round((whole - degree) * (n_nodes - 1) / (n_block - 1)), 1)
+    return _wish_of(min(n_spans + degree, n_nodes), n_nodes, order, False)
+
+
+def _wish_of(count: int, n_nodes: int, order: int | None, is_firm: bool) -> _Wish:
+    """Order that goes with a number of control points: the one asked for, or one that does not fold."""
+    return _Wish(count, min(order, count) if order else sound_order(count, n_nodes), is_firm, order)
+
+
+def sound_order(n_control: int, n_nodes: int) -> int:
+    """Order that does not fold a direction with so many nodes and control points, where their spacing varies a lot."""
+    sound = 2 if n_control == n_nodes else 3 if n_nodes < LONG else 4
+    return min(sound, n_control)
 
 
 def _sound_count(n_nodes: int, order: int) -> int:
@@ -182,7 +197,7 @@ def _disagreement(topology: Topology, first, first_wish: _Wish, other, other_wis
     for (segment, d), wish in ((first, first_wish), (other, other_wish)):
         block = topology.segments[segment].block
         faces = _faces_along(topology, segment, d)
-        texts.append(f"block {block + 1} has {wish.count} of order {wish.asked_order} in {'ijk'[d]} (on {faces})")
+        texts.append(f"block {block + 1} has {wish.count} of order {wish.order} in {'ijk'[d]} (on {faces})")
     return InputError(
         f"{topology.source}: numbers of control points disagree along interfaces: {' and '.join(texts)}; "
         f"give both the same"

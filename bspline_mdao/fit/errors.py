@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,10 @@ import numpy as np
 from numba import njit
 
 from ..grids.hexahedron import cell_quality
-from ..grids.topology import Topology
+from ..splines.volume import Volume
+from .control_counts import LONG, sound_order
+from .prior import greville_samples
+from .problem import FitProblem, Solution
 
 MOST_NAMED = 50
 """Invalid control elements that a report names, the worst first."""
@@ -117,12 +121,10 @@ class FitReport:
 
 
 def report_errors(
-    topology: Topology,
+    problem: FitProblem,
     block_names: Sequence[str],
     nodes: np.ndarray,
-    residual: np.ndarray,
-    nets: Sequence[np.ndarray],
-    n_control_points: int,
+    solution: Solution,
     seconds: float = 0.0,
     warnings: Sequence[str] = (),
 ) -> FitReport:
@@ -130,32 +132,30 @@ def report_errors(
 
     Parameters
     ----------
-    topology : Topology
-        Blocks and segments.
+    problem : FitProblem
+        What was fitted with what.
     block_names : sequence of str
         Name of every block.
-    nodes, residual : ndarray, shape (n_nodes, 3)
-        The grid, and what the spline misses of it (m).
-    nets : sequence of ndarray, each of shape (N0, N1, N2, 3)
-        Control points of every segment (m).
-    n_control_points : int
-        Number of unique control points.
+    nodes : ndarray, shape (n_nodes, 3)
+        The grid (m).
+    solution : Solution
+        The fit.
     seconds, warnings
-        Taken over; a warning is added where the control mesh is invalid.
+        Taken over; the warnings of the solution are added, and one, the last, where the control mesh is invalid.
 
     Returns
     -------
     FitReport
     """
-    squares = residual**2
+    topology, squares = problem.topology, (nodes - solution.fitted) ** 2
     distances = squares.sum(axis=1)
     starts = np.concatenate([[0], np.cumsum([np.prod(shape) for shape in topology.shapes])])
     blocks = []
     for name, start, stop in zip(block_names, starts, starts[1:]):
-        rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.abs(residual[start:stop]).max(axis=0)
+        rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.sqrt(squares[start:stop].max(axis=0))
         blocks.append(BlockError(name, tuple(rms.tolist()), tuple(largest.tolist())))
     rms, edge = float(np.sqrt(distances.mean())), mean_edge(topology.shapes, nodes)
-    n_invalid, invalid = _find_invalid(topology.segment_names, nets)
+    n_invalid, invalid = _find_invalid(topology.segment_names, problem.mesh.nets(solution.control_points))
     return FitReport(
         rms=rms,
         relative_rms=rms / edge if edge else 0.0,
@@ -164,11 +164,11 @@ def report_errors(
         blocks=tuple(blocks),
         worst=_worst_node(topology.shapes, starts, distances),
         n_nodes=len(nodes),
-        n_control_points=n_control_points,
+        n_control_points=len(solution.control_points),
         n_invalid=n_invalid,
         invalid=invalid,
         seconds=seconds,
-        warnings=(*warnings, *_warn_of_invalid(topology.shapes, nodes, n_invalid, invalid)),
+        warnings=(*warnings, *solution.warnings, *_warn_of_invalid(problem, nodes, n_invalid, invalid)),
     )
 
 
@@ -236,18 +236,44 @@ def _find_invalid(names: Sequence[str], nets: Sequence[np.ndarray]) -> tuple[int
     return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
 
 
-def _warn_of_invalid(shapes, nodes: np.ndarray, n_invalid: int, invalid: Sequence[InvalidElement]) -> Iterator[str]:
-    """Say where the control mesh is invalid; a grid that is not valid itself needs no other reason."""
-    if not n_invalid:
-        return
-    worst, n_cells = invalid[0], _count_invalid_cells(shapes, nodes)
-    advice = "fewer control points or a lower order may help; smoothing = inf mostly does, but errs by whole cells"
-    if n_cells:
-        advice = f"the grid has {n_cells} invalid cells itself, which come first"
-    yield (
-        f"{n_invalid} control elements are invalid, the worst is element ({worst.i}, {worst.j}, {worst.k}) of "
-        f"{worst.name} with corner triple product {worst.measure:.2g}; {advice}"
+def _warn_of_invalid(problem: FitProblem, nodes, n_invalid: int, invalid: Sequence[InvalidElement]) -> Iterator[str]:
+    """Say where the control mesh is invalid, and what mends it."""
+    if n_invalid:
+        worst, n_elements = invalid[0], sum(_n_elements(volume.n_control) for volume in problem.mesh.volumes)
+        yield (
+            f"{n_invalid} of {n_elements:,} control elements are invalid, the worst is element ({worst.i}, {worst.j}, "
+            f"{worst.k}) of {worst.name} with corner triple product {worst.measure:.2g}; "
+            f"{_advise(problem, nodes)}"
+        )
+
+
+def _n_elements(n_control: Sequence[int]) -> int:
+    return math.prod(max(n - 1, 1) for n in n_control)
+
+
+def _advise(problem: FitProblem, nodes: np.ndarray) -> str:
+    """Say what mends the control mesh of this fit; what a coarse copy of the grid leaves is known without solving."""
+    topology, segments = problem.topology, list(zip(problem.topology.segments, problem.mesh.volumes))
+    n_cells = _count_invalid_cells(topology.shapes, nodes)
+    reason = f"the grid has {n_cells:,} invalid cells itself; " if n_cells else ""
+    if problem.smoothing == np.inf:
+        return f"{reason}fewer control points leave fewer of them"
+    if all(_is_high(window.shape, volume) for window, volume in segments):
+        return f"{reason}leave out the order: one that is chosen from the grid is lower in short directions"
+    nets = [
+        greville_samples(nodes[rows], v.n_control, v.orders) for rows, (_, v) in zip(problem.sharing.rows, segments)
+    ]
+    n_left, _ = _find_invalid(topology.segment_names, nets)
+    return (
+        f"{reason}smoothing = inf (--smoothing inf) leaves {n_left or 'none'}: the control mesh is then a coarse copy "
+        f"of the grid, and the residual carries what that misses"
     )
+
+
+def _is_high(shape: Sequence[int], volume: Volume) -> bool:
+    """Whether an order is higher than what short directions take without folds."""
+    directions = zip(shape, volume.n_control, volume.orders)
+    return any(order > sound_order(n_control, n_nodes) for n_nodes, n_control, order in directions if n_nodes < LONG)
 
 
 def _count_invalid_cells(shapes, nodes: np.ndarray) -> int:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import FitWarning, InputError
 from ..grids.multiblock import Grid
 from ..grids.sharing import shared_ids
 from ..grids.topology import Topology, find_topology
@@ -27,7 +28,7 @@ def fit_grid(
     *,
     topology: Topology | None = None,
     n_control=None,
-    order=4,
+    order=None,
     knots="curved",
     corrections: int = 0,
     keep_residual: bool = True,
@@ -44,8 +45,9 @@ def fit_grid(
         Its topology; found from coincident nodes by default.
     n_control : triple of int or sequence of triples, optional
         Control points per direction, of all blocks or of each; chosen from the grid by default.
-    order : int, triple or sequence of triples
-        Order p = degree + 1.
+    order : int, triple or sequence of triples, optional
+        Order p = degree + 1; by default 4, and less in short directions, see
+        `bspline_mdao.fit.control_counts.choose_counts`.
     knots : str or sequence of triples of Knots
         ``"curved"`` (Eq. 5), ``"constant"``, or the user's own knots for every segment.
     corrections : int
@@ -68,6 +70,11 @@ def fit_grid(
     ------
     InputError
         If the numbers of control points do not fit the grid or each other.
+
+    Warns
+    -----
+    FitWarning
+        If control elements are invalid: once, at the caller's line, with what mends it.
     """
     start, progress = time.perf_counter(), progress or no_progress
     _check_options(corrections, smoothing)
@@ -84,20 +91,17 @@ def fit_grid(
     if corrections:
         rest = part_of(progress, share, 1)
         parameters, solution = correct_parameters(problem, parameters, nodes, solution, corrections, rest)
-    residual = nodes - solution.fitted
     names = [block.name for block in grid.blocks]
-    nets = problem.mesh.nets(solution.control_points)
-    warnings = counts.warnings + solution.warnings
-    report = report_errors(
-        topology, names, nodes, residual, nets, problem.mesh.n_control_points, time.perf_counter() - start, warnings
-    )
+    report = report_errors(problem, names, nodes, solution, time.perf_counter() - start, counts.warnings)
+    if report.n_invalid:
+        warnings.warn(f"{grid.source}: {report.warnings[-1]}", FitWarning, stacklevel=2)
     progress(1.0, "done")
     return FittedModel(
         topology=topology,
         mesh=problem.mesh,
         parameters=tuple(parameters),
         control_points=solution.control_points,
-        residual=residual if keep_residual else None,
+        residual=nodes - solution.fitted if keep_residual else None,
         header=GridHeader.of(grid),
         report=report,
         settings=FitSettings(knots if isinstance(knots, str) else "given", corrections, smoothing),

@@ -73,6 +73,27 @@ def greville_prior(blends, rows: np.ndarray, orders, n_rows: int) -> Prior:
     return Prior(blends, csr_array((local.data, rows.ravel()[local.indices], local.indptr), shape=shape))
 
 
+def greville_samples(nodes: np.ndarray, n_control, orders) -> np.ndarray:
+    """Control net of a segment that is its grid at the Greville nodes, what infinite smoothing makes of it.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (L0, L1, L2, 3)
+        Nodes of the segment (m).
+    n_control, orders : sequence of three int
+        Number of control points N_d and order of each direction.
+
+    Returns
+    -------
+    ndarray, shape (N0, N1, N2, 3)
+    """
+    for d, line in enumerate(zip(nodes.shape, n_control, orders)):
+        weights, lines = _line_weights(*line).tocsr(), np.moveaxis(nodes, d, 0)
+        samples = weights @ lines.reshape(len(lines), -1)
+        nodes = np.moveaxis(samples.reshape(-1, *lines.shape[1:]), 0, d)
+    return nodes
+
+
 def edge_blends(volume: Volume) -> tuple[np.ndarray, ...]:
     """Greville abscissae of the mean edge knots of each direction of a volume, each of shape (N,)."""
     return tuple(_greville(edge_corners(k).mean(axis=(0, 1)), k.n_control, k.order) for k in volume.knots)
