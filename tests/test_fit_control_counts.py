@@ -27,12 +27,12 @@ def test_few_planes_are_all_kept_and_lower_the_order():
     assert "block 1 i (order 2)" in counts.warnings[0]
 
 
-def test_short_directions_choose_a_lower_order_and_keep_their_count():
-    counts = counts_of(grid_of(lattice(5, 12, 13)))
-    np.testing.assert_array_equal(counts.n_control, counts_of(grid_of(lattice(5, 12, 13)), order=4).n_control)
-    np.testing.assert_array_equal(counts.orders, [[2, 3, 4]])
-    assert counts.warnings == ()
-    np.testing.assert_array_equal(counts_of(grid_of(lattice(5, 12, 13)), (2, 12, 3)).orders, [[2, 2, 3]])
+def test_short_directions_choose_a_lower_order_and_fewer_control_points_than_nodes():
+    counts = [counts_of(grid_of(lattice(n, 12, 13))) for n in (2, 3, 4, 5, 6, 7)]
+    np.testing.assert_array_equal([c.n_control[0] for c in counts], [[n, 5, 5] for n in (2, 3, 3, 3, 4, 5)])
+    np.testing.assert_array_equal([c.orders[0] for c in counts], [[2, 3, 4], *[[3, 3, 4]] * 5])
+    assert not any(c.warnings for c in counts)
+    np.testing.assert_array_equal(counts_of(grid_of(lattice(5, 12, 13)), (2, 12, 5)).orders, [[2, 4, 4]])
 
 
 def test_choice_agrees_across_permuted_interfaces():

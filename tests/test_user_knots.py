@@ -3,9 +3,10 @@
 import numpy as np
 import openmdao.api as om
 import pytest
-from fit_cases import bend, bent_block, grid_of, lattice
+from fit_cases import bend, bent_block, c_grid, grid_of, lattice, o_grid, two_blocks
 
 from bspline_mdao import (
+    BilinearKnots,
     Fit,
     FunctionKnots,
     GridEvaluate,
@@ -99,3 +100,89 @@ def test_a_polynomial_block_is_fitted_exactly_at_every_order(order):
 def test_the_error_falls_with_the_order():
     errors = [fit_grid(bent_block((17, 17, 17)), order=p, n_control=(7, 7, 7)).report.rms for p in (2, 3, 4)]
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
+
+
+def chosen_knots(grid):
+    """Knots that a fit chooses for every segment, as the user may give them."""
+    return [list(volume.knots) for volume in fit_grid(grid).mesh.volumes]
+
+
+@pytest.mark.parametrize("make", [two_blocks, o_grid, c_grid])
+def test_knots_that_agree_across_interfaces_are_taken(make):
+    chosen, given = fit_grid(make()), fit_grid(make(), knots=chosen_knots(make()))
+    np.testing.assert_array_equal(given.control_points, chosen.control_points)
+
+
+def bent(knots, a, b):
+    """The same knots with one inner knot of one edge moved by a tenth of its span."""
+    corners = knots.corners.copy()
+    corners[a, b, knots.order] += 0.1 * (corners[a, b, knots.order + 1] - corners[a, b, knots.order])
+    return BilinearKnots(corners, knots.order)
+
+
+def test_knots_that_disagree_on_a_permuted_interface_are_refused_with_blocks_faces_and_directions():
+    names = {1: r"block 1 imax in j and block 2 jm(in|ax) in k", 2: r"block 1 imax in k and block 2 jm(in|ax) in i"}
+    for d, (a, b) in {1: (0, 1), 2: (1, 0)}.items():
+        # knots of j depend on (k, i), those of k on (i, j): an edge at i = 1
+        knots = chosen_knots(two_blocks())
+        knots[0][d] = bent(knots[0][d], a, b)
+        with pytest.raises(
+            InputError, match=rf"splines of {names[d]}.* meet with knots that differ, number .* most"
+        ) as error:
+            fit_grid(two_blocks(), knots=knots)
+        assert "\n" not in str(error.value)
+
+
+def test_knots_that_differ_away_from_interfaces_are_taken():
+    knots = chosen_knots(two_blocks())
+    knots[0][1] = bent(knots[0][1], 0, 0)  # the edge k = 0, i = 0 of block 1
+    knots[0][0] = bent(knots[0][0], 1, 1)  # the direction that leaves the interface
+    assert fit_grid(two_blocks(), knots=knots).report.relative_rms < 0.1
+
+
+def test_an_interface_that_runs_backwards_wants_its_knots_turned_round():
+    first = bend(lattice(9, 13, 11))
+    second = bend(lattice(15, 13, 11) + [1, 0, 0])[:, ::-1]
+    grid = grid_of(first, np.ascontiguousarray(second))
+    knots = chosen_knots(grid)
+    fit_grid(grid, knots=knots)
+    knots[1][1] = BilinearKnots(knots[0][1].corners[:, ::-1], knots[0][1].order)  # the edges of block 1, not turned
+    with pytest.raises(InputError, match="block 1 imax in j and block 2 imin in j, which run against each other"):
+        fit_grid(grid, knots=knots)
+
+
+def test_a_c_grid_wants_the_knots_of_its_wake_to_agree_with_themselves():
+    grid = c_grid(n_along=9)
+    knots = chosen_knots(grid)
+    knots[0][2] = bent(knots[0][2], 0, 0)  # k on the wake, jmin, at its far end
+    with pytest.raises(InputError, match=r"block 1 \(.*\) jmin in k and block 1 \(.*\) jmin in k"):
+        fit_grid(grid, knots=knots)
+
+
+def waved_knots(height):
+    """Two inner knots that a wave moves between the edges, where s is neither 0 nor 1."""
+    inner = np.array([0.3, 0.7])
+    return FunctionKnots(
+        order=4,
+        n_control=6,
+        value=lambda s, t: inner + height * np.sin(np.pi * s)[:, None],
+        gradient=lambda s, t: np.stack([height * np.pi * np.cos(np.pi * s) + [[0], [0]], 0 * s + [[0], [0]]]).T,
+    )
+
+
+def test_knots_that_are_functions_are_compared_between_their_edges_too():
+    grid = grid_of(bend(lattice(9, 8, 7)), bend(lattice(9, 8, 7) + [1, 0, 0]))
+    plain, wavy = waved_knots(0.0), waved_knots(0.05)
+    fit_grid(grid, knots=[(plain, plain, plain), (wavy, plain, plain)])
+    with pytest.raises(InputError, match="block 1 imax in j and block 2 imin in j meet with knots that differ"):
+        fit_grid(grid, knots=[(plain, plain, plain), (plain, wavy, plain)])
+
+
+def test_orders_and_numbers_that_come_with_knots_have_to_agree_too():
+    knots = chosen_knots(two_blocks())
+    other = fit_grid(two_blocks(), order=[(4, 3, 4), (4, 4, 3)]).mesh.volumes[1].knots
+    with pytest.raises(InputError, match=r"block 1 imax in j and block 2 jm(in|ax) in k.* meet with orders 4 and 3"):
+        fit_grid(two_blocks(), knots=[knots[0], other])
+    more = fit_grid(two_blocks(), n_control=[(5, 7, 6), (6, 8, 7)]).mesh.volumes[1].knots
+    with pytest.raises(InputError, match=r"meet with \d and \d control points"):
+        fit_grid(two_blocks(), knots=[knots[0], more])

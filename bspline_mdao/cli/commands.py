@@ -75,7 +75,7 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     "--order",
     type=click.IntRange(min=2),
     metavar="P",
-    help="Order of the B-splines, which is their degree plus one; by default 4, less in short directions.",
+    help="Order of the B-splines, which is their degree plus one; by default 4, or 3 in short directions.",
 )
 @click.option(
     "--correct",

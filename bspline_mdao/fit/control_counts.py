@@ -27,10 +27,10 @@ HIGHEST_ORDER = 16
 """Beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
 
 FEW_PLANES = 6
-"""A direction with no more nodes than this keeps one control point per node."""
+"""A direction with no more nodes than this keeps one control point per node, where its order is asked for."""
 
-LONG = 13
-"""A direction gets order 4 from this number of nodes on, and 3 below it: fits of higher order than that fold there."""
+SHORT_ORDER, LONG_ORDER, LONG = 3, 4, 13
+"""Order of short directions, order of long ones, and nodes from which on one is long; shorter ones fold at order 4."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ def choose_counts(topology: Topology, n_control=None, order=None) -> ControlCoun
         Segments and their links.
     n_control : None, triple of int or sequence of triples, optional
         Control points of every block, or of each block. Segments of a cut block share the block's number in proportion
-        to their cells. None: about one span to four cells, fewer in blocks of millions of nodes; a direction of up to
-        six nodes keeps them all.
+        to their cells. None: about one span to four cells, fewer in blocks of millions of nodes; up to six nodes get
+        two control points less, but three where they are, or all where an order is asked for.
     order : None, int, triple of int or sequence of triples, optional
         Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
-        where a direction has fewer control points. None: 4; 3 in directions of fewer than `LONG` nodes; 2, so that
-        control points are nodes, where there are as many of them.
+        where a direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the
+        number of control points is chosen, too.
 
     Returns
     -------
@@ -85,6 +85,8 @@ def choose_counts(topology: Topology, n_control=None, order=None) -> ControlCoun
     InputError
         If numbers do not fit the blocks or each other.
     """
+    if n_control is not None and order is None:
+        order = LONG_ORDER
     orders = None if order is None else _per_block(order, topology, "order")
     counts = None if n_control is None else _per_block(n_control, topology, "n_control")
     wishes = [[_wish(topology, s, d, counts, orders) for d in range(3)] for s in range(len(topology.segments))]
@@ -122,7 +124,8 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
     if order is not None and not min(2, n_block) <= order <= HIGHEST_ORDER:
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     if counts is None:
-        return _wish_of(_sound_count(n_nodes, order or 4), n_nodes, order, False)
+        count = _sound_count(n_nodes, order)
+        return _Wish(count, min(order or sound_order(n_nodes), count), False, order)
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
         raise InputError(
@@ -130,27 +133,22 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
             f"with its {n_block} nodes; give {f'2 to {n_block}' if n_block > 1 else 1}"
         )
     if n_nodes == n_block:
-        return _wish_of(whole, n_nodes, order, True)
-    degree = (order or 4) - 1
-    n_spans = max(round((whole - degree) * (n_nodes - 1) / (n_block - 1)), 1)
-    return _wish_of(min(n_spans + degree, n_nodes), n_nodes, order, False)
+        return _Wish(whole, min(order, whole), True, order)
+    n_spans = max(round((whole + 1 - order) * (n_nodes - 1) / (n_block - 1)), 1)
+    count = min(n_spans + order - 1, n_nodes)
+    return _Wish(count, min(order, count), False, order)
 
 
-def _wish_of(count: int, n_nodes: int, order: int | None, is_firm: bool) -> _Wish:
-    """Order that goes with a number of control points: the one asked for, or one that does not fold."""
-    return _Wish(count, min(order, count) if order else sound_order(count, n_nodes), is_firm, order)
+def sound_order(n_nodes: int) -> int:
+    """Order for so many nodes that rarely folds where their spacing varies a lot."""
+    return SHORT_ORDER if n_nodes < LONG else LONG_ORDER
 
 
-def sound_order(n_control: int, n_nodes: int) -> int:
-    """Order that does not fold a direction with so many nodes and control points, where their spacing varies a lot."""
-    sound = 2 if n_control == n_nodes else 3 if n_nodes < LONG else 4
-    return min(sound, n_control)
-
-
-def _sound_count(n_nodes: int, order: int) -> int:
+def _sound_count(n_nodes: int, order: int | None) -> int:
     """Control points of a direction with so many nodes."""
     if n_nodes <= FEW_PLANES:
-        return n_nodes
+        return n_nodes if order else max(min(n_nodes, SHORT_ORDER), n_nodes - 2)
+    order = order or LONG_ORDER
     return min(max(round((n_nodes - 1) / NODES_PER_SPAN) + order - 2, order + 1), n_nodes)
 
 

@@ -259,7 +259,7 @@ def _advise(problem: FitProblem, nodes: np.ndarray) -> str:
     if problem.smoothing == np.inf:
         return f"{reason}fewer control points leave fewer of them"
     if all(_is_high(window.shape, volume) for window, volume in segments):
-        return f"{reason}leave out the order: one that is chosen from the grid is lower in short directions"
+        return f"{reason}leave the order and the number of control points out: both are chosen lower for so few nodes"
     nets = [
         greville_samples(nodes[rows], v.n_control, v.orders) for rows, (_, v) in zip(problem.sharing.rows, segments)
     ]
@@ -272,8 +272,7 @@ def _advise(problem: FitProblem, nodes: np.ndarray) -> str:
 
 def _is_high(shape: Sequence[int], volume: Volume) -> bool:
     """Whether an order is higher than what short directions take without folds."""
-    directions = zip(shape, volume.n_control, volume.orders)
-    return any(order > sound_order(n_control, n_nodes) for n_nodes, n_control, order in directions if n_nodes < LONG)
+    return any(order > sound_order(n_nodes) for n_nodes, order in zip(shape, volume.orders) if n_nodes < LONG)
 
 
 def _count_invalid_cells(shapes, nodes: np.ndarray) -> int:

@@ -19,6 +19,7 @@ from .control_counts import choose_counts
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segment
 from .errors import report_errors
+from .knot_agreement import require_agreement
 from .parameters import chord_length_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
 
@@ -46,7 +47,7 @@ def fit_grid(
     n_control : triple of int or sequence of triples, optional
         Control points per direction, of all blocks or of each; chosen from the grid by default.
     order : int, triple or sequence of triples, optional
-        Order p = degree + 1; by default 4, and less in short directions, see
+        Order p = degree + 1; by default 4, or 3 in short directions where the numbers of control points are chosen, see
         `bspline_mdao.fit.control_counts.choose_counts`.
     knots : str or sequence of triples of Knots
         ``"curved"`` (Eq. 5), ``"constant"``, or the user's own knots for every segment.
@@ -69,7 +70,8 @@ def fit_grid(
     Raises
     ------
     InputError
-        If the numbers of control points do not fit the grid or each other.
+        If the numbers of control points do not fit the grid or each other, or the user's own knots do not agree along
+        an interface.
 
     Warns
     -----
@@ -130,14 +132,23 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     Returns
     -------
     FitProblem
+
+    Raises
+    ------
+    InputError
+        If the kind of knots is unknown, or the user's own do not agree where segments meet.
     """
-    if isinstance(knots, str):
+    is_given = not isinstance(knots, str)
+    if not is_given:
         knots = [knots_of_segment(x, n, p, knots) for x, n, p in zip(parameters, n_control, orders)]
     if not isinstance(knots, Sequence):
         raise InputError(f'{topology.source}: knots = {knots}; use "curved", "constant" or three objects per segment')
     if len(knots) != len(topology.segments):
         raise InputError(f"{topology.source}: knots of {len(knots)} segments; give {len(topology.segments)}")
-    mesh = _share_mesh(topology, [Volume(tuple(triple)) for triple in knots])
+    volumes = [Volume(tuple(triple)) for triple in knots]
+    if is_given:
+        require_agreement(topology, volumes)
+    mesh = _share_mesh(topology, volumes)
     return problem_of_mesh(topology, mesh, smoothing)
 
 
