@@ -264,31 +264,124 @@ def test_an_interrupt_from_the_keyboard_keeps_the_best_point():
         assert problem.get_val("f").item() == problem.driver.best.objective
 
 
-@pytest.mark.parametrize("algorithm", ["LD_SLSQP", "LD_MMA", "LD_LBFGS", "LN_BOBYQA", "GN_DIRECT_L"])
-def test_what_the_model_raises_comes_out_as_it_is(algorithm):
-    class Broken(om.ExplicitComponent):
-        def setup(self):
-            self.add_input("x", [3.0, 2.0])
-            self.add_output("f")
-            self.declare_partials("f", "x")
-            self.n_runs = 0
+class Breaking(om.ExplicitComponent):
+    """A bowl above a limit c that raises something in its third run, or in its second computation of partials."""
 
-        def compute(self, inputs, outputs):
-            self.n_runs += 1
-            if self.n_runs == 3:
-                raise ZeroDivisionError("in the model")
-            outputs["f"] = np.sum(inputs["x"] ** 4)
+    def initialize(self):
+        self.options.declare("error")
+        self.options.declare("where", "compute")
 
-        def compute_partials(self, inputs, partials):
-            partials["f", "x"] = 4.0 * inputs["x"] ** 3
+    def setup(self):
+        self.add_input("x", [3.0, 2.0])
+        self.add_output("f")
+        self.add_output("c")
+        self.declare_partials("*", "x")
+        self.points, self.n_partials = [], 0
 
+    def compute(self, inputs, outputs):
+        outputs["f"], outputs["c"] = np.sum(inputs["x"] ** 4), np.sum(inputs["x"])
+        if len(self.points) == 2 and self.options["where"] == "compute":
+            raise self.options["error"]
+        self.points.append((outputs["f"].item(), tuple(inputs["x"])))
+
+    def compute_partials(self, inputs, partials):
+        self.n_partials += 1
+        if self.n_partials == 2 and self.options["where"] == "partials":
+            raise self.options["error"]
+        partials["f", "x"], partials["c", "x"] = 4.0 * inputs["x"] ** 3, np.ones((1, 2))
+
+
+def breaking(lower=-1.0, **options):
     problem = om.Problem(reports=None)
-    problem.model.add_subsystem("broken", Broken(), promotes=["*"])
+    problem.model.add_subsystem("breaking", Breaking(**options), promotes=["*"])
     problem.model.add_design_var("x", lower=-5.0, upper=5.0)
     problem.model.add_objective("f")
-    with pytest.raises(ZeroDivisionError, match="in the model"):
+    problem.model.add_constraint("c", lower=lower)
+    return problem
+
+
+@pytest.mark.parametrize("where", ["compute", "partials"])
+@pytest.mark.parametrize("kind", [ZeroDivisionError, SystemExit])
+@pytest.mark.parametrize("algorithm", ["LD_SLSQP", "LD_MMA", "LD_CCSAQ", "LN_COBYLA", "GN_ISRES"])
+def test_what_the_model_raises_comes_out_and_names_the_best_design(algorithm, kind, where):
+    if where == "partials" and not ALGORITHMS[algorithm].gradients:
+        return
+    raised = kind("in the model")
+    problem = breaking(error=raised, where=where)
+    with pytest.raises(kind, match="in the model") as error:
         run(problem, optimizer=algorithm)
+    assert error.value is raised
+    objective, x = min(problem.model.breaking.points)
+    driver = problem.driver
+    assert driver.is_feasible
+    assert driver.best.objective == objective
+    assert tuple(driver.best.x) == x == tuple(problem.get_val("x"))
+    named = f"objective {objective:.10g} (scaled) and is feasible"
+    assert named in driver.get_exit_status()
+    assert driver.get_exit_status().startswith("NOT_FINISHED: the run ended in an exception; ")
+    assert named in "".join(getattr(raised, "__notes__", [named]))
+
+
+def test_a_second_interrupt_keeps_the_best_point(monkeypatch):
+    def interrupt(functions):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bspline_mdao.drivers.nlopt_functions.Functions.settle", interrupt)
+    problem = breaking(error=KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        run(problem, optimizer="LD_SLSQP")
+    assert problem.driver.best.objective == min(problem.model.breaking.points)[0]
+
+
+def test_a_best_point_that_is_not_feasible_is_named_as_such():
+    problem = breaking(error=ZeroDivisionError(), lower=90.0)
+    with pytest.raises(ZeroDivisionError):
+        run(problem)
+    assert not problem.driver.is_feasible
+    assert "violates constraints by up to" in problem.driver.get_exit_status()
+
+
+def test_nothing_is_named_where_the_first_run_fails():
+    problem = breaking(error=ZeroDivisionError())
+    problem.driver = nlopt_driver("LD_SLSQP")
+    problem.setup()
+    problem.final_setup()
+    problem.model.breaking.points = [0, 0]
+    with pytest.raises(ZeroDivisionError):
+        problem.run_driver()
     assert problem.driver.get_exit_status() == "NOT_FINISHED: the run ended in an exception"
+
+
+def printed_by(problem, algorithm):
+    """Lines that a run prints by default."""
+    problem.driver = NLoptDriver(optimizer=algorithm, singular_jac_behavior="ignore")
+    problem.setup()
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        problem.run_driver()
+    return printed.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("algorithm", ["LD_SLSQP", "LD_MMA", "LN_COBYLA"])
+def test_the_iterations_are_shown_by_default(algorithm):
+    problem = paraboloid(d={"upper": -15.0})
+    head, *lines = printed_by(problem, algorithm)
+    assert head.split() == ["iteration", "runs", "objective", "violation", "gradient", "(scaled)"]
+    lines = [line.split() for line in lines[: [line.startswith("Optim") for line in lines].index(True)]]
+    assert [int(line[0]) for line in lines] == list(range(1, len(lines) + 1))
+    runs = [int(line[1]) for line in lines]
+    assert runs == sorted(runs)
+    assert runs[-1] <= problem.driver.result.model_evals
+    assert float(lines[-1][2]) == pytest.approx(paraboloid_on_line(-15.0), rel=1e-5)
+    assert (float(lines[0][3]), len(lines[0])) == (15.0, 5 if algorithm.startswith("LD") else 4)
+    if algorithm.startswith("LD"):
+        assert len(lines) == problem.driver.result.deriv_evals
+        assert float(lines[0][4]) == pytest.approx(10.0, rel=1e-3)  # of (x - 3)^2 + x y + (y + 4)^2 at 0
+
+
+def test_a_quiet_driver_prints_nothing(capsys):
+    run(paraboloid())
+    assert capsys.readouterr().out == ""
 
 
 # What is refused

@@ -45,7 +45,9 @@ class NLoptDriver(Driver):
 
     After the run the model is at the best point found: the one of lowest objective among those that violate no
     constraint by more than ``constraint_tolerance``, or the one of least violation if there are none. An end that is
-    infeasible, is stopped from outside or leaves a local search without convergence is reported as failure.
+    infeasible, is stopped from outside or leaves a local search without convergence is reported as failure. An
+    exception that is no ``om.AnalysisError`` passes through, with a note of the best point (Python 3.11 on), which
+    stays in ``best``; the design variables are set to it.
 
     Options are those of NLopt in scaled variables; zero switches a stopping criterion off.
 
@@ -59,7 +61,7 @@ class NLoptDriver(Driver):
     outcome : Outcome or None
         How the last run ended.
     best : Point or None
-        The best point of the last run, in scaled variables.
+        The best point of the last run so far, in scaled variables: kept from the first point on, whatever ends the run.
     n_failed_analyses : int
         Number of analyses that failed in the last run.
 
@@ -131,8 +133,14 @@ class NLoptDriver(Driver):
         settings = make_settings(self.options, _needs(model, designs, constraints))
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
         functions = self._functions(model, statement, settings)
-        self.outcome = _minimise(settings, functions)
-        functions.settle()
+        try:
+            self.outcome = _minimise(settings, functions)
+            functions.settle()
+        except BaseException as error:
+            self.outcome, self.best = None, functions.best
+            model.place(self.best.x)
+            self._report_exception(error)
+            raise
         self.best, self.n_failed_analyses = functions.best, functions.n_failed
         fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
         self._report(fail)
@@ -143,8 +151,16 @@ class NLoptDriver(Driver):
         x, *responses = model.start()
         within = np.clip(x, statement.lower, statement.upper)
         start = statement.point(within, *(responses if np.array_equal(x, within) else model.run(within)))
-        recover = RECOVERIES[settings.algorithm.recovery]
-        return Functions(model, statement, recover, partial(_foresee, settings, statement.tolerance), start)
+        recover, foresee = RECOVERIES[settings.algorithm.recovery], partial(_foresee, settings, statement.tolerance)
+        log = IterationLog(settings.uses_gradients, self.options["disp"])
+        log.add(start, start, None)
+        self.best = start
+
+        def watch(functions: Functions, norm: float | None):
+            self.best, self.n_failed_analyses = functions.best, functions.n_failed
+            log.add(functions.last, functions.best, norm)
+
+        return Functions(model, statement, recover, foresee, start, watch)
 
     @property
     def is_feasible(self) -> bool:
@@ -154,13 +170,29 @@ class NLoptDriver(Driver):
     def get_exit_status(self) -> str:
         """How the last run ended, in words."""
         if self.outcome is None:
-            return "NOT_FINISHED: the run ended in an exception"
+            status = "NOT_FINISHED: the run ended in an exception"
+            return status if self.best is None else f"{status}; {self._best_in_words()}"
         status = f"{self.outcome.end}: {ENDS[self.outcome.end]}"
         if not self.is_feasible:
             status += f", and constraints are violated by up to {self.best.violation:.1e}"
         if self.n_failed_analyses:
             status += f"; {self.n_failed_analyses} analyses failed, {self.outcome.n_restarts} restarts"
         return status
+
+    def _best_in_words(self) -> str:
+        """Name the best point, for a run that did not end by itself."""
+        limits = "is feasible" if self.is_feasible else f"violates constraints by up to {self.best.violation:.1e}"
+        return (
+            f"the best design so far has objective {self.best.objective:.10g} (scaled) and {limits}; it is kept in "
+            f"driver.best, and the design variables are set to it: run_model() gives its outputs"
+        )
+
+    def _report_exception(self, error: BaseException) -> None:
+        """Name the best point in an exception that ends the run."""
+        if hasattr(error, "add_note"):
+            error.add_note(f"NLoptDriver: {self._best_in_words()}")
+        if self.options["disp"]:
+            print(f"Optimization FAILED ({self.options['optimizer']})\n    {self.get_exit_status()}")
 
     def _report(self, fail: bool) -> None:
         """Print how the run ended."""
@@ -169,6 +201,38 @@ class NLoptDriver(Driver):
             print(f"    {self.get_exit_status()}")
             print(f"    objective {self.best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
             print(f"{self.result.deriv_evals} total derivatives")
+
+
+class IterationLog:
+    """Table of a run, a line as soon as it is known.
+
+    A line is a point at which totals were computed or, without gradients, one that is better than all before it.
+
+    Parameters
+    ----------
+    has_gradients : bool
+        Whether the algorithm uses gradients.
+    is_shown : bool
+        Whether to print anything.
+    """
+
+    def __init__(self, has_gradients: bool, is_shown: bool):
+        self._has_gradients, self._is_shown = has_gradients, is_shown
+        self._n_lines, self._n_runs, self._best = 0, 0, None
+
+    def add(self, last: Point, best: Point, norm: float | None) -> None:
+        """Take note of a run of the model, or of the norm of the gradient of the objective at the last point."""
+        self._n_runs += norm is None
+        is_line = norm is not None if self._has_gradients else best is not self._best
+        self._best = best
+        if not (is_line and self._is_shown):
+            return
+        if self._n_lines == 0:
+            print(f"{'iteration':>9} {'runs':>6} {'objective':>18} {'violation':>10} {'gradient':>10}  (scaled)")
+        self._n_lines += 1
+        shown = "" if norm is None else f"{norm:10.3e}"
+        line = f"{self._n_lines:9d} {self._n_runs:6d} {last.objective:18.10e} {last.violation:10.3e} {shown}"
+        print(line.rstrip(), flush=True)
 
 
 def _foresee(settings: Settings, tolerance: float) -> Foresight:

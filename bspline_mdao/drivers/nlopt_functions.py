@@ -1,5 +1,7 @@
 """The functions that NLopt calls: one model run per point, derivatives on demand, and the best point kept."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -46,6 +48,9 @@ class Functions:
         Makes the `Foresight` of the algorithm.
     start : Point
         The first point.
+    watch : callable
+        Called after every run of the model and after every computation of totals, with the norm of the gradient of
+        the objective or None.
     last : Point
         The point where the model was last run.
     n_failed : int
@@ -59,6 +64,7 @@ class Functions:
     recover: Callable[[Known, np.ndarray], Standin]
     foresee: Callable[[], Foresight]
     start: Point
+    watch: Callable[[Functions, float | None], None] = lambda functions, norm: None
     last: Point = field(init=False)
     n_failed: int = field(init=False, default=0)
     exception: BaseException | None = field(init=False, default=None)
@@ -152,6 +158,7 @@ class Functions:
         except AnalysisFailed:
             self._stand_in(x)
         self._is_underway = False
+        self.watch(self, None)
         return True
 
     def _stand_in(self, x: np.ndarray) -> None:
@@ -181,6 +188,8 @@ class Functions:
             self._known = self._before
             self._stand_in(self.last.x)
             return
+        norm = float(np.linalg.norm(self._totals[0]))
         self._foresight.keep(self.last, self._totals[0])
-        self._largest_gradient = max(self._largest_gradient, float(np.linalg.norm(self._totals[0])))
+        self._largest_gradient = max(self._largest_gradient, norm)
         self._known = self._known.differentiate(self.last, self._totals)
+        self.watch(self, norm)

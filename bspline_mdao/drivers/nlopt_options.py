@@ -28,7 +28,7 @@ def declare_options(options) -> None:
     _declare_criteria(options)
     _declare_local_criteria(options)
     _declare_search(options)
-    options.declare("disp", True, types=bool, desc="Print how the run ended.")
+    options.declare("disp", True, types=bool, desc="Print the iterations and how the run ended.")
     options.declare(
         "singular_jac_behavior",
         "warn",

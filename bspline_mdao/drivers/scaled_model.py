@@ -133,6 +133,11 @@ class ScaledModel:
         self._good_states[:] = self._states()
         return objective, constraints
 
+    def place(self, x: np.ndarray) -> None:
+        """Set the design variables (n,) and go back to the states of the last good point, without a run."""
+        self._states()[:] = self._good_states
+        self._set(x)
+
     def differentiate(self) -> np.ndarray:
         """Totals (1 + m, n) of objective and constraints where the model was last run; linear ones are computed once.
 
