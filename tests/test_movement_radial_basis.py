@@ -1,3 +1,4 @@
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -18,11 +19,12 @@ from mover_cases import (
     rotation,
     wing,
 )
+from scipy.interpolate import RBFInterpolator
 
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.movement.centres import find_centres
 from bspline_mdao.movement.radial_basis import MOST_CENTRES, RadialBasis
-from bspline_mdao.movement.radial_functions import COMPACT, GLOBAL, NEEDS_LINEAR
+from bspline_mdao.movement.radial_functions import COMPACT, GLOBAL, NEEDS_LINEAR, radial_matrix
 from bspline_mdao.movement.radial_interpolation import radial_interpolation
 
 SMOOTH_RADIUS = {"gaussian": 0.1, "multiquadric": 0.1, "inverse multiquadric": 0.1}
@@ -49,6 +51,44 @@ def test_displacements_of_all_centres_are_matched(kernel):
     made = radial_interpolation(kernel, 1.0, kernel in NEEDS_LINEAR, centres.copy(), centres, displacement)
     np.testing.assert_allclose(made.values, displacement, atol=1e-10)
     assert made.report.residual < 1e-10
+
+
+@pytest.mark.parametrize("kernel", ["wendland c2", "volume", "thin plate", "multiquadric", "inverse multiquadric"])
+@pytest.mark.parametrize("n_centres", [4, 23])
+def test_strengths_solve_the_bordered_system(kernel, n_centres):
+    random = np.random.default_rng(n_centres)
+    centres, right = random.normal(size=(n_centres, 3)), random.normal(size=(n_centres + 4, 5))
+    functions = radial_matrix((*COMPACT, *GLOBAL).index(kernel), 1.3, centres)
+    terms = np.column_stack([np.ones(n_centres), centres])
+    made = radial_interpolation(kernel, 1.3, True, centres, centres, right[:n_centres, :3].copy())
+    whole = np.block([[functions, terms], [terms.T, np.zeros((4, 4))]])
+    np.testing.assert_allclose(made.system.solve(right), np.linalg.solve(whole, right), rtol=0, atol=1e-9)
+
+
+def test_volume_splines_are_those_of_scipy():
+    random = np.random.default_rng(3)
+    centres, displacement, targets = (random.normal(size=(n, 3)) for n in (23, 23, 31))
+    values = radial_interpolation("volume", 1.3, True, targets, centres, displacement).values
+    expected = RBFInterpolator(centres, displacement, kernel="linear", degree=1)(targets)
+    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-11)
+
+
+def test_centres_in_one_plane_are_refused_where_there_is_a_polynomial():
+    centres = np.random.default_rng(0).normal(size=(12, 3))
+    centres[:, 2] = 2.0 * centres[:, 0] + 1.0
+    with pytest.raises(MovementError, match=r"in one plane.*'wendland c2'"):
+        radial_interpolation("volume", 1.0, True, centres, centres, centres.copy())
+    made = radial_interpolation("wendland c2", 1.0, False, centres, centres, centres.copy())
+    np.testing.assert_allclose(made.values, centres, atol=1e-10)
+
+
+def test_a_step_is_pickled_with_its_derivative():
+    mesh = wing()
+    initial, surface = bent_surface(mesh)
+    movement = mover_of(mesh, "volume").move(initial, surface)
+    again = pickle.loads(pickle.dumps(movement))
+    for mine, other in zip(again.vjp(np.cos(initial)), movement.vjp(np.cos(initial))):
+        np.testing.assert_array_equal(mine, other)
 
 
 @pytest.mark.parametrize("kernel", COMPACT)

@@ -61,35 +61,43 @@ def _wendland(kind, r):
     return left**6 * ((35.0 * r + 18.0) * r + 3.0) / 3.0, -56.0 / 3.0 * left**5 * (5.0 * r + 1.0)
 
 
-@njit(cache=True, error_model="numpy")
-def radial_matrix(kind, radius, centres, n_terms):
-    """Values at all centres of the functions about all centres, bordered by ``n_terms`` = 0 or 4 linear polynomials.
-
-    Shape (n_centres + n_terms, n_centres + n_terms), symmetric.
-    """
-    n = len(centres)
-    matrix = np.zeros((n + n_terms, n + n_terms))
+@njit(cache=True, error_model="numpy", nogil=True)
+def radial_matrix(kind, radius, centres):
+    """Values at all centres of the functions about all centres, shape (n_centres, n_centres), symmetric."""
+    n, columns = len(centres), np.ascontiguousarray(centres.T)
+    matrix = np.empty((n, n))
     for i in range(n):
-        for j in range(i + 1):
-            along = less(row(centres, i), row(centres, j))
-            matrix[i, j] = matrix[j, i] = _function(kind, np.sqrt(dot(along, along)) / radius)[0]
-        for t in range(n_terms):
-            matrix[i, n + t] = matrix[n + t, i] = centres[i, t - 1] if t else 1.0
+        _values(kind, radius, row(centres, i), columns[:, : i + 1], matrix[i, : i + 1])
+        for j in range(i):
+            matrix[j, i] = matrix[i, j]
     return matrix
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc"})
 def radial_sums(kind, radius, targets, centres, strengths):
     """Sums at the targets, (n_targets, 3), of the functions about the centres times strengths, (n_centres, 3)."""
-    sums = np.zeros_like(targets)
+    columns, factors = np.ascontiguousarray(centres.T), np.ascontiguousarray(strengths.T)
+    values, sums = np.empty(len(centres)), np.zeros_like(targets)
     for j in range(len(targets)):
-        total = (0.0, 0.0, 0.0)
+        _values(kind, radius, row(targets, j), columns, values)
+        x = y = z = 0.0
         for i in range(len(centres)):
-            along = less(row(targets, j), row(centres, i))
-            value, _ = _function(kind, np.sqrt(dot(along, along)) / radius)
-            total = add(total, scaled(value, row(strengths, i)))
-        add_to(sums, j, total)
+            x += values[i] * factors[0, i]
+            y += values[i] * factors[1, i]
+            z += values[i] * factors[2, i]
+        sums[j, 0], sums[j, 1], sums[j, 2] = x, y, z
     return sums
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _values(kind, radius, target, columns, values):
+    """Values at one target of the functions about centres, shape (3, n): loops that vectorise as far as they can."""
+    for i in range(len(values)):
+        x, y, z = target[0] - columns[0, i], target[1] - columns[1, i], target[2] - columns[2, i]
+        values[i] = np.sqrt(x * x + y * y + z * z) / radius
+    if kind != _VOLUME:  # which is the distance itself
+        for i in range(len(values)):
+            values[i] = _function(kind, values[i])[0]
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,18 +7,21 @@ displacements d, strengths and coefficients solve ``A strengths + P coefficients
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg.lapack import dormqr
 from threadpoolctl import threadpool_limits
 
 from ..errors import MovementError
 from .mover import SolveReport
 from .radial_functions import COMPACT, GLOBAL, radial_matrix, radial_sums, radial_sums_jvp, radial_sums_vjp
 
-__all__ = ["RadialInterpolation", "radial_interpolation"]
+__all__ = ["RadialInterpolation", "RadialSystem", "radial_interpolation"]
+
+SMALLEST_PIVOT = 1e-12
+"""Centres nearer to a plane than this part of their distance from the origin are taken to lie in it."""
 
 LARGEST_RESIDUAL = 1e-6
 """A system that leaves more of the displacements of the centres is taken for singular."""
@@ -38,8 +41,8 @@ class RadialInterpolation:
         Factors of the functions.
     coefficients : ndarray, shape (4, 3) or (0, 3)
         Those of the linear polynomial: constant, x, y, z.
-    solve : callable
-        Inverse of the symmetric system: strengths and coefficients below each other from displacements and zeros.
+    system : RadialSystem
+        What was solved: strengths and coefficients below each other from displacements and zeros.
     values : ndarray, shape (n_targets, 3)
         Displacements of the targets (m).
     report : SolveReport
@@ -51,7 +54,7 @@ class RadialInterpolation:
     centres: np.ndarray
     strengths: np.ndarray
     coefficients: np.ndarray
-    solve: Callable[[np.ndarray], np.ndarray]
+    system: RadialSystem
     values: np.ndarray
     report: SolveReport
 
@@ -63,7 +66,7 @@ class RadialInterpolation:
         if len(slopes):
             right[: len(self.centres)] -= d_centres @ slopes
             right[-3:] = -d_centres.T @ self.strengths
-        d_strengths, d_coefficients = self._parts(self.solve(right))
+        d_strengths, d_coefficients = self._parts(self.system.solve(right))
         d_values = self._sums_jvp(self.targets, d_targets, d_centres)
         d_values += radial_sums(*self.function, self.targets, self.centres, d_strengths)
         return d_values + d_targets[:, : len(slopes)] @ slopes + _polynomials(self.targets, d_coefficients)
@@ -74,7 +77,7 @@ class RadialInterpolation:
         right = np.zeros((len(self.centres) + len(self.coefficients), 3))
         right[: len(self.centres)] = radial_sums(*self.function, self.centres, self.targets, bar)
         right[len(self.centres) :] = _polynomials_transpose(self.targets, bar, len(self.coefficients))
-        displacement_bar, constraint_bar = self._parts(self.solve(right))
+        displacement_bar, constraint_bar = self._parts(self.system.solve(right))
         targets_bar, centres_bar = self._sums_vjp(self.targets, bar)
         centres_bar -= np.add(*self._sums_vjp(self.centres, displacement_bar))
         if len(slopes):
@@ -118,36 +121,97 @@ def radial_interpolation(
     start = time.perf_counter()
     function = ((*COMPACT, *GLOBAL).index(kernel), radius)
     right = np.concatenate([displacement, np.zeros((4 if has_linear else 0, 3))])
-    matrix = radial_matrix(*function, centres, len(right) - len(centres))
-    solve = _factorized(matrix.T, kernel, has_linear)  # symmetric; LAPACK overwrites it in Fortran's order
-    solution = solve(right)
+    terms = np.column_stack([np.ones(len(centres)), centres])[:, : len(right) - len(centres)]
+    system = _factorized(radial_matrix(*function, centres), terms, kernel)
+    solution = system.solve(right)
     strengths, coefficients = np.ascontiguousarray(solution[: len(centres)]), solution[len(centres) :]
     matched = radial_sums(*function, centres, centres, strengths) + _polynomials(centres, coefficients)
     residual = float(np.linalg.norm(matched - displacement) / (np.linalg.norm(displacement) or 1.0))
     if not residual < LARGEST_RESIDUAL:
         raise MovementError(_singular(kernel, f"leaves a residual of {residual:.2g}"))
     values = radial_sums(*function, targets, centres, strengths) + _polynomials(targets, coefficients)
-    report = SolveReport("dense LU" if has_linear else "dense Cholesky", 0, residual, time.perf_counter() - start)
-    return RadialInterpolation(function, targets, centres, strengths, coefficients, solve, values, report)
+    report = SolveReport("dense Cholesky", 0, residual, time.perf_counter() - start)
+    return RadialInterpolation(function, targets, centres, strengths, coefficients, system, values, report)
 
 
-def _factorized(matrix: np.ndarray, kernel: str, is_bordered: bool) -> Callable[[np.ndarray], np.ndarray]:
-    """Inverse of a symmetric matrix, which is overwritten."""
+@dataclass(frozen=True, eq=False)
+class RadialSystem:
+    """The symmetric system ``[A P; P^T 0]``, factored; all functions are definite on the null space of ``P^T``.
+
+    With ``P = Q [R; 0]``, which has t columns, ``Q^T A Q`` beyond its first t rows and columns is positive or negative
+    definite, and takes half the arithmetic of an LU factor of the whole.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (n, n)
+        Lower Cholesky factor of that part, bordered by an identity.
+    sign : float
+        -1 where the part is negative definite.
+    border : ndarray, shape (n, t)
+        First columns of ``Q^T A Q``.
+    reflectors, scales : ndarray, shapes (n, t) and (t,)
+        Q as LAPACK holds it, and R in the upper triangle.
+    """
+
+    factor: np.ndarray
+    sign: float
+    border: np.ndarray
+    reflectors: np.ndarray
+    scales: np.ndarray
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Strengths, shape (n, m), above coefficients, shape (t, m), for a right-hand side of shape (n + t, m)."""
+        n, t = self.border.shape
+        with threadpool_limits(1, user_api="blas"):
+            if not t:
+                return linalg.cho_solve((self.factor, True), right)
+            triangle = self.reflectors[:t]
+            rest = _apply_q(self.reflectors, self.scales, right[:n], transposed=True)
+            known = linalg.solve_triangular(triangle, right[n:], trans="T")
+            rest -= self.border @ known
+            inner = np.concatenate([np.zeros_like(known), self.sign * rest[t:]])
+            inner = linalg.cho_solve((self.factor, True), inner)
+            coefficients = linalg.solve_triangular(triangle, rest[:t] - self.border[t:].T @ inner[t:])
+            inner[:t] = known
+            return np.concatenate([_apply_q(self.reflectors, self.scales, inner), coefficients])
+
+
+def _factorized(matrix: np.ndarray, terms: np.ndarray, kernel: str) -> RadialSystem:
+    """Factor the symmetric system of functions, shape (n, n), and polynomials at the centres, shape (n, t)."""
+    t, matrix = terms.shape[1], matrix.T  # symmetric; LAPACK overwrites it in Fortran's order
+    reflectors, scales, sign = terms, np.zeros(0), 1.0
     try:
         with threadpool_limits(1, user_api="blas"):
-            factor, solve = (
-                (linalg.lu_factor(matrix, overwrite_a=True), linalg.lu_solve)
-                if is_bordered
-                else (linalg.cho_factor(matrix, lower=True, overwrite_a=True), linalg.cho_solve)
-            )
+            if t:
+                (reflectors, scales), triangle = linalg.qr(terms, mode="raw")
+                _check_polynomials(np.abs(np.diag(triangle)), kernel)
+                matrix = _apply_q(reflectors, scales, matrix, transposed=True, overwrites=True)
+                matrix = _apply_q(reflectors, scales, matrix, side="R", overwrites=True)
+            border = matrix[:, :t].copy()
+            matrix[:t], matrix[:, :t] = 0.0, 0.0
+            if t and len(matrix) > t and matrix[t, t] < 0.0:
+                sign = -1.0
+                np.negative(matrix, out=matrix)
+            matrix[range(t), range(t)] = 1.0
+            factor, _ = linalg.cho_factor(matrix, lower=True, overwrite_a=True)
     except linalg.LinAlgError as error:
         raise MovementError(_singular(kernel, "is singular to round-off")) from error
-    return lambda right: _on_one_thread(solve, factor, right)
+    return RadialSystem(factor, sign, border, reflectors, scales)
 
 
-def _on_one_thread(solve, factor, right: np.ndarray) -> np.ndarray:
-    with threadpool_limits(1, user_api="blas"):
-        return solve(factor, right)
+def _apply_q(reflectors, scales, matrix, side="L", transposed=False, overwrites=False) -> np.ndarray:
+    """Product of an orthogonal matrix, as LAPACK holds it, with another matrix on the side given."""
+    work = 64 * max(matrix.shape)
+    return dormqr(side, "T" if transposed else "N", reflectors, scales, matrix, work, overwrite_c=overwrites)[0]
+
+
+def _check_polynomials(pivots: np.ndarray, kernel: str) -> None:
+    """Refuse centres at which the polynomials, orthogonalised one after the other, depend on each other."""
+    if len(pivots) < 4 or pivots.min() < SMALLEST_PIVOT * pivots.max():
+        raise MovementError(
+            f"radial basis: the centres lie in one plane, where the polynomial of kernel '{kernel}' is not unique; "
+            "take a kernel without one, such as 'wendland c2'"
+        )
 
 
 def _singular(kernel: str, what: str) -> str:
