@@ -1,6 +1,6 @@
 """One HDF5 file for a fitted model.
 
-Layout, version 1::
+Layout, version 2 (in version 1 the report told no memory of a factor, and the settings no parametrization)::
 
     /                       attributes: format, version, checksum
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
@@ -38,7 +38,7 @@ from .splines.mesh import BSplineMesh
 from .splines.volume import Volume
 
 FORMAT = "bspline_mdao fitted model"
-VERSION = 1
+VERSION = 2
 
 _LARGEST_RATIO = 2000
 """More bytes in memory than this for each byte of the file are a sign of damage (gzip reaches about 1000)."""

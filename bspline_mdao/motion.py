@@ -19,7 +19,7 @@ from .errors import InputError
 from .evaluation.evaluator import Evaluator
 from .model import FittedModel
 from .movement.mesh import MovingMesh
-from .movement.mover import MovementReport, Mover
+from .movement.mover import MovementReport, Mover, differentiable
 
 __all__ = ["GridState", "Motion", "Oscillation", "SurfaceMotion", "UnsteadyGrid", "flapping", "pitching"]
 
@@ -223,13 +223,17 @@ class UnsteadyGrid:
                 f"unsteady grid: the motion gives points of shape {np.shape(surface)} and velocities of shape "
                 f"{np.shape(d_surface)}; give both of shape {rest.shape}"
             )
-        movement = self.mover.move(initial, surface)
+        movement = self._differentiable_mover.move(initial, surface)
         control_velocities = movement.jvp(np.zeros_like(initial), d_surface)
         nodes = self._evaluator.forward(movement.points)
         if self.model.residual is not None:
             nodes += self.model.residual
         velocities = self._evaluator.forward(control_velocities)
         return GridState(time, nodes, velocities, movement.points, control_velocities, movement.report)
+
+    @cached_property
+    def _differentiable_mover(self) -> Mover:
+        return differentiable(self.mover)
 
     @cached_property
     def _evaluator(self) -> Evaluator:

@@ -98,7 +98,7 @@ def test_a_foreign_file_is_refused(tmp_path):
 def test_a_newer_version_is_refused(saved):
     with h5py.File(saved, "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(InputError, match="is of version 99, newer than 1"):
+    with pytest.raises(InputError, match="is of version 99, newer than 2"):
         FittedModel.load(saved)
 
 

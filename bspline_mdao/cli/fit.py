@@ -94,6 +94,7 @@ def fit_numbers(model: FittedModel) -> dict:
         "worst_node": vars(report.worst),
         "n_invalid_control_elements": report.n_invalid,
         "invalid_control_elements": [vars(element) for element in report.invalid],
+        "factor_bytes": report.factor_bytes,
         "seconds": report.seconds,
         "warnings": report.warnings,
     }
@@ -115,6 +116,9 @@ def show_fit(model: FittedModel, output: Path) -> None:
             f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} m",
         ]
     )
+    if report.factor_bytes:
+        size = f"{report.factor_bytes / 1e9:.2g} GB"
+        print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
     print_lines([f"{output} written, {report.seconds:.2f} s"])
     print_lines([f"warning: {warning}" for warning in report.warnings], style="yellow")
 

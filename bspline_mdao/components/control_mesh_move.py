@@ -9,7 +9,7 @@ import openmdao.api as om
 
 from ..errors import InputError
 from ..movement.mesh import MovingMesh
-from ..movement.mover import Movement, MovementReport, Mover
+from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from .jacobian import (
     add_bar,
@@ -43,6 +43,8 @@ class ControlMeshMove(om.ExplicitComponent):
     -------
     mover : Mover
         Its mesh says what is moved and what each point may do; `bspline_mdao.moving_mesh` makes it from a fitted model.
+        Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a problem
+        that is set up with ``derivatives=False``.
     require_valid : bool
         Refuse a control mesh with elements that are inverted now and were not on the baseline.
 
@@ -72,6 +74,7 @@ class ControlMeshMove(om.ExplicitComponent):
     def setup(self):
         """Declare the variables, of the sizes of the mover's mesh."""
         mesh = mesh_of(self.options["mover"], self.msginfo)
+        self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
         self._last = None
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
@@ -103,7 +106,7 @@ class ControlMeshMove(om.ExplicitComponent):
         with failures_as_analysis_errors(self):
             if self._last is None or not self._last.is_for(initial, surface):
                 self._last = None  # its factors make room for those of the next
-                self._last = _Move.of(self.options["mover"], initial.copy(), surface.copy())
+                self._last = _Move.of(self._mover, initial.copy(), surface.copy())
             if self.options["require_valid"]:
                 self._last.movement.report.require_valid()
         return self._last.movement

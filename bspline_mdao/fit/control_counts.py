@@ -60,7 +60,7 @@ class _Wish:
     asked_order: int | None
 
 
-def choose_counts(topology: Topology, n_control=None, order=None) -> ControlCounts:
+def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PER_SPAN) -> ControlCounts:
     """Numbers of control points and orders of all segments, equal on both sides of every interface.
 
     Parameters
@@ -75,6 +75,8 @@ def choose_counts(topology: Topology, n_control=None, order=None) -> ControlCoun
         Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
         where a direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the
         number of control points is chosen, too.
+    cells : float
+        Cells along a knot span where numbers are chosen.
 
     Returns
     -------
@@ -89,13 +91,15 @@ def choose_counts(topology: Topology, n_control=None, order=None) -> ControlCoun
         order = LONG_ORDER
     orders = None if order is None else _per_block(order, topology, "order")
     counts = None if n_control is None else _per_block(n_control, topology, "n_control")
-    wishes = [[_wish(topology, s, d, counts, orders) for d in range(3)] for s in range(len(topology.segments))]
+    wishes = [[_wish(topology, s, d, counts, orders, cells) for d in range(3)] for s in range(len(topology.segments))]
     classes = direction_classes(topology)
     n_result, p_result = np.empty_like(classes), np.empty_like(classes)
     for number in range(classes.max() + 1):
         members = [tuple(m) for m in np.argwhere(classes == number)]
         n_result[classes == number], p_result[classes == number] = _agree(topology, members, wishes)
-    limited = () if n_control is not None else tuple(_limit_size(topology, classes, n_result, p_result))
+    limited = ()
+    if n_control is None:
+        limited = (*_say_wide(topology, cells), *_limit_size(topology, classes, n_result, p_result))
     lowered = () if orders is None else tuple(_lowered(topology, orders, p_result))
     return ControlCounts(n_result, p_result, (*limited, *lowered))
 
@@ -117,14 +121,14 @@ def _per_block(value, topology: Topology, name: str) -> np.ndarray:
     return array
 
 
-def _wish(topology: Topology, segment: int, d: int, counts, orders) -> _Wish:
+def _wish(topology: Topology, segment: int, d: int, counts, orders, cells: float) -> _Wish:
     window = topology.segments[segment]
     n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
     order = None if orders is None else int(orders[window.block, d])
     if order is not None and not min(2, n_block) <= order <= HIGHEST_ORDER:
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     if counts is None:
-        count = _sound_count(n_nodes, order)
+        count = _sound_count(n_nodes, order, cells)
         return _Wish(count, min(order or sound_order(n_nodes), count), False, order)
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
@@ -144,12 +148,21 @@ def sound_order(n_nodes: int) -> int:
     return SHORT_ORDER if n_nodes < LONG else LONG_ORDER
 
 
-def _sound_count(n_nodes: int, order: int | None) -> int:
+def _sound_count(n_nodes: int, order: int | None, cells: float) -> int:
     """Control points of a direction with so many nodes."""
     if n_nodes <= FEW_PLANES:
         return n_nodes if order else max(min(n_nodes, SHORT_ORDER), n_nodes - 2)
     order = order or LONG_ORDER
-    return min(max(round((n_nodes - 1) / NODES_PER_SPAN) + order - 2, order + 1), n_nodes)
+    return min(max(round((n_nodes - 1) / cells) + order - 2, order + 1), n_nodes)
+
+
+def _say_wide(topology: Topology, cells: float) -> Iterator[str]:
+    """Tell in one line where spans are wider than usual."""
+    if cells != NODES_PER_SPAN:
+        yield (
+            f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {NODES_PER_SPAN}, so "
+            f"that movers can take its control mesh; give numbers of control points for others"
+        )
 
 
 def _limit_size(topology: Topology, classes: np.ndarray, n_control: np.ndarray, orders: np.ndarray) -> Iterator[str]:
@@ -164,7 +177,7 @@ def _limit_size(topology: Topology, classes: np.ndarray, n_control: np.ndarray, 
     lowered = sorted({topology.segments[s].block + 1 for s in np.flatnonzero((chosen != n_control).any(axis=1))})
     if lowered:
         yield (
-            f"large blocks get fewer control points than one to {NODES_PER_SPAN} cells: "
+            f"large blocks get fewer control points than others: "
             f"block {', '.join(map(str, lowered[:8]))}{', ...' if len(lowered) > 8 else ''}"
         )
 

@@ -104,6 +104,9 @@ class FitReport:
         Wall clock of the fit.
     warnings : tuple of str
         Whatever the user should know, one line each.
+    factor_bytes : int or None
+        Predicted memory of one factor of elasticity's matrix (bytes); derivatives keep one for every increment. None
+        for small control meshes, see `bspline_mdao.fit.factor_size.predict_factor_bytes`.
     """
 
     rms: float
@@ -118,6 +121,7 @@ class FitReport:
     invalid: tuple[InvalidElement, ...]
     seconds: float = 0.0
     warnings: tuple[str, ...] = ()
+    factor_bytes: int | None = None
 
 
 def report_errors(
@@ -127,6 +131,7 @@ def report_errors(
     solution: Solution,
     seconds: float = 0.0,
     warnings: Sequence[str] = (),
+    factor_bytes: int | None = None,
 ) -> FitReport:
     """Measure a fit.
 
@@ -142,6 +147,8 @@ def report_errors(
         The fit.
     seconds, warnings
         Taken over; the warnings of the solution are added, and one, the last, where the control mesh is invalid.
+    factor_bytes : int, optional
+        Taken over.
 
     Returns
     -------
@@ -169,6 +176,7 @@ def report_errors(
         invalid=invalid,
         seconds=seconds,
         warnings=(*warnings, *solution.warnings, *_warn_of_invalid(problem, nodes, n_invalid, invalid)),
+        factor_bytes=factor_bytes,
     )
 
 

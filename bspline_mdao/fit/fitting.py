@@ -15,10 +15,10 @@ from ..grids.topology import Topology, find_topology
 from ..model import FitSettings, FittedModel, GridHeader
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
-from .control_counts import choose_counts
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segment
 from .errors import report_errors
+from .factor_size import choose_affordable_counts
 from .knot_agreement import require_agreement
 from .parameters import chord_length_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
@@ -84,7 +84,8 @@ def fit_grid(
     topology = find_topology(grid) if topology is None else topology
     if topology.shapes != grid.shapes:
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
-    counts = choose_counts(topology, n_control, order)
+    progress(0.0, "control points")
+    counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
     nodes = grid.to_vector().reshape(-1, 3)
     parameters = segment_parameters(grid, topology)
     problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, smoothing)
@@ -94,7 +95,8 @@ def fit_grid(
         rest = part_of(progress, share, 1)
         parameters, solution = correct_parameters(problem, parameters, nodes, solution, corrections, rest)
     names = [block.name for block in grid.blocks]
-    report = report_errors(problem, names, nodes, solution, time.perf_counter() - start, counts.warnings)
+    seconds = time.perf_counter() - start
+    report = report_errors(problem, names, nodes, solution, seconds, counts.warnings, factor_bytes)
     if report.n_invalid:
         warnings.warn(f"{grid.source}: {report.warnings[-1]}", FitWarning, stacklevel=2)
     progress(1.0, "done")

@@ -32,10 +32,11 @@ class LinearElasticity(EquilibriumMover):
         Young's modulus of the elements at the start of every increment; the paper's by default.
     solver : object
         Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
-    keep_factors : bool
+    keep_factors : bool, optional
         Keep the factor of every increment as long as the movement lives, which makes a product with its derivative
         cost a fraction of the move. Otherwise only that of the first increment is kept, and each product factorises
-        the others again.
+        the others again. Where nothing is said, `ControlMeshMove` keeps them in problems with derivatives, and a
+        ``move`` by itself does not.
 
     Raises
     ------
@@ -48,7 +49,7 @@ class LinearElasticity(EquilibriumMover):
     n_increments: int = 5
     stiffness: StiffnessLaw = field(default_factory=OrthogonalityLaw)
     solver: object = field(default_factory=default_solver)
-    keep_factors: bool = True
+    keep_factors: bool | None = None
 
     def __post_init__(self):
         if not -1.0 < self.poisson_ratio < 0.5:

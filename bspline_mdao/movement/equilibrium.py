@@ -77,13 +77,13 @@ class Equilibrium:
         What is moved.
     solver : object
         Settings of a sparse solver.
-    keep_factors : bool
-        Whether the other increments keep their factors for derivatives, or factorise again in each product.
+    keep_factors : bool or None
+        Whether the other increments keep their factors for derivatives, or factorise again in each product; None is no.
     """
 
     mesh: MovingMesh
     solver: object
-    keep_factors: bool = True
+    keep_factors: bool | None = None
     baseline: LastBaseline = field(default_factory=LastBaseline)
 
     @cached_property

@@ -8,7 +8,7 @@ leave to `bspline_mdao.movement.increments.in_increments` to repeat.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -151,6 +151,11 @@ class Mover(Protocol):
 
         Surface points end exactly on ``surface``, held ones stay, and sliding ones stay in their planes.
         """
+
+
+def differentiable(mover: Mover) -> Mover:
+    """Mover whose movements keep their factors for derivatives, unless its own setting ``keep_factors`` decides."""
+    return replace(mover, keep_factors=True) if getattr(mover, "keep_factors", False) is None else mover
 
 
 class Step(Protocol):

@@ -38,7 +38,7 @@ class LinealSprings(_Springs):
         A spring of length L has the stiffness L^-power.
     solver : object
         Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
-    keep_factors : bool
+    keep_factors : bool, optional
         As for `bspline_mdao.movement.elasticity.LinearElasticity`.
     """
 
@@ -46,7 +46,7 @@ class LinealSprings(_Springs):
     n_increments: int = 5
     power: float = 1.0
     solver: object = field(default_factory=default_solver)
-    keep_factors: bool = True
+    keep_factors: bool | None = None
 
     @property
     def _network(self):
@@ -67,7 +67,7 @@ class TorsionalSprings(_Springs):
         Stiffness of the torsional springs relative to that of the lineal ones.
     solver : object
         Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
-    keep_factors : bool
+    keep_factors : bool, optional
         As for `bspline_mdao.movement.elasticity.LinearElasticity`.
     """
 
@@ -75,7 +75,7 @@ class TorsionalSprings(_Springs):
     n_increments: int = 5
     torsion: float = 0.01
     solver: object = field(default_factory=default_solver)
-    keep_factors: bool = True
+    keep_factors: bool | None = None
 
     @property
     def _network(self):
