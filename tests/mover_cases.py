@@ -38,8 +38,9 @@ def mesh_of(grid, **options):
 
 @cache
 def channel(is_oblique=False, released=()):
-    """Moving mesh of `channel_grid`, its symmetry plane in or out of the coordinate planes."""
-    return mesh_of(channel_grid(rotation() if is_oblique else None), released=released)
+    """Moving mesh of `channel_grid`, its symmetry plane in or out of the coordinate planes, its far field held."""
+    pinned = () if "farfield" in released else "farfield"
+    return mesh_of(channel_grid(rotation() if is_oblique else None), pinned=pinned, released=released)
 
 
 def oblique_channel(released=()):

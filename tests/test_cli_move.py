@@ -9,12 +9,15 @@ import pytest
 from component_cases import movable_model, small_model
 from rich.console import Console
 from test_cli import fails_as_expected, numbers
+from topology_cases import c_grid, grid_of
 
 from bspline_mdao import FittedModel, fit_grid, flat_plate_grid, read_grid
 from bspline_mdao.cli import output
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS
 from bspline_mdao.evaluation.evaluator import Evaluator
+from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.multiblock import Patch
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.stiffness import ConstantLaw
@@ -111,6 +114,46 @@ def test_help_knows_all_names(capsys):
     assert run(["move", "--help"]) == 0
     text = capsys.readouterr().out
     assert [name for name in (*MOVERS, *STIFFNESS, *SOLVERS) if name not in text] == []
+
+
+def strip_model(kind):
+    """A C-grid about a wing section with thin cells at the wall, one cell deep between two planes of a kind."""
+    thin = np.unique(np.rint(200 * np.linspace(0.0, 1.0, 19) ** 2)).astype(int)
+    nodes = c_grid(n_wake=8, n_wing=16, n_off=201, n_span=2)[:, :, thin]
+    whole = Window.whole(0, nodes.shape[:3])
+    patches = (
+        Patch("section", "wall", (Window(0, (8, 0, 0), (40, 1, 0)),)),
+        Patch("rim", "farfield", (whole.face(5), whole.face(0), whole.face(1))),
+        Patch("sides", kind, (whole.face(2), whole.face(3))),
+    )
+    return fit_grid(grid_of(nodes, patches=patches))
+
+
+@pytest.fixture
+def strip(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    strip_model("other").save("strip.h5")
+    return ["move", "strip.h5", "-o", "moved.xyz", "--json", "m.json", "--deform", "pitch=5deg"]
+
+
+def test_sides_of_no_known_kind_follow_a_section_as_planes_of_symmetry_do(strip):
+    assert run(strip) == 0
+    found, moved = numbers("m.json"), read_grid("moved.xyz").to_vector()
+    assert found["after"]["n_inverted"] == 0
+    strip_model("symmetry").save("strip.h5")
+    assert run(strip) == 0
+    np.testing.assert_allclose(moved, read_grid("moved.xyz").to_vector(), atol=1e-12)
+
+
+def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):
+    reason = "on patch 'sides', which is held where the surface ends on it: slide or release it"
+    fails_as_expected([*strip, "--fix", "sides"], capsys, "cells inverted", reason)
+    assert run([*strip, "--slide", "si*"]) == 0
+    assert numbers("m.json")["after"]["n_inverted"] == 0
+    assert run([*strip, "--release", "sides"]) == 0
+    assert numbers("m.json")["after"]["n_inverted"] == 0
+    fails_as_expected([*strip, "--slide", "rim"], capsys, "patch rim is to slide, but leaves its plane", "release it")
+    fails_as_expected([*strip, "--slide", "sides", "--fix", "sides"], capsys, "both pinned and sliding")
 
 
 def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, capsys):

@@ -126,7 +126,7 @@ def test_points_that_the_graph_does_not_hold_are_told():
         DelaunayGraph(mesh).move(mesh.points, mesh.points[mesh.surface_ids])
     initial = mesh.points.copy()
     initial[mesh.surface_ids, 2] -= 0.1 * np.sin(initial[mesh.surface_ids, 0])
-    with pytest.raises(MovementError, match="release no boundary"):
+    with pytest.raises(MovementError, match="hold the boundary about it"):
         DelaunayGraph(mesh).move(initial, initial[mesh.surface_ids])
 
 

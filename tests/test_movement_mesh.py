@@ -28,13 +28,14 @@ from bspline_mdao.splines.volume import Volume, evaluate
 SIDES = {"xmin": 0, "xmax": 1, "ymin": 2, "ymax": 3, "zmin": 4, "zmax": 5}
 
 
-def cube_mesh(shear=None, **kinds):
+def cube_mesh(shear=None, design=None, pinned=(), sliding=(), **kinds):
     """Mesh of a box with patches of the given kinds, sheared or turned by a matrix; ``zmin`` is the wall."""
     nodes = box(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 6))
     nodes = nodes if shear is None else nodes @ shear.T
     whole = Window.whole(0, (4, 5, 6))
     kinds = {"zmin": "wall"} | kinds
-    return mesh_of(grid_of(nodes, patches=[patch(kind, whole.face(SIDES[s]), name=s) for s, kind in kinds.items()]))
+    patches = [patch(kind, whole.face(SIDES[s]), name=s) for s, kind in kinds.items()]
+    return mesh_of(grid_of(nodes, patches=patches), design=design, pinned=pinned, sliding=sliding)
 
 
 def test_the_surface_goes_before_held_points_and_those_before_symmetry():
@@ -97,13 +98,78 @@ def test_a_point_on_three_symmetry_planes_is_held():
 
 
 def test_two_patches_of_one_plane_are_one_constraint():
-    turned = channel_grid(rotation())
-    second = replace(turned.patches[1], name="other half", windows=turned.patches[1].windows[1:])
-    grid = replace(
-        turned, patches=(turned.patches[0], replace(turned.patches[1], windows=turned.patches[1].windows[:1]), second)
+    wall, plane, far = channel_grid(rotation()).patches
+    halves = (replace(plane, windows=plane.windows[:1]), replace(plane, name="other half", windows=plane.windows[1:]))
+    mesh = mesh_of(replace(channel_grid(rotation()), patches=(wall, *halves, far)), pinned="farfield")
+    assert (mesh.is_free.sum(axis=1) != 1).all()
+    np.testing.assert_array_equal(mesh.rail_rows, oblique_channel().rail_rows)
+
+
+@pytest.mark.parametrize("kind", ["other", "farfield", None])
+@pytest.mark.parametrize("shear", [np.eye(3), rotation() @ WEDGE], ids=["box", "turned"])
+def test_planes_that_the_surface_ends_on_slide_unless_they_are_walls(shear, kind):
+    sides = dict.fromkeys(("xmin", "zmax") if kind else (), kind)
+    mesh = cube_mesh(shear, **sides, xmax="wall", ymin="wall", **{"ymax": "symmetry"}, design="zmin")
+    ids = mesh.blocks[0]
+    normal = np.linalg.inv(shear)[0]  # of the plane x = 0
+    random = np.random.default_rng(1).normal(size=mesh.points.shape)
+    slid = mesh.slide(random)
+    np.testing.assert_allclose(slid[ids[0, 1:-1, 1:-1]] @ normal, 0.0, atol=1e-13)
+    assert (mesh.is_free[ids[0, 1:-1, 1:-1]].sum(axis=-1) == 2).all()
+    for held in (ids[:, :, -1], ids[-1], ids[:, 0]):  # the lid is not touched, the others are walls
+        np.testing.assert_array_equal(slid[held], 0.0)
+    assert len(mesh.planes) == (kind != "farfield")
+    assert len(mesh.rail_rows) == 4  # those of the plane of symmetry
+    assert [what for what, _ in mesh.obstacles] == ["patch 'xmax'", "patch 'ymin'"]
+
+
+def test_a_plane_slides_as_a_whole_though_the_surface_ends_on_a_part_of_it():
+    x, y, z = np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 7)
+    lower, upper = box(x, y, z[:4]), box(x, y, z[3:])
+    whole = Window.whole(0, (4, 5, 4)), Window.whole(1, (4, 5, 4))
+    patches = [patch("wall", whole[0].face(4)), patch("other", *(window.face(0) for window in whole), name="side")]
+    mesh = mesh_of(grid_of(lower, upper, patches=patches))
+    inner = np.unique(np.concatenate([ids[0, 1:-1].ravel() for ids in mesh.blocks]))
+    inner = inner[(mesh.points[inner, 2] > 0.0) & (mesh.points[inner, 2] < 1.0)]
+    np.testing.assert_array_equal(mesh.is_free[inner], [[False, True, True]] * len(inner))
+
+
+def test_curved_faces_do_not_slide():
+    grid = channel_grid()
+    grid = replace(grid, patches=(*grid.patches[:2], replace(grid.patches[2], kind="other")))
+    x, z = grid.blocks[0].nodes[..., 0], grid.blocks[0].nodes[..., 2]
+    x += 0.1 * z * (1.0 - x)  # the low end in x is oblique, and planar still
+    assert len(mesh_of(grid).planes) == 4
+    x += 0.1 * z**2 * (1.0 - x)
+    mesh = mesh_of(grid)
+    assert len(mesh.planes) == 3
+    assert [what for what, _ in mesh.obstacles] == ["patch 'farfield'"]
+
+
+def test_patches_slide_where_they_are_asked_to():
+    mesh = cube_mesh(zmax="farfield", xmin="wall", design="zmin", sliding=["zmax", "xmin"])
+    ids = mesh.blocks[0]
+    np.testing.assert_array_equal(mesh.is_free[ids[1:-1, 1:-1, -1]], [[[True, True, False]] * 3] * 2)
+    np.testing.assert_array_equal(mesh.is_free[ids[0, 1:-1, 1:-1]], [[[False, True, True]] * 4] * 3)
+    np.testing.assert_array_equal(mesh.surface_ids[mesh.rail_rows], ids[0, :, 0])
+    with pytest.raises(InputError, match="patch 'zmax' is to be both pinned and sliding; choose one"):
+        cube_mesh(zmax="farfield", sliding="zmax", pinned="z*ax")
+    grid = channel_grid()
+    grid.blocks[0].nodes[2, :, -1, 2] += 1e-3
+    with pytest.raises(
+        InputError, match=r"patch farfield is to slide, but leaves its plane by .* m; fix or release it"
+    ):
+        mesh_of(grid, sliding="farfield")
+
+
+def test_an_element_that_tangles_beside_a_held_patch_says_so():
+    mesh = cube_mesh(xmin="other", pinned="xmin")
+    points = mesh.points.copy()
+    points[mesh.blocks[0][1:, :, 0], 0] -= 0.5
+    tangling = mesh.tangled(points)
+    assert tangling.place == (
+        "element (1, 1, 1) of block 1 on patch 'xmin', which is held where the surface ends on it: slide or release it"
     )
-    assert (mesh_of(grid).is_free.sum(axis=1) != 1).all()
-    np.testing.assert_array_equal(mesh_of(grid).rail_rows, oblique_channel().rail_rows)
 
 
 def test_a_symmetry_patch_that_is_not_planar_is_refused():
@@ -200,7 +266,7 @@ def test_the_worst_element_is_told_though_others_are_not_finite_too():
     moved[mesh.blocks[0][1, 1, 1]] = np.nan
     tangling = mesh.tangled(moved)
     assert tangling.n_tangled == 8
-    assert tangling.place == "element (1, 1, 1) of block 1"
+    assert tangling.place.startswith("element (1, 1, 1) of block 1")
     assert not tangling.min_corner > 0.0
 
 
@@ -239,7 +305,7 @@ def test_points_to_pin_that_do_not_exist_are_refused(pinned):
         mesh_of(channel_grid(), pinned=pinned)
 
 
-@pytest.mark.parametrize("option", ["design", "pinned", "released"])
+@pytest.mark.parametrize("option", ["design", "pinned", "released", "sliding"])
 def test_a_patch_that_does_not_exist_is_refused_with_those_that_do(option):
     with pytest.raises(InputError, match="no patch is called 'wimg'; the patches are farfield, symmetry, wall"):
         mesh_of(channel_grid(), **{option: "wimg"})

@@ -158,7 +158,14 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
     "--solver", metavar="NAME", help="Solver of elasticity and springs: cholesky (default), cg, cholmod, pardiso."
 )
 @click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default.")
-@click.option("--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is.")
+@click.option(
+    "--slide",
+    multiple=True,
+    metavar="PATCH",
+    help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
+)
+@click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is.")
+@click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid.")
 @click.option(
     "--surface",
     type=click.Path(path_type=Path),
@@ -171,7 +178,8 @@ def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], 
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
     The name of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), or a folder polyMesh (OpenFOAM).
-    PATCH is a name or a pattern, such as 'wing*'; --deform, --design and --pin may be given more than once.
+    PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
+    than once.
     """
     from .move import MoveOptions, move_model
     from .movers import MoverOptions

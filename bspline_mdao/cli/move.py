@@ -47,8 +47,10 @@ class MoveOptions:
     ----------
     deform : tuple of str
         Deformations of the design surface, one after the other.
-    design, pin : tuple of str
-        Patches that are the design surface (all walls where there is none), and patches to hold.
+    design : tuple of str
+        Patches that are the design surface; all walls where there is none.
+    slide, fix, release : tuple of str
+        Patches that slide in their planes, are held, and are free.
     surface : Path, optional
         File for the new control points of the design surface.
     allow_invalid : bool
@@ -59,7 +61,9 @@ class MoveOptions:
 
     deform: tuple[str, ...]
     design: tuple[str, ...] = ()
-    pin: tuple[str, ...] = ()
+    slide: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+    release: tuple[str, ...] = ()
     surface: Path | None = None
     allow_invalid: bool = False
     mover: MoverOptions = field(default_factory=MoverOptions)
@@ -125,7 +129,7 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
             f"{model_file}: its grid has no patches, so nothing says what moves; write them with "
             f"'bspline-mdao inspect GRID --draft patches.toml' and fit again with --patches patches.toml"
         )
-    mesh = moving_mesh(model, design=options.design or None, pinned=options.pin)
+    mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
     mover = options.mover.make(mesh)
     initial = model.control_points
     surface = parse_deformation(options.deform, model, mesh).apply(initial[mesh.surface_ids])
@@ -173,6 +177,9 @@ def _complaint(moved: Moved) -> str:
     if first:
         n_increments = len(moved.movement.report.increments)
         where = f"; the control mesh tangles in increment {first[0]} of {n_increments}, {first[1].place}"
+    held = [what for what, _ in moved.mesh.obstacles if what not in where]
+    if held:
+        where += f"; {held[0]} is held where the surface ends on it: --slide or --release it if the cells are there"
     return (
         f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}{where}; "
         f"nothing was written; take a smaller deformation, more --increments or another --mover, or "

@@ -98,11 +98,11 @@ class Deformation:
 
 
 def planes_of(mesh: MovingMesh) -> tuple[Plane, ...]:
-    """Planes of symmetry that the surface of a mesh ends on."""
+    """Planes of symmetry that the surface of a mesh ends on; without one, the other planes in which points slide."""
     places = mesh.points[mesh.surface_ids[mesh.rail_rows]]
-    offsets = np.sum(places * mesh.rail_normals, axis=1)
+    found = list(zip(mesh.rail_normals, np.sum(places * mesh.rail_normals, axis=1)))
     planes: list[Plane] = []
-    for normal, offset in zip(mesh.rail_normals, offsets):
+    for normal, offset in found or mesh.planes:
         if not any(_coincide(plane, normal, offset, mesh.size) for plane in planes):
             planes.append(Plane(normal, float(offset)))
     return tuple(planes)

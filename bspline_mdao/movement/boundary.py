@@ -1,22 +1,27 @@
 """What the points of a mesh may do, from the patches of its grid.
 
-The points of the design surface are given. Those on symmetry planes slide in them; all others on the boundary are
-held, wherever they are not released. Where patches meet, the surface goes before the held and those before symmetry.
+The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
+that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise. All others on
+the boundary are held, wherever they are not released; walls are, planar or not. Where patches meet, the surface goes
+before the held and those before the sliding. The surface itself may leave planes that slide by default, but not those
+of symmetry.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import combinations
 
 import numpy as np
 
 from ..errors import InputError
 from ..grids.entities import BoundaryFace
-from ..grids.topology import Topology
+from ..grids.topology import Topology, describe
 from ..model import FittedModel
 from ..splines.greville import greville_abscissae
-from .freedom import Freedom
+from .freedom import Freedom, plane_normal, sliding_planes
 from .mesh import MovingMesh
 
 __all__ = [
@@ -38,6 +43,7 @@ def moving_mesh(
     design: str | Sequence[str] | None = None,
     pinned: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
 ) -> MovingMesh:
     """Make the control mesh of a model ready to move.
 
@@ -51,6 +57,9 @@ def moving_mesh(
         Patches, or numbers of control points (from 0), that are held where they are.
     released : str or sequence of str
         Patches whose control points are free.
+    sliding : str or sequence of str
+        Planar patches whose control points slide in their planes. Symmetry planes do in any case, and planar patches
+        that the design surface ends on unless they are walls, pinned or released.
 
     Returns
     -------
@@ -59,12 +68,12 @@ def moving_mesh(
     Raises
     ------
     InputError
-        If a patch does not exist, a symmetry patch is not planar, there is no design surface, or a block is planar.
+        If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
+        design surface, or a block is planar.
     """
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
-    return _mesh(
-        model.topology, model.mesh.control_ids, model.control_points, design, pinned, released, parameters=parameters
-    )
+    asked = _Asked.of(model.topology, len(model.control_points), design, pinned, released, sliding)
+    return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
 
 
 def require_mesh_of(model: FittedModel, mesh: MovingMesh, what: str) -> None:
@@ -86,6 +95,7 @@ def moving_grid(
     design: str | Sequence[str] | None = None,
     pinned: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
 ) -> tuple[MovingMesh, np.ndarray]:
     """Make a grid ready to move node by node, as the paper's comparator does.
 
@@ -95,7 +105,7 @@ def moving_grid(
         Topology of the grid.
     nodes : ndarray, shape (n_nodes, 3)
         All nodes of the grid (m), blocks in order, each in C order.
-    design, pinned, released
+    design, pinned, released, sliding
         As for `moving_mesh`; numbers are those of the points of the mesh.
 
     Returns
@@ -118,30 +128,95 @@ def moving_grid(
         point_ids[rows[segment.block][segment.slices]] = ids
     points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
     points[point_ids] = nodes
-    return _mesh(topology, blocks, points, design, pinned, released), point_ids
+    asked = _Asked.of(topology, len(points), design, pinned, released, sliding)
+    return _mesh(topology, blocks, points, asked), point_ids
 
 
-def _mesh(topology: Topology, blocks, points: np.ndarray, design, pinned, released, parameters=None) -> MovingMesh:
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked of the patches, by name, and of single points."""
+
+    design: frozenset[str]
+    pinned: frozenset[str]
+    released: frozenset[str]
+    sliding: frozenset[str]
+    pinned_ids: np.ndarray
+
+    @classmethod
+    def of(cls, topology: Topology, n_points: int, design, pinned, released, sliding) -> _Asked:
+        for name, segment in zip(topology.segment_names, topology.segments):
+            if 1 in segment.shape:
+                raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
+        pins, pinned_ids = _split(pinned, n_points)
+        design = wall_patches(topology) if design is None else design
+        asked = {"pinned": pins, "released": released, "sliding": sliding}
+        found = {what: matching_patches(topology, patterns) for what, patterns in asked.items()}
+        for (what, names), (other, others) in combinations(found.items(), 2):
+            if names & others:
+                raise InputError(
+                    f"{topology.source}: patch '{min(names & others)}' is to be both {what} and {other}; choose one"
+                )
+        return cls(matching_patches(topology, design), **found, pinned_ids=pinned_ids)
+
+
+def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Asked, parameters=None) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
-    for name, ids in zip(topology.segment_names, blocks):
-        if 1 in ids.shape:
-            raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
-    pins, pinned_ids = _split(pinned, len(points))
-    design = wall_patches(topology) if design is None else design
-    design, pins, released = (matching_patches(topology, patterns) for patterns in (design, pins, released))
-    freedom = Freedom.of(len(points))
-    freedom.hold(pinned_ids)
+    freedom, others = Freedom.of(len(points)), []
+    freedom.hold(asked.pinned_ids)
     for face, ids in boundary_points(topology, blocks):
-        if face.patch in design:
+        if face.patch in asked.design:
             freedom.surface[ids] = True
-        elif face.patch in pins:
-            freedom.hold(ids)
-        elif face.kind == "symmetry" and face.patch not in released:
-            freedom.keep_in_plane(ids, points, f"{topology.source}: patch {face.patch}")
-        elif face.patch not in released:
-            freedom.hold(ids)
-    names = topology.segment_names
-    return MovingMesh(tuple(blocks), names, points, **freedom.fields(), parameters=parameters)
+        elif face.patch in asked.pinned or face.patch not in asked.released:
+            others.append((face, ids))
+    held, undecided = [], []
+    for face, ids in others:
+        normal = _normal(face, points[ids], asked, topology.source)
+        if normal is not None:
+            freedom.keep_in_plane(ids, normal)
+        else:
+            (undecided if _may_slide(face, asked) else held).append((face, ids))
+    planes = sliding_planes([ids for _, ids in undecided], points, freedom.surface)
+    for (face, ids), plane in zip(undecided, planes):
+        if plane is None:
+            held.append((face, ids))
+        else:
+            freedom.keep_in_plane(ids[~freedom.surface[ids]], plane[0])
+    for _, ids in held:
+        freedom.hold(ids)
+    return MovingMesh(
+        tuple(blocks),
+        topology.segment_names,
+        points,
+        **freedom.fields(),
+        parameters=parameters,
+        planes=tuple(plane for (face, _), plane in zip(undecided, planes) if plane and face.kind != "farfield"),
+        obstacles=_obstacles(held, freedom.surface),
+    )
+
+
+def _normal(face: BoundaryFace, points: np.ndarray, asked: _Asked, source: str) -> np.ndarray | None:
+    """Normal of the plane of a face that has to slide; None for others."""
+    what = f"{source}: patch {face.patch}"
+    if face.patch in asked.sliding:
+        return plane_normal(points, what, "is to slide", "fix or release it")
+    if face.kind == "symmetry" and face.patch not in asked.pinned:
+        return plane_normal(points, what)
+    return None
+
+
+def _may_slide(face: BoundaryFace, asked: _Asked) -> bool:
+    """Whether a face slides where it is planar and the design surface ends on it."""
+    return face.kind in ("other", "farfield", None) and face.patch not in asked.pinned
+
+
+def _obstacles(held, surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+    """Gather the held faces that the design surface ends on by patch: what to call it, and its points."""
+    found: dict[str, list[np.ndarray]] = {}
+    for face, ids in held:
+        if surface[ids].any():
+            what = f"patch '{face.patch}'" if face.patch else f"the undeclared face {describe(face.window)}"
+            found.setdefault(what, []).append(ids)
+    return tuple((what, np.unique(np.concatenate(parts))) for what, parts in found.items())
 
 
 def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:

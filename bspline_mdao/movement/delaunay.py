@@ -71,7 +71,11 @@ class DelaunayGraph:
         displacement = centres.displacement(surface - before[self.mesh.surface_ids])
         graph, which = tetrahedra(points, targets)
         corners, coordinates = graph.corners[which], graph.coordinates(which, targets)
-        self._refuse(coordinates.min(axis=1) < -OUTSIDE, number, "no tetrahedron carries {}; release no boundary")
+        self._refuse(
+            coordinates.min(axis=1) < -OUTSIDE,
+            number,
+            "no tetrahedron carries {}; hold the boundary about it (pinned, --fix)",
+        )
         is_inverted = signed_volumes(points + displacement, corners) <= 0.0
         self._refuse(is_inverted, number, "the tetrahedron that carries {} inverts; take more increments")
         rows = np.repeat(np.arange(len(targets)), 4)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
 
-__all__ = ["Freedom", "nearest_plane", "plane_normal"]
+__all__ = ["Freedom", "nearest_plane", "plane_normal", "sliding_planes"]
 
 PLANAR = 1e-5
-"""A symmetry patch is planar when its points leave the plane by less than this part of the patch's size."""
+"""A patch is planar when its points leave the plane by less than this part of the patch's size."""
 
 ALIGNED = 1e-5
 """A normal that leaves a coordinate axis by less than this is that axis."""
@@ -49,9 +50,8 @@ class Freedom:
         """Hold points in all directions."""
         self.held[ids] = True
 
-    def keep_in_plane(self, ids: np.ndarray, points: np.ndarray, what: str) -> None:
-        """Hold the points ``ids`` of a planar face in the direction of its normal."""
-        normal = plane_normal(points[ids], what)
+    def keep_in_plane(self, ids: np.ndarray, normal: np.ndarray) -> None:
+        """Hold points in the direction of a unit normal."""
         left = normal - np.einsum("nij,ni->nj", self.basis[ids], self.basis[ids] @ normal)
         length = np.linalg.norm(left, axis=1)
         is_new = (length > INDEPENDENT) & (self.n_normals[ids] < 3)
@@ -91,20 +91,59 @@ class Freedom:
         return np.arange(3) >= self.n_normals[:, None], rows
 
 
-def plane_normal(points: np.ndarray, what: str) -> np.ndarray:
-    """Unit normal of the points of a symmetry patch, shape (n, 3).
+def plane_normal(
+    points: np.ndarray, what: str, why: str = "is of kind symmetry", advice: str = "make its kind 'other'"
+) -> np.ndarray:
+    """Unit normal of the points of a patch that ought to be planar, shape (n, 3).
 
     Raises
     ------
     InputError
-        If they are not in a plane; ``what`` names the patch.
+        If they are not in a plane; ``what`` names the patch, ``why`` it has to be planar, ``advice`` what to do.
     """
     normal, distances, tolerance = nearest_plane(points)
     if distances.max() > tolerance:
-        raise InputError(
-            f"{what} is of kind symmetry, but leaves its plane by {distances.max():.3g} m; make its kind 'other'"
-        )
+        raise InputError(f"{what} {why}, but leaves its plane by {distances.max():.3g} m; {advice}")
     return normal
+
+
+def sliding_planes(
+    faces: Sequence[np.ndarray], points: np.ndarray, surface: np.ndarray
+) -> list[tuple[np.ndarray, float] | None]:
+    """Find the faces that slide by default: planar ones that the design surface ends on, and those in the same planes.
+
+    Parameters
+    ----------
+    faces : sequence of ndarray of int
+        Points of each face.
+    points : ndarray, shape (n_points, 3)
+        All points (m).
+    surface : ndarray of bool, shape (n_points,)
+        Those on the design surface.
+
+    Returns
+    -------
+    list of ((ndarray, float) or None)
+        Unit normal and offset (m) of the plane of each face that slides.
+    """
+    nearest = [nearest_plane(points[ids]) for ids in faces]
+    is_planar = [
+        distances.max() <= near and not _is_line(points[ids]) for ids, (_, distances, near) in zip(faces, nearest)
+    ]
+    planes: list[tuple[np.ndarray, float] | None] = [None] * len(faces)
+    for touched in (n for n, ids in enumerate(faces) if is_planar[n] and surface[ids].any()):
+        normal, _, near = nearest[touched]
+        plane = normal, float(normal @ points[faces[touched]].mean(axis=0))
+        for n, ids in enumerate(faces):
+            if is_planar[n] and np.abs(points[ids] @ normal - plane[1]).max() <= max(near, nearest[n][2]):
+                planes[n] = plane
+    return planes
+
+
+def _is_line(points: np.ndarray) -> bool:
+    """Whether points are in one line, which lies in many planes."""
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return len(sizes) < 2 or sizes[1] <= PLANAR * sizes[0]
 
 
 def nearest_plane(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -55,11 +55,18 @@ class MovingMesh:
     frames : ndarray, shape (n_points, 3, 3), or None
         Rows are the orthonormal directions of each point that ``is_free`` refers to; the coordinate axes by default.
     rail_rows : ndarray of int, shape (n_rails,)
-        Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, once for each plane.
+        Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, or on another one that they have to
+        stay in, once for each plane.
     rail_normals : ndarray, shape (n_rails, 3)
         Unit normals of these planes.
     parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None
         Place of every point of every block in parameter space, where the mesh is a control mesh.
+    planes : tuple of (ndarray, float)
+        Unit normals and offsets (m) of the planes of no known kind in which points slide because the design surface
+        ends on them; the surface itself may leave them.
+    obstacles : tuple of (str, ndarray of int)
+        Patches that are held although the design surface ends on them: what to call them in a message, and their
+        points. Elements beside them tangle first.
     """
 
     blocks: tuple[np.ndarray, ...]
@@ -71,6 +78,8 @@ class MovingMesh:
     rail_rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     rail_normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parameters: tuple[np.ndarray, ...] | None = None
+    planes: tuple[tuple[np.ndarray, float], ...] = ()
+    obstacles: tuple[tuple[str, np.ndarray], ...] = ()
 
     @property
     def n_points(self) -> int:
@@ -161,8 +170,14 @@ class MovingMesh:
             worst = np.unravel_index(np.argmin(corner), corner.shape)
             if corner[worst] < least:
                 least = float(corner[worst])
-                place = "" if least > 0.0 else _place("element", worst, name)
+                place = "" if least > 0.0 else _place("element", worst, name) + self._obstacle(ids, worst)
         return Tangling(n_tangled, place, least)
+
+    def _obstacle(self, ids: np.ndarray, element) -> str:
+        """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
+        corners = ids[tuple(slice(n, n + 2) for n in element)]
+        beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
+        return f" on {beside[0]}, which is held where the surface ends on it: slide or release it" if beside else ""
 
     @cached_property
     def _left_out_by_block(self):
