@@ -1,6 +1,9 @@
-"""Central differences that are extrapolated to a step of zero."""
+"""Derivatives held against differences: those of OpenMDAO's check, and central ones extrapolated to a step of zero."""
 
 import numpy as np
+import openmdao.api as om
+from openmdao.core.component import Component
+from openmdao.utils.assert_utils import assert_check_partials
 
 
 def extrapolated_difference(function, step, levels):
@@ -23,3 +26,15 @@ def extrapolated_runs(problem, name, direction, outputs):
     found = extrapolated_difference(run, 4e-3, levels=3)
     problem.set_val(name, start)
     return found
+
+
+def assert_partials_pass(problem, **tolerances):
+    """Make a bare check of the partial derivatives of all components, and let no component pass without any."""
+    data = problem.check_partials(out_stream=None)
+    everything = problem.model.system_iter(recurse=True, typ=Component)
+    assert set(data) == {part.pathname for part in everything if not isinstance(part, om.IndepVarComp)}
+    for name, pairs in data.items():
+        assert pairs, name
+        for exact in ("J_fwd", "J_fd"):
+            assert max(np.abs(pair[exact]).max() for pair in pairs.values() if exact in pair) > 0.0, name
+    assert_check_partials(data, **tolerances)

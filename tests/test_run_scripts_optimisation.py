@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import openmdao.api as om
 import pytest
+from openmdao.core.component import Component
 from openmdao.visualization.n2_viewer.n2_viewer import _get_viewer_data
 
 RUN_SCRIPTS = Path(__file__).parents[1] / "run_scripts"
@@ -124,18 +125,20 @@ def test_every_component_has_a_reader_and_no_option_is_too_large_to_show(problem
 def test_partials_of_every_problem_agree_with_differences(problems, monkeypatch):
     monkeypatch.setattr(np.random, "random", np.random.default_rng(3).random)  # OpenMDAO draws directions with it
     for name, problem in problems.items():
-        components = [part for part in components_of(problem) if part_of(part.pathname) != "flow"]
-        for component in components:  # along a direction where there is no Jacobian, which takes a difference per entry
+        components = {component.pathname: component for component in components_of(problem)}
+        for component in components.values():  # along a direction where there is no Jacobian, else entry by entry
             settings = {"form": "central", "step": 1e-7, "step_calc": "abs", "directional": component.matrix_free}
             component.set_check_partial_options("*", method="fd", **settings)
-        data = problem.check_partials(method="fd", out_stream=None, excludes=["flow.*"])
-        assert set(data) == {component.pathname for component in components}
-        for component, pairs in data.items():
-            assert pairs, (name, component)
+        data = problem.check_partials(method="fd", out_stream=None)
+        assert set(data) == set(components)
+        for path, pairs in data.items():
+            assert max(np.abs(pair["J_fwd"]).max() for pair in pairs.values() if "J_fwd" in pair) > 0.0, (name, path)
             for key, pair in pairs.items():
+                if "method" in components[path]._subjacs_info.get(tuple(f"{path}.{one}" for one in key), {}):
+                    continue  # OpenAeroStruct has it by differences itself, by design variables alone
                 exact, difference = (np.asarray(pair[jacobian]) for jacobian in ("J_fwd", "J_fd"))
-                assert np.abs(exact).max() > 0.0, (name, component, key)
-                assert np.abs(exact - difference).max() < 5e-5 * np.abs(exact).max(), (name, component, key)
+                assert part_of(path) == "flow" or np.abs(exact).max() > 0.0, (name, path, key)
+                assert np.abs(exact - difference).max() < max(5e-5 * np.abs(exact).max(), 1e-12), (name, path, key)
 
 
 def part_of(pathname):
@@ -144,6 +147,6 @@ def part_of(pathname):
 
 
 def components_of(problem):
-    """Components that the script has put there."""
-    everything = problem.model.system_iter(recurse=True, typ=om.ExplicitComponent)
-    return (component for component in everything if not component.name.startswith("_auto_ivc"))
+    """All components of a problem that compute something."""
+    everything = problem.model.system_iter(recurse=True, typ=Component)
+    return (component for component in everything if not isinstance(component, om.IndepVarComp))

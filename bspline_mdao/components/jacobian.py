@@ -210,7 +210,7 @@ def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
         d_inputs[name] += bar.reshape(d_inputs[name].shape)
 
 
-def check_along_directions(component: om.ExplicitComponent, step: float, wrt: str = "*") -> None:
+def check_along_directions(component: om.Component, step: float, wrt: str = "*", is_complex: bool = False) -> None:
     """Let ``check_partials`` compare products along one random direction in each input with central differences.
 
     OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
@@ -218,22 +218,26 @@ def check_along_directions(component: om.ExplicitComponent, step: float, wrt: st
 
     Parameters
     ----------
-    component : ExplicitComponent
+    component : Component
         The component.
     step : float
         Of the differences, in the units of the inputs.
     wrt : str
         Inputs, by name or pattern.
+    is_complex : bool
+        Take complex steps in the place of differences where the problem has room for them, after
+        ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
     """
-    component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
+    if is_complex and component._force_alloc_complex:  # OpenMDAO tells it by no other name
+        component.set_check_partial_options(wrt, method="cs", directional=True)
+    else:
+        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
 
 
 def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> float:
     """Find the step (m) at which central differences by all points of a grid are most accurate.
 
-    They lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation, where the length is that of the
-    shortest edge, by how much sharper than the edges the function is. Both are of the same size where the step is the
-    cube root of ``eps size length^2``.
+    See `central_step`; the length is that of the shortest edge, by how much sharper than the edges the function is.
 
     Parameters
     ----------
@@ -250,7 +254,23 @@ def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> floa
     corners = np.array([(points.reshape(-1, 3).min(axis=0), points.reshape(-1, 3).max(axis=0)) for points in lines])
     size = float(np.linalg.norm(corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)))
     shortest = min((_shortest_edge(points, TOUCHING * size) for points in lines), default=size)
-    return float(np.cbrt(np.finfo(float).eps * size * (min(shortest, size) / sharpness) ** 2))
+    return central_step(size, min(shortest, size) / sharpness)
+
+
+def central_step(size: float, length: float) -> float:
+    """Find the step at which central differences are most accurate.
+
+    They lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. Both are of the same size where
+    the step is the cube root of ``eps size length^2``.
+
+    Parameters
+    ----------
+    size : float
+        Of the numbers that are rounded.
+    length : float
+        Over which the function changes.
+    """
+    return float(np.cbrt(np.finfo(float).eps * size * length**2))
 
 
 def _shortest_edge(points: np.ndarray, least: float) -> float:

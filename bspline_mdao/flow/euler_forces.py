@@ -9,6 +9,7 @@ from ..components.jacobian import add_bar, direction_in
 from ..names import GRID
 from .euler.flow_grid import FlowGrid
 from .euler.gas import N_STATES
+from .euler_state import check_on_grid
 from .flow_forces import FlowForces
 from .references import REFERENCES, declare_references
 from .stream import RADIAN
@@ -55,6 +56,7 @@ class EulerForces(om.ExplicitComponent):
 
     def setup(self):
         """Declare the variables."""
+        check_on_grid(self, self.options["flow"], self.options["nodes"])
         self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *REFERENCES)))
         self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells)
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 import openmdao.api as om
 
-from ..components.jacobian import add_bar, direction_in, finite_points, finite_values
-from ..errors import InputError
+from ..components.jacobian import (
+    SMOOTH_STEP,
+    add_bar,
+    central_step,
+    check_along_directions,
+    direction_in,
+    finite_points,
+    finite_values,
+    refuse_complex_step,
+)
 from ..names import GRID
+from .euler.block_ilu import BlockFactor, FactorPattern
 from .euler.continuation import solve_by_dissipation
+from .euler.discretization import Linearization
 from .euler.flow_grid import FlowGrid
 from .euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from .euler.krylov import solve_system
@@ -16,6 +29,8 @@ from .euler.newton import FlowSolution, NewtonStep, relative_residual, solve_flo
 from .euler.preconditioner import compact_factor
 from .euler.sequencing import states_from_coarse
 from .stream import RADIAN
+
+INPUTS = (GRID, "alpha", "Mach_number")
 
 LARGEST_RESIDUAL = 1e-8
 """Residual, by that of the uniform stream, up to which a flow that no longer converges is taken."""
@@ -62,7 +77,7 @@ class EulerState(om.ImplicitComponent):
         In a run, if an input is not finite or the Mach number not positive, or if the residual does not fall below
         1e-8, with its history; with derivatives, if it is not below that, or a linear system cannot be solved.
     InputError
-        Under complex step.
+        In a run under complex step; products can be checked by complex steps.
     """
 
     def initialize(self):
@@ -74,9 +89,10 @@ class EulerState(om.ImplicitComponent):
 
     def setup(self):
         """Declare the variables."""
-        flow = self.options["flow"]
-        self._solution = self._converged = None
-        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
+        flow, nodes = self.options["flow"], self.options["nodes"]
+        check_on_grid(self, flow, nodes)
+        self._solution = self._converged = self._tangent = None
+        self.add_input(GRID, val=nodes.ravel(), units="m")
         self.add_input("alpha", units="deg")
         self.add_input("Mach_number")
         self.add_output("states", val=flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes)).ravel())
@@ -100,30 +116,24 @@ class EulerState(om.ImplicitComponent):
         raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}")
 
     def linearize(self, inputs, outputs, jacobian):
-        """Differentiate the residual, and factor a neighbour of its Jacobian for the linear systems."""
-        states, (areas, stream) = outputs["states"].reshape(-1, N_STATES), self._at(inputs)
-        residual = relative_residual(self._discretization, states, areas, stream)
-        if not residual <= LARGEST_RESIDUAL:
-            raise om.AnalysisError(
-                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} by that of the uniform stream; run "
-                f"the model first, to {LARGEST_RESIDUAL:g}"
-            )
-        self._linearization = self._discretization.linearize(states, areas, stream)
-        still = np.zeros((len(states), N_STATES, N_STATES))
-        self._factor = compact_factor(self._linearization, self.options["flow"].pattern, still)
+        """Refuse states that are no solution, and differentiate the residual."""
+        self._tangent_at_solution(inputs, outputs)
 
     def apply_linear(self, inputs, outputs, d_inputs, d_outputs, d_residuals, mode):
-        """Apply the Jacobian of the residual or its transpose."""
+        """Apply the Jacobian of the residual at these inputs and states, or its transpose."""
         if "states" not in d_residuals:
             return
+        linearization = self._tangent_at(inputs, outputs).linearization
         if mode == "fwd":
-            self._forward(inputs, d_inputs, d_outputs, d_residuals)
+            self._forward(linearization, inputs, d_inputs, d_outputs, d_residuals)
         else:
-            self._reverse(inputs, d_inputs, d_outputs, d_residuals)
+            self._reverse(linearization, inputs, d_inputs, d_outputs, d_residuals)
 
     def solve_linear(self, d_outputs, d_residuals, mode):
-        """Solve with the Jacobian, or with its transpose: the adjoint."""
-        linearization, factor = self._linearization, self._factor
+        """Solve with the Jacobian at the inputs and states that are there, or with its transpose: the adjoint."""
+        with self._unscaled_context(outputs=[self._outputs]):  # OpenMDAO scales them here, and hands none over
+            tangent = self._tangent_at_solution(self._inputs, self._outputs)
+        linearization, factor = tangent.linearization, tangent.factor
         if mode == "fwd":
             right, out, products = d_residuals, d_outputs, (linearization.state_jvp, factor.solve)
         else:
@@ -142,28 +152,48 @@ class EulerState(om.ImplicitComponent):
         """The last solution, with its history; None before the first run."""
         return self._solution
 
-    def _forward(self, inputs, d_inputs, d_outputs, d_residuals):
+    def _forward(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
         change = np.zeros((self._discretization.faces.n_cells, N_STATES))
         if "states" in d_outputs:
-            change += self._linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
+            change += linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
         if GRID in d_inputs:
             nodes, d_nodes = inputs[GRID].reshape(-1, 3), direction_in(d_inputs, inputs, GRID)
-            change += self._linearization.area_jvp(self.options["flow"].areas_jvp(nodes, d_nodes))
+            change += linearization.area_jvp(self.options["flow"].areas_jvp(nodes, d_nodes))
         for name, by_name in self._stream_partials(inputs).items():
             if name in d_inputs:
-                change += self._linearization.stream_jvp(by_name * d_inputs[name])
+                change += linearization.stream_jvp(by_name * d_inputs[name])
         d_residuals["states"] += change.ravel()
 
-    def _reverse(self, inputs, d_inputs, d_outputs, d_residuals):
+    def _reverse(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
         bar = d_residuals["states"].reshape(-1, N_STATES)
         if "states" in d_outputs:
-            d_outputs["states"] += self._linearization.state_vjp(bar).ravel()
+            d_outputs["states"] += linearization.state_vjp(bar).ravel()
         if GRID in d_inputs:
-            nodes, areas_bar = inputs[GRID].reshape(-1, 3), self._linearization.area_vjp(bar)
+            nodes, areas_bar = inputs[GRID].reshape(-1, 3), linearization.area_vjp(bar)
             add_bar(d_inputs, GRID, self.options["flow"].areas_vjp(nodes, areas_bar))
         for name, by_name in self._stream_partials(inputs).items():
             if name in d_inputs:
-                d_inputs[name] += by_name @ self._linearization.stream_vjp(bar)
+                d_inputs[name] += by_name @ linearization.stream_vjp(bar)
+
+    def _tangent_at_solution(self, inputs, outputs) -> _Tangent:
+        """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
+        states = outputs["states"].reshape(-1, N_STATES)
+        residual = relative_residual(self._discretization, states, *self._at(inputs))
+        if not residual <= LARGEST_RESIDUAL:
+            raise om.AnalysisError(
+                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} by that of the uniform stream; run "
+                f"the model first, to {LARGEST_RESIDUAL:g}"
+            )
+        return self._tangent_at(inputs, outputs)
+
+    def _tangent_at(self, inputs, outputs) -> _Tangent:
+        """Derivatives of the residual: the last ones if they are those at these inputs and states."""
+        point = (outputs["states"], *(inputs[name] for name in INPUTS))
+        if self._tangent is None or not self._tangent.is_at(point):
+            self._tangent = None  # it makes room for the next
+            linearization = self._discretization.linearize(outputs["states"].reshape(-1, N_STATES), *self._at(inputs))
+            self._tangent = _Tangent(tuple(map(np.array, point)), linearization, self.options["flow"].pattern)
+        return self._tangent
 
     @property
     def _discretization(self):
@@ -177,8 +207,7 @@ class EulerState(om.ImplicitComponent):
 
     def _check(self, inputs):
         """Refuse what is no flow."""
-        if self.under_complex_step:
-            raise InputError(f"{self.msginfo}: there is no complex step through a flow; its own derivatives are exact")
+        refuse_complex_step(self)
         finite_points(inputs[GRID], GRID, self.msginfo)
         finite_values(inputs["alpha"], "alpha", self.msginfo)
         if not 0.0 < inputs["Mach_number"][0] < np.inf:
@@ -223,6 +252,24 @@ class EulerState(om.ImplicitComponent):
             print(f"{self.pathname}: {end}{self._supersonic(solution.states)}")
 
 
+@dataclass(frozen=True, eq=False)
+class _Tangent:
+    """Derivatives of the residual, and the states and inputs that they are at."""
+
+    point: tuple[np.ndarray, ...]
+    linearization: Linearization
+    pattern: FactorPattern
+
+    @cached_property
+    def factor(self) -> BlockFactor:
+        """Of a neighbour of the Jacobian in the states, for linear systems with it."""
+        still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES))
+        return compact_factor(self.linearization, self.pattern, still)
+
+    def is_at(self, point) -> bool:
+        return all(map(np.array_equal, point, self.point))
+
+
 SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
 """Options of `EulerState` that a group around it hands on."""
 
@@ -233,6 +280,13 @@ def declare_solver(options) -> None:
     options.declare("linear_tolerance", default=1e-12, lower=0.0, desc="of the linear systems of derivatives")
     options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
     options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
+
+
+def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
+    """Say how the products of a component of the flow are checked: its kernels are exact under complex steps."""
+    step = central_step(float(np.ptp(nodes, axis=0).max()), flow.least_height(nodes))
+    check_along_directions(component, SMOOTH_STEP, is_complex=True)
+    check_along_directions(component, step, GRID, is_complex=True)
 
 
 def _line(step: NewtonStep) -> str:

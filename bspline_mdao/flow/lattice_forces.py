@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 from scipy.sparse import csr_array, diags_array, eye_array, kron
 
-from ..components.jacobian import add_bar, direction_in
+from ..components.jacobian import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in
 from ..geometry.camber_surface import CamberSurface
 from .force_coefficients import ForceCoefficients
 from .induced_drag import InducedDrag
@@ -54,6 +54,8 @@ class LatticeForces(om.ExplicitComponent):
         camber = self.options["camber"]
         n_chord, n_span, _ = camber.shape
         nodes = camber.evaluate(camber.surface.points).reshape(camber.shape)
+        check_along_directions(self, SMOOTH_STEP, is_complex=True)
+        check_along_directions(self, difference_step([nodes]), "camber_surface", is_complex=True)
         self.add_input("panel_forces", shape=(n_chord - 1, n_span - 1, 3), units="N")
         self.add_input("camber_surface", val=nodes, units="m")
         self.add_input("alpha", units="deg")

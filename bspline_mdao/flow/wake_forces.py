@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
+from ..components.jacobian import SMOOTH_STEP
 from .wake import Wake
 
 
@@ -68,6 +69,7 @@ class WakeForces(om.ExplicitComponent):
         self.declare_partials("span_load", ["Mach_number", "velocity"], rows=strips, cols=np.zeros_like(strips))
         self.declare_partials("CD", "alpha")  # the lift is seen across the span alone, which alpha does not change
         self.declare_partials(["CL", "CD"], ["Mach_number", "velocity", "S_ref"])
+        self.set_check_partial_options("*", method="fd", form="central", step=SMOOTH_STEP)
 
     def compute(self, inputs, outputs):
         """Sum the strips."""

@@ -61,6 +61,13 @@ class FlowGrid:
         """Cells and faces."""
         return self.discretization.faces
 
+    def least_height(self, nodes: np.ndarray) -> float:
+        """Height (m) of the flattest face, its area by its longest edge, but for faces that have none to speak of."""
+        corners = nodes[self.faces.corners]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        heights = np.linalg.norm(self.areas(nodes), axis=1) / np.maximum(edges, np.finfo(float).tiny)
+        return float(heights.min(where=heights > _FLAT * np.ptp(nodes, axis=0).max(), initial=np.inf))
+
     def areas(self, nodes: np.ndarray) -> np.ndarray:
         """Area vectors (m^2), shape (n_faces, 3), of nodes, shape (n_nodes, 3)."""
         return area_vectors(nodes, self.faces.corners)
@@ -72,3 +79,7 @@ class FlowGrid:
     def areas_vjp(self, nodes: np.ndarray, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `areas_jvp`."""
         return area_vectors_vjp(nodes, self.faces.corners, bar)
+
+
+_FLAT = 1e-9
+"""Height of a face, by the size of the grid, that is none."""
