@@ -6,6 +6,7 @@ from fit_cases import ALL_SHAPES, bend, grid_of, lattice
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.derivatives import live_fit
+from bspline_mdao.fit.edge_knots import edge_knots, edge_knots_jvp, edge_knots_vjp
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.fit.parameters import (
     chord_length_parameters,
@@ -38,11 +39,16 @@ def knots_of(parameters, d, n_control, order, kind):
     lines = parameters[..., d].transpose(d, (d + 1) % 3, (d + 2) % 3)
     corners = np.zeros((2, 2, n_control + order), dtype=parameters.dtype)
     corners[..., n_control:] = 1
-    places = np.arange(1, n_control - order + 1) * ((len(lines) - 1) / (n_control + 1 - order))
-    for (s, t), place in ((st, p) for st in np.ndindex(2, 2) for p in enumerate(places)):
-        q = int(place[1])
+    n_spans = n_control + 1 - order
+    places = np.arange(n_spans + 1) * ((len(lines) - 1) / n_spans)
+    for s, t in np.ndindex(2, 2):
         line = lines[:, -s, -t]
-        corners[s, t, order + place[0]] = line[q] + (place[1] - q) * (line[min(q + 1, len(line) - 1)] - line[q])
+        low = places.astype(int)
+        high = np.minimum(low + 1, len(line) - 1)
+        breaks = line[low] + (places - low) * (line[high] - line[low])
+        if np.diff(breaks.real).min() < 1e-10:  # nodes coincide: a thousandth of uniform knots
+            breaks = 0.999 * breaks + 0.001 * np.arange(n_spans + 1) / n_spans
+        corners[s, t, order:n_control] = breaks[1:-1]
     return corners if kind == "curved" else np.broadcast_to(corners.mean(axis=(0, 1)), corners.shape)
 
 
@@ -125,7 +131,27 @@ def test_parameter_derivatives_agree_with_complex_step_and_transpose(shape):
     assert np.vdot(bar, forward) == pytest.approx(np.vdot(reverse, direction), rel=1e-12)
 
 
+def pinched():
+    """A block with two coincident layers of nodes, and five nodes on an edge that are all but coincident."""
+    nodes = bend(lattice(13, 9, 8))
+    nodes[:, 5] = nodes[:, 6]
+    nodes[4:9, 0, 0] = nodes[6, 0, 0] + 1e-12 * np.outer(np.arange(5), [1.0, 0.5, 0.2])  # apart, lest they be a seam
+    return grid_of(nodes)
+
+
+NARROW = {"n_control": (8, 5, 5), "order": 3}
+"""So many control points that knots of `pinched` coincide."""
+
+
+def together(nodes, direction):
+    """A direction in which nodes that coincide stay together: the lengths of lines are differentiable along it."""
+    _, first, group = np.unique(nodes.reshape(-1, 3), axis=0, return_index=True, return_inverse=True)
+    return direction.reshape(-1, 3)[first][group.ravel()].reshape(direction.shape)
+
+
 CASES = {
+    "coincident nodes": (NARROW, pinched),
+    "coincident nodes, constant knots": ({"knots": "constant", **NARROW}, pinched),
     "curved": ({}, lambda: grid_of(bend(lattice(9, 8, 7)))),
     "constant knots": ({"knots": "constant"}, lambda: grid_of(bend(lattice(8, 7, 9)))),
     "mixed orders": ({"order": (2, 3, 5)}, lambda: grid_of(bend(lattice(8, 9, 9)))),
@@ -144,7 +170,7 @@ def test_live_derivatives_agree_with_complex_step(case):
     model, nodes = fit_grid(grid, **options), grid.to_vector().reshape(-1, 3)
     live = live_fit(model, nodes)
     np.testing.assert_allclose(live.control_points, model.control_points, atol=1e-14)
-    direction = rng.standard_normal(nodes.shape)
+    direction = together(nodes, rng.standard_normal(nodes.shape))
     b, matrices, problem = reference_fit(model, nodes + 1e-30j * direction)
     np.testing.assert_allclose(live.control_points, b.real, atol=1e-11)
     expected = b.imag / 1e-30
@@ -159,11 +185,14 @@ def test_live_derivatives_agree_with_complex_step(case):
         np.testing.assert_allclose(found[rows.ravel()[is_own]], expected, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("shape", ALL_SHAPES)
-@pytest.mark.parametrize("options", [{}, {"smoothing": 0.1}, {"smoothing": np.inf}, {"knots": "constant", "order": 3}])
+OPTIONS = [{}, {"smoothing": 0.1}, {"smoothing": np.inf}, {"knots": "constant", "order": 3}]
+
+
+@pytest.mark.parametrize("shape", [*ALL_SHAPES.values(), pinched])
+@pytest.mark.parametrize("options", OPTIONS)
 def test_live_transposes_pass_the_dot_test(shape, options):
     rng = np.random.default_rng(9)
-    grid = ALL_SHAPES[shape]()
+    grid, options = shape(), options | (NARROW if shape is pinched else {})
     model, nodes = fit_grid(grid, **options), grid.to_vector().reshape(-1, 3)
     live = live_fit(model, nodes)
     x, bar = rng.standard_normal((2, *nodes.shape))
@@ -175,6 +204,38 @@ def test_live_transposes_pass_the_dot_test(shape, options):
     x_bar, control_bar = live.mapping.vjp(live.control_points, bar)
     scale = np.linalg.norm(forward) * np.linalg.norm(bar)
     assert abs(np.vdot(bar, forward) - np.vdot(x_bar, x) - np.vdot(control_bar, b)) < 1e-12 * scale
+
+
+def test_parameter_derivatives_of_coincident_nodes_agree_with_complex_step_and_transpose():
+    rng = np.random.default_rng(11)
+    nodes = pinched().blocks[0].nodes
+    direction, bar = rng.standard_normal((2, *nodes.shape))
+    direction = together(nodes, direction)
+    parameters = chord_length_parameters(nodes)
+    forward = chord_length_parameters_jvp(nodes, parameters, direction)
+    expected = parameters_of(nodes + 1e-30j * direction).imag / 1e-30
+    np.testing.assert_allclose(forward, expected, atol=1e-12 * np.abs(expected).max())
+    reverse = chord_length_parameters_vjp(nodes, parameters, bar)
+    assert np.vdot(bar, forward) == pytest.approx(np.vdot(reverse, direction), rel=1e-12)
+
+
+@pytest.mark.parametrize("is_narrow", [False, True])
+def test_edge_knot_derivatives_are_differences_and_transposes(is_narrow):
+    """Linear in the parameters, so that any step will do."""
+    rng, n_control, order = np.random.default_rng(12), 8, 3
+    parameters = np.concatenate([[0.0], np.sort(rng.random(11)), [1.0]])
+    if is_narrow:
+        parameters[3:7] = parameters[3]
+    assert (np.diff(np.interp(np.linspace(0, 12, 7), np.arange(13), parameters)).min() == 0.0) == is_narrow
+    direction, bar = 1e-3 * rng.standard_normal(13), rng.standard_normal(n_control + order)
+    direction[3:7] = direction[3] if is_narrow else direction[3:7]
+    direction[[0, -1]] = 0.0
+    forward = edge_knots_jvp(parameters, n_control, order, direction)
+    difference = edge_knots(parameters + direction, n_control, order) - edge_knots(parameters, n_control, order)
+    np.testing.assert_allclose(forward, difference, atol=1e-15)
+    reverse = edge_knots_vjp(parameters, n_control, order, bar)
+    assert abs(forward @ bar - reverse @ direction) < 1e-14 * np.linalg.norm(forward) * np.linalg.norm(bar)
+    assert np.linalg.norm(forward) > 1e-4
 
 
 def test_moving_the_whole_grid_moves_the_control_points():

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 from mover_cases import (
     assert_derivative_is_exact,
     assert_derivative_is_transposed,
@@ -24,7 +25,14 @@ from scipy.interpolate import RBFInterpolator
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.movement.centres import find_centres
 from bspline_mdao.movement.radial_basis import MOST_CENTRES, RadialBasis
-from bspline_mdao.movement.radial_functions import COMPACT, GLOBAL, NEEDS_LINEAR, radial_matrix
+from bspline_mdao.movement.radial_functions import (
+    COMPACT,
+    GLOBAL,
+    NEEDS_LINEAR,
+    radial_matrix,
+    radial_sums,
+    radial_sums_jvp,
+)
 from bspline_mdao.movement.radial_interpolation import radial_interpolation
 
 SMOOTH_RADIUS = {"gaussian": 0.1, "multiquadric": 0.1, "inverse multiquadric": 0.1}
@@ -89,6 +97,48 @@ def test_a_step_is_pickled_with_its_derivative():
     again = pickle.loads(pickle.dumps(movement))
     for mine, other in zip(again.vjp(np.cos(initial)), movement.vjp(np.cos(initial))):
         np.testing.assert_array_equal(mine, other)
+
+
+def wendland(smoothness, power):
+    """Wendland's function: (1 - r)_+^power, integrated ``smoothness`` times from r to 1 against t dt, and 1 at 0."""
+    found = np.polynomial.Polynomial([1.0, -1.0]) ** power
+    for _ in range(smoothness):
+        integral = (found * np.polynomial.Polynomial([0.0, 1.0])).integ()
+        found = integral(1.0) - integral
+    return lambda r: np.where(r < 1.0, found(r) / found(0.0), 0.0)
+
+
+FUNCTIONS = {
+    "wendland c0": wendland(0, 2),
+    "wendland c2": wendland(1, 3),
+    "wendland c4": wendland(2, 4),
+    "volume": lambda r: np.linalg.norm(np.outer(r, [0.6, 0.0, 0.8]), axis=1),
+    "thin plate": lambda r: 0.5 * r**2 * np.log(r**2),
+    "multiquadric": lambda r: np.hypot(1.0, r),
+    "inverse multiquadric": lambda r: np.sin(np.arctan2(1.0, r)),
+    "gaussian": lambda r: np.sqrt(2.0 * np.pi) * scipy.stats.norm.pdf(np.sqrt(2.0) * r),
+}
+"""The radial functions of the distance in radii, each by another formula than that of the kernel."""
+
+
+@pytest.mark.parametrize("kernel", [*COMPACT, *GLOBAL])
+def test_every_radial_function_is_the_one_of_its_name(kernel):
+    kind, radius, random = [*COMPACT, *GLOBAL].index(kernel), 0.7, np.random.default_rng(2)
+    r = np.linspace(0.02, 1.3, 40)
+    along = random.normal(size=(40, 3))
+    along *= (radius * r / np.linalg.norm(along, axis=1))[:, None]
+    centre, strength = random.normal(size=(1, 3)), random.normal(size=(1, 3))
+    expected = FUNCTIONS[kernel](r)
+    sums = radial_sums(kind, radius, centre + along, centre, strength)
+    np.testing.assert_allclose(sums, expected[:, None] * strength, rtol=1e-10, atol=1e-13)
+    matrix = radial_matrix(kind, radius, np.concatenate([centre, centre + along]))
+    np.testing.assert_allclose(matrix[0, 1:], expected, rtol=1e-10, atol=1e-13)
+    step = 1e-6  # the slope, along the line to the centre
+    outward = along / r[:, None]
+    change = radial_sums_jvp(kind, radius, centre + along, centre, strength, outward, np.zeros((1, 3)))
+    slope = (FUNCTIONS[kernel](r + step) - FUNCTIONS[kernel](r - step)) / (2 * step)
+    away = np.abs(r - 1.0) > 2 * step
+    np.testing.assert_allclose(change[away], (slope[:, None] * strength)[away], atol=1e-7)
 
 
 @pytest.mark.parametrize("kernel", COMPACT)

@@ -269,6 +269,29 @@ def test_optimality_is_what_no_limit_holds_back():
     assert optimality(problem, pulled, -totals) > 2.0
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_equality_holds_the_point_on_either_side(sign):
+    """Its multiplier has either sign; those of inequalities and of bounds have one."""
+    lower, upper = np.array([-np.inf, -np.inf, 0.0]), np.array([np.inf, 2.0, np.inf])
+    rows = split_constraints(np.array([np.nan]), np.array([np.nan]), np.array([1.0]))
+    problem = Statement(lower, upper, *rows, tolerance=1e-6)
+    gradient = np.array([3.0, -1.0, 0.0])
+    point = problem.point(np.array([1.0, 0.0, 0.0]), 0.0, np.array([1.0]))
+    assert optimality(problem, point, np.array([sign * gradient, gradient])) == pytest.approx(0.0, abs=1e-12)
+    off = sign * gradient + [0.0, 0.0, 0.25]  # what the lower bound of the third variable holds back
+    assert optimality(problem, point, np.array([off, gradient])) == pytest.approx(0.0, abs=1e-12)
+    free = sign * gradient - [0.0, 0.0, 0.25]  # away from it
+    assert optimality(problem, point, np.array([free, gradient])) == pytest.approx(0.25)
+
+
+def test_an_upper_bound_holds_a_point_that_would_rise():
+    rows = split_constraints(np.zeros(0), np.zeros(0), np.zeros(0))
+    problem = Statement(np.full(2, -np.inf), np.array([2.0, np.inf]), *rows, tolerance=1e-6)
+    at_bound = problem.point(np.array([2.0, 0.0]), 0.0, np.zeros(0))
+    assert optimality(problem, at_bound, np.array([[-3.0, 0.0]])) == pytest.approx(0.0, abs=1e-12)
+    assert optimality(problem, at_bound, np.array([[3.0, 0.0]])) == pytest.approx(3.0)
+
+
 # Foresight
 
 
