@@ -1,5 +1,6 @@
 """The suite and the package check themselves: nothing is left untested, imported too early or compiled twice."""
 
+import ast
 import importlib
 import inspect
 import os
@@ -79,11 +80,77 @@ def test_every_public_name_can_be_imported():
         bspline_mdao.nothing  # noqa: B018
 
 
+def called(node: ast.AST, *names: str) -> bool:
+    """Whether a node is a call of a function or method of one of some names."""
+    if not isinstance(node, ast.Call):
+        return False
+    return (node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")) in names
+
+
+def loaded(node: ast.AST, values: dict[str, set[str]]) -> set[str]:
+    """Run scripts that an expression stands for: ``script("name")``, or a variable that holds one."""
+    if called(node, "script", "import_module") and node.args:
+        argument = node.args[0]
+        return values.get(argument.id, set()) if isinstance(argument, ast.Name) else {getattr(argument, "value", "")}
+    return values.get(node.id, set()) if isinstance(node, ast.Name) else set()
+
+
+def run_scripts_of(test: ast.FunctionDef) -> tuple[set[str], set[str]]:
+    """Run scripts that a test loads, and those whose ``main`` it calls."""
+    values = {}
+    for decorator in test.decorator_list:
+        if called(decorator, "parametrize"):
+            words = {n.value for n in ast.walk(decorator.args[1]) if isinstance(n, ast.Constant)}
+            values |= {name.strip(): words for name in str(getattr(decorator.args[0], "value", "")).split(",")}
+    for node in ast.walk(test):
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                pairs = zip(target.elts, getattr(node.value, "elts", ())) if isinstance(target, ast.Tuple) else ()
+                for name, value in [*pairs, (target, node.value)]:
+                    if isinstance(name, ast.Name):
+                        values[name.id] = loaded(value, values)
+    calls = [node for node in ast.walk(test) if isinstance(node, ast.Call)]
+    run = [loaded(node.func.value, values) for node in calls if called(node, "main") and hasattr(node.func, "value")]
+    return set().union(*(loaded(node, values) for node in calls)), set().union(*run)
+
+
+def imports(path: Path) -> set[str]:
+    """Modules that a file imports by name."""
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return plain | {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+
+
+def not_run(tests: list[str], scripts: dict[str, Path]) -> list[str]:
+    """Run scripts that no test runs: those with a ``main`` that is not called, others that nothing loads or imports."""
+    functions = [n for source in tests for n in ast.walk(ast.parse(source)) if isinstance(n, ast.FunctionDef)]
+    by_test, run = (set().union(*found) for found in zip(*map(run_scripts_of, functions)))
+    used = by_test.union(*map(imports, scripts.values()))
+    has_main = {name for name, path in scripts.items() if re.search(r"^def main\(", path.read_text(), re.M)}
+    return sorted((has_main - run) | (set(scripts) - has_main - used))
+
+
 def test_every_run_script_is_run_by_a_test():
-    tests = "\n".join(path.read_text() for path in ROOT.glob("tests/test_*.py") if path.name != Path(__file__).name)
-    scripts = [path.stem for path in ROOT.glob("run_scripts/*.py") if path.stem != "common"]
-    assert len(scripts) >= 4
-    assert [name for name in scripts if name not in tests] == []
+    tests = [path.read_text() for path in ROOT.glob("tests/test_*.py")]
+    scripts = {path.stem: path for path in ROOT.glob("run_scripts/*.py")}
+    assert len(scripts) >= 30
+    assert not_run(tests, scripts) == []
+
+
+def test_a_run_script_that_is_merely_mentioned_counts_as_not_run(tmp_path):
+    """Be its name an ordinary word, in a comment, a string or another call."""
+    names = ("history", "totals", "scenes", "drawn", "common")
+    scripts = {name: tmp_path / f"{name}.py" for name in names}
+    for name, path in scripts.items():
+        path.write_text("def main(quick=False):\n    return 1\n" if name != "common" else "SIZE = 1\n")
+    mentions = "def test_history(script):\n    totals = 'scenes'  # drawn\n    assert script(totals) or common(1)\n"
+    assert not_run([mentions], scripts) == sorted(names)
+    loads = "def test_it(script):\n    x, y = script('history'), script('scenes')\n    x.main()\n    script('drawn')\n"
+    assert not_run([mentions, loads], scripts) == ["common", "drawn", "scenes", "totals"]
+    listed = "@pytest.mark.parametrize('name, n', [('totals', 1), ('drawn', 2)])\n"
+    listed += "def test_all(script, name, n):\n    script(name).main(n)\n"
+    scripts["scenes"].write_text("from common import SIZE\n")
+    assert not_run([mentions, loads, listed], scripts) == []
 
 
 def kinds(folder: str, *members: str) -> set[type]:
