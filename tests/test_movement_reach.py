@@ -55,10 +55,10 @@ def amplification(mover, surface):
 def test_movers_stay_far_within_the_bound_on_meshes_that_are_valid(kind):
     for mesh in (channel(), wing()):
         _, surface = bent_surface(mesh, size=0.05, seed=4)
-        assert 0.99 < amplification(KINDS[kind](mesh, n_increments=2), surface) < 0.5 * MAX_AMPLIFICATION
+        assert 0.99 < amplification(KINDS[kind](mesh, n_increments=2), surface) < 0.2 * MAX_AMPLIFICATION
 
 
-@pytest.mark.parametrize("kind", ["elasticity", "torsional springs"])
+@pytest.mark.parametrize("kind", ["elasticity", "elasticity, nu = 0.45"])
 def test_a_folded_mesh_that_runs_away_is_refused_with_a_cause_and_advice_that_helps(kind):
     grid = onera_m6_grid((5, 5, 5))
     for smoothing in (0.0, np.inf):
@@ -92,7 +92,7 @@ class Runaway(IncrementalMover):
         return step
 
 
-@pytest.mark.parametrize(("factor", "is_refused"), [(15.0, False), (30.0, True), (np.nan, True)])
+@pytest.mark.parametrize(("factor", "is_refused"), [(90.0, False), (110.0, True), (np.nan, True)])
 def test_what_one_point_may_do_is_bounded_in_the_component(factor, is_refused):
     line = np.linspace(0.0, 1.0, 5)
     mesh = mesh_of(grid_of(box(line, line, line), patches=[patch("wall", Window(0, (0, 0, 0), (4, 4, 0)))]))
@@ -111,4 +111,4 @@ def test_what_one_point_may_do_is_bounded_in_the_component(factor, is_refused):
 def test_round_off_of_a_mesh_that_stays_is_not_judged():
     mesh = channel()
     surface = mesh.points[mesh.surface_ids] + 1e-13
-    assert amplification(Runaway(mesh, 1e3), surface) > 10 * MAX_AMPLIFICATION
+    assert amplification(Runaway(mesh, 1e4), surface) > 10 * MAX_AMPLIFICATION

@@ -205,14 +205,6 @@ def test_a_face_that_nearly_meets_another_is_reported_and_is_boundary():
     assert 1e-4 * miss.spacing < miss.gap < 1e-2 * miss.spacing
 
 
-def test_one_displaced_node_is_reported_where_it_is():
-    left, right = (block.copy() for block in split(smooth_box(9, 7, 8), [4], [], []))
-    right[0, 3, 4, 2] += 1e-3 * 0.02
-    (miss,) = find_topology(grid_of(left, right)).near_misses
-    assert miss.window == Window(0, (4, 2, 3), (4, 4, 5))
-    assert miss.gap == pytest.approx(2e-5)
-
-
 @pytest.mark.parametrize("kind", ["wall", "symmetry", "farfield"])
 def test_a_declared_face_and_the_one_it_coincides_with_are_boundary(kind):
     left, right = split(smooth_box(9, 5, 6), [4], [], [])

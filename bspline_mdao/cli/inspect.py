@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..grids.atomic import replaced_file
+from ..grids.entities import NearMiss
 from ..grids.index_space import FACE_NAMES, Window
 from ..grids.multiblock import Grid, Patch
 from ..grids.patch_guess import draft_patches, guess_patches
@@ -92,21 +93,19 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
         "n_collapsed_faces": len(_collapsed_faces(topology)),
         "n_collapsed_edges": len(topology.collapsed) - len(_collapsed_faces(topology)),
         "n_segments": len(topology.segments),
-        "near_misses": [
-            {
-                **_place(miss.window),
-                "other": _place(miss.other) if miss.other else None,
-                "gap": miss.gap,
-                "spacing": miss.spacing,
-            }
-            for miss in topology.near_misses
-        ],
+        "near_misses": [_miss_numbers(miss) for miss in topology.near_misses],
+        "joined_gaps": [_miss_numbers(miss) for miss in topology.joined_gaps],
         "patches": [
             {"name": patch.name, "kind": patch.kind, "windows": [_place(window) for window in patch.windows]}
             for patch in grid.patches
         ],
         "warnings": topology.warnings,
     }
+
+
+def _miss_numbers(miss: NearMiss) -> dict:
+    other = _place(miss.other) if miss.other else None
+    return {**_place(miss.window), "other": other, "gap": miss.gap, "spacing": miss.spacing}
 
 
 def show_grid(grid: Grid, topology: Topology) -> None:
@@ -135,7 +134,7 @@ def describe(window: Window, grid: Grid) -> str:
     return f"block {window.block + 1} ({ranges})"
 
 
-def _describe_miss(miss, grid: Grid) -> str:
+def _describe_miss(miss: NearMiss, grid: Grid) -> str:
     other = f" and {describe(miss.other, grid)}" if miss.other else ""
     return (
         f"near miss: {describe(miss.window, grid)}{other} are {miss.gap:.3g} m apart where cells are "

@@ -124,6 +124,7 @@ def refined_topology(topology: Topology, factor: float) -> Topology:
         boundary=tuple(replace(face, window=window(face.window)) for face in topology.boundary),
         collapsed=tuple(map(window, topology.collapsed)),
         near_misses=tuple(_scaled_near_miss(miss, window) for miss in topology.near_misses),
+        joined_gaps=tuple(_scaled_near_miss(miss, window) for miss in topology.joined_gaps),
         segments=tuple(map(window, topology.segments)),
     )
 

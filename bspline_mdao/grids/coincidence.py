@@ -20,11 +20,14 @@ SPACING_TOLERANCE = 1e-4
 NEAR_MISS_TOLERANCE = 1e-2
 """Faces closer than this part of the local spacing, yet not coincident, are reported."""
 
-ROUND_OFF_UNITS = 2.0
-"""Nodes that differ by no more units in the last place of the data coincide..."""
+ROUND_OFF_UNITS = 2.01
+"""Nodes that differ by no more units in the last place of the data coincide (two, as decimals are seen in binary)..."""
 
 THIN_CELL_LIMIT = 0.25
 """...unless that is more than this part of the local spacing."""
+
+MANY_NUMBERS = 1000
+"""Different numbers that have few decimals only if they were rounded."""
 
 COLLAPSED_EDGE = 1e-12
 """A cell edge shorter than this part of the block's size has no length."""
@@ -45,6 +48,8 @@ class Coincidence:
         Shortest edge of non-zero length at each face node, in metres; infinite inside the block.
     round_off : float
         Relative precision of the coordinates as stored.
+    unit : float
+        Absolute precision (m) of coordinates stored with a fixed number of decimals; 0 for others.
     is_coarse : bool
         Whether cells are so thin somewhere that round-off had to be left out of the tolerance.
     """
@@ -53,7 +58,12 @@ class Coincidence:
     near_ids: tuple[np.ndarray, ...]
     spacing: tuple[np.ndarray, ...]
     round_off: float
+    unit: float
     is_coarse: bool
+
+    def rounding(self, points: np.ndarray) -> np.ndarray:
+        """How far apart the same point may be stored twice, in each coordinate (m), of points (..., 3)."""
+        return _rounding(points, self.round_off, self.unit)
 
 
 def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
@@ -64,38 +74,64 @@ def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
     blocks : sequence of ndarray, shape (ni, nj, nk, 3)
         Nodes of each block, in metres.
     """
-    round_off = data_round_off(blocks)
+    round_off, unit = data_round_off(blocks), data_unit(blocks)
     masks = [_face_mask(nodes.shape[:3]) for nodes in blocks]
     spacing, collapsed, real = zip(*(_face_edges(nodes, round_off) for nodes in blocks))
     points = np.concatenate([nodes[mask] for nodes, mask in zip(blocks, masks)])
     length = np.concatenate([s[mask] for s, mask in zip(spacing, masks)])
     length[np.isinf(length)] = 0.0
-    rounding = ROUND_OFF_UNITS * round_off * np.abs(points).max(axis=1)
+    rounding = _rounding(points, round_off, unit)
     is_coarse = bool(np.any(rounding > THIN_CELL_LIMIT * length))
     tolerance = np.maximum(SPACING_TOLERANCE * length, np.minimum(rounding, THIN_CELL_LIMIT * length))
     collapsed, real = _compress(collapsed, masks), _compress(real, masks)
     ids = _merge_close(points, tolerance, _join(_equal_points(points), collapsed), real)
     near_ids = _merge_close(points, np.maximum(tolerance, NEAR_MISS_TOLERANCE * length), ids, real)
-    return Coincidence(_spread(ids, masks), _spread(near_ids, masks), spacing, round_off, is_coarse)
+    return Coincidence(_spread(ids, masks), _spread(near_ids, masks), spacing, round_off, unit, is_coarse)
 
 
-def data_round_off(blocks: Sequence[np.ndarray], n_samples: int = 3000) -> float:
-    """Relative precision with which coordinates are stored: 4-byte reals, decimals of 7 to 12 digits, or 8-byte reals.
+def data_round_off(blocks: Sequence[np.ndarray]) -> float:
+    """Relative precision with which coordinates are stored: 4-byte reals, decimals of 5 to 12 digits, or 8-byte reals.
 
-    Judged from ``n_samples`` numbers of each block, spread over it.
+    Judged from numbers spread over the blocks. Less than 7 digits are believed only of many different numbers.
     """
-    samples = [nodes.reshape(-1, 3)[:: max(1, nodes.size // n_samples)] for nodes in blocks]
-    values = np.abs(np.concatenate(samples).ravel())
-    values = values[values > 1e-12 * values.max(initial=0.0)]
-    with np.errstate(over="ignore"):
-        if np.array_equal(values.astype(np.float32), values):
-            return float(np.finfo(np.float32).eps)
+    values = _samples(blocks)
+    if _are_single(values):
+        return float(np.finfo(np.float32).eps)
     exponent = np.floor(np.log10(values))
-    for digits in range(7, 13):
+    for digits in range(5 if len(np.unique(values)) > MANY_NUMBERS else 7, 13):
         scaled = values * 10.0 ** (digits - 1 - exponent)
         if np.all(np.abs(scaled - np.rint(scaled)) < 1e-2):
             return 10.0 ** (1 - digits)
     return float(np.finfo(np.float64).eps)
+
+
+def data_unit(blocks: Sequence[np.ndarray]) -> float:
+    """Unit (m) of coordinates stored with 4 to 10 decimals, many of which use the last; 0 for others."""
+    values = _samples(blocks)
+    if _are_single(values) or len(np.unique(values)) <= MANY_NUMBERS:
+        return 0.0
+    for decimals in range(4, 11):
+        scaled = values * 10.0**decimals
+        if np.all(np.abs(scaled - np.rint(scaled)) < 1e-2):
+            return 10.0**-decimals if np.mean(np.rint(scaled) % 10.0 != 0.0) > 0.5 else 0.0
+    return 0.0
+
+
+def _samples(blocks: Sequence[np.ndarray], n_samples: int = 3000) -> np.ndarray:
+    """Absolute values of about ``n_samples`` numbers of each block, spread over it; those that are zero left out."""
+    samples = [nodes.reshape(-1, 3)[:: max(1, nodes.size // n_samples)] for nodes in blocks]
+    values = np.abs(np.concatenate(samples).ravel())
+    return values[values > 1e-12 * values.max(initial=0.0)]
+
+
+def _are_single(values: np.ndarray) -> bool:
+    """Whether numbers are 4-byte reals."""
+    with np.errstate(over="ignore"):
+        return np.array_equal(values.astype(np.float32), values)
+
+
+def _rounding(points: np.ndarray, round_off: float, unit: float) -> np.ndarray:
+    return ROUND_OFF_UNITS * np.maximum(round_off * np.abs(points).max(axis=-1), unit)
 
 
 def _face_mask(shape) -> np.ndarray:

@@ -47,7 +47,7 @@ class BoundaryFace:
 
 @dataclass(frozen=True)
 class NearMiss:
-    """Two face windows that nearly coincide and are therefore probably meant to.
+    """Two face windows that nearly coincide and are therefore probably meant to, whether they are joined or not.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class NearMiss:
     other : Window or None
         The one it nearly meets.
     gap : float
-        Largest distance of two nodes that nearly coincide, in metres.
+        Distance of two nodes that nearly coincide, in metres, where it is largest by the local spacing.
     spacing : float
         Local spacing there, in metres.
     """

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .coincidence import Coincidence, find_coincidence
-from .completion import complete_regions
+from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
+from .completion import Meeting
 from .entities import BoundaryFace, Collapse, Interface, Link, NearMiss
 from .faces import Face, block_faces, collapsed_windows
 from .index_space import Window, by_blocks
@@ -54,7 +54,7 @@ class Topology:
     collapsed : tuple of Window
         Faces and edges, or windows of them, of zero extent in at least one direction.
     near_misses : tuple of NearMiss
-        Pairs of face windows that nearly coincide.
+        Pairs of face windows that nearly coincide, and are not joined.
     segments : tuple of Window
         Parts of blocks, one spline volume each: whole blocks unless cut.
     links : tuple of Link
@@ -62,7 +62,9 @@ class Topology:
     collapses : tuple of Collapse
         Sections of segments of zero extent.
     warnings : tuple of str
-        What could not be used, one line each.
+        What could not be used, or not as it is, one line each.
+    joined_gaps : tuple of NearMiss
+        Interfaces that are joined though some of their nodes do not coincide.
     """
 
     source: str
@@ -75,6 +77,7 @@ class Topology:
     links: tuple[Link, ...]
     collapses: tuple[Collapse, ...]
     warnings: tuple[str, ...] = ()
+    joined_gaps: tuple[NearMiss, ...] = ()
 
     @property
     def n_nodes(self) -> int:
@@ -114,26 +117,35 @@ def find_topology(grid: Grid) -> Topology:
     is_apart = np.array([*(patch.kind != "other" for patch in grid.patches), False])[patch_ids]
     is_closed = quads.is_degenerate | is_apart
     matches = match_quads(quads, is_apart)
-    regions = find_regions(quads, matches.pairs)
-    if coincidence.is_coarse:
-        regions = complete_regions(regions, faces, quads, ~is_closed, blocks, coincidence.round_off)
+    meeting = Meeting(faces, quads, ~is_closed, blocks, coincidence)
+    regions, doubtful = meeting.complete(find_regions(quads, matches.pairs))
     collapsed = collapsed_windows(faces)
     pinched = {window: directions for window, directions in collapsed.items() if not _is_strip(window, directions)}
     segmentation = segment_blocks(grid.shapes, find_interfaces(faces, quads, regions), declared, pinched)
     is_joined = _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
     is_closed |= is_joined
     junctions = junction_links(grid.shapes, segmentation, quads, matches.kept_apart, coincidence.ids)
+    given_up = [side for item in segmentation.given_up if isinstance(item, Interface) for side in (item.a, item.b)]
+    is_told = is_closed | _covered(faces, given_up)
+    near_misses = _near_misses(grid, coincidence, is_told, find_interfaces(faces, quads, doubtful))
+    joined_gaps = _joined_gaps(grid, coincidence, segmentation.interfaces)
     return Topology(
         source=grid.source,
         shapes=grid.shapes,
         interfaces=segmentation.interfaces,
         boundary=_boundary(grid.patches, faces, is_joined, is_closed, patch_ids >= 0),
         collapsed=tuple(collapsed),
-        near_misses=_near_misses(grid, coincidence, is_closed),
+        near_misses=near_misses,
         segments=segmentation.segments,
         links=(*segmentation.links, *junctions),
         collapses=segmentation.collapses,
-        warnings=_warnings(grid, faces, quads, matches, segmentation, patch_ids, is_closed),
+        warnings=_shortened(
+            [
+                *_gap_warnings(near_misses, joined_gaps),
+                *_warnings(grid, faces, quads, matches, segmentation, patch_ids, is_closed),
+            ]
+        ),
+        joined_gaps=joined_gaps,
     )
 
 
@@ -225,24 +237,65 @@ def _parts(face: Face, mask: np.ndarray) -> list[Window]:
     return [face.part(rectangle) for rectangle in decompose(mask)]
 
 
-def _near_misses(grid: Grid, coincidence: Coincidence, is_taken: np.ndarray) -> tuple[NearMiss, ...]:
-    """Interfaces that there would be with a tolerance of near misses."""
+def _near_misses(
+    grid: Grid, coincidence: Coincidence, is_taken: np.ndarray, doubtful: Sequence[Interface]
+) -> tuple[NearMiss, ...]:
+    """Interfaces that there would be with a tolerance of near misses, after those that are doubtful."""
     faces = block_faces(coincidence.near_ids)
     quads = Quads.of(faces)
-    quads.is_degenerate[is_taken] = True
+    quads.is_degenerate[is_taken | _covered(faces, [side for pair in doubtful for side in (pair.a, pair.b)])] = True
     pairs = match_quads(quads, np.zeros_like(is_taken)).pairs
-    return tuple(
-        _near_miss(grid, coincidence, interface)
-        for interface in find_interfaces(faces, quads, find_regions(quads, pairs))
-    )
+    found = find_interfaces(faces, quads, find_regions(quads, pairs))
+    return tuple(_near_miss(grid, coincidence, interface) for interface in (*doubtful, *found))
 
 
 def _near_miss(grid: Grid, coincidence: Coincidence, interface: Interface) -> NearMiss:
+    gaps, spacing = _gaps(grid, coincidence, interface)
+    worst = np.unravel_index(np.argmax(gaps / spacing), gaps.shape)
+    return NearMiss(interface.a, interface.b, float(gaps[worst]), float(spacing[worst]))
+
+
+def _joined_gaps(grid: Grid, coincidence: Coincidence, interfaces: Sequence[Interface]) -> tuple[NearMiss, ...]:
+    """Pick the interfaces some of whose nodes are farther apart than round-off and the tolerance of single nodes."""
+    found = []
+    for interface in interfaces:
+        gaps, spacing = _gaps(grid, coincidence, interface)
+        rounding = coincidence.rounding(grid.blocks[interface.a.block].nodes[interface.a.slices])
+        if (gaps > np.maximum(math.sqrt(3.0) * rounding, SPACING_TOLERANCE * spacing)).any():
+            found.append(_near_miss(grid, coincidence, interface))
+    return tuple(found)
+
+
+def _gaps(grid: Grid, coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of the nodes of both sides of an interface, and the spacing at those of the first (m)."""
     a, b = interface.a, interface.b
     there = interface.orientation.apply(grid.blocks[b.block].nodes[b.slices])
     gaps = np.linalg.norm(grid.blocks[a.block].nodes[a.slices] - there, axis=-1)
-    worst = np.unravel_index(np.argmax(gaps), gaps.shape)
-    return NearMiss(a, b, float(gaps[worst]), float(coincidence.spacing[a.block][a.slices][worst]))
+    return gaps, coincidence.spacing[a.block][a.slices]
+
+
+def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss]) -> list[str]:
+    """Say that faces nearly meet, and whether they are joined."""
+    lines = []
+    if near_misses:
+        lines.append(
+            f"{len(near_misses)} pairs of faces nearly meet and are not joined, so that blocks come apart there: "
+            f"{_describe_gap(near_misses)}; if they belong together, make their nodes coincide"
+        )
+    if joined:
+        lines.append(
+            f"{len(joined)} interfaces are joined though some nodes do not coincide: {_describe_gap(joined)}; a fit "
+            f"gives both sides the nodes of the first"
+        )
+    return lines
+
+
+def _describe_gap(misses: Sequence[NearMiss]) -> str:
+    worst = max(misses, key=lambda miss: miss.gap / miss.spacing)
+    return (
+        f"{'the worst, ' if len(misses) > 1 else ''}{describe(worst.window)} and {describe(worst.other)}, by "
+        f"{worst.gap:.3g} m where cells are {worst.spacing:.3g} m"
+    )
 
 
 def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
@@ -252,7 +305,7 @@ def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
 
 def _warnings(
     grid: Grid, faces: Sequence[Face], quads: Quads, matches: Matches, segmentation, patch_ids, is_closed
-) -> tuple[str, ...]:
+) -> list[str]:
     """Say what the topology leaves out and what looks wrong, one line each."""
     crowded = [faces[number].window for number in np.unique(quads.face[matches.crowded])]
     lines = [*getattr(grid.dialect, "ignored", ())]
@@ -267,6 +320,10 @@ def _warnings(
     for item in segmentation.given_up:
         windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
         lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments")
+    return lines
+
+
+def _shortened(lines: list[str]) -> tuple[str, ...]:
     if len(lines) > MAX_WARNINGS:
         lines[MAX_WARNINGS:] = [f"and {len(lines) - MAX_WARNINGS} more like these"]
     return tuple(lines)

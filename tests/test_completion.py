@@ -1,0 +1,204 @@
+"""Faces that belong together are one interface, whatever round-off and small gaps do to single nodes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from topology_cases import are_same_partition, box, c_grid, grid_of, labels_of_rows, patch, smooth_box, split
+
+from bspline_mdao.generators import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
+from bspline_mdao.grids.coincidence import data_round_off, data_unit
+from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.plot3d import read_plot3d, write_plot3d
+from bspline_mdao.grids.plot3d_dialect import Plot3dDialect
+from bspline_mdao.grids.sharing import node_sharing
+from bspline_mdao.grids.topology import find_topology
+
+GRIDS = {
+    "wing": onera_m6_grid((9, 15, 8), Spacing(off_wall=1e-6)),
+    "plate": flat_plate_grid((8, 13, 9), Spacing(1e-6, 1e-3, 1e-3, 1e-3)),
+    "ball": ball_grid((6, 7, 8, 21), off_wall=1e-6),
+}
+GRIDS["undeclared wing"] = replace(GRIDS["wing"], patches=())
+
+
+def with_nodes(grid, change):
+    """Grid with the nodes of every block changed."""
+    return replace(grid, blocks=tuple(replace(block, nodes=change(block.nodes)) for block in grid.blocks))
+
+
+def noise(shape, seed):
+    """Random numbers that make a rounded number differ by up to two units from block to block."""
+    return np.random.default_rng(seed).uniform(-0.6, 0.6, shape)
+
+
+def single(nodes):
+    """Nodes as 4-byte reals, each with its own round-off."""
+    units = np.spacing(np.abs(nodes).astype(np.float32))
+    return (nodes + noise(nodes.shape, nodes.size) * units * (nodes != 0.0)).astype(np.float32).astype(float)
+
+
+def digits(n):
+    """Nodes as numbers of n significant digits, each with its own round-off."""
+
+    def change(nodes):
+        exponent = np.floor(np.log10(np.abs(nodes), where=nodes != 0.0, out=np.zeros_like(nodes)))
+        units = 10.0 ** (exponent - n + 1)
+        rounded = nodes + noise(nodes.shape, nodes.size) * units * (nodes != 0.0)
+        return np.reshape([float(f"{x:.{n - 1}e}") for x in rounded.ravel()], nodes.shape)
+
+    return change
+
+
+def decimals(n):
+    """Nodes as numbers of n decimals, each with its own round-off."""
+
+    def change(nodes):
+        rounded = nodes + noise(nodes.shape, nodes.size) * 10.0**-n * (nodes != 0.0)
+        return np.reshape([float(f"{x:.{n}f}") for x in rounded.ravel()], nodes.shape)
+
+    return change
+
+
+def gaps(size):
+    """Nodes of which one in twenty is displaced."""
+
+    def change(nodes):
+        random = np.random.default_rng(nodes.size)
+        return nodes + size * random.uniform(size=nodes.shape) * (random.uniform(size=(*nodes.shape[:3], 1)) < 0.05)
+
+    return change
+
+
+def labels_of(grid):
+    topology = find_topology(grid)
+    return topology, labels_of_rows(topology, node_sharing(topology))
+
+
+STORED = {
+    "4-byte reals": single,
+    **{f"{n} digits": digits(n) for n in (7, 8, 9)},
+    **{f"{n} decimals": decimals(n) for n in (7, 8, 9)},
+    "gaps": gaps(1e-9),
+}
+
+
+@pytest.mark.parametrize("stored", STORED)
+@pytest.mark.parametrize("name", GRIDS)
+def test_round_off_and_gaps_of_the_size_of_wall_cells_tear_nothing(name, stored):
+    exact, labels = labels_of(GRIDS[name])
+    grid = with_nodes(GRIDS[name], STORED[stored])
+    there = node_sharing(exact).copies
+    points = grid.to_vector().reshape(-1, 3)
+    assert np.abs(points[there[:, 0]] - points[there[:, 1]]).max() > 1e-10
+    topology, found = labels_of(grid)
+    assert topology.interfaces == exact.interfaces
+    assert topology.segments == exact.segments
+    assert topology.boundary == exact.boundary
+    assert topology.near_misses == ()
+    assert bool(topology.joined_gaps) == (stored == "gaps")
+    assert are_same_partition(found, labels)
+
+
+@pytest.mark.parametrize("encoding", ["raw", "fortran", "ascii"])
+def test_a_viscous_grid_survives_a_file_of_low_precision(tmp_path, encoding):
+    grid = with_nodes(GRIDS["wing"], decimals(8) if encoding == "ascii" else single)
+    write_plot3d(tmp_path / "wing.xyz", grid, Plot3dDialect(encoding=encoding, real_bytes=4))
+    read = replace(read_plot3d(tmp_path / "wing.xyz"), patches=grid.patches)
+    topology = find_topology(read)
+    assert (len(topology.interfaces), len(topology.segments)) == (19, 12)
+    assert (topology.near_misses, topology.warnings) == ((), ())
+
+
+def test_precision_is_that_of_the_data():
+    nodes = 3.0 * GRIDS["wing"].blocks[0].nodes
+    assert (data_round_off([nodes]), data_unit([nodes])) == (np.finfo(float).eps, 0.0)
+    assert data_unit([single(nodes)]) == 0.0
+    for n in (5, 6, 9):
+        assert data_round_off([digits(n)(nodes)]) == 10.0 ** (1 - n)
+        assert data_unit([decimals(n)(nodes)]) == 10.0**-n
+    regular = box(np.arange(40) * 0.0625, np.arange(30) * 0.2, np.arange(20) * 0.0001)
+    assert (data_round_off([regular]), data_unit([regular])) == (1e-6, 0.0)
+
+
+def torn_wing():
+    """Wing grid whose blocks outboard of the tip are off by a small part of the cells at the wall."""
+    grid = GRIDS["wing"]
+    blocks = list(grid.blocks)
+    for number in (7, 10):
+        nodes = blocks[number].nodes.copy()
+        nodes[3:7, :, 0, 0] += 5.5e-10
+        blocks[number] = replace(blocks[number], nodes=nodes)
+    return replace(grid, blocks=tuple(blocks))
+
+
+def test_a_gap_of_a_small_part_of_a_cell_is_joined_and_told():
+    topology = find_topology(torn_wing())
+    assert (len(topology.interfaces), len(topology.segments), topology.near_misses) == (19, 12, ())
+    assert {(miss.window.block, miss.other.block) for miss in topology.joined_gaps} >= {(1, 7), (4, 10)}
+    worst = max(topology.joined_gaps, key=lambda miss: miss.gap / miss.spacing)
+    assert worst.gap == pytest.approx(5.5e-10, rel=1e-3)
+    assert worst.spacing == pytest.approx(1e-6, rel=0.1)
+    (warning,) = topology.warnings
+    assert "interfaces are joined though some nodes do not coincide" in warning
+    assert "by 5.5e-10 m where cells are 1e-06 m" in warning
+
+
+@pytest.mark.parametrize("size", [1e-3, 0.03, 0.2])
+def test_a_single_node_is_joined_within_a_hundredth_of_a_cell_and_reported_beyond(size):
+    left, right = (block.copy() for block in split(smooth_box(9, 7, 8), [4], [], []))
+    spacing = np.linalg.norm(np.diff(right, axis=2), axis=-1)[0, 3, 3:5].min()
+    right[0, 3, 4, 2] += size * spacing
+    topology = find_topology(grid_of(left, right))
+    (miss,) = topology.joined_gaps or topology.near_misses
+    assert miss.gap == pytest.approx(size * spacing)
+    assert len(topology.warnings) == 1
+    if size < 0.01:
+        assert (topology.joined_gaps, len(topology.interfaces), len(topology.segments)) == ((miss,), 1, 2)
+        assert miss.window == Window(0, (4, 0, 0), (4, 6, 7))
+    else:
+        assert (topology.near_misses, len(topology.interfaces)) == ((miss,), 4)
+        assert miss.window == Window(0, (4, 2, 3), (4, 4, 5))
+
+
+def cusp(gap):
+    """Two blocks that lie on one plane up to x = 1 and part from there, the first nodes by ``gap`` of the spacing."""
+    x, y, z = np.linspace(0.0, 2.0, 21), np.linspace(0.0, 1.0, 6), np.linspace(0.0, 0.5, 7)
+    below, above = box(x, y, -z[::-1]), box(x, y, z)
+    opening = gap * (z[1] - z[0]) * np.clip(10.0 * (x - 1.0), 0.0, None) ** 3
+    below[..., 2] -= 0.5 * opening[:, None, None]
+    above[..., 2] += 0.5 * opening[:, None, None]
+    return grid_of(below, above)
+
+
+@pytest.mark.parametrize("gap", [5e-4, 5e-3, 5e-2])
+def test_surfaces_that_part_slowly_are_not_joined(gap):
+    topology = find_topology(cusp(gap))
+    (interface,) = topology.interfaces
+    assert interface.a == Window(0, (0, 0, 6), (10, 5, 6))
+    assert topology.joined_gaps == ()
+    if gap < 0.01:
+        (miss,) = topology.near_misses
+        assert miss.window.lo[0] == 10
+        assert "1 pairs of faces nearly meet and are not joined" in topology.warnings[0]
+
+
+def test_a_wake_with_gaps_is_joined_up_to_the_wall_if_that_is_declared():
+    nodes = c_grid()
+    random = np.random.default_rng(5)
+    nodes[:5, 1:, 0, 0] += 3e-3 * 0.01 * random.uniform(size=nodes[:5, 1:, 0, 0].shape) * (random.random((5, 3)) < 0.3)
+    wall = Window(0, (5, 0, 0), (21, 3, 0))
+    topology = find_topology(grid_of(nodes, patches=[patch("wall", wall)]))
+    (interface,) = topology.interfaces
+    assert interface.a == Window(0, (0, 0, 0), (5, 3, 0))
+    assert len(topology.joined_gaps) == 1
+
+
+@pytest.mark.parametrize("gap", [1e-3, 5e-3])
+def test_a_thin_gap_between_whole_faces_is_not_closed_but_told(gap):
+    left, right = split(smooth_box(9, 5, 6), [4], [], [])
+    shift = gap * np.linalg.norm(np.diff(left, axis=2), axis=-1).min()
+    topology = find_topology(grid_of(left, right + [0.0, 0.0, shift]))
+    assert (topology.interfaces, topology.joined_gaps) == ((), ())
+    assert len(topology.near_misses) == 1
+    assert "not joined" in topology.warnings[0]
