@@ -214,37 +214,6 @@ def test_a_check_leaves_the_declared_jacobian_as_it_was(model):
     assert np.count_nonzero(before)
 
 
-REFUSED = {"Fit live", "Quality, cells"}
-"""Cases that know no complex step, with all of `LiveGridEvaluate` and `ControlMeshMove`."""
-
-
-@pytest.mark.parametrize("case", PARTIALS)
-def test_a_complex_step_is_exact_or_refused_in_one_line(model, case):
-    component, options, of, wrt = PARTIALS[case]
-    problem, random = run_problem(component, model, **options), np.random.default_rng(10)
-    v = random.standard_normal(problem.get_val(wrt).shape)
-    forward, _ = products(problem, of, wrt, v.ravel(), np.zeros(problem.get_val(of).size))
-    start = problem.get_val(wrt).copy()
-    problem.set_complex_step_mode(True)
-    problem.set_val(wrt, start + 1e-40j * v)
-    if case in REFUSED or component in (LiveGridEvaluate, ControlMeshMove):
-        for call in (problem.run_model, lambda: problem.model.run_apply_linear("fwd")):
-            with pytest.raises(
-                InputError, match=r"^'component' <.*: there is no complex step .* method='fd'"
-            ) as refusal:
-                call()
-            assert "\n" not in str(refusal.value)
-    else:
-        problem.run_model()
-        np.testing.assert_allclose(
-            problem.get_val(of).imag.ravel() / 1e-40, forward, atol=1e-13 * np.abs(forward).max()
-        )
-    problem.set_complex_step_mode(False)
-    problem.set_val(wrt, start)
-    problem.run_model()  # goes on as if nothing had happened
-    np.testing.assert_array_equal(products(problem, of, wrt, v.ravel(), np.zeros(problem.get_val(of).size))[0], forward)
-
-
 @pytest.mark.parametrize("case", ["Fit", "GridEvaluate"])
 def test_linear_products_are_those_of_both_parts_under_complex_step(model, case):
     component, options, of, wrt = PARTIALS[case]

@@ -22,6 +22,7 @@ from bspline_mdao.components.quality import Quality
 from bspline_mdao.components.surface_control import SurfaceControl
 from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.components.surface_measure import SurfaceMeasure
+from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler_forces import EulerForces
 from bspline_mdao.flow.euler_state import EulerState
@@ -221,6 +222,41 @@ def test_products_are_exact_at_inputs_that_are_not_those_of_the_last_run(name):
     exact = extrapolated_difference(off, 4e-4, levels=3)
     assert np.abs(exact).max() > 1e-2
     assert np.abs(forward - exact).max() < 1e-8 * np.abs(exact).max()
+
+
+REFUSED = ("Fit, live", "LiveGridEvaluate", "ControlMeshMove", "Quality")
+"""How the names of components begin that know no complex step."""
+
+
+@every_component
+def test_a_complex_step_is_exact_or_refused_in_one_line(name):
+    problem = problem_of(name, force_alloc_complex=True)
+    component, rng = problem.model.component, np.random.default_rng(1)
+    point = point_of(component, 1)
+    along = [rng.standard_normal(len(vector)) for vector in point]
+    along[1] *= is_implicit(component)
+    real, (forward, *_) = residual(component, point), products(component, point, along, np.zeros(len(point[1])))
+    problem.set_complex_step_mode(True)
+    off = [vector + 1e-40j * change for vector, change in zip(point, along)]
+    if name.startswith(REFUSED):
+        for call in (component.run_apply_nonlinear, lambda: component.run_apply_linear("fwd")):
+            put(component, off)
+            with pytest.raises(InputError, match=r"^'component' <.*: there is no complex step .* method='fd'") as error:
+                call()
+            assert "\n" not in str(error.value)
+    else:
+        exact = residual(component, off).imag / 1e-40
+        assert np.abs(exact).max() > 1e-2
+        assert np.abs(forward - exact).max() < 1e-10 * np.abs(exact).max()
+    problem.set_complex_step_mode(False)
+    np.testing.assert_array_equal(residual(component, point), real)  # nothing is left of it
+
+
+def test_a_solution_of_the_flow_is_refused_under_complex_step():
+    problem = problem_of("EulerState", force_alloc_complex=True)
+    problem.set_complex_step_mode(True)
+    with pytest.raises(InputError, match=r"there is no complex step .* method='fd'"):
+        problem.run_model()
 
 
 @pytest.fixture

@@ -49,7 +49,8 @@ class SurfaceMeasure(SparseComponent):
         measure: Measure = self.options["measure"]
         self.add_input(SURFACE, val=measure.surface.points.ravel(), units="m")
         self.add_output(measure.name, shape=measure.shape, units=measure.units)
-        check_along_directions(self, difference_step(measure.surface.points[ids] for ids in measure.surface.faces))
+        step = difference_step(measure.surface.points[ids] for ids in measure.surface.faces)
+        check_along_directions(self, step, is_complex=True)
 
     def setup_partials(self):
         """Declare what may differ from zero."""
