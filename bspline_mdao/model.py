@@ -12,6 +12,7 @@ from .evaluation.evaluator import Evaluator
 from .evaluation.family import refine
 from .evaluation.index_scaling import IndexScaling
 from .fit.errors import FitReport
+from .grids.cgns import CgnsDialect
 from .grids.multiblock import Block, Grid, Patch
 from .grids.topology import Topology
 from .splines.mesh import BSplineMesh
@@ -214,12 +215,15 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
 
 
 def _scaled_header(header: GridHeader, scaling: IndexScaling) -> GridHeader:
+    """Header of a family member; a CGNS file is written back as a copy only where all blocks keep their nodes."""
     patches = tuple(_scaled_patch(patch, scaling) for patch in header.patches)
     iblanks = tuple(
         None if iblank is None else np.ascontiguousarray(iblank[np.ix_(*scaling.nearest(block))])
         for block, iblank in enumerate(header.iblanks)
     )
-    return replace(header, patches=patches, iblanks=iblanks)
+    is_same = all(len(p) == p[-1] + 1 for planes in scaling.planes for p in planes)
+    dialect = header.dialect if is_same or not isinstance(header.dialect, CgnsDialect) else None
+    return replace(header, patches=patches, iblanks=iblanks, dialect=dialect)
 
 
 def _scaled_patch(patch: Patch, scaling: IndexScaling) -> Patch:

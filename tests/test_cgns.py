@@ -21,10 +21,11 @@ from topology_cases import (
     turned_and_shuffled,
 )
 
-from bspline_mdao import flat_plate_grid, onera_m6_grid, write_grid
+from bspline_mdao import family_member, fit_grid, flat_plate_grid, onera_m6_grid, write_grid
 from bspline_mdao.cli.inspect import inspect_grid
 from bspline_mdao.errors import InputError
-from bspline_mdao.grids.cgns import read_cgns, write_cgns
+from bspline_mdao.evaluation.index_scaling import refined_topology
+from bspline_mdao.grids.cgns import CgnsDialect, read_cgns, write_cgns
 from bspline_mdao.grids.cgns_nodes import add_node, children, set_attributes, word
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Grid, Patch
@@ -329,6 +330,21 @@ def test_a_moved_grid_is_written_with_the_interfaces_of_the_baseline(tmp_path):
     apart = grid.with_vector(grid.to_vector() + 0.1 * np.repeat(np.arange(grid.n_nodes), 3))
     write_grid(tmp_path / "grid.cgns", apart, topology)
     assert read_cgns(tmp_path / "grid.cgns").connections == topology.interfaces
+
+
+def test_a_finer_member_of_a_grid_from_cgns_is_a_new_file(tmp_path):
+    baseline = grid_of(
+        *split(smooth_box(9, 8, 6), [4], [], []), patches=[Patch("lid", "wall", (Window(0, (0, 0, 0), (4, 7, 0)),))]
+    )
+    write_cgns(tmp_path / "grid.cgns", baseline)
+    model = fit_grid(read_cgns(tmp_path / "grid.cgns"))
+    topology = refined_topology(model.topology, 2.0)
+    write_grid(tmp_path / "fine.cgns", family_member(model, 2.0), topology)
+    fine = read_cgns(tmp_path / "fine.cgns")
+    assert fine.shapes == ((9, 15, 11), (9, 15, 11))
+    assert fine.patches == (Patch("lid", "wall", (Window(0, (0, 0, 0), (8, 14, 0)),)),)
+    assert find_topology(fine).interfaces == fine.connections == topology.interfaces
+    assert isinstance(family_member(model, 1.0).dialect, CgnsDialect)
 
 
 @pytest.mark.parametrize("n_kept", [0, 1])
