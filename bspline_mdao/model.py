@@ -70,11 +70,14 @@ class FitSettings:
         Cycles of parameter correction.
     smoothing : float
         Pull of the interior control points towards the coarse grid that they mimic.
+    parametrization : str
+        Of the nodes, before correction: one of `bspline_mdao.fit.parameters.EXPONENTS`, or ``"given"`` for the user's.
     """
 
     knots: str = "curved"
     corrections: int = 0
     smoothing: float = 0.0
+    parametrization: str = "chord_length"
 
 
 @dataclass(frozen=True, eq=False)

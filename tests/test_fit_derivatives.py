@@ -17,15 +17,17 @@ from bspline_mdao.fit.prior import greville_prior
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.grids.sections import whole_slices
 
+EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0}
 
-def parameters_of(nodes):
-    """Chord-length parameters, complex-safe and slow."""
+
+def parameters_of(nodes, kind="chord_length"):
+    """Parameters by powers of chord lengths, complex-safe and slow."""
     parameters = np.zeros(nodes.shape, dtype=nodes.dtype)
     for d in range(3):
         if nodes.shape[d] == 1:
             continue
         chords = np.diff(nodes, axis=d)
-        lengths = np.cumsum(np.sqrt((chords**2).sum(axis=-1)), axis=d)
+        lengths = np.cumsum(np.sqrt((chords**2).sum(axis=-1)) ** EXPONENTS[kind], axis=d)
         uniform = np.linspace(0, 1, nodes.shape[d])[1:].reshape([-1 if e == d else 1 for e in range(3)])
         total = lengths.take([-1], d)
         is_empty = np.abs(total) < 1e-10
@@ -89,7 +91,7 @@ def reference_fit(model, nodes):
     frozen = problem_of_mesh(model.topology, model.mesh, model.settings.smoothing)
     sizes = [(v.n_control, v.orders) for v in model.mesh.volumes]
     matrices = [
-        dense_rows(parameters_of(nodes[rows]), *size, model.settings.knots)
+        dense_rows(parameters_of(nodes[rows], model.settings.parametrization), *size, model.settings.knots)
         for rows, size in zip(frozen.sharing.rows, sizes)
     ]
     b = np.zeros((model.mesh.n_control_points, 3), dtype=nodes.dtype)
@@ -117,17 +119,20 @@ def reference_fit(model, nodes):
     return b, matrices, frozen
 
 
+@pytest.mark.parametrize("kind", EXPONENTS)
 @pytest.mark.parametrize("shape", ALL_SHAPES)
-def test_parameter_derivatives_agree_with_complex_step_and_transpose(shape):
+def test_parameter_derivatives_agree_with_complex_step_and_transpose(shape, kind):
     rng = np.random.default_rng(5)
     nodes = ALL_SHAPES[shape]().blocks[0].nodes
     direction, bar = rng.standard_normal((2, *nodes.shape))
-    parameters = chord_length_parameters(nodes)
-    forward = chord_length_parameters_jvp(nodes, parameters, direction)
+    parameters = chord_length_parameters(nodes, EXPONENTS[kind])
+    np.testing.assert_allclose(parameters, parameters_of(nodes, kind), atol=1e-14)
+    forward = chord_length_parameters_jvp(nodes, parameters, direction, EXPONENTS[kind])
+    assert np.any(forward) == (kind != "uniform")
     if shape != "wedge":  # at a collapsed line the length is not differentiable
-        expected = parameters_of(nodes + 1e-30j * direction).imag / 1e-30
+        expected = parameters_of(nodes + 1e-30j * direction, kind).imag / 1e-30
         np.testing.assert_allclose(forward, expected, atol=1e-12 * np.abs(expected).max())
-    reverse = chord_length_parameters_vjp(nodes, parameters, bar)
+    reverse = chord_length_parameters_vjp(nodes, parameters, bar, EXPONENTS[kind])
     assert np.vdot(bar, forward) == pytest.approx(np.vdot(reverse, direction), rel=1e-12)
 
 
@@ -158,6 +163,8 @@ CASES = {
     "smoothing": ({"smoothing": 0.1}, lambda: grid_of(bend(lattice(8, 8, 7)))),
     "flat": ({}, lambda: grid_of(bend(lattice(12, 1, 11)))),
     "two blocks": ({}, lambda: grid_of(bend(lattice(7, 8, 5)), bend(lattice(8, 8, 5) + [1, 0, 0])[::-1])),
+    "centripetal": ({"parametrization": "centripetal"}, lambda: grid_of(bend(lattice(9, 8, 7)))),
+    "uniform": ({"parametrization": "uniform"}, lambda: grid_of(bend(lattice(8, 7, 7)))),
     "o-grid": ({}, lambda: ALL_SHAPES["o_grid"](13, 7, 4)),
 }
 
@@ -257,3 +264,5 @@ def test_corrected_and_given_parameters_are_refused():
         live_fit(fit_grid(grid, corrections=1), nodes)
     with pytest.raises(InputError, match="does not follow the grid"):
         live_fit(fit_grid(grid, knots=[model.mesh.volumes[0].knots]), nodes)
+    with pytest.raises(InputError, match="does not follow the grid"):
+        live_fit(fit_grid(grid, parametrization=model.parameters), nodes)

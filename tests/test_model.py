@@ -1,5 +1,6 @@
 """Fitted models and their files."""
 
+import json
 import pickle
 
 import h5py
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from fit_cases import ALL_SHAPES, bent_block, c_grid, two_blocks
 
+from bspline_mdao import model_file
 from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
@@ -100,6 +102,22 @@ def test_a_newer_version_is_refused(saved):
         file.attrs["version"] = 99
     with pytest.raises(InputError, match="is of version 99, newer than 2"):
         FittedModel.load(saved)
+
+
+def test_a_file_of_version_1_is_read(saved):
+    model = FittedModel.load(saved)
+    with h5py.File(saved, "a") as file:
+        arrays = {}
+        file.visititems(lambda name, item: arrays.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+        document = json.loads(arrays.pop("document").tobytes())
+        del document["report"]["factor_bytes"], document["settings"]["parametrization"], file["document"]
+        old = json.dumps(document).encode()
+        file["document"] = np.frombuffer(old, np.uint8)
+        file.attrs.update(version=1, checksum=model_file._checksum(old, arrays))
+    again = FittedModel.load(saved)
+    assert again.settings == model.settings
+    assert again.report == model.report
+    assert again.settings.parametrization == "chord_length"
 
 
 @pytest.mark.parametrize("name", ["control_points", "document", "parameters/1", "knots/0/2"])

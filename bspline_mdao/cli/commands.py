@@ -95,6 +95,13 @@ def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path
     help="Pull of the control points towards a coarse copy of the grid: 0 is least squares; inf, the copy itself, "
     "is valid where that coarse grid is.",
 )
+@click.option(
+    "--parametrization",
+    type=click.Choice(["chord_length", "centripetal", "uniform"]),
+    default="chord_length",
+    show_default=True,
+    help="Parameters of the nodes along grid lines.",
+)
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @json_option
 def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:

@@ -32,6 +32,8 @@ class FitOptions:
         Pull of the inner control points towards a coarse copy of the grid.
     no_residual : bool
         Do not carry the residual.
+    parametrization : str
+        Of the nodes along grid lines.
     """
 
     n_control: tuple[int, int, int] | None = None
@@ -40,6 +42,7 @@ class FitOptions:
     patches: Path | None = None
     smoothing: float = 0.0
     no_residual: bool = False
+    parametrization: str = "chord_length"
 
 
 def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptions) -> None:
@@ -70,6 +73,7 @@ def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptio
             corrections=options.correct,
             keep_residual=not options.no_residual,
             smoothing=options.smoothing,
+            parametrization=options.parametrization,
             progress=progress,
         )
     with written_json(json, fit_numbers(model)):

@@ -40,14 +40,14 @@ class Fit(om.ExplicitComponent):
     model : FittedModel
         Fit of the baseline grid: topology, orders, numbers of control points, and the parameters and knots to freeze.
     live : bool
-        Take chord-length parameters and edge knots from the input as well, and differentiate through them, so that a
+        Take parameters and edge knots from the input as well, and differentiate through them, so that a
         grid generator upstream gets the exact total derivative.
 
     Raises
     ------
     InputError
-        In ``setup``, if ``live`` is asked of a model whose parameters are corrected or whose knots are the user's own;
-        in a run, under complex step with ``live``.
+        In ``setup``, if ``live`` is asked of a model whose parameters are corrected or given or whose knots are the
+        user's own; in a run, under complex step with ``live``.
     om.AnalysisError
         In a run, if a node is not finite, or if the nodes cannot be fitted.
     """

@@ -43,8 +43,8 @@ class LiveGridEvaluate(om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if the model's parameters are corrected or its knots are the user's own; in a run, under complex
-        step.
+        In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own; in a run,
+        under complex step.
     om.AnalysisError
         In a run, if a number is not finite, or if the nodes have no parameters and knots.
     """

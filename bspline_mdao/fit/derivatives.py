@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from ..model import FittedModel
 from .least_squares import FitStep
 from .live_mapping import Change, LiveMapping, live_problem, sum_apply
+from .parameters import EXPONENTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +102,11 @@ def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
     Raises
     ------
     InputError
-        If the model has corrected parameters or the user's own knots, which are no functions of the grid.
+        If the model has corrected parameters or the user's own parameters or knots, which are no functions of the grid.
     """
     problem, parameters = live_problem(model, nodes)
     operator = problem.operator(parameters)
     matrices = tuple(step.matrix for step in operator.steps)
-    mapping = LiveMapping(problem, model.settings.knots, nodes, parameters, matrices)
+    exponent = EXPONENTS[model.settings.parametrization]
+    mapping = LiveMapping(problem, model.settings.knots, exponent, nodes, parameters, matrices)
     return LiveFit(mapping, operator.steps, operator.forward(nodes))

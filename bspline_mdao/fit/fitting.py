@@ -20,7 +20,7 @@ from .edge_knots import knots_of_segment
 from .errors import report_errors
 from .factor_size import choose_affordable_counts
 from .knot_agreement import require_agreement
-from .parameters import chord_length_parameters
+from .parameters import EXPONENTS, chord_length_parameters, given_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
 
 
@@ -34,6 +34,7 @@ def fit_grid(
     corrections: int = 0,
     keep_residual: bool = True,
     smoothing: float = 0.0,
+    parametrization="chord_length",
     progress: Progress | None = None,
 ) -> FittedModel:
     """Fit a grid: parameters, knots, then corners, edges, faces and interiors by least squares.
@@ -60,6 +61,10 @@ def fit_grid(
         squares. Values up to 0.1 can unfold control elements inside blocks, at some loss of accuracy. Infinity makes
         all control points that coarse grid itself, surfaces too: the control mesh is then as valid as the coarse grid,
         and the residual carries what it misses, several cells in places.
+    parametrization : str or sequence of ndarray
+        Parameters of the nodes along every grid line: ``"chord_length"``; ``"centripetal"``, by square roots of chord
+        lengths; ``"uniform"`` or ``"index"``, proportional to the index; or the user's own, an array of shape
+        (ni, nj, nk, 3) for every block (or segment), rising from 0 to 1 along every line and equal where blocks meet.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 
@@ -87,7 +92,7 @@ def fit_grid(
     progress(0.0, "control points")
     counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
     nodes = grid.to_vector().reshape(-1, 3)
-    parameters = segment_parameters(grid, topology)
+    parameters = segment_parameters(grid, topology, parametrization)
     problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, smoothing)
     share = 1 / (1 + CYCLE_COST * corrections)
     solution = solve_fit(problem, parameters, nodes, part_of(progress, 0, share))
@@ -108,13 +113,32 @@ def fit_grid(
         residual=nodes - solution.fitted if keep_residual else None,
         header=GridHeader.of(grid),
         report=report,
-        settings=FitSettings(knots if isinstance(knots, str) else "given", corrections, smoothing),
+        settings=FitSettings(_kind(knots), corrections, smoothing, _kind(parametrization)),
     )
 
 
-def segment_parameters(grid: Grid, topology: Topology) -> list[np.ndarray]:
-    """Chord-length parameters of the nodes of every segment, each of shape (L0, L1, L2, 3)."""
-    return [chord_length_parameters(grid.blocks[w.block].nodes[w.slices]) for w in topology.segments]
+def _kind(choice) -> str:
+    """Name of a choice; ``"given"`` where it is the user's own."""
+    return choice if isinstance(choice, str) else "given"
+
+
+def segment_parameters(grid: Grid, topology: Topology, parametrization="chord_length") -> list[np.ndarray]:
+    """Parameters of the nodes of every segment, each of shape (L0, L1, L2, 3).
+
+    Raises
+    ------
+    InputError
+        If the parametrization is unknown, or the user's own does not fit the grid.
+    """
+    if not isinstance(parametrization, str):
+        return given_parameters(topology, parametrization)
+    if parametrization not in EXPONENTS:
+        raise InputError(
+            f'{grid.source}: parametrization "{parametrization}" is unknown; use one of {", ".join(EXPONENTS)}, or '
+            f"give parameters for every block"
+        )
+    exponent = EXPONENTS[parametrization]
+    return [chord_length_parameters(grid.blocks[w.block].nodes[w.slices], exponent) for w in topology.segments]
 
 
 def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved", smoothing: float = 0.0) -> FitProblem:

@@ -1,6 +1,6 @@
 """The mapping ``x = A b`` whose parameters and knots follow the baseline grid ("live"), with its derivatives.
 
-The matrix A of an entity depends on the chord-length parameters of its nodes and on the knots on the edges of its
+The matrix A of an entity depends on the parameters of its nodes and on the knots on the edges of its
 block, and both depend on the nodes of the baseline grid. Spans stay as they are.
 """
 
@@ -17,7 +17,12 @@ from .design_matrix import DesignMatrix, build_design_matrix
 from .edge_knots import knots_of_segment, knots_of_segment_jvp, knots_of_segment_vjp
 from .entities import Entity
 from .matrix_derivatives import LiveMatrix
-from .parameters import chord_length_parameters, chord_length_parameters_jvp, chord_length_parameters_vjp
+from .parameters import (
+    EXPONENTS,
+    chord_length_parameters,
+    chord_length_parameters_jvp,
+    chord_length_parameters_vjp,
+)
 from .problem import FitProblem, problem_of_mesh
 
 
@@ -47,6 +52,8 @@ class LiveMapping:
         Entities and shared nodes, the knots of the mesh being those of this grid.
     kind : str
         Kind of knots.
+    exponent : float
+        Power of the chords that parameters are made of, see `bspline_mdao.fit.parameters.EXPONENTS`.
     nodes : ndarray, shape (n_nodes, 3)
         The baseline grid (m).
     parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
@@ -57,6 +64,7 @@ class LiveMapping:
 
     problem: FitProblem
     kind: str
+    exponent: float
     nodes: np.ndarray
     parameters: tuple[np.ndarray, ...]
     matrices: tuple[DesignMatrix, ...]
@@ -118,7 +126,7 @@ class LiveMapping:
         """Differentiate parameters and edge knots along ``d_nodes``, shape (n_nodes, 3)."""
         d_parameters, d_corners = [], []
         for rows, x, volume in zip(self.problem.sharing.rows, self.parameters, self.problem.mesh.volumes):
-            d_parameters.append(chord_length_parameters_jvp(self.nodes[rows], x, d_nodes[rows]))
+            d_parameters.append(chord_length_parameters_jvp(self.nodes[rows], x, d_nodes[rows], self.exponent))
             arguments = x, volume.n_control, volume.orders, self.kind, d_parameters[-1]
             d_corners.append(knots_of_segment_jvp(*arguments))
         return Change(d_parameters, d_corners)
@@ -129,7 +137,7 @@ class LiveMapping:
             volume = self.problem.mesh.volumes[segment]
             arguments = x, volume.n_control, volume.orders, self.kind, bars.corners[segment]
             parameters_bar = bars.parameters[segment] + knots_of_segment_vjp(*arguments)
-            nodes_bar[rows] += chord_length_parameters_vjp(self.nodes[rows], x, parameters_bar)
+            nodes_bar[rows] += chord_length_parameters_vjp(self.nodes[rows], x, parameters_bar, self.exponent)
 
     def no_change(self) -> Change:
         """Zeros of the shapes of a `Change`."""
@@ -177,26 +185,28 @@ def live_mapping(model: FittedModel, nodes: np.ndarray) -> LiveMapping:
     Raises
     ------
     InputError
-        If the model has corrected parameters or the user's own knots, which are no functions of the grid.
+        If the model has corrected parameters or the user's own parameters or knots, which are no functions of the grid.
     """
     problem, parameters = live_problem(model, nodes)
     matrices = tuple(
         build_design_matrix(problem.mesh.volumes[e.segment], parameters[e.segment][e.inner].reshape(-1, 3), e.is_free)
         for e in problem.entities
     )
-    return LiveMapping(problem, model.settings.knots, nodes, parameters, matrices)
+    settings = model.settings
+    return LiveMapping(problem, settings.knots, EXPONENTS[settings.parametrization], nodes, parameters, matrices)
 
 
 def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tuple[np.ndarray, ...]]:
     """Set up the fit of another baseline grid, with parameters and knots of its own; see `live_mapping`."""
     settings = model.settings
-    if settings.corrections or settings.knots == "given":
+    if settings.corrections or "given" in (settings.knots, settings.parametrization):
         raise InputError(
-            f"{model.header.source}: a fit with corrected parameters or given knots does not follow the grid; "
+            f"{model.header.source}: a fit with corrected or given parameters or given knots does not follow the grid; "
             f"fit without them, or keep parameters and knots frozen"
         )
     frozen = problem_of_mesh(model.topology, model.mesh, settings.smoothing)
-    parameters = tuple(chord_length_parameters(nodes[rows]) for rows in frozen.sharing.rows)
+    exponent = EXPONENTS[settings.parametrization]
+    parameters = tuple(chord_length_parameters(nodes[rows], exponent) for rows in frozen.sharing.rows)
     volumes = tuple(
         Volume(knots_of_segment(x, v.n_control, v.orders, settings.knots))
         for x, v in zip(parameters, model.mesh.volumes)
