@@ -13,7 +13,7 @@ from .evaluation.family import refine
 from .evaluation.index_scaling import IndexScaling
 from .fit.errors import FitReport
 from .grids.cgns import CgnsDialect
-from .grids.multiblock import Block, Grid, Patch
+from .grids.multiblock import Block, Grid, Patch, as_array
 from .grids.topology import Topology
 from .splines.mesh import BSplineMesh
 
@@ -56,6 +56,24 @@ class GridHeader:
             blocks.append(Block(nodes[start:stop].reshape(*shape, 3), name, iblank))
             start = stop
         return Grid(tuple(blocks), self.patches, self.source, self.dialect)
+
+
+def checked_points(points, n_points: int, what: str) -> np.ndarray:
+    """Points as an array of shape (n_points, 3) of finite numbers.
+
+    Raises
+    ------
+    InputError
+        If they are something else; ``what`` they are begins the message.
+    """
+    array = as_array(points, what)
+    if array.shape != (n_points, 3):
+        raise InputError(f"{what} of shape {array.shape}; give shape ({n_points}, 3)")
+    is_bad = ~np.isfinite(array).all(axis=1)
+    if is_bad.any():
+        number = int(np.argmax(is_bad))
+        raise InputError(f"{what}: number {number + 1} of {n_points} is {array[number]}, not finite; correct it")
+    return array
 
 
 @dataclass(frozen=True)
@@ -114,11 +132,13 @@ class FittedModel:
     settings: FitSettings = FitSettings()
 
     def __post_init__(self):
-        if self.control_points.shape != (self.mesh.n_control_points, 3):
-            raise InputError(
-                f"{self.header.source}: control points of shape {self.control_points.shape}; "
-                f"give shape ({self.mesh.n_control_points}, 3)"
-            )
+        self._check("control_points", self.mesh.n_control_points)
+        if self.residual is not None:
+            self._check("residual", self.topology.n_nodes)
+
+    def _check(self, name: str, n_points: int) -> None:
+        points = checked_points(getattr(self, name), n_points, f"{self.header.source}: {name.replace('_', ' ')}")
+        object.__setattr__(self, name, points)
 
     @property
     def n_nodes(self) -> int:
@@ -148,8 +168,16 @@ class FittedModel:
         -------
         Grid
             Nodes in metres; names, patches and dialect are those of the fitted grid.
+
+        Raises
+        ------
+        InputError
+            If the control points are of another shape, or not finite.
         """
-        points = self.evaluator().forward(self.control_points if control_points is None else control_points)
+        if control_points is None:
+            control_points = self.control_points
+        what = f"{self.header.source}: control points"
+        points = self.evaluator().forward(checked_points(control_points, self.mesh.n_control_points, what))
         if self.residual is not None:
             points = points + self.residual
         return self.header.grid(self.topology.shapes, points)

@@ -16,8 +16,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from dataclasses import fields, is_dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import h5py
@@ -180,9 +182,11 @@ def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
         for s, orders in enumerate(document["orders"])
     ]
     ids, control_points = [arrays[f"control_ids/{s}"] for s in range(len(volumes))], arrays["control_points"]
-    header = document["header"]
+    header, topology = document["header"], document["topology"]
+    _check_topology(topology, header)
+    _check_parameters(topology, volumes, arrays)
     return FittedModel(
-        topology=document["topology"],
+        topology=topology,
         mesh=BSplineMesh(tuple(volumes), tuple(ids), len(control_points)),
         parameters=tuple(arrays[f"parameters/{s}"] for s in range(len(volumes))),
         control_points=control_points,
@@ -191,6 +195,78 @@ def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
         report=document["report"],
         settings=document["settings"],
     )
+
+
+def _check_topology(topology: Topology, header: GridHeader) -> None:
+    """Raise ValueError unless every index stays within the blocks and segments, and segments fill the blocks."""
+    shapes = topology.shapes
+    if not shapes or len(header.names) != len(shapes):
+        raise ValueError("blocks")
+    names = [header.source, topology.source, *header.names, *(patch.name for patch in header.patches)]
+    declared = [(face.patch, face.kind) for face in topology.boundary if (face.patch, face.kind) != (None, None)]
+    if not all(isinstance(name, str) for name in (*names, *(name for pair in declared for name in pair))):
+        raise ValueError("names")
+    for shape in shapes:
+        _check_numbers(shape, 1, np.iinfo(np.int32).max)
+    sides = [side for interface in topology.interfaces for side in (interface.a, interface.b)]
+    misses = [side for miss in topology.near_misses for side in (miss.window, miss.other) if side is not None]
+    patches = [window for patch in header.patches for window in patch.windows]
+    boundary = [face.window for face in topology.boundary]
+    for window in (*sides, *misses, *patches, *boundary, *topology.collapsed, *topology.segments):
+        _check_window(window, shapes)
+    for block, shape in enumerate(shapes):
+        mine = [segment for segment in topology.segments if segment.block == block]
+        n_cells = [math.prod(max(n - 1, 1) for n in one) for one in (shape, *(segment.shape for segment in mine))]
+        if n_cells[0] != sum(n_cells[1:]) or any(a.overlaps(b) for a, b in combinations(mine, 2)):
+            raise ValueError("segments")
+    for interface in topology.interfaces:
+        _check_orientation(interface.orientation, interface.a.shape, interface.b.shape)
+    for collapse in topology.collapses:
+        _check_numbers((collapse.direction,), 0, 2)
+        _section_shape(topology, collapse.segment, collapse.section)
+    for link in topology.links:
+        shapes = (_section_shape(topology, *end) for end in ((link.a, link.a_section), (link.b, link.b_section)))
+        _check_orientation(link.orientation, *shapes)
+
+
+def _check_window(window: Window, shapes) -> None:
+    _check_numbers((window.block,), 0, len(shapes) - 1)
+    if len(window.lo) != 3 or len(window.hi) != 3:
+        raise ValueError("window")
+    for lo, hi, n in zip(window.lo, window.hi, shapes[window.block]):
+        _check_numbers((lo,), 0, n - 1)
+        _check_numbers((hi,), lo, n - 1)
+
+
+def _section_shape(topology: Topology, number: int, section) -> list[int]:
+    """Number of nodes in each direction of a section of a segment."""
+    _check_numbers((number,), 0, len(topology.segments) - 1)
+    if len(section) != 3 or any(end not in (0, -1, None) for end in section):
+        raise ValueError("section")
+    return [n if end is None else 1 for n, end in zip(topology.segments[number].shape, section)]
+
+
+def _check_orientation(orientation: Orientation, shape, other) -> None:
+    """Raise ValueError unless it carries one shape to the other."""
+    is_permutation = sorted(orientation.perm) == [0, 1, 2] and len(orientation.flip) == 3
+    if not is_permutation or any(n != other[p] for n, p in zip(shape, orientation.perm)):
+        raise ValueError("orientation")
+
+
+def _check_numbers(numbers, least: int, most: int) -> None:
+    """Raise ValueError unless these are whole numbers within limits."""
+    if any(type(number) is not int or not least <= number <= most for number in numbers):
+        raise ValueError("index")
+
+
+def _check_parameters(topology: Topology, volumes: list[Volume], arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError unless each segment has one volume, and parameters of its nodes from 0 to 1."""
+    if len(volumes) != len(topology.segments):
+        raise ValueError("volumes")
+    for s, segment in enumerate(topology.segments):
+        parameters = arrays[f"parameters/{s}"]
+        if parameters.shape != (*segment.shape, 3) or not (np.abs(parameters - 0.5) <= 0.5 + 1e-9).all():
+            raise ValueError("parameters")
 
 
 def _encode(value):

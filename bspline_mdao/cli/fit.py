@@ -7,7 +7,7 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import FitWarning
+from ..errors import FitWarning, InputError
 from ..fit.fitting import fit_grid
 from ..model import FittedModel
 from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
@@ -63,6 +63,8 @@ def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptio
         If the grid cannot be used or a file cannot be written.
     """
     check_outputs([output, json], [file_of(grid_name), options.patches])
+    if output.suffix != ".h5":
+        raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)  # it is in the report
         progress(0.0, "reading")

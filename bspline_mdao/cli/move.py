@@ -14,7 +14,7 @@ import numpy as np
 from ..deformations import parse_deformation
 from ..errors import InputError, MovementError
 from ..grids.atomic import replaced_file
-from ..grids.files import write_grid
+from ..grids.files import check_grid_name, write_grid
 from ..grids.multiblock import Grid
 from ..model import FittedModel
 from ..movement.boundary import moving_mesh
@@ -111,6 +111,7 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
+        check_grid_name(output, model.header)
         moved = _move(model, model_file, options, progress)
         if moved.newly_inverted and not options.allow_invalid:
             raise MovementError(_complaint(moved))

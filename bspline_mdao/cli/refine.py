@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..evaluation.index_scaling import refined_topology
-from ..grids.files import write_grid
+from ..grids.files import check_grid_name, write_grid
 from ..model import FittedModel, family_member
 from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
 
@@ -36,6 +36,7 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
+        check_grid_name(output, model.header)
         topology = refined_topology(model.topology, factor)
         n_nodes = topology.n_nodes
         if n_nodes > MOST_NODES:

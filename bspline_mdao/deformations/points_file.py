@@ -78,7 +78,7 @@ def read_points(path, n_points: int) -> np.ndarray:
 
 def _read_text(path):
     """Rows of numbers; the first line may be a heading."""
-    lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
+    lines = path.read_text(encoding="utf-8-sig").replace(",", " ").splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if rows and not _is_numeric(rows[0]):
         rows = rows[1:]

@@ -23,7 +23,7 @@ _HEAD = 4096  # bytes that tell the format
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ADF = b"@(#)ADF Database"
 _ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
-_OTHER_SUFFIXES = (".vtk", ".vts", ".vtu", ".vtp", ".pvd", ".su2", ".msh", ".h5")
+_PLOT3D_SUFFIXES = (".xyz", ".x", ".p3d", ".plot3d", ".g", ".grd", ".unf", *_ASCII_SUFFIXES)
 
 
 def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:
@@ -61,10 +61,11 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid, whole or not at all.
 
-    The suffixes ``.cgns`` and ``.vtm`` (ParaView) and the name ``polyMesh`` (OpenFOAM) choose these formats. Under any
-    other name a grid read from PLOT3D is written in the dialect that it was read in; other grids become PLOT3D with
-    8-byte reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either
-    compressed where ``.gz`` follows.
+    The suffixes ``.cgns`` and ``.vtm`` (ParaView) and the name ``polyMesh`` (OpenFOAM) choose these formats. Under a
+    name of PLOT3D (``.xyz``, ``.x``, ``.p3d``, ``.plot3d``, ``.g``, ``.grd``, ``.unf``, ``.fmt``, ``.p3dfmt``,
+    ``.txt``, no suffix, or that which the grid was read from) a grid read from PLOT3D is written in the dialect that
+    it was read in; other grids become PLOT3D with 8-byte reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and
+    ``.txt``, else raw little-endian binary, either compressed where ``.gz`` follows.
 
     Parameters
     ----------
@@ -80,11 +81,8 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     InputError
         When the format cannot hold the grid, the name promises another format, or the file cannot be written.
     """
+    check_grid_name(path, grid)
     suffix = Path(path).suffix.lower()
-    if suffix in _OTHER_SUFFIXES:
-        raise InputError(
-            f"{path}: no '{suffix}' files are written; name it .vtm (ParaView), .cgns, .xyz, .fmt or polyMesh"
-        )
     if Path(path).name == FOLDER:
         write_polymesh(path, grid, topology)
     elif suffix == ".cgns":
@@ -97,8 +95,38 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
         write_plot3d(path, grid, _dialect_of_name(Path(path)))
 
 
+def check_grid_name(path: str | os.PathLike, grid: Grid) -> None:
+    """Refuse a name that promises another format than those that are written.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to make or replace.
+    grid : Grid
+        The grid, or what has its source and dialect: one read from PLOT3D may keep the suffix of its file.
+
+    Raises
+    ------
+    InputError
+        When the suffix is of none of the formats; the message lists them.
+    """
+    name = Path(path)
+    suffix = _plot3d_suffix(name)
+    is_as_read = isinstance(grid.dialect, Plot3dDialect) and suffix == _plot3d_suffix(Path(grid.source))
+    if name.name == FOLDER or is_as_read or suffix in ("", ".cgns", ".vtm", *_PLOT3D_SUFFIXES):
+        return
+    raise InputError(
+        f"{path}: no '{suffix}' files are written; name it .vtm (ParaView), .cgns, {FOLDER} (OpenFOAM), or for PLOT3D "
+        f"{', '.join(_PLOT3D_SUFFIXES)}"
+    )
+
+
+def _plot3d_suffix(path: Path) -> str:
+    """Suffix of a name, before that of compression."""
+    return (path.with_suffix("") if path.suffix.lower() == ".gz" else path).suffix.lower()
+
+
 def _dialect_of_name(path: Path) -> Plot3dDialect:
     """Dialect for a grid that was not read from PLOT3D."""
-    is_gzipped = path.suffix.lower() == ".gz"
-    suffix = path.with_suffix("").suffix if is_gzipped else path.suffix
-    return Plot3dDialect("ascii" if suffix.lower() in _ASCII_SUFFIXES else "raw", is_gzipped=is_gzipped)
+    is_ascii = _plot3d_suffix(path) in _ASCII_SUFFIXES
+    return Plot3dDialect("ascii" if is_ascii else "raw", is_gzipped=path.suffix.lower() == ".gz")

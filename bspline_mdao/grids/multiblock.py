@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,6 +33,13 @@ class Patch:
     kind: str
     windows: tuple[Window, ...]
 
+    def __post_init__(self):
+        if self.kind not in PATCH_KINDS:
+            raise InputError(
+                f"patch {self.name}: kind {self.kind!r} is not known; give one of {', '.join(PATCH_KINDS)}"
+            )
+        object.__setattr__(self, "windows", tuple(self.windows))
+
 
 @dataclass(frozen=True)
 class Block:
@@ -45,11 +53,31 @@ class Block:
         Zone name; ``"block 3"`` and the like where the file has none.
     iblank : ndarray of int32, shape (ni, nj, nk), optional
         PLOT3D blanking.
+
+    Raises
+    ------
+    InputError
+        If nodes or blanking are of another shape, or no numbers.
     """
 
     nodes: np.ndarray
     name: str
     iblank: np.ndarray | None = None
+
+    def __post_init__(self):
+        nodes = as_array(self.nodes, f"{self.name}: nodes")
+        if nodes.ndim != 4 or nodes.shape[3] != 3 or nodes.size == 0:
+            raise InputError(
+                f"{self.name}: nodes of shape {nodes.shape}; give shape (ni, nj, nk, 3) with a node or more in each "
+                f"direction, z = 0 where the grid is plane"
+            )
+        object.__setattr__(self, "nodes", nodes)
+        if self.iblank is None:
+            return
+        iblank = as_array(self.iblank, f"{self.name}: IBLANK")
+        if iblank.shape != self.shape:
+            raise InputError(f"{self.name}: IBLANK of shape {iblank.shape}; give shape {self.shape}")
+        object.__setattr__(self, "iblank", iblank.astype(np.int32, copy=False))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -82,6 +110,19 @@ class Grid:
     dialect: object | None = field(default=None, compare=False)
     connections: tuple[Interface, ...] = ()
 
+    def __post_init__(self):
+        for name, kind in (("blocks", Block), ("patches", Patch)):
+            items = getattr(self, name)
+            items = tuple(items) if isinstance(items, Iterable) else (items,)
+            strangers = [type(item).__name__ for item in items if not isinstance(item, kind)]
+            if strangers:
+                raise InputError(
+                    f"{self.source}: one of the {name} is of type {strangers[0]}; give {kind.__name__} objects"
+                )
+            object.__setattr__(self, name, items)
+        if not self.blocks:
+            raise InputError(f"{self.source}: has no blocks; give one or more")
+
     @property
     def shapes(self) -> tuple[tuple[int, int, int], ...]:
         """Shape of every block."""
@@ -98,6 +139,7 @@ class Grid:
 
     def with_vector(self, vector: np.ndarray) -> Grid:
         """The same grid with the nodes of ``vector``, shape (3 n_nodes,)."""
+        vector = as_array(vector, f"{self.source}: the vector of nodes")
         if vector.shape != (3 * self.n_nodes,):
             raise InputError(
                 f"{self.source}: a vector of shape {vector.shape} does not fit {self.n_nodes} nodes; "
@@ -109,3 +151,12 @@ class Grid:
             blocks.append(replace(block, nodes=vector[start : start + size].reshape(block.nodes.shape)))
             start += size
         return replace(self, blocks=tuple(blocks))
+
+
+def as_array(values, what: str) -> np.ndarray:
+    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex."""
+    try:
+        array = np.asarray(values)
+        return np.ascontiguousarray(array, dtype=complex if array.dtype.kind == "c" else float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: no array of numbers ({error}); give an array") from error

@@ -49,10 +49,10 @@ def read_plot3d(path: str | os.PathLike) -> Grid:
     InputError
         When no dialect, or more than one, makes sense of the file, or a node is not finite.
     """
-    data, is_gzipped = read_bytes(path)
+    data, is_gzipped, ignored = read_bytes(path)
     readings = exact_readings(data, str(path))
     dialect, blocks = _most_plausible(readings, str(path))
-    return Grid(blocks, source=str(path), dialect=replace(dialect, is_gzipped=is_gzipped))
+    return Grid(blocks, source=str(path), dialect=replace(dialect, is_gzipped=is_gzipped, ignored=ignored))
 
 
 def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect, tuple[Block, ...]]:

@@ -7,8 +7,9 @@ header must make sense and the file must have exactly the length that the header
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -48,6 +49,8 @@ class Plot3dDialect:
         Whether an integer per node follows the coordinates.
     is_gzipped : bool
         Whether the file is compressed with gzip.
+    ignored : tuple of str
+        What the file holds besides, one line each.
     """
 
     encoding: str = "raw"
@@ -60,6 +63,7 @@ class Plot3dDialect:
     n_dimensions: int = 3
     has_iblank: bool = False
     is_gzipped: bool = False
+    ignored: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def real_dtype(self) -> np.dtype:
@@ -155,8 +159,9 @@ def exact_readings(data: bytes, source: str) -> list[Reading]:
 
 def _containers(data: bytes, source: str) -> Iterator[tuple[Plot3dDialect, object, list[int] | None]]:
     """Ways to get at the plain numbers: dialect so far, content, and lengths of the records where there are any."""
-    if is_text(data):
-        yield Plot3dDialect("ascii"), parse_numbers(data, source), None
+    text = data.removeprefix(BOM_UTF8)  # which editors on Windows put first
+    if is_text(text):
+        yield Plot3dDialect("ascii"), parse_numbers(text, source), None
         return
     found = False
     for byte_order, marker_bytes in product("<>", (4, 8)):

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 
@@ -110,8 +111,8 @@ def in_increments(
     MovementError
         If the move cannot be done, or carries a point far beyond what the surface does.
     """
-    if n_increments < 1:
-        raise InputError(f"movement: {n_increments} increments; give at least 1")
+    if isinstance(n_increments, bool) or not isinstance(n_increments, Integral) or n_increments < 1:
+        raise InputError(f"movement: {n_increments!r} increments; give at least 1, a whole number")
     check_request(mesh, initial, surface)
     start, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]

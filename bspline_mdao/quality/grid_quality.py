@@ -78,9 +78,17 @@ class GridQuality:
 
     @classmethod
     def of_baseline(cls, grid: Grid, rho: float = 100.0, p: int = 64, n_threads: int | None = None) -> GridQuality:
-        """Look at the cells of a baseline grid."""
+        """Look at the cells of a baseline grid.
+
+        Raises
+        ------
+        InputError
+            If all nodes of a block are at one point, or no block has cells.
+        """
         blocks, first_node, first_cell = [], 0, 0
-        for block in grid.blocks:
+        for number, block in enumerate(grid.blocks, start=1):
+            if np.ptp(block.nodes.reshape(-1, 3), axis=0).max() == 0.0:
+                raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
             if sum(n > 1 for n in block.shape) > 1:
                 blocks.append(BlockCells.of_baseline(block.name, block.nodes, first_node, first_cell))
                 first_cell += blocks[-1].n_cells
