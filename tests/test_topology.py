@@ -254,6 +254,14 @@ def test_a_wall_on_one_side_beats_a_patch_of_no_known_kind_on_the_other():
     assert "patch 'lid' of kind wall on block 2" in topology.warnings[0]
 
 
+@pytest.mark.parametrize("step", [1, -1])
+def test_a_patch_of_known_kind_counts_where_one_of_no_known_kind_covers_it_too(step):
+    blocks = split(smooth_box(9, 5, 6), [4], [], [])
+    window = Window(1, (0, 0, 0), (0, 4, 5))
+    patches = [patch("other", window, name="DEFAULT_SUBFACE"), patch("wall", window, name="lid")]
+    assert find_topology(grid_of(*blocks, patches=patches[::step])).interfaces == ()
+
+
 def test_the_two_walls_of_a_plate_are_not_reported():
     assert find_topology(twelve_block_plate()).warnings == ()
 
@@ -270,8 +278,11 @@ def test_connections_that_the_nodes_do_not_bear_out_are_reported():
     (warning,) = find_topology(connected(grid, shift=2.0)).warnings
     assert warning == (
         "the file connects block 1 (5, 1-5, 1-6) to block 2 (1, 1-5, 1-6), whose nodes are up to 3.46 m apart: "
-        "taken as boundary"
+        "taken as boundary; mend the nodes, unless it is periodic"
     )
+    wall = patch("wall", Window(1, (0, 0, 0), (0, 4, 5)), name="lid")
+    (warning,) = find_topology(connected(grid, patches=(wall,))).warnings
+    assert warning.startswith("patch 'lid' of kind wall")
 
 
 def test_an_interface_on_a_patch_that_the_file_does_not_connect_is_reported():

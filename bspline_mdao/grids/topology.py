@@ -21,7 +21,7 @@ from .entities import BoundaryFace, Collapse, Interface, Link, NearMiss
 from .faces import Face, block_faces, collapsed_windows
 from .index_space import Window, by_blocks
 from .junctions import junction_links
-from .matching import Matches, Quads, find_interfaces, find_regions, match_quads
+from .matching import Quads, find_interfaces, find_regions, match_quads
 from .multiblock import Grid, Patch
 from .overlap import overlapping
 from .rectangles import Rectangle, decompose
@@ -142,7 +142,7 @@ def find_topology(grid: Grid) -> Topology:
         warnings=_shortened(
             [
                 *_gap_warnings(near_misses, joined_gaps),
-                *_warnings(grid, faces, quads, matches, segmentation, patch_ids, is_closed),
+                *_warnings(grid, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
             ]
         ),
         joined_gaps=joined_gaps,
@@ -197,7 +197,7 @@ def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
 def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
     """Number of the patch that each quad of all faces belongs to, a known kind before another one; -1 for none."""
     ids = [np.full(face.n_quads, -1) for face in faces]
-    for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other", reverse=True):
+    for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other"):
         by_block = by_blocks(patches[number].windows)
         for face, face_ids in zip(faces, ids):
             for window in by_block.get(face.window.block, ()):
@@ -304,14 +304,21 @@ def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
 
 
 def _warnings(
-    grid: Grid, faces: Sequence[Face], quads: Quads, matches: Matches, segmentation, patch_ids, is_closed
+    grid: Grid,
+    coincidence: Coincidence,
+    faces: Sequence[Face],
+    quads: Quads,
+    matches,
+    segmentation,
+    patch_ids,
+    is_closed,
 ) -> list[str]:
     """Say what the topology leaves out and what looks wrong, one line each."""
     crowded = [faces[number].window for number in np.unique(quads.face[matches.crowded])]
     lines = [*getattr(grid.dialect, "ignored", ())]
     lines += [f"{describe(window)} coincides with two or more others: taken as boundary" for window in crowded]
     lines += _contacts(grid.patches, faces, quads, matches.kept_apart, patch_ids)
-    lines += _disagreements(grid, faces, quads, matches.pairs, patch_ids, is_closed)
+    lines += _disagreements(grid, coincidence, faces, quads, matches.pairs, patch_ids, is_closed)
     lines += [
         f"{describe(item.a)} and {describe(item.b)} coincide with the cells of both on the same side: is a block given "
         f"twice, or folded?"
@@ -346,17 +353,17 @@ def _contacts(patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pai
 
 
 def _disagreements(
-    grid: Grid, faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids, is_closed
+    grid: Grid, coincidence: Coincidence, faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids, is_closed
 ) -> list[str]:
     """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
     lines = []
     for item in grid.connections:
-        if not is_closed[_covered(faces, [item.a])].all():
-            there = item.orientation.apply(grid.blocks[item.b.block].nodes[item.b.slices])
-            gap = np.linalg.norm(grid.blocks[item.a.block].nodes[item.a.slices] - there, axis=-1).max()
+        gaps, spacing = _gaps(grid, coincidence, item)
+        is_apart = (gaps > SPACING_TOLERANCE * spacing).any()
+        if is_apart and not is_closed[_covered(faces, [item.a])].all():
             lines.append(
-                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gap:.3g} m apart: "
-                f"taken as boundary"
+                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gaps.max():.3g} m "
+                f"apart: taken as boundary; mend the nodes, unless it is periodic"
             )
     if grid.connections:
         is_told = _covered(faces, [side for item in grid.connections for side in (item.a, item.b)])
