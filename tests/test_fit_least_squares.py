@@ -6,6 +6,7 @@ from fit_cases import ALL_SHAPES, bend, bent_block, grid_of, lattice, o_grid, tw
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit import least_squares
+from bspline_mdao.fit.control_counts import choose_counts
 from bspline_mdao.fit.design_matrix import build_design_matrix
 from bspline_mdao.fit.fitting import fit_grid, segment_parameters, set_up_fit
 from bspline_mdao.fit.prior import greville_places, greville_prior
@@ -48,6 +49,50 @@ def test_gram_matrix_holds_the_lower_half(is_banded):
     assert width == (i - j).max()
     stored = matrix.gram(columns, 130, width if is_banded else None)
     np.testing.assert_allclose(stored[j, i - j] if is_banded else stored[j, i], expected[i, j], atol=1e-12)
+
+
+def problem_of(grid, n_control=None):
+    topology = find_topology(grid)
+    parameters = segment_parameters(grid, topology)
+    counts = choose_counts(topology, n_control, 4)
+    problem = set_up_fit(topology, parameters, counts.n_control, counts.orders)
+    return problem, parameters, grid.to_vector().reshape(-1, 3)
+
+
+@pytest.mark.parametrize("shape", ALL_SHAPES)
+def test_entities_of_a_round_know_nothing_of_each_other(shape):
+    problem, _, _ = problem_of(ALL_SHAPES[shape]())
+    is_known, n_entities = np.zeros(problem.mesh.n_control_points, bool), 0
+    for entities in problem.rounds():
+        for entity in entities:
+            is_own = np.isin(entity.control_ids, entity.unknown_ids)
+            assert is_known[entity.control_ids[~is_own]].all()
+        unknown = np.concatenate([entity.unknown_ids for entity in entities])
+        assert len(np.unique(unknown)) == len(unknown)
+        is_known[unknown] = True
+        n_entities += len(entities)
+    assert is_known.all()
+    assert n_entities == len(problem.entities) > 8
+
+
+@pytest.mark.parametrize("shape", ALL_SHAPES)
+def test_a_fit_has_the_same_bits_on_any_number_of_threads(shape, monkeypatch):
+    problem, parameters, nodes = problem_of(ALL_SHAPES[shape]())
+    solutions = []
+    for n_threads in (1, 2, 5):
+        monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", n_threads)
+        assert problem.n_threads == n_threads
+        solutions.append(solve_fit(problem, parameters, nodes))
+    for other in solutions[1:]:
+        np.testing.assert_array_equal(other.control_points, solutions[0].control_points)
+        np.testing.assert_array_equal(other.fitted, solutions[0].fitted)
+
+
+def test_threads_of_a_fit_share_the_memory_of_one_gram_matrix(monkeypatch):
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 8)
+    monkeypatch.setattr("bspline_mdao.fit.problem.LARGEST_GRAM", 2**20)
+    problem, _, _ = problem_of(bent_block((12, 13, 14)), (9, 8, 10))
+    assert 8 * problem.n_threads * (7 * 6 * 8) ** 2 <= 2**20
 
 
 @pytest.mark.parametrize("shape", ALL_SHAPES)

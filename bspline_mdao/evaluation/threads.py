@@ -73,3 +73,28 @@ def run_tasks(task, n_tasks: int, n_threads: int):
     """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`."""
     with Crew(min(n_threads, n_tasks)) as crew:
         crew.run(task, n_tasks)
+
+
+def map_tasks(task, items, n_threads: int):
+    """Yield ``task(item)`` of every item, in order; up to ``n_threads`` threads work ahead.
+
+    Parameters
+    ----------
+    task : callable
+        Must not depend on the order of the calls.
+    items : sequence
+        What it is called with.
+    n_threads : int
+        Number of threads; with one, the caller's does it all.
+    """
+    if min(n_threads, len(items)) < 2:
+        yield from map(task, items)
+        return
+    with ThreadPoolExecutor(min(n_threads, len(items))) as pool:
+        futures = [pool.submit(task, item) for item in items]
+        try:
+            for future in futures:
+                yield future.result()
+        finally:  # after an error or an interrupt from the keyboard nothing new is begun
+            for future in futures:
+                future.cancel()

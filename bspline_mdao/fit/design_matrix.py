@@ -134,7 +134,7 @@ def _direction_basis(volume: Volume, d: int, parameters: np.ndarray):
     return spans, values
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _fill_rows(values, start, stop, orders, rows):
     """Products of the basis values of nodes ``start .. stop - 1``: dense rows of A."""
     p_0, p_1, p_2 = orders
@@ -147,7 +147,7 @@ def _fill_rows(values, start, stop, orders, rows):
                     rows[q - start, first + c] = product * values[q, p_0 + p_1 + c]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _local_points(n_control, orders, first, points):
     """Numbers of the control points of a run."""
     m = 0
@@ -159,7 +159,7 @@ def _local_points(n_control, orders, first, points):
                 m += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _apply(n_control, orders, values, starts, firsts, node_order, control_points, out):
     size = orders[0] * orders[1] * orders[2]
     rows, points = np.empty((_ROWS, size)), np.empty(size, dtype=np.int64)
@@ -176,7 +176,7 @@ def _apply(n_control, orders, values, starts, firsts, node_order, control_points
                 out[node_order[start + q]] = result[q]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _apply_transpose(n_control, orders, values, starts, firsts, node_order, bar, out):
     size = orders[0] * orders[1] * orders[2]
     rows, points = np.empty((_ROWS, size)), np.empty(size, dtype=np.int64)
@@ -193,7 +193,7 @@ def _apply_transpose(n_control, orders, values, starts, firsts, node_order, bar,
                 out[points[m]] += result[m]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _add_gram(n_control, orders, values, starts, firsts, columns, is_banded, gram):
     size = orders[0] * orders[1] * orders[2]
     rows, points = np.empty((_ROWS, size)), np.empty(size, dtype=np.int64)
@@ -207,7 +207,7 @@ def _add_gram(n_control, orders, values, starts, firsts, columns, is_banded, gra
             _scatter(product, points, columns, is_banded, gram)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _scatter(product, points, columns, is_banded, gram):
     """Add a run's product to the lower half of the Gram matrix."""
     for a in range(len(points)):
@@ -221,7 +221,7 @@ def _scatter(product, points, columns, is_banded, gram):
                 gram[j, i - shift] += product[a, b]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _bandwidth(n_control, orders, starts, firsts, columns):
     points = np.empty(orders[0] * orders[1] * orders[2], dtype=np.int64)
     width = 0

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..evaluation.threads import map_tasks, thread_count
 from ..grids.sharing import NodeSharing, node_sharing
 from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .entities import Entity, entities_in_order
-from .least_squares import FitOperator, build_step
+from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step
 from .prior import edge_blends
 
 Progress = Callable[[float, str], None]
@@ -51,13 +53,32 @@ class FitProblem:
         """Nodes of all blocks."""
         return self.topology.n_nodes
 
+    def step(self, parameters: Sequence[np.ndarray], entity: Entity) -> FitStep:
+        """Least squares of an entity, factored, for parameters of every segment."""
+        s, name = entity.segment, f"{self.topology.source}: {entity.describe(self.topology.segment_names)}"
+        segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
+        return build_step(entity, *segment, self.n_nodes, name, self.smoothing)
+
     def steps(self, parameters: Sequence[np.ndarray], entities: Sequence[Entity] | None = None):
         """Yield the least squares of each entity, or of given ones, factored, for parameters of every segment."""
-        names, n_nodes = self.topology.segment_names, self.n_nodes
-        for entity in self.entities if entities is None else entities:
-            s, name = entity.segment, f"{self.topology.source}: {entity.describe(names)}"
-            segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
-            yield build_step(entity, *segment, n_nodes, name, self.smoothing)
+        entities = self.entities if entities is None else entities
+        yield from map_tasks(partial(self.step, parameters), entities, self.n_threads)
+
+    def rounds(self) -> list[list[Entity]]:
+        """Entities in sets that follow each other: those of a set know nothing of each other's control points."""
+        round_of, rounds = np.full(self.mesh.n_control_points, -1), []
+        for entity in self.entities:
+            number = int(round_of[entity.control_ids].max()) + 1
+            round_of[entity.unknown_ids] = number
+            rounds.extend([] for _ in range(number + 1 - len(rounds)))
+            rounds[number].append(entity)
+        return rounds
+
+    @property
+    def n_threads(self) -> int:
+        """Threads for a fit: fewer than usual where the Gram matrices together would be larger than one may be."""
+        largest = max((len(entity.unknown_ids) for entity in self.entities), default=0)
+        return max(1, min(thread_count(None), LARGEST_GRAM // (8 * largest**2 + 1)))
 
     def operator(self, parameters: Sequence[np.ndarray]) -> FitOperator:
         """Linear map from nodes to control points for these parameters, with all factors kept."""
@@ -93,7 +114,9 @@ def problem_of_mesh(topology: Topology, mesh: BSplineMesh, smoothing: float = 0.
 
 
 def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> Solution:
-    """Solve the least squares of all entities in turn, keeping no factor.
+    """Solve the least squares of all entities, those of a round on several threads, keeping no factor.
+
+    The result has the same bits for any number of threads.
 
     Parameters
     ----------
@@ -113,15 +136,20 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
     progress = progress or no_progress
     control_points, fitted = np.zeros((problem.mesh.n_control_points, 3)), np.empty_like(nodes)
     singular: list[Entity] = []
-    n_done, n_nodes = 0, problem.n_nodes
+    n_done = 0
+
+    def solve(entity: Entity) -> bool:
+        step = problem.step(parameters, entity)
+        step.solve(nodes, control_points)
+        fitted[entity.rows] = step.evaluate(control_points)
+        return step.cholesky is not None and step.cholesky.is_singular
+
     with threadpool_limits(1, "blas"):
-        for step in problem.steps(parameters):
-            step.solve(nodes, control_points)
-            fitted[step.entity.rows] = step.evaluate(control_points)
-            if step.cholesky is not None and step.cholesky.is_singular:
-                singular.append(step.entity)
-            n_done += len(step.entity.rows)
-            progress(n_done / n_nodes, "least squares")
+        for entities in problem.rounds():
+            for entity, is_singular in zip(entities, map_tasks(solve, entities, problem.n_threads)):
+                singular.extend([entity] * is_singular)
+                n_done += len(entity.rows)
+                progress(n_done / problem.n_nodes, "least squares")
     copies = problem.sharing.copies
     fitted[copies[:, 0]] = fitted[copies[:, 1]]
     return Solution(control_points, fitted, _warn_of_singular(problem.topology, singular))

@@ -14,6 +14,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..evaluation.threads import thread_count
+
 SPACING_TOLERANCE = 1e-4
 """Nodes closer than this part of the local spacing coincide."""
 
@@ -243,7 +245,7 @@ def _nearest_pairs(points: np.ndarray, tolerance: np.ndarray, labels: np.ndarray
         return np.empty((2, 0), dtype=int)
     least = np.full(len(first), np.inf)
     np.minimum.at(least, labels, tolerance)
-    distance, near = cKDTree(points[first]).query(points[first], k=2)
+    distance, near = cKDTree(points[first]).query(points[first], k=2, workers=thread_count(None))
     partner = np.where(near[:, 0] == np.arange(len(first)), near[:, 1], near[:, 0])
     is_close = distance[:, 1] <= np.minimum(least, least[partner])
     return np.stack([first[is_close], first[partner[is_close]]])

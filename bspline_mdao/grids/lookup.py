@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
+from ..evaluation.threads import thread_count
 from .multiblock import Grid
 from .sharing import node_sharing
 from .topology import Topology
@@ -41,7 +42,7 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.nd
         If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
     """
     points = np.reshape(points, (-1, 3))
-    distance, number = cKDTree(nodes).query(points, k=2)
+    distance, number = cKDTree(nodes).query(points, k=2, workers=thread_count(None))
     is_found = distance[:, 0] < _NEARER * distance[:, 1]
     if not is_found.all():
         point = int(np.argmin(is_found))

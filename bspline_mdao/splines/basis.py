@@ -170,7 +170,7 @@ def _interval_jets(a, b, xi, left, width):
         left[1] += 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _basis(T, order, xi, spans, values):
     n_control = T.shape[1] - order
     for q in range(xi.size):

@@ -199,7 +199,7 @@ def bilinear_slopes(corners, s, t, first, last, out):
         out[i, 1] = (1.0 - s) * (corners[0, 1, i] - corners[0, 0, i]) + s * (corners[1, 1, i] - corners[1, 0, i])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _blend(corners, s, t, out):
     for q in range(s.size):
         bilinear_knots(corners, s[q], t[q], out[q])
