@@ -80,12 +80,23 @@ class MultiplyAdds:
         return self.n_rounds * N_CHAINS * LANES
 
 
-if __name__ == "__main__":
-    for work, amount, unit in ((Triad(), Triad().n_bytes, "GB/s"), (MultiplyAdds(), MultiplyAdds().count, "GFMA/s")):
+def rate(work, amount: float, repeats: int = 10) -> float:
+    """Largest rate of several runs of `Triad` or `MultiplyAdds`: the amount of one by its seconds."""
+    work()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
         work()
-        seconds = []
-        for _ in range(10):
-            start = time.perf_counter()
-            work()
-            seconds.append(time.perf_counter() - start)
-        print(f"{amount / min(seconds) / 1e9:.1f} {unit}")
+        seconds.append(time.perf_counter() - start)
+    return amount / min(seconds)
+
+
+def bandwidth() -> float:
+    """Memory bandwidth of one core (bytes a second), by STREAM's triad."""
+    triad = Triad()
+    return rate(triad, triad.n_bytes)
+
+
+if __name__ == "__main__":
+    print(f"{bandwidth() / 1e9:.1f} GB/s")
+    print(f"{rate(MultiplyAdds(), MultiplyAdds().count) / 1e9:.1f} GFMA/s")
