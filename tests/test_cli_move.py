@@ -9,7 +9,7 @@ import pytest
 from component_cases import movable_model, small_model
 from rich.console import Console
 from test_cli import fails_as_expected, numbers
-from topology_cases import c_grid, grid_of
+from topology_cases import box, c_grid, grid_of
 
 from bspline_mdao import FittedModel, fit_grid, flat_plate_grid, read_grid
 from bspline_mdao.cli import output
@@ -143,6 +143,16 @@ def test_sides_of_no_known_kind_follow_a_section_as_planes_of_symmetry_do(strip)
     strip_model("symmetry").save("strip.h5")
     assert run(strip) == 0
     np.testing.assert_allclose(moved, read_grid("moved.xyz").to_vector(), atol=1e-12)
+
+
+def test_blocks_that_stay_are_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    nodes = box(*(np.linspace(0.0, 1.0, n) for n in (5, 6, 7)))
+    floor = Patch("floor", "wall", (Window(0, (0, 0, 0), (4, 5, 0)),))
+    fit_grid(grid_of(nodes, nodes + 2.0, patches=[floor])).save("apart.h5")
+    assert run(["move", "apart.h5", "--deform", "translate=0/0/0.1", "-o", "moved.xyz"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "warning: 1 of 2 blocks stay where they are, block 2 among them" in said
 
 
 def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):

@@ -233,6 +233,14 @@ def test_points_are_named_by_the_first_block_that_holds_them():
         mesh.place_of_point(mesh.n_points)
 
 
+def test_blocks_that_nothing_joins_to_the_surface_are_told():
+    rows = [np.arange(5.0) / 4.0, np.arange(4.0) / 3.0, np.arange(6.0) / 5.0]
+    first, second, third = (box(*rows) + [shift, 0.0, 0.0] for shift in (0.0, 1.0, 3.0))
+    grid = grid_of(first, second, third, patches=[patch("wall", Window.whole(1, (5, 4, 6)).face(4))])
+    assert mesh_of(grid).stranded_blocks() == ("block 3",)
+    assert channel().stranded_blocks() == ()
+
+
 def test_handedness_is_that_of_each_block():
     mesh = channel()
     np.testing.assert_array_equal(mesh.handedness, np.repeat([1, -1], [3 * 4 * 5, 4 * 5 * 5]))

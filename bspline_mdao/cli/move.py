@@ -244,6 +244,12 @@ def _warnings(moved: Moved) -> list[str]:
     warnings = []
     if moved.largest_displacement == 0.0:
         warnings.append("warning: the deformation moves no point of the design surface")
+    stranded = moved.mesh.stranded_blocks()
+    if stranded:
+        warnings.append(
+            f"warning: {len(stranded)} of {len(moved.mesh.blocks)} blocks stay where they are, {stranded[0]} among "
+            f"them: no point of theirs is shared with the part of the grid that moves; see 'bspline-mdao inspect'"
+        )
     if moved.newly_inverted:
         worst = moved.newly_inverted[0]
         warnings.append(f"warning: {moved.after.n_inverted:,} cells are inverted now, the worst {worst}")

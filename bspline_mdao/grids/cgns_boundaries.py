@@ -60,7 +60,7 @@ def read_patches_of_zones(
     patches : tuple of Patch
         Patches in order of their families, then of appearance. Degenerate lines and points are none.
     ignored : tuple of str
-        What could not be taken over, and why.
+        What could not be taken over, and why, and conditions that do not go with the names.
     """
     windows, ignored = {}, []
     for block, ((base, zone), shape) in enumerate(zip(zones, shapes)):
@@ -77,6 +77,11 @@ def read_patches_of_zones(
                 windows.setdefault((patch_name, kind_of(bc_type, patch_name)), []).append(window)
     bases = {base.name: base for base, _ in zones}.values()
     families = [name for base in bases for name, _ in children(base, "Family_t")]
+    ignored += [
+        f"patch '{name}' is of kind {kind} by its condition, though its name says {kind_of_name(name)}"
+        for name, kind in windows
+        if kind_of_name(name) not in (kind, "other")
+    ]
     order = sorted(windows, key=lambda key: families.index(key[0]) if key[0] in families else len(families))
     return tuple(Patch(*key, tuple(windows[key])) for key in order), tuple(ignored)
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..grids.hexahedron import cell_quality, collapsed_corners
 
@@ -128,6 +130,17 @@ class MovingMesh:
     def n_invalid(self) -> int:
         """Number of elements that are invalid on the baseline."""
         return sum(int(np.count_nonzero(~quality.is_valid)) for quality in self._baseline_quality)
+
+    def stranded_blocks(self) -> tuple[str, ...]:
+        """Names of the blocks that no chain of shared points joins to the design surface: nothing moves them."""
+        n_blocks = len(self.blocks)
+        block = np.repeat(np.arange(n_blocks), [ids.size for ids in self.blocks])
+        points = np.concatenate([ids.ravel() for ids in self.blocks]) + n_blocks
+        n = n_blocks + self.n_points
+        graph = coo_array((np.ones(len(points), dtype=bool), (block, points)), shape=(n, n))
+        part = connected_components(graph.tocsr(), directed=False)[1]
+        moving = np.unique(part[self.surface_ids + n_blocks])
+        return tuple(name for name, number in zip(self.names, part[:n_blocks]) if number not in moving)
 
     def slide(self, displacement: np.ndarray) -> np.ndarray:
         """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where held.
