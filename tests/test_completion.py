@@ -4,11 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from topology_cases import are_same_partition, box, c_grid, grid_of, labels_of_rows, patch, smooth_box, split
 
+from bspline_mdao.cli.commands import bspline_mdao
+from bspline_mdao.errors import FitWarning
+from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.grids.coincidence import data_round_off, data_unit
 from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.patch_guess import draft_patches
 from bspline_mdao.grids.plot3d import read_plot3d, write_plot3d
 from bspline_mdao.grids.plot3d_dialect import Plot3dDialect
 from bspline_mdao.grids.sharing import node_sharing
@@ -202,3 +207,53 @@ def test_a_thin_gap_between_whole_faces_is_not_closed_but_told(gap):
     assert (topology.interfaces, topology.joined_gaps) == ((), ())
     assert len(topology.near_misses) == 1
     assert "not joined" in topology.warnings[0]
+
+
+def shared_points(topology, grid):
+    """Places of the two nodes of every pair that is one, as bits."""
+    points = grid.to_vector().view(np.int64).reshape(-1, 3)
+    copies = node_sharing(topology).copies
+    return points[copies[:, 0]], points[copies[:, 1]]
+
+
+@pytest.mark.parametrize("stored", ["4-byte reals", "gaps"])
+def test_what_is_joined_has_equal_bits_in_every_grid_that_is_regenerated(stored):
+    grid = with_nodes(GRIDS["wing"], STORED[stored])
+    model = fit_grid(grid, n_control=(6, 6, 5), smoothing=np.inf)
+    moved = model.control_points + 1e-3 * np.sin(7.0 * model.control_points)
+    for regenerated in (model.regenerate(), model.regenerate(moved)):
+        np.testing.assert_array_equal(*shared_points(model.topology, regenerated))
+    assert not np.array_equal(*shared_points(model.topology, grid))
+    off = np.abs(model.regenerate().to_vector() - grid.to_vector()).max()
+    assert off < (1e-9 if stored == "gaps" else 5e-6) + 1e-14
+    assert any("joined though" in warning for warning in model.report.warnings) == (stored == "gaps")
+
+
+def test_a_fit_warns_once_of_faces_that_nearly_meet():
+    left, right = split(smooth_box(9, 5, 6), [4], [], [])
+    grid = grid_of(left, right + [0.0, 0.0, 1e-4])
+    with pytest.warns(FitWarning) as record:
+        model = fit_grid(grid, n_control=(4, 4, 4))
+    (message,) = [str(warning.message) for warning in record if "nearly meet" in str(warning.message)]
+    assert "block 1 (5, 1-5, 1-6) and block 2 (1, 1-5, 1-6), by 0.0001 m" in message
+    assert message.endswith(model.report.warnings[0])
+
+
+def test_every_command_tells_of_faces_that_nearly_meet(tmp_path):
+    left, right = split(smooth_box(9, 5, 6), [4], [], [])
+    wall = patch("wall", Window(0, (0, 0, 0), (4, 4, 0)))
+    grid = grid_of(left, right + [0.0, 0.0, 1e-4], patches=[wall])
+    write_plot3d(tmp_path / "torn.xyz", grid)
+    (tmp_path / "torn.toml").write_text(draft_patches(grid, [wall]))
+    for command in (
+        "inspect torn.xyz",
+        "fit torn.xyz -o torn.h5 --n-control 4 4 4 --patches torn.toml",
+        "move torn.h5 --deform translate=0/0.001/0 -o moved.xyz",
+        "refine torn.h5 --factor 1.5 -o fine.xyz",
+        "quality torn.xyz",
+        "quality torn.h5",
+    ):
+        arguments = [str(tmp_path / word) if "torn." in word or ".xyz" in word else word for word in command.split()]
+        result = CliRunner().invoke(bspline_mdao, arguments)
+        assert result.exit_code == 0, result.output
+        assert result.output.count("1 pairs of faces nearly meet and are not joined") == 1

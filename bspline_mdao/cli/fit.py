@@ -10,7 +10,16 @@ from pathlib import Path
 from ..errors import FitWarning, InputError
 from ..fit.fitting import fit_grid
 from ..model import FittedModel
-from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
+from .output import (
+    check_outputs,
+    counts_text,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    written_json,
+)
 from .sources import file_of, load_grid
 
 
@@ -126,7 +135,7 @@ def show_fit(model: FittedModel, output: Path) -> None:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
     print_lines([f"{output} written, {report.seconds:.2f} s"])
-    print_lines([f"warning: {warning}" for warning in report.warnings], style="yellow")
+    print_warnings(report.warnings)
 
 
 def _counts(model: FittedModel) -> list[list[tuple[int, int, int]]]:

@@ -11,7 +11,16 @@ from ..grids.index_space import FACE_NAMES, Window
 from ..grids.multiblock import Grid, Patch
 from ..grids.patch_guess import draft_patches, guess_patches
 from ..grids.topology import Topology, find_topology
-from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
+from .output import (
+    check_outputs,
+    counts_text,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    written_json,
+)
 from .sources import file_of, load_grid
 
 
@@ -121,7 +130,7 @@ def show_grid(grid: Grid, topology: Topology) -> None:
         ]
     )
     print_lines([_describe_miss(miss, grid) for miss in topology.near_misses], style="yellow")
-    print_lines([f"warning: {warning}" for warning in topology.warnings], style="yellow")
+    print_warnings(topology.warnings)
 
 
 def describe(window: Window, grid: Grid) -> str:

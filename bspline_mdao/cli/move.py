@@ -24,7 +24,7 @@ from ..movement.mover import IncrementReport, Movement
 from ..quality.grid_quality import GridQuality
 from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from .movers import MoverOptions
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
 
 QUALITY = {
     "q_min": "smallest Q",
@@ -121,6 +121,7 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
                 _write_points(options.surface, moved.surface)
             write_grid(output, moved.grid, model.topology)
     show_move(model_file, output, moved, options)
+    print_warnings(model.topology.warnings)
 
 
 def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) -> Moved:

@@ -109,6 +109,11 @@ def print_lines(lines: Sequence[str], style: str = "") -> None:
         _Console().print(Text(line, style=style), soft_wrap=True)
 
 
+def print_warnings(warnings: Sequence[str]) -> None:
+    """Print warnings, one line each."""
+    print_lines([f"warning: {warning}" for warning in warnings], style="yellow")
+
+
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]], *, most: int = 40) -> None:
     """Print a table: text to the left, numbers to the right.
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..grids.multiblock import Grid
+from ..grids.topology import find_topology
 from ..model import FittedModel
 from ..quality.grid_quality import GridQuality
 from ..quality.report import QualityReport, report_quality
-from .output import check_outputs, print_lines, print_table, print_title, progress_bar, written_json
+from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
 from .sources import file_of, load_grid
 
 MOST_SHOWN = 10
@@ -35,19 +36,22 @@ def measure_quality(grid_name: str, n_bins: int, json: Path | None) -> None:
     check_outputs([json], [file_of(grid_name)])
     with progress_bar() as progress:
         progress(0.0, "reading")
-        grid = _grid_of(grid_name)
+        grid, warnings = _grid_of(grid_name)
         progress(0.5, "cells")
         report = report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3), n_bins)
     with written_json(json, _numbers(grid_name, report)):
         pass
     _show(grid_name, report)
+    print_warnings(warnings)
 
 
-def _grid_of(grid_name: str) -> Grid:
-    """The grid of a file, or the one that a fitted model regenerates."""
+def _grid_of(grid_name: str) -> tuple[Grid, tuple[str, ...]]:
+    """The grid of a file, or the one that a fitted model regenerates, and what is wrong with its topology."""
     if Path(grid_name).suffix == ".h5":
-        return FittedModel.load(grid_name).regenerate()
-    return load_grid(grid_name)
+        model = FittedModel.load(grid_name)
+        return model.regenerate(), model.topology.warnings
+    grid = load_grid(grid_name)
+    return grid, find_topology(grid).warnings
 
 
 def _numbers(grid_name: str, report: QualityReport) -> dict:

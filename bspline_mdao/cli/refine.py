@@ -8,7 +8,16 @@ from ..errors import InputError
 from ..evaluation.index_scaling import refined_topology
 from ..grids.files import check_grid_name, write_grid
 from ..model import FittedModel, family_member
-from .output import check_outputs, counts_text, print_lines, print_table, print_title, progress_bar, written_json
+from .output import (
+    check_outputs,
+    counts_text,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    written_json,
+)
 
 MOST_NODES = 100_000_000
 """Nodes beyond which a member is refused: its evaluation takes some 200 bytes a node."""
@@ -54,4 +63,5 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
         for number, (block, before) in enumerate(zip(grid.blocks, model.topology.shapes), start=1)
     ]
     print_table(["block", "nodes before", "nodes", "name"], rows)
+    print_warnings(model.topology.warnings)
     print_lines([f"{output} written"])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import FitWarning, InputError
 from ..grids.multiblock import Grid
-from ..grids.sharing import shared_ids
+from ..grids.sharing import node_sharing, shared_ids
 from ..grids.topology import Topology, find_topology
 from ..model import FitSettings, FittedModel, GridHeader
 from ..splines.mesh import BSplineMesh
@@ -42,7 +42,8 @@ def fit_grid(
     Parameters
     ----------
     grid : Grid
-        The baseline grid.
+        The baseline grid. Where blocks meet, all of them get the nodes of the first: what is joined over a gap, or up
+        to round-off, has equal bits in every grid that is regenerated.
     topology : Topology, optional
         Its topology; found from coincident nodes by default.
     n_control : triple of int or sequence of triples, optional
@@ -81,7 +82,8 @@ def fit_grid(
     Warns
     -----
     FitWarning
-        If control elements are invalid: once, at the caller's line, with what mends it.
+        If control elements are invalid: once, at the caller's line, with what mends it. If faces of blocks nearly meet
+        and are not joined: once as well, with the worst place.
     """
     start, progress = time.perf_counter(), progress or no_progress
     _check_options(corrections, smoothing)
@@ -91,6 +93,7 @@ def fit_grid(
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
     progress(0.0, "control points")
     counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
+    grid = _joined(grid, topology)
     nodes = grid.to_vector().reshape(-1, 3)
     parameters = segment_parameters(grid, topology, parametrization)
     problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, smoothing)
@@ -101,7 +104,11 @@ def fit_grid(
         parameters, solution = correct_parameters(problem, parameters, nodes, solution, corrections, rest)
     names = [block.name for block in grid.blocks]
     seconds = time.perf_counter() - start
-    report = report_errors(problem, names, nodes, solution, seconds, counts.warnings, factor_bytes)
+    report = report_errors(
+        problem, names, nodes, solution, seconds, (*topology.warnings, *counts.warnings), factor_bytes
+    )
+    if topology.near_misses:
+        warnings.warn(f"{grid.source}: {topology.warnings[0]}", FitWarning, stacklevel=2)
     if report.n_invalid:
         warnings.warn(f"{grid.source}: {report.warnings[-1]}", FitWarning, stacklevel=2)
     progress(1.0, "done")
@@ -115,6 +122,15 @@ def fit_grid(
         report=report,
         settings=FitSettings(_kind(knots), corrections, smoothing, _kind(parametrization)),
     )
+
+
+def _joined(grid: Grid, topology: Topology) -> Grid:
+    """Give nodes that are one point the place of the first of them."""
+    nodes, copies = grid.to_vector().reshape(-1, 3), node_sharing(topology).copies
+    if np.array_equal(nodes[copies[:, 0]], nodes[copies[:, 1]]):
+        return grid
+    nodes[copies[:, 0]] = nodes[copies[:, 1]]
+    return grid.with_vector(nodes.ravel())
 
 
 def _kind(choice) -> str:
