@@ -38,6 +38,10 @@ class SurfaceInverse:
     constant: np.ndarray
     factor: SuperLU
 
+    def __reduce__(self):
+        """Take the factor along as the matrix that it is made of: SuperLU cannot be pickled."""
+        return _inverse, (self.matrix, self.constant)
+
     @classmethod
     def of(cls, surface_map: SurfaceMap, numbers: np.ndarray | None = None) -> SurfaceInverse:
         """Invert the map of a surface.
@@ -56,7 +60,7 @@ class SurfaceInverse:
         """
         numbers = slice(None) if numbers is None else numbers
         matrix = csr_array(surface_map.matrix[numbers])
-        return cls(matrix, surface_map.constant[numbers], _factor(matrix))
+        return _inverse(matrix, surface_map.constant[numbers])
 
     def apply(self, nodes: np.ndarray) -> np.ndarray:
         """Control points, shape (n_surface, 3), of nodes, shape (n, 3), in metres."""
@@ -77,6 +81,11 @@ class SurfaceInverse:
 
     def _solve_transposed(self, right):
         return self.matrix @ self.factor.solve(right, "T")
+
+
+def _inverse(matrix: csr_array, constant: np.ndarray) -> SurfaceInverse:
+    """Factor the normal equations of a map."""
+    return SurfaceInverse(matrix, constant, _factor(matrix))
 
 
 def _factor(matrix: csr_array) -> SuperLU:

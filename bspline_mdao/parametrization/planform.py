@@ -227,7 +227,7 @@ class Span(_Shifting):
     neutral = 1.0
 
     def _bind(self, hung):
-        return self._shift(hung, 2, self._along_span(hung), lambda factor: factor - 1.0)
+        return self._shift(hung, 2, self._along_span(hung), _excess)
 
 
 class Sweep(_Shifting):
@@ -246,6 +246,10 @@ class Dihedral(_Shifting):
 
     def _bind(self, hung):
         return self._shift(hung, 1, self._along_span(hung), _slope_of_degrees)
+
+
+def _excess(factor):
+    return factor - 1.0
 
 
 def _slope_of_degrees(angle):
