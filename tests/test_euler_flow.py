@@ -137,11 +137,12 @@ def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(f
 def test_forward_and_adjoint_totals_agree():
     totals = []
     for mode in ("fwd", "rev"):
-        flown = problem(mode, linear_tolerance=1e-14)
+        flown = problem(mode)
         flown.run_model()
         totals.append(flown.compute_totals(COEFFICIENTS, STREAM))
     for key, forward in totals[0].items():
-        np.testing.assert_allclose(totals[1][key], forward, rtol=1e-11, atol=1e-9 if key[0] == "CD_entropy" else 1e-12)
+        largest = 1e-11 if key[0] != "CD_entropy" else 2e-9  # a small difference of large sums over the far field
+        assert np.abs(totals[1][key] - forward).max() < largest * np.abs(forward).max(), key
 
 
 def test_rigid_translation_changes_no_force(flown):
@@ -206,6 +207,21 @@ def test_node_that_is_not_finite_is_refused():
     flown.set_val("grid", np.nan, indices=7)
     with pytest.raises(om.AnalysisError, match="y of point 3 of 'grid' is nan"):
         flown.run_model()
+
+
+def test_cells_with_negative_volumes_are_counted_and_the_worst_is_named_before_the_solver_starts():
+    flown = problem()
+    state = flown.model.flow.state
+    faces, nodes = state.options["flow"].faces, flown.get_val("grid").reshape(-1, 3).copy()
+    cell = int(np.ravel_multi_index((3, 2, 1), faces.shapes[0]))
+    corners = np.unique(faces.corners[faces.left == cell])
+    nodes[corners] = 2.0 * nodes[corners].mean(axis=0) - nodes[corners]  # inside out, as its own mirror image
+    flown.set_val("grid", nodes.ravel())
+    n_negative = np.count_nonzero(faces.volumes(nodes) < 0.0)
+    assert n_negative > 0
+    with pytest.raises(om.AnalysisError, match=rf"{n_negative} of 2880 cells have negative volumes.*block 1, cell"):
+        flown.run_model()
+    assert state.solution is None
 
 
 def test_next_design_starts_from_the_last_states():

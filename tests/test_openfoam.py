@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from topology_cases import c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, turned_and_shuffled
+from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, turned_and_shuffled
 
 from bspline_mdao import InputError, find_topology, fit_grid, flat_plate_grid, onera_m6_grid, write_grid, write_polymesh
 from bspline_mdao.cli.main import run
@@ -261,3 +261,14 @@ def test_openfoam_finds_topology_and_geometry_of_the_mesh_right(meshes, case):
     assert "Cell volumes OK." in report
     assert f"cells:            {mesh.owner.max() + 1}\n" in report
     assert "Upper triangular ordering OK." in report
+
+
+def test_cells_with_negative_volumes_are_refused_with_their_number_and_the_worst(tmp_path):
+    grid = grid_of(box(np.arange(5.0), np.arange(4.0), np.arange(3.0)))
+    nodes = grid.blocks[0].nodes.copy()
+    nodes[2, 1:3, 1] += [2.5, 0.0, 0.0]  # behind the nodes that follow
+    with pytest.raises(
+        InputError, match=r"\d+ of 24 cells have negative volumes, the worst -[\d.]+ m\^3 in block 1, cell"
+    ):
+        write_polymesh(tmp_path / "polyMesh", grid_of(nodes))
+    assert not (tmp_path / "polyMesh").exists()

@@ -17,8 +17,9 @@ class EulerFlow(om.Group):
     """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
 
     Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
-    must cover the boundary of the grid. Inverted cells are not noticed: keep them out by constraints of `Quality`. Of a
-    node that blocks share, the first row in the grid counts for all.
+    must cover the boundary of the grid. A cell with a negative volume is refused with an ``om.AnalysisError``, a folded
+    corner is not noticed: keep these out by constraints of `Quality`. Of a node that blocks share, the first row in the
+    grid counts for all.
 
     ================  ======  ============  =====  =====================================================================
     name              role    shape         units  meaning

@@ -14,12 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.quads import area_vectors
 from .face_quads import corners_in_turn
 from .index_space import Window
 from .sharing import block_rows, node_sharing
 from .topology import Topology
 
 __all__ = ["BoundaryFaces", "CellFaces"]
+
+_ROUNDED = np.finfo(float).eps
+"""Volume of a cell, by its surface and the coordinates, that may be none."""
 
 NONE = -1
 """In lists of cells: there is none."""
@@ -132,6 +136,40 @@ class CellFaces:
         """Numbers of the faces of all patches of a kind."""
         ranges = [np.arange(patch.start, patch.stop) for patch in self.boundary if patch.kind == kind]
         return np.concatenate(ranges) if ranges else np.zeros(0, dtype=int)
+
+    def sum_over_cells(self, values: np.ndarray, sign: float = -1.0) -> np.ndarray:
+        """Sum numbers of the faces, shape (n_faces,), over those of every cell.
+
+        Those of a face count for the cell on its left, and times ``sign`` for the one on its right.
+        """
+        left = np.bincount(self.left, values, self.n_cells)
+        return left + sign * np.bincount(self.right, values[: self.n_inner], self.n_cells)
+
+    def sizes(self, nodes: np.ndarray) -> np.ndarray:
+        """Areas (m^2) of the surfaces of all cells, shape (n_cells,), of nodes, shape (n_nodes, 3)."""
+        return self.sum_over_cells(np.linalg.norm(area_vectors(nodes[self.corners]), axis=1), 1.0)
+
+    def volumes(self, nodes: np.ndarray) -> np.ndarray:
+        """Volumes (m^3) of all cells, shape (n_cells,), negative where a cell is inside out."""
+        corners = nodes[self.corners]
+        return self.sum_over_cells(np.sum(area_vectors(corners) * corners.mean(axis=1), axis=1)) / 3.0
+
+    def require_volumes(self, nodes: np.ndarray) -> None:
+        """Refuse cells with negative volumes.
+
+        Raises
+        ------
+        InputError
+            If there are any, with their number and the worst one.
+        """
+        volumes = self.volumes(nodes)
+        n_negative = np.count_nonzero(volumes < -_ROUNDED * np.abs(nodes).max() * self.sizes(nodes))
+        if n_negative:
+            worst = int(np.argmin(volumes))
+            raise InputError(
+                f"{n_negative} of {self.n_cells} cells have negative volumes, the worst {volumes[worst]:.2g} m^3 in "
+                f"{self.place(worst)}"
+            )
 
     def place(self, cell: int) -> str:
         """Name a cell for messages: block and indices, from 1."""

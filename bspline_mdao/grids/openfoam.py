@@ -52,7 +52,8 @@ def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | N
     Raises
     ------
     InputError
-        If a block has no cells, two patches have the same name in OpenFOAM, or a file cannot be written.
+        If a block has no cells, cells have negative volumes, two patches have the same name in OpenFOAM, or a file
+        cannot be written.
     """
     PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3)).write(folder)
 
@@ -96,9 +97,10 @@ class PolyMesh:
         Raises
         ------
         InputError
-            If a block has no cells, or two patches have the same name in OpenFOAM.
+            If a block has no cells, cells have negative volumes, or two patches have the same name in OpenFOAM.
         """
         cells = CellFaces.of(topology, nodes)
+        cells.require_volumes(nodes)
         is_corner = cells.corners != np.roll(cells.corners, -1, axis=1)
         inner, edge = _kept(cells, has_area=is_corner.sum(axis=1) > 2)
         is_turned = np.append(cells.left[inner] > cells.right[inner], np.zeros(len(edge), dtype=bool))[:, None]
