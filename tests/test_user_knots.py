@@ -14,9 +14,12 @@ from bspline_mdao import (
     family_member,
     fit_grid,
     invert_points,
+    onera_m6_grid,
     require_inside,
     ride,
 )
+from bspline_mdao.fit.edge_knots import joined_corners
+from bspline_mdao.fit.knot_agreement import require_agreement
 
 
 def bent_knots(order, n_control):
@@ -141,9 +144,7 @@ def test_knots_that_differ_away_from_interfaces_are_taken():
 
 
 def test_an_interface_that_runs_backwards_wants_its_knots_turned_round():
-    first = bend(lattice(9, 13, 11))
-    second = bend(lattice(15, 13, 11) + [1, 0, 0])[:, ::-1]
-    grid = grid_of(first, np.ascontiguousarray(second))
+    grid = turned_blocks()
     knots = chosen_knots(grid)
     fit_grid(grid, knots=knots)
     knots[1][1] = BilinearKnots(knots[0][1].corners[:, ::-1], knots[0][1].order)  # the edges of block 1, not turned
@@ -186,3 +187,40 @@ def test_orders_and_numbers_that_come_with_knots_have_to_agree_too():
     more = fit_grid(two_blocks(), n_control=[(5, 7, 6), (6, 8, 7)]).mesh.volumes[1].knots
     with pytest.raises(InputError, match=r"meet with \d and \d control points"):
         fit_grid(two_blocks(), knots=[knots[0], more])
+
+
+@pytest.mark.parametrize("knots", ["curved", "constant"])
+@pytest.mark.parametrize("make", [two_blocks, o_grid, c_grid, lambda: onera_m6_grid((9, 14, 11))])
+def test_chosen_knots_agree_along_all_interfaces(make, knots):
+    model = fit_grid(make(), knots=knots)
+    require_agreement(model.topology, model.mesh.volumes)
+
+
+def turned_blocks():
+    """Two blocks that share a face, the second with j backwards."""
+    return grid_of(bend(lattice(9, 13, 11)), bend(lattice(15, 13, 11) + [1, 0, 0])[:, ::-1].copy())
+
+
+def test_constant_knots_are_the_mean_of_all_edges_that_interfaces_join():
+    chosen = [[knots.corners.mean(axis=(0, 1)) for knots in triple] for triple in chosen_knots(turned_blocks())]
+    first, second = (volume.knots for volume in fit_grid(turned_blocks(), knots="constant").mesh.volumes)
+    np.testing.assert_allclose(first[1].knots, (chosen[0][1] + 1 - chosen[1][1][::-1]) / 2, atol=1e-15)
+    np.testing.assert_allclose(second[1].knots, 1 - first[1].knots[::-1], atol=1e-15)
+    np.testing.assert_allclose(first[0].knots, chosen[0][0], atol=1e-15)
+    np.testing.assert_allclose(second[2].knots, (chosen[0][2] + chosen[1][2]) / 2, atol=1e-15)
+
+
+@pytest.mark.parametrize("make", [turned_blocks, c_grid])
+def test_joining_edges_is_affine_and_its_linear_part_symmetric(make):
+    rng, model = np.random.default_rng(8), fit_grid(make())
+    corners = [[k.corners for k in volume.knots] for volume in model.mesh.volumes]
+    u, v = ([[rng.standard_normal(c.shape) for c in triple] for triple in corners] for _ in range(2))
+    moved = [[c + d for c, d in zip(*pair)] for pair in zip(corners, u)]
+    joined, again = (joined_corners(model.topology, c, is_change=False) for c in (corners, moved))
+    change, bar = joined_corners(model.topology, u), joined_corners(model.topology, v)
+
+    def flat(arrays):
+        return np.concatenate([array.ravel() for triple in arrays for array in triple])
+
+    np.testing.assert_allclose(flat(again) - flat(joined), flat(change), atol=1e-14)
+    assert flat(v) @ flat(change) == pytest.approx(flat(bar) @ flat(u), rel=1e-12)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 
 from ..errors import InputError
+from ..grids.sharing import directed_classes
+from ..grids.topology import Topology
 from ..splines.knots import BilinearKnots, ConstantKnots, Knots
 
 KNOT_KINDS = ("curved", "constant")
-"""Blend the knots of the four parallel edges bilinearly, Eq. (5), or take their mean."""
+"""Blend the knots of four parallel edges bilinearly, Eq. (5), or take the mean of all edges that interfaces join."""
 
 NARROWEST = 1e-10
 """Knot spans narrower than this (coincident nodes on an edge) make the edge's knots lean towards uniform ones."""
@@ -75,8 +79,73 @@ def _is_narrow(breaks: np.ndarray) -> bool:
     return bool(np.diff(breaks).min() < NARROWEST)
 
 
+def knots_of_segments(
+    topology: Topology, parameters, n_control, orders, kind: str = "curved"
+) -> list[tuple[Knots, ...]]:
+    """Knots of all segments, the same on both sides of every interface.
+
+    Parameters
+    ----------
+    topology : Topology
+        Segments and links.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    n_control, orders : sequence of three int for every segment
+        Number of control points and order in each direction.
+    kind : str
+        One of `KNOT_KINDS`.
+
+    Returns
+    -------
+    list of tuples of three Knots
+
+    Raises
+    ------
+    InputError
+        If the kind is unknown.
+    """
+    knots = [knots_of_segment(*segment, kind) for segment in zip(parameters, n_control, orders)]
+    if kind == "curved":
+        return knots
+    joined = joined_corners(topology, [[k.knots[None, None] for k in triple] for triple in knots], is_change=False)
+    return [
+        tuple(ConstantKnots(c[0, 0], k.order) for c, k in zip(corners, triple))
+        for corners, triple in zip(joined, knots)
+    ]
+
+
+def joined_corners(
+    topology: Topology, corners: list[list[np.ndarray]], is_change: bool = True
+) -> list[list[np.ndarray]]:
+    """Replace edge knots by their mean over all edges that interfaces join, turned round where directions are.
+
+    Parameters
+    ----------
+    topology : Topology
+        Segments and links.
+    corners : list of lists of three ndarray, each of shape (2, 2, N + p)
+        Edge knots of every segment.
+    is_change : bool
+        Whether they are changes, or cotangents, of knots; the map is symmetric.
+
+    Returns
+    -------
+    list of lists of three ndarray, of the same shapes
+    """
+    classes, members = directed_classes(topology), defaultdict(list)
+    for (segment, d), (forwards, backwards) in zip(np.ndindex(classes.shape[:2]), classes.reshape(-1, 2)):
+        mean = corners[segment][d].mean(axis=(0, 1))
+        members[forwards].append(mean)
+        members[backwards].append((0 if is_change else 1) - mean[::-1])
+    means = {number: np.mean(arrays, axis=0) for number, arrays in members.items()}
+    return [
+        [np.broadcast_to(means[number], array.shape) for number, array in zip(numbers, triple)]
+        for numbers, triple in zip(classes[..., 0], corners)
+    ]
+
+
 def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "curved") -> tuple[Knots, Knots, Knots]:
-    """Knots of the three directions of a segment from the parameters on its twelve edges.
+    """Knots of the three directions of a segment by itself from the parameters on its twelve edges.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from ..model import FitSettings, FittedModel, GridHeader
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from .correction import CYCLE_COST, correct_parameters
-from .edge_knots import knots_of_segment
+from .edge_knots import knots_of_segments
 from .errors import report_errors
 from .factor_size import choose_affordable_counts
 from .knot_agreement import require_agreement
@@ -182,7 +182,7 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     """
     is_given = not isinstance(knots, str)
     if not is_given:
-        knots = [knots_of_segment(x, n, p, knots) for x, n, p in zip(parameters, n_control, orders)]
+        knots = knots_of_segments(topology, parameters, n_control, orders, knots)
     if not isinstance(knots, Sequence):
         raise InputError(f'{topology.source}: knots = {knots}; use "curved", "constant" or three objects per segment')
     if len(knots) != len(topology.segments):

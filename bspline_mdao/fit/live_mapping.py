@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..model import FittedModel
 from ..splines.volume import Volume
 from .design_matrix import DesignMatrix, build_design_matrix
-from .edge_knots import knots_of_segment, knots_of_segment_jvp, knots_of_segment_vjp
+from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
 from .entities import Entity
 from .matrix_derivatives import LiveMatrix
 from .parameters import (
@@ -129,15 +129,20 @@ class LiveMapping:
             d_parameters.append(chord_length_parameters_jvp(self.nodes[rows], x, d_nodes[rows], self.exponent))
             arguments = x, volume.n_control, volume.orders, self.kind, d_parameters[-1]
             d_corners.append(knots_of_segment_jvp(*arguments))
-        return Change(d_parameters, d_corners)
+        return Change(d_parameters, self._joined(d_corners))
 
     def add_change_vjp(self, bars: Change, nodes_bar: np.ndarray) -> None:
         """Add the cotangent of the nodes for those of parameters and edge knots: transpose of `change`."""
+        corners = self._joined(bars.corners)
         for segment, (rows, x) in enumerate(zip(self.problem.sharing.rows, self.parameters)):
             volume = self.problem.mesh.volumes[segment]
-            arguments = x, volume.n_control, volume.orders, self.kind, bars.corners[segment]
+            arguments = x, volume.n_control, volume.orders, self.kind, corners[segment]
             parameters_bar = bars.parameters[segment] + knots_of_segment_vjp(*arguments)
             nodes_bar[rows] += chord_length_parameters_vjp(self.nodes[rows], x, parameters_bar, self.exponent)
+
+    def _joined(self, corners):
+        """Changes of edge knots, or their cotangents, with those joined that neighbours share."""
+        return joined_corners(self.problem.topology, corners) if self.kind == "constant" else corners
 
     def no_change(self) -> Change:
         """Zeros of the shapes of a `Change`."""
@@ -207,10 +212,9 @@ def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tup
     frozen = problem_of_mesh(model.topology, model.mesh, settings.smoothing)
     exponent = EXPONENTS[settings.parametrization]
     parameters = tuple(chord_length_parameters(nodes[rows], exponent) for rows in frozen.sharing.rows)
-    volumes = tuple(
-        Volume(knots_of_segment(x, v.n_control, v.orders, settings.knots))
-        for x, v in zip(parameters, model.mesh.volumes)
-    )
+    sizes = zip(*((v.n_control, v.orders) for v in model.mesh.volumes))
+    knots = knots_of_segments(model.topology, parameters, *sizes, settings.knots)
+    volumes = tuple(map(Volume, knots))
     return replace(frozen, mesh=replace(model.mesh, volumes=volumes)), parameters
 
 

@@ -121,6 +121,27 @@ def direction_classes(topology: Topology) -> np.ndarray:
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3)
 
 
+def directed_classes(topology: Topology) -> np.ndarray:
+    """Classes of segment directions that run alike.
+
+    Returns
+    -------
+    ndarray of int, shape (n_segments, 3, 2)
+        Class of each direction of each segment, run forwards and backwards: two that a chain of links joins are in one
+        class where they run the same way. Both classes of a direction are one where links turn it round to itself.
+    """
+    ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
+    pairs = [
+        [ids[link.a, d, way], ids[link.b, link.orientation.perm[d], way ^ link.orientation.flip[d]]]
+        for link in topology.links
+        for d in range(3)
+        for way in (0, 1)
+        if link.a_section[d] is None
+    ]
+    first = _first_of_each(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
+    return np.unique(first, return_inverse=True)[1].reshape(-1, 3, 2)
+
+
 def block_rows(shapes: Sequence[tuple[int, int, int]]) -> list[np.ndarray]:
     """Give the nodes of all blocks their rows, blocks in order, each in C order: arrays of the blocks' shapes."""
     sizes = [int(np.prod(shape)) for shape in shapes]
