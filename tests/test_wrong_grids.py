@@ -15,14 +15,17 @@ from component_cases import two_blocks
 from bspline_mdao import (
     FittedModel,
     Grid,
+    Held,
     InputError,
     LinearElasticity,
+    SurfaceGrid,
     Transfinite,
     find_topology,
     fit_grid,
     moving_mesh,
     read_grid,
     write_grid,
+    write_vtk,
 )
 from bspline_mdao.cli.main import run
 from bspline_mdao.grids.index_space import Window
@@ -70,6 +73,21 @@ CALLS = {
     "residual": (lambda: replace(model(), residual=with_nan(model().residual)), "residual: number 17 of .* not finite"),
     "few residuals": (lambda: replace(model(), residual=[[0.0] * 3]), r"residual of shape \(1, 3\); give shape \(768"),
     "fitted": (lambda: replace(model(), control_points=with_nan(model().control_points)), "control points: number 17"),
+    "topology of a name": (lambda: find_topology("a.xyz"), r"the grid is of type str; read one with read_grid\(path\)"),
+    "fit of an array": (lambda: fit_grid(CUBE), "the grid is of type ndarray; read one"),
+    "fit of complex nodes": (lambda: fit_grid(Grid((Block(CUBE + 0j, "a"),))), "grid: has complex nodes; give real"),
+    "writing an array": (lambda: write_grid("a.xyz", CUBE), "the grid is of type ndarray"),
+    "writing an array for ParaView": (lambda: write_vtk("a.vtm", CUBE), "the grid is of type ndarray"),
+    "mesh of a grid": (
+        lambda: moving_mesh(two_blocks()),
+        "the model of a moving mesh is of type Grid; make it with fit",
+    ),
+    "surface of a grid": (lambda: SurfaceGrid.of(two_blocks()), "the model of a surface is of type Grid; make it"),
+    "factor in words": (lambda: model().member("2"), "factor '2' for a family member; give a positive number"),
+    "no factor": (lambda: model().member(None), "factor None for a family member"),
+    "factors": (lambda: model().member([2, 2, 2]), r"factor \[2, 2, 2\] for a family member"),
+    "no number": (lambda: model().member(True), "factor True for a family member"),
+    "any memory": (lambda: model().member(1e9), r"factor 1e\+09 makes \d.\de\+29 nodes, beyond memory; lower it"),
     "quality of a point": (
         lambda: GridQuality.of_baseline(Grid((Block(CUBE, "a"), Block(np.ones((2, 3, 4, 3)), "b")))),
         "grid: all nodes of block 2 are at one point; leave it out",
@@ -96,6 +114,13 @@ def test_lists_are_taken_for_arrays():
     np.testing.assert_array_equal(
         model().regenerate(points.tolist()).to_vector(), model().regenerate(points).to_vector()
     )
+
+
+def test_movers_take_lists():
+    mesh = moving_mesh(model())
+    surface = mesh.points[mesh.surface_ids] + [0.0, 0.0, 1e-3]
+    moved = Held(mesh).move(mesh.points.tolist(), surface.tolist())
+    np.testing.assert_array_equal(moved.points, Held(mesh).move(mesh.points, surface).points)
 
 
 def test_arrays_are_kept_as_they_are():

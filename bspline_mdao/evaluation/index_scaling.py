@@ -6,7 +6,9 @@ segments have equal intervals, so that they agree again; windows that end betwee
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from ..errors import InputError
 from ..grids.entities import NearMiss
 from ..grids.index_space import Window
 from ..grids.topology import Topology
+
+MOST_NODES = 1e11
+"""Nodes of a member beyond which no memory takes their indices."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +50,12 @@ class IndexScaling:
         InputError
             If the factor is not a positive number.
         """
-        if not (np.isfinite(factor) and factor > 0):
-            raise InputError(f"{topology.source}: factor {factor:g} for a family member; give a positive number")
+        is_number = isinstance(factor, Real) and not isinstance(factor, bool)
+        if not (is_number and np.isfinite(factor) and factor > 0):
+            raise InputError(f"{topology.source}: factor {factor!r} for a family member; give a positive number")
+        n_nodes = sum(math.prod(1.0 + factor * (n - 1) for n in shape) for shape in topology.shapes)
+        if n_nodes > MOST_NODES:
+            raise InputError(f"{topology.source}: factor {factor:g} makes {n_nodes:.1e} nodes, beyond memory; lower it")
         planes = []
         for block in range(len(topology.shapes)):
             segments = [segment for segment in topology.segments if segment.block == block]

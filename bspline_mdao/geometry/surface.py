@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..deformations.frame import Plane
-from ..errors import InputError
+from ..errors import InputError, require_kind
 from ..grids.face_quads import facing, quads_in_turn
 from ..grids.index_space import Window
 from ..grids.sharing import block_rows, node_sharing
@@ -66,6 +66,7 @@ class SurfaceGrid:
         InputError
             If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
         """
+        require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
         topology = model.topology
         wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
         found = [face for face in topology.boundary if face.patch in wanted]

@@ -9,7 +9,7 @@ from ..errors import InputError
 from .cgns import read_cgns, write_cgns
 from .compression import read_raw
 from .hdf5 import held_interrupts
-from .multiblock import Grid
+from .multiblock import Grid, require_grid
 from .openfoam import FOLDER, write_polymesh
 from .patches import read_patches
 from .plot3d import read_plot3d, write_plot3d
@@ -81,6 +81,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     InputError
         When the format cannot hold the grid, the name promises another format, or the file cannot be written.
     """
+    require_grid(grid)
     check_grid_name(path, grid)
     suffix = Path(path).suffix.lower()
     if Path(path).name == FOLDER:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, require_kind
 from .entities import Interface
 from .index_space import Window
 
@@ -151,6 +151,19 @@ class Grid:
             blocks.append(replace(block, nodes=vector[start : start + size].reshape(block.nodes.shape)))
             start += size
         return replace(self, blocks=tuple(blocks))
+
+
+def require_grid(grid) -> None:
+    """Refuse what is no grid of real numbers.
+
+    Raises
+    ------
+    InputError
+        If it is of another type, or has complex nodes.
+    """
+    require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
+    if any(np.iscomplexobj(block.nodes) for block in grid.blocks):
+        raise InputError(f"{grid.source}: has complex nodes; give real ones")
 
 
 def as_array(values, what: str) -> np.ndarray:

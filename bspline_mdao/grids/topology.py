@@ -22,7 +22,7 @@ from .faces import Face, block_faces, collapsed_windows
 from .index_space import Window, by_blocks
 from .junctions import junction_links
 from .matching import Quads, find_interfaces, find_regions, match_quads
-from .multiblock import Grid, Patch
+from .multiblock import Grid, Patch, require_grid
 from .overlap import overlapping
 from .rectangles import Rectangle, decompose
 from .segments import segment_blocks
@@ -150,7 +150,8 @@ def find_topology(grid: Grid) -> Topology:
 
 
 def _check(grid: Grid) -> None:
-    """Refuse blocks that are a point, nodes that are not finite and patches that lie elsewhere."""
+    """Refuse what is no grid, blocks that are a point, nodes that are not finite and patches that lie elsewhere."""
+    require_grid(grid)
     for number, block in enumerate(grid.blocks, start=1):
         if max(block.shape) == 1:
             raise InputError(f"{grid.source}: block {number} is a single node; leave it out")

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from .atomic import replaced_file, replaced_folder
-from .multiblock import Block, Grid
+from .multiblock import Block, Grid, require_grid
 
 __all__ = ["write_vtk"]
 
@@ -50,6 +50,7 @@ def write_vtk(
     ----------
     VTK file formats: appended raw data in the XML formats StructuredGrid and vtkMultiBlockDataSet.
     """
+    require_grid(grid)
     path = Path(path)
     node_shapes = [block.shape for block in grid.blocks]
     cell_shapes = [tuple(max(n - 1, 1) for n in shape) for shape in node_shapes]

@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, require_kind
 from ..grids.entities import BoundaryFace
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
@@ -71,6 +71,7 @@ def moving_mesh(
         If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
         design surface, or a block is planar.
     """
+    require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
     asked = _Asked.of(model.topology, len(model.control_points), design, pinned, released, sliding)
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)

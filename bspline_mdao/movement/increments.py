@@ -11,6 +11,7 @@ from numbers import Integral
 import numpy as np
 
 from ..errors import InputError
+from ..grids.multiblock import as_array
 from .mesh import MovingMesh
 from .mover import IncrementReport, MovementReport, Step, check_reach, check_request
 
@@ -113,6 +114,7 @@ def in_increments(
     """
     if isinstance(n_increments, bool) or not isinstance(n_increments, Integral) or n_increments < 1:
         raise InputError(f"movement: {n_increments!r} increments; give at least 1, a whole number")
+    initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
     check_request(mesh, initial, surface)
     start, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
