@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from topology_cases import are_same_partition, box, c_grid, grid_of, labels_of_rows, patch, smooth_box, split
 
 from bspline_mdao.cli.commands import bspline_mdao
+from bspline_mdao.deformations import parse_deformation
 from bspline_mdao.errors import FitWarning
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
@@ -18,6 +19,8 @@ from bspline_mdao.grids.plot3d import read_plot3d, write_plot3d
 from bspline_mdao.grids.plot3d_dialect import Plot3dDialect
 from bspline_mdao.grids.sharing import node_sharing
 from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.movement.elasticity import LinearElasticity
 
 GRIDS = {
     "wing": onera_m6_grid((9, 15, 8), Spacing(off_wall=1e-6)),
@@ -257,3 +260,15 @@ def test_every_command_tells_of_faces_that_nearly_meet(tmp_path):
         result = CliRunner().invoke(bspline_mdao, arguments)
         assert result.exit_code == 0, result.output
         assert result.output.count("1 pairs of faces nearly meet and are not joined") == 1
+
+
+def test_a_wing_with_a_gap_at_its_tip_moves_as_one_without():
+    moved = []
+    for grid in (GRIDS["wing"], torn_wing()):
+        model = fit_grid(grid, n_control=(6, 6, 5), smoothing=np.inf)
+        mesh = moving_mesh(model)
+        surface = parse_deformation("twist=20deg", model, mesh).apply(mesh.points[mesh.surface_ids])
+        moved.append(LinearElasticity(mesh, n_increments=1).move(mesh.points, surface))
+    assert moved[1].points.shape == moved[0].points.shape
+    assert moved[0].report.increments[0].n_tangled == 0
+    np.testing.assert_allclose(moved[1].points, moved[0].points, atol=1e-8)
