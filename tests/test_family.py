@@ -228,3 +228,13 @@ def _turned(counts, turn):
 def test_factors_that_mean_nothing_are_refused(m6_model, factor):
     with pytest.raises(InputError, match="positive number"):
         family_member(m6_model, factor)
+
+
+@pytest.mark.parametrize("factor", [3.0, 2.5, 0.4])
+def test_every_plane_of_a_member_takes_the_blanking_of_the_nearest_plane_of_the_grid(factor):
+    topology = find_topology(make_grid(smooth_box(9, 6, 7)))
+    scaling = IndexScaling.of(topology, factor)
+    for planes, nearest in zip(scaling.planes[0], scaling.nearest(0)):
+        assert len(nearest) == planes[-1] + 1
+        places = np.interp(np.arange(len(nearest)), planes, np.arange(len(planes)))  # of the member, in the grid
+        assert np.abs(nearest - places).max() <= 0.5

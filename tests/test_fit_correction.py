@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from fit_cases import ALL_SHAPES, bend, bent_block, grid_of, lattice, two_blocks
 
+from bspline_mdao.fit import correction
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.fit.projection import project
@@ -15,6 +16,15 @@ from bspline_mdao.splines.volume import Volume, evaluate
 def test_more_cycles_never_raise_the_error(shape):
     errors = [fit_grid(ALL_SHAPES[shape](), corrections=n).report.rms for n in (0, 1, 2, 4)]
     assert errors == sorted(errors, reverse=True)
+
+
+def test_a_cycle_that_raises_the_error_is_not_taken(monkeypatch):
+    grid = bent_block()
+    plain = fit_grid(grid)
+    monkeypatch.setattr(correction, "_move", lambda problem, followers, parameters, *_: [p**1.5 for p in parameters])
+    kept = fit_grid(grid, corrections=3)
+    np.testing.assert_array_equal(kept.control_points, plain.control_points)
+    np.testing.assert_array_equal(kept.parameters[0], plain.parameters[0])
 
 
 def test_the_same_control_points_fit_five_times_better():
