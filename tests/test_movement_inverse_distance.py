@@ -17,6 +17,7 @@ from mover_cases import (
 from bspline_mdao.errors import InputError
 from bspline_mdao.movement.centres import APART, find_centres
 from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.mesh import MovingMesh
 
 
 @pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
@@ -33,6 +34,38 @@ def test_everything_follows_a_translation_where_the_far_field_may():
     shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.rail_rows[0]]
     points = InverseDistance(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + shift).points
     np.testing.assert_allclose(points, mesh.points + shift, atol=1e-13)
+
+
+def box_mesh(*lines):
+    """Moving mesh of a box in two blocks, grid lines at given coordinates, all of its boundary the design surface."""
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+    is_inner = np.zeros(points.shape[:3], dtype=bool)
+    is_inner[1:-1, 1:-1, 1:-1] = True
+    ids = np.arange(is_inner.size, dtype=np.int32).reshape(is_inner.shape)
+    is_free = np.repeat(is_inner.reshape(-1, 1), 3, axis=1)
+    blocks = (ids[:3], ids[2:])
+    return MovingMesh(blocks, ("block 1", "block 2"), points.reshape(-1, 3), ids[~is_inner], is_free)
+
+
+@pytest.mark.parametrize(("exponents", "reach"), [((3, 5), 0.1), ((2, 4), 0.7), ((3, 6), 0.0)])
+def test_displacements_are_the_means_with_the_weights_of_the_formula(exponents, reach):
+    random = np.random.default_rng(6)
+    lines = [np.cumsum(random.uniform(0.5, 2.0, n)) for n in (5, 4, 6)]
+    mesh = box_mesh(*lines)
+    displacement = 0.05 * random.standard_normal((len(mesh.surface_ids), 3))
+    mover = InverseDistance(mesh, exponents=exponents, reach=reach)
+    moved = mover.move(mesh.points, mesh.points[mesh.surface_ids] + displacement).points - mesh.points
+    areas = np.zeros([len(line) for line in lines])
+    widths = [0.5 * (np.diff(line, prepend=line[0]) + np.diff(line, append=line[-1])) for line in lines]
+    for d in range(3):
+        share = np.multiply.outer(*(widths[e] for e in range(3) if e != d))
+        for end in (0, -1):
+            np.moveaxis(areas, d, 0)[end] += share
+    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.surface_ids)
+    r = np.linalg.norm(mesh.points[inner][:, None] - mesh.points[mesh.surface_ids], axis=-1) / mesh.size
+    weights = areas.ravel()[mesh.surface_ids] * (r ** -exponents[0] + (r / reach if reach else np.inf) ** -exponents[1])
+    expected = weights @ displacement / weights.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(moved[inner], expected, atol=1e-12)
 
 
 def test_displacements_stay_between_those_of_the_surface_and_none():
