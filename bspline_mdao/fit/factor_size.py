@@ -26,7 +26,7 @@ SMALL_MESH = 10_000
 _GROWTH = 4.2
 """Power of the spans per direction with which a factor grows, about."""
 
-_FEWEST_SPANS = 64
+_MOST_CELLS = 64
 """Cells along a span beyond which numbers do not fall any more."""
 
 
@@ -55,7 +55,7 @@ def choose_affordable_counts(topology: Topology, n_control=None, order=None) -> 
     cells = NODES_PER_SPAN
     counts = choose_counts(topology, n_control, order)
     n_bytes = predict_factor_bytes(topology, counts.n_control)
-    while n_control is None and (n_bytes or 0) > LARGEST_FACTOR and cells < _FEWEST_SPANS:
+    while n_control is None and (n_bytes or 0) > LARGEST_FACTOR and cells < _MOST_CELLS:
         cells *= 1.01 * (n_bytes / LARGEST_FACTOR) ** (1 / _GROWTH)
         counts = choose_counts(topology, None, order, cells)
         n_bytes = predict_factor_bytes(topology, counts.n_control)
