@@ -22,6 +22,7 @@ from bspline_mdao import (
     Transfinite,
     find_topology,
     fit_grid,
+    moving_grid,
     moving_mesh,
     read_grid,
     write_grid,
@@ -82,6 +83,10 @@ CALLS = {
         lambda: moving_mesh(two_blocks()),
         "the model of a moving mesh is of type Grid; make it with fit",
     ),
+    "nodes of a moving grid": (
+        lambda: moving_grid(model().topology, two_blocks().to_vector()),
+        r"moving grid: nodes of shape \(2304,\); give shape \(768, 3\)",
+    ),
     "surface of a grid": (lambda: SurfaceGrid.of(two_blocks()), "the model of a surface is of type Grid; make it"),
     "factor in words": (lambda: model().member("2"), "factor '2' for a family member; give a positive number"),
     "no factor": (lambda: model().member(None), "factor None for a family member"),
@@ -136,9 +141,14 @@ def test_increments_are_a_whole_number(kind, n_increments):
         kind(mesh, n_increments=n_increments).move(mesh.points, mesh.points[mesh.surface_ids])
 
 
-def test_a_block_that_is_given_twice_is_reported():
+def test_a_block_that_is_given_twice_is_reported_by_every_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     twice = Grid((Block(CUBE, "a"), Block(CUBE, "b")))
     assert any("is a block given twice" in warning for warning in find_topology(twice).warnings)
+    write_grid("twice.xyz", twice)
+    for arguments in (["inspect", "twice.xyz"], ["fit", "twice.xyz", "-o", "m.h5"], ["quality", "twice.xyz"]):
+        assert run(arguments) == 0
+        assert "block 1 (1, 1-4, 1-5) and block 2 (1, 1-4, 1-5) coincide" in capsys.readouterr().out.replace("\n", " ")
 
 
 @pytest.mark.parametrize("name", ["x.foo", "x.dat", "x.vtk", "x.su2", "x.h5", "x.dat.gz", "x.CSV"])

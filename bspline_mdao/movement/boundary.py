@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import InputError, require_kind
 from ..grids.entities import BoundaryFace
+from ..grids.multiblock import as_array
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
 from ..splines.greville import greville_abscissae
@@ -119,8 +120,11 @@ def moving_grid(
     Raises
     ------
     InputError
-        As `moving_mesh`.
+        As `moving_mesh`; also if the nodes are of another shape.
     """
+    nodes = as_array(nodes, "moving grid: nodes")
+    if nodes.shape != (topology.n_nodes, 3):
+        raise InputError(f"moving grid: nodes of shape {nodes.shape}; give shape ({topology.n_nodes}, 3)")
     blocks = topology.node_ids()
     rows = np.split(np.arange(topology.n_nodes), np.cumsum([np.prod(shape) for shape in topology.shapes])[:-1])
     rows = [block.reshape(shape) for block, shape in zip(rows, topology.shapes)]
