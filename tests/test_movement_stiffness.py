@@ -6,7 +6,6 @@ from elastic_cases import crooked_box
 
 from bspline_mdao.grids.hexahedron import cell_quality
 from bspline_mdao.movement.element_measures import FlooredMeasures
-from bspline_mdao.movement.floors import floored_array
 from bspline_mdao.movement.stiffness import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
 
 LAWS = [OrthogonalityLaw(), InverseVolumeLaw(), InverseVolumeLaw(0.5), WallDistanceLaw(1.5), ConstantLaw()]
@@ -104,19 +103,3 @@ def test_orthogonality_does_not_depend_on_size_and_volume_does():
     once, twice = FlooredMeasures(mesh, mesh.points), FlooredMeasures(mesh, 2.0 * mesh.points)
     np.testing.assert_allclose(twice.log_orthogonality, once.log_orthogonality, atol=1e-11)
     np.testing.assert_allclose(twice.log_volume, once.log_volume + np.log(8.0), atol=1e-11)
-
-
-def test_the_floor_leaves_what_is_above_it_and_is_half_of_itself_far_below_with_two_smooth_derivatives():
-    t_0 = 0.3
-    t = np.array([0.9, 0.3, 0.0, -1e7])
-    values, slopes = floored_array(t, t_0)
-    np.testing.assert_allclose(values, [0.9, t_0, 4.0 / 7.0 * t_0, 0.5 * t_0], rtol=1e-6)
-    np.testing.assert_allclose(slopes[:2], 1.0)
-    below = t_0 - np.array([1e-4, 2e-4])  # value and slope meet those above, and so does the curvature, which is zero
-    near, near_slopes = floored_array(below, t_0)
-    np.testing.assert_allclose(near, below, atol=1e-9)
-    np.testing.assert_allclose(near_slopes, 1.0, atol=1e-5)
-    (floor, slope), step = floored_array(np.array([-0.1 + 1e-30j]), t_0), 1e-30
-    np.testing.assert_allclose(floor.imag / step, slope.real, rtol=1e-12)
-    lows, _ = floored_array(np.linspace(-3.0, t_0, 200), t_0)
-    assert (np.diff(lows) > 0.0).all()
