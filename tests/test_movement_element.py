@@ -158,3 +158,14 @@ def test_forces_of_a_lattice_without_strain_vanish():
     signs, modulus = np.ones(len(elements), np.int8), np.random.default_rng(0).uniform(1.0, 9.0, len(elements))
     turn = np.cross([0.3, -0.5, 0.8], x) + np.array([1.0, 2.0, 3.0])
     assert np.abs(element.force(x, elements, signs, modulus, element.lame_constants(0.4), turn)).max() < 1e-12
+
+
+@pytest.mark.parametrize("poisson_ratio", [-0.6, -0.2, 0.0, 0.3, 0.45])
+def test_a_bar_in_tension_has_youngs_modulus_and_thins_by_poissons_ratio(poisson_ratio):
+    sizes, strain = np.array([2.0, 0.7, 1.3]), 0.01
+    x = CUBE * sizes
+    pulled = strain * x * [1.0, -poisson_ratio, -poisson_ratio]
+    force = element.force(*arguments(x, 1, modulus=1.7, poisson_ratio=poisson_ratio), pulled)
+    ends = force[CUBE[:, 0] == 1.0, 0].sum(), force[CUBE[:, 0] == 0.0, 0].sum()
+    np.testing.assert_allclose(ends, np.array([1.7, -1.7]) * strain * sizes[1] * sizes[2], rtol=1e-12)
+    np.testing.assert_allclose(force[:, 1:], 0.0, atol=1e-15)
