@@ -280,22 +280,22 @@ def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss]) -
     lines = []
     if near_misses:
         lines.append(
-            f"{len(near_misses)} pairs of faces nearly meet and are not joined, so that blocks come apart there: "
-            f"{_describe_gap(near_misses)}; if they belong together, make their nodes coincide"
+            f"not joined, though they nearly meet, so that blocks come apart there: "
+            f"{_describe_gap(near_misses, 'pairs of faces')}; if they belong together, make their nodes coincide"
         )
     if joined:
         lines.append(
-            f"{len(joined)} interfaces are joined though some nodes do not coincide: {_describe_gap(joined)}; a fit "
-            f"gives both sides the nodes of the first"
+            f"joined, though not all of their nodes coincide: {_describe_gap(joined, 'interfaces')}; a fit gives both "
+            f"sides the nodes of the first"
         )
     return lines
 
 
-def _describe_gap(misses: Sequence[NearMiss]) -> str:
+def _describe_gap(misses: Sequence[NearMiss], what: str) -> str:
     worst = max(misses, key=lambda miss: miss.gap / miss.spacing)
     return (
-        f"{'the worst, ' if len(misses) > 1 else ''}{describe(worst.window)} and {describe(worst.other)}, by "
-        f"{worst.gap:.3g} m where cells are {worst.spacing:.3g} m"
+        f"{f'{len(misses)} {what}, the worst ' if len(misses) > 1 else ''}{describe(worst.window)} and "
+        f"{describe(worst.other)}, by {worst.gap:.3g} m where cells are {worst.spacing:.3g} m"
     )
 
 
