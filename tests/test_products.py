@@ -3,16 +3,19 @@
 import importlib
 import inspect
 import pkgutil
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import Heights, Lift, Shear, Swirl, movable_model
 from differences import assert_partials_pass, extrapolated_difference
+from euler_cases import with_guessed_patches
 
 import bspline_mdao
-from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid, read_grid
 from bspline_mdao.components.control_mesh_move import ControlMeshMove
 from bspline_mdao.components.fit import Fit
 from bspline_mdao.components.grid_evaluate import GridEvaluate
@@ -41,6 +44,7 @@ pytest.importorskip("mphys", reason="MPhys is not installed")
 
 from bspline_mdao.mphys import flow_group, geometry, warper
 
+ROOT = Path(__file__).parents[1]
 MOVERS = (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, Held, Shear)
 
 
@@ -294,3 +298,20 @@ def test_a_bare_check_of_the_flow_takes_complex_steps_where_there_is_room():
     problem.model.add_subsystem("flow", flow, promotes=["*"])
     problem.setup(force_alloc_complex=True)
     assert_partials_pass(problem, rtol=1e-10, atol=1e-10)
+
+
+def test_a_bare_check_passes_on_the_problem_of_the_readme():
+    (example,) = re.findall(r"```python\n(.*?)problem.run_driver\(\)", ROOT.joinpath("README.md").read_text(), re.S)
+    contents = {}
+    exec(example, contents)
+    assert_partials_pass(contents["problem"])
+
+
+def test_a_bare_check_passes_on_the_flow_about_a_real_grid(real_grids):
+    model = fit_grid(with_guessed_patches(read_grid(real_grids / "aither_multiblock_cylinder.xyz")))
+    problem = om.Problem(reports=False)
+    flow = EulerFlow(model=model, reference_area=1.0, axes="xyz", iprint=0)
+    problem.model.add_subsystem("flow", flow, promotes=["*"])
+    problem.setup()
+    problem.set_val("alpha", 0.0)
+    assert_partials_pass(problem)
