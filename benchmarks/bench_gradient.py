@@ -100,7 +100,7 @@ def make_problem(shape, n_control) -> om.Problem:
         model=model,
         fit=False,
         parametrization=Parametrization(mesh, variables(mesh)),
-        mover=LinearElasticity(mesh, solver=Cholesky(n_threads=1)),
+        mover=LinearElasticity(mesh, n_increments=5, solver=Cholesky(n_threads=1)),
     )
     problem = om.Problem(reports=False)
     problem.model.add_subsystem("shape", chain, promotes=["*"])

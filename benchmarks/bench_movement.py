@@ -110,7 +110,7 @@ class Case:
 
     def elasticity(self, **settings) -> LinearElasticity:
         """Elastic mover with our solver on one thread."""
-        return LinearElasticity(self.mesh, solver=OURS, **settings)
+        return LinearElasticity(self.mesh, **{"n_increments": 5, "solver": OURS, **settings})
 
     def move(self, mover, initial=None) -> np.ndarray:
         """Move, from the baseline unless told otherwise, and evaluate: the nodes, shape (n_nodes, 3)."""
@@ -183,8 +183,8 @@ def fastest(runs: dict[str, Callable], repeats: int) -> dict[str, float]:
 def contenders(case: Case) -> dict[str, Callable]:
     """All that is timed on one mesh."""
     movers = {
-        "lineal springs": LinealSprings(case.mesh, solver=OURS),
-        "torsional springs": TorsionalSprings(case.mesh, solver=OURS),
+        "lineal springs": LinealSprings(case.mesh, n_increments=5, solver=OURS),
+        "torsional springs": TorsionalSprings(case.mesh, n_increments=5, solver=OURS),
     }
     bar, springs = np.cos(case.evaluator.forward(case.mesh.points)), {}
     for name, mover in movers.items():

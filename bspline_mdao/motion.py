@@ -175,7 +175,8 @@ class UnsteadyGrid:
     model : FittedModel
         The fitted grid.
     mover : Mover
-        What moves its control mesh.
+        What moves its control mesh. Give it a number of increments where the motion needs more than one at some times:
+        a mover that chooses the number takes more at these times alone, and the grid jumps in between.
     motion : Motion
         What the surface does: a `SurfaceMotion` or any function of time and of the surface points at rest.
 

@@ -1,6 +1,7 @@
 """Names of all variables that cross a component boundary.
 
-Each is a flat vector of length ``3 n`` with x, y and z interleaved, in metres, as in MPhys, ADflow and DAFoam.
+Each but the last is a flat vector of length ``3 n`` with x, y and z interleaved, in metres, as in MPhys, ADflow and
+DAFoam.
 """
 
 GRID_INITIAL = "grid_initial"
@@ -21,5 +22,8 @@ SURFACE_CONTROL_POINTS = "surface_control_points"
 SURFACE = "surface"
 """Nodes of the regenerated surface, each once, in the order of a `bspline_mdao.SurfaceGrid`."""
 
-ALL_NAMES = (GRID_INITIAL, GRID, CONTROL_POINTS_INITIAL, CONTROL_POINTS, SURFACE_CONTROL_POINTS, SURFACE)
+N_INCREMENTS = "n_increments"
+"""Increments in which the control mesh was moved, a whole number."""
+
+ALL_NAMES = (GRID_INITIAL, GRID, CONTROL_POINTS_INITIAL, CONTROL_POINTS, SURFACE_CONTROL_POINTS, SURFACE, N_INCREMENTS)
 """All of these; variables and measures have names of their own."""

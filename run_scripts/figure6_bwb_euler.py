@@ -24,7 +24,7 @@ from euler_runs import (
 )
 from flown_wing import size_of
 from matplotlib.colors import Normalize
-from morphs import BLENDED_WING_BODY, Morph
+from morphs import BLENDED_WING_BODY, PAPER_INCREMENTS, Morph
 from scenes import Camera, Paint, Scene, draw_scene, faces_of
 from wall_sections import draw_pressures
 
@@ -103,7 +103,8 @@ def planform_area(morph: Morph) -> float:
 
 def chain(morph: Morph, condition: Condition, iprint: int) -> om.Problem:
     """Wire the surface of the body to the moved control mesh, the regenerated grid and the flow."""
-    geometry = GridMovement(model=morph.model, mover=LinearElasticity(morph.mesh), fit=False)
+    mover = LinearElasticity(morph.mesh, n_increments=PAPER_INCREMENTS)
+    geometry = GridMovement(model=morph.model, mover=mover, fit=False)
     problem = flow_problem(morph.model, condition, geometry=geometry, iprint=iprint)
     problem.set_val(SURFACE_CONTROL_POINTS, morph.surface.ravel())
     return problem

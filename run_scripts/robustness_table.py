@@ -39,25 +39,40 @@ KINDS = {
 }
 """All movers, at their defaults but for the increments."""
 
+PAPER = partial(LinearElasticity, n_increments=5)
+"""Elasticity as in the paper."""
+
 ELASTICITY = {
-    "m = 5": LinearElasticity,
-    "m = 1": partial(LinearElasticity, n_increments=1),
-    "m = 10": partial(LinearElasticity, n_increments=10),
-    "m = 20": partial(LinearElasticity, n_increments=20),
-    "nu = -0.6": partial(LinearElasticity, poisson_ratio=-0.6),
-    "nu = 0": partial(LinearElasticity, poisson_ratio=0.0),
-    "nu = 0.3": partial(LinearElasticity, poisson_ratio=0.3),
-    "constant": partial(LinearElasticity, stiffness=ConstantLaw()),
-    "1 / V": partial(LinearElasticity, stiffness=InverseVolumeLaw()),
-    "1 / V^2": partial(LinearElasticity, stiffness=InverseVolumeLaw(power=2.0)),
-    "1 / d": partial(LinearElasticity, stiffness=WallDistanceLaw()),
+    "m = 5": PAPER,
+    "nu = -0.6": partial(PAPER, poisson_ratio=-0.6),
+    "nu = 0": partial(PAPER, poisson_ratio=0.0),
+    "nu = 0.3": partial(PAPER, poisson_ratio=0.3),
+    "constant": partial(PAPER, stiffness=ConstantLaw()),
+    "1 / V": partial(PAPER, stiffness=InverseVolumeLaw()),
+    "1 / V^2": partial(PAPER, stiffness=InverseVolumeLaw(power=2.0)),
+    "1 / d": partial(PAPER, stiffness=WallDistanceLaw()),
 }
 """Elasticity with one setting changed at a time."""
+
+INCREMENTS = {
+    "auto": LinearElasticity,
+    "m = 1": partial(LinearElasticity, n_increments=1),
+    "m = 2": partial(LinearElasticity, n_increments=2),
+    "m = 5": PAPER,
+    "m = 10": partial(LinearElasticity, n_increments=10),
+    "m = 20": partial(LinearElasticity, n_increments=20),
+    "torsional springs, auto": TorsionalSprings,
+    "torsional springs, m = 5": partial(TorsionalSprings, n_increments=5),
+    "lineal springs, auto": LinealSprings,
+    "lineal springs, m = 5": partial(LinealSprings, n_increments=5),
+}
+"""Numbers of increments, and the number that the move chooses."""
 
 STUDIES = {
     "movers": {name: partial(kind, n_increments=5) for name, kind in KINDS.items()},
     "one increment": {name: partial(kind, n_increments=1) for name, kind in KINDS.items()},
     "elasticity": ELASTICITY,
+    "increments": INCREMENTS,
 }
 """What is compared: movers by name, each made of a mesh."""
 
@@ -111,8 +126,8 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
         No effect: there is nothing to draw.
     folder : path-like, optional
         Where real grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default, and none without it.
-    study : {"movers", "elasticity", "one increment"}
-        All movers; settings of elasticity; all movers in a single increment.
+    study : {"movers", "elasticity", "one increment", "increments"}
+        All movers; settings of elasticity; all movers in a single increment; numbers of increments, and the choice.
     deformations : sequence of str
         What is asked of every grid, as for `bspline_mdao.deformations.parse_deformation`.
 

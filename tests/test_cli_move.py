@@ -50,9 +50,14 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     found, table = numbers("m.json"), capsys.readouterr().out
     assert (found["n_control_points"], found["n_surface_control_points"]) == (mesh.n_points, len(surface))
     assert found["largest_displacement"] == pytest.approx(0.02, rel=0.5)
-    assert [set(row) for row in found["increments"]] == 5 * [
-        {"solver", "iterations", "residual", "seconds", "n_tangled", "place", "min_corner"}
+    assert [set(row) for row in found["increments"]] == [
+        {"solver", "iterations", "residual", "seconds", "n_tangled", "place", "min_corner", "corner_ratio"}
     ]
+    assert found["n_increments"] == 1
+    (tried,) = found["tried"]
+    assert (tried["n_increments"], tried["failure"]) == (1, "")
+    assert 0.1 < tried["corner_ratio"] == found["increments"][-1]["corner_ratio"] < 1.0
+    assert "1 increment, chosen by the smallest corner of the control mesh by the baseline's: 1: " in table
     assert all(row["residual"] < 1e-12 for row in found["increments"])
     assert found["before"]["q_min"] != found["after"]["q_min"] > 0.0
     assert (found["newly_inverted"], found["after"]["n_inverted"]) == ([], 0)
@@ -108,6 +113,15 @@ def test_every_mover_moves(workplace, mover):
 @pytest.mark.parametrize("stiffness", STIFFNESS)
 def test_every_stiffness_moves(workplace, stiffness):
     assert run(move(*FLOOR, "--increments", "1", "--stiffness", stiffness)) == 0
+
+
+@pytest.mark.parametrize(("increments", "n_made", "n_tried"), [("auto", 1, 4), ("5", 5, 0), (None, 1, 0)])
+def test_increments_are_chosen_or_given(workplace, capsys, increments, n_made, n_tried):
+    options = [] if increments is None else ["--increments", increments]
+    mover = "transfinite" if increments is None else "elasticity"
+    assert run(move("--deform", "bumps=0.2,seed=3,wavelength=0.8", "--mover", mover, "--allow-invalid", *options)) == 0
+    found = numbers("m.json")
+    assert (found["n_increments"], len(found["increments"]), len(found["tried"])) == (n_made, n_made, n_tried)
 
 
 def test_help_knows_all_names(capsys):

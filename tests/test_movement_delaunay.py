@@ -114,7 +114,9 @@ def test_the_coincident_sides_of_a_plate_take_their_own_blocks_along():
 def test_an_inverted_graph_is_told_with_the_increment():
     mesh = channel()
     surface = mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.6]
-    with pytest.raises(MovementError, match=r"increment 1 of 1: the tetrahedron that carries point \(.*\) of block 1"):
+    with pytest.raises(
+        MovementError, match=r"increment 1 of 1: Delaunay graph: the tetrahedron that carries point \(.*\) of block 1"
+    ):
         DelaunayGraph(mesh).move(mesh.points, surface + [0.0, 0.0, 0.6])
     with pytest.raises(MovementError, match="increment 4 of 5"):
         DelaunayGraph(mesh, 5).move(mesh.points, surface + [0.0, 0.0, 0.6])

@@ -441,7 +441,7 @@ def test_the_surface_goes_in_equal_increments_along_straight_lines():
 def test_requests_that_nothing_can_follow_are_refused():
     mesh = channel()
     points, surface = mesh.points, mesh.points[mesh.surface_ids]
-    with pytest.raises(InputError, match="0 increments; give at least 1"):
+    with pytest.raises(InputError, match="0 increments; give a whole number from 1"):
         in_increments(mesh, Twist, points, surface, 0)
     with pytest.raises(InputError, match=r"surface points of shape \(5, 3\)"):
         in_increments(mesh, Twist, points, surface[:5], 1)

@@ -31,6 +31,26 @@ def test_elasticity_leads_the_table_of_robustness(script):
     assert numbers["not_applicable"] == {}
 
 
+def test_the_number_of_increments_that_a_move_chooses_loses_no_case_that_five_manage(script, monkeypatch):
+    table = script("robustness_table")
+    studied = {name: table.INCREMENTS[name] for name in ("auto", "m = 1", "m = 5")}
+    monkeypatch.setitem(table.STUDIES, "increments", studied)
+    numbers = table.main(study="increments", deformations=("twist=90deg",))
+    assert numbers["movers"]["auto"]["n_cases"] == 4
+    assert numbers["lost"] == []
+    assert numbers["movers"]["auto"]["n_valid"] >= numbers["movers"]["m = 5"]["n_valid"] > 0
+    assert numbers["movers"]["m = 1"]["n_valid"] < numbers["movers"]["auto"]["n_valid"]
+
+
+def test_a_real_grid_that_one_increment_tangles_gets_two(script, real_grids):
+    grids = script("robustness_grids")
+    body = grids.Body.of("cylinder", grids.read_grid(real_grids / "aither_multiblock_cylinder.xyz"))
+    mover = script("robustness_table").LinearElasticity(body.mesh)
+    movement = mover.move(body.mesh.points, body.surface("twist=90deg"))
+    assert [(t.n_increments, t.corner_ratio > 0.0) for t in movement.report.tried] == [(1, False), (2, True)]
+    assert body.judge(movement.points)[0] == 0
+
+
 def test_what_the_first_mover_loses_is_named(script):
     robustness_table = script("robustness_table")
     cases = [

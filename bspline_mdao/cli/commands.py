@@ -25,6 +25,17 @@ patches_option = click.option(
 json_option = click.option("--json", type=click.Path(path_type=Path), metavar="FILE", help="Write the numbers to FILE.")
 
 
+class Increments(click.IntRange):
+    """A number of increments, or the word that leaves it to the move."""
+
+    def __init__(self):
+        super().__init__(min=1)
+
+    def convert(self, value, param, context):
+        """Read the option."""
+        return value if value == "auto" else super().convert(value, param, context)
+
+
 @click.group(
     context_settings=CONTEXT,
     invoke_without_command=True,
@@ -154,7 +165,13 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
     metavar="NAME",
     help="What carries the control mesh along: elasticity, springs, torsional, transfinite, rbf, idw, delaunay, held.",
 )
-@click.option("--increments", type=click.IntRange(min=1), metavar="N", help="Increments; each mover has its default.")
+@click.option(
+    "--increments",
+    type=Increments(),
+    metavar="auto|N",
+    help="Increments. auto takes the first of 1, 2, 5 and 10 that keeps the control mesh good: the default of "
+    "elasticity and springs; that of other movers is 1.",
+)
 @click.option("--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default.")
 @click.option(
     "--stiffness",

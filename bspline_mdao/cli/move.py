@@ -20,7 +20,7 @@ from ..model import FittedModel
 from ..movement.boundary import moving_mesh
 from ..movement.increments import LOGGER
 from ..movement.mesh import MovingMesh
-from ..movement.mover import IncrementReport, Movement
+from ..movement.mover import IncrementReport, Movement, MovementReport
 from ..quality.grid_quality import GridQuality
 from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from .movers import MoverOptions
@@ -175,16 +175,16 @@ def _shown_increments(progress: Callable[[float, str], None]) -> Iterator[None]:
 
 def _complaint(moved: Moved) -> str:
     """Say which cells are inverted, and where that began in the control mesh."""
-    first, where = moved.movement.report.first_tangled(), ""
+    report = moved.movement.report
+    first, where = report.first_tangled(), ""
     if first:
-        n_increments = len(moved.movement.report.increments)
-        where = f"; the control mesh tangles in increment {first[0]} of {n_increments}, {first[1].place}"
+        where = f"; the control mesh tangles in increment {first[0]} of {report.n_increments}, {first[1].place}"
     held = [what for what, _ in moved.mesh.obstacles if what not in where]
     if held:
         where += f"; {held[0]} is held where the surface ends on it: --slide or --release it if the cells are there"
     return (
         f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}{where}; "
-        f"nothing was written; take a smaller deformation, more --increments or another --mover, or "
+        f"nothing was written; take a smaller deformation{report.advice} or another --mover, or "
         f"--allow-invalid to see it"
     )
 
@@ -206,9 +206,12 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
                 "n_tangled": increment.n_tangled,
                 "place": increment.place,
                 "min_corner": increment.min_corner,
+                "corner_ratio": increment.corner_ratio,
             }
             for increment in report.increments
         ],
+        "n_increments": report.n_increments,
+        "tried": [vars(trial) for trial in report.tried],
         "seconds": report.seconds,
         "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
         "before": {name: getattr(moved.before, name) for name in QUALITY},
@@ -223,7 +226,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     rows = [_row(number, increment) for number, increment in enumerate(report.increments, start=1)]
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
-    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}"])
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}", _chosen(report)])
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
         ["quality of the grid", "before", "after"],
@@ -231,6 +234,15 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     )
     print_lines(_warnings(moved), style="yellow")
     print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
+
+
+def _chosen(report: MovementReport) -> str:
+    """Say in how many increments a move was made, and why."""
+    what = "1 increment" if report.n_increments == 1 else f"{report.n_increments} increments"
+    if not report.tried:
+        return what
+    tried = ", ".join(map(str, report.tried))
+    return f"{what}, chosen by the smallest corner of the control mesh by the baseline's: {tried}"
 
 
 def _row(number: int, increment: IncrementReport) -> tuple:

@@ -49,7 +49,7 @@ class MoverOptions:
     ----------
     mover : str
         Name out of `MOVERS`.
-    increments : int, optional
+    increments : int or "auto", optional
         Increments of the move.
     nu : float, optional
         Poisson's ratio.
@@ -58,7 +58,7 @@ class MoverOptions:
     """
 
     mover: str = "elasticity"
-    increments: int | None = None
+    increments: int | str | None = None
     nu: float | None = None
     stiffness: str | None = None
     solver: str | None = None

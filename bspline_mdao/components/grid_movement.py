@@ -54,8 +54,8 @@ class GridMovement(om.Group):
     mover : Mover, optional
         Moves the control mesh of the model; by default linear elasticity, on the mesh of the parametrization or with
         all walls as the design surface.
-    require_valid : bool
-        Refuse a tangled control mesh, see `ControlMeshMove`.
+    require_valid, keep_increments : bool
+        Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
     fit : bool
         Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input.
     live : bool
@@ -79,6 +79,7 @@ class GridMovement(om.Group):
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
         self.options.declare("quality", types=bool, default=True, desc="measure the cells of the grid")
@@ -94,7 +95,8 @@ class GridMovement(om.Group):
             self._add("control", SurfaceControl(parametrization=self.options["parametrization"]))
         if self.options["measures"]:
             self._add_measures(mover.mesh)
-        self._add("move", ControlMeshMove(mover=mover, require_valid=self.options["require_valid"]))
+        settings = {name: self.options[name] for name in ("require_valid", "keep_increments")}
+        self._add("move", ControlMeshMove(mover=mover, **settings))
         self._add("evaluate", (LiveGridEvaluate if is_live else GridEvaluate)(model=model))
         if self.options["quality"]:
             self._add("quality", Quality(model=model))

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from ..errors import MovementError
 from .centres import CentredInterpolation, Centres, find_centres
-from .increments import IncrementalMovement, in_increments
+from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 from .mesh import MovingMesh
 from .tetrahedra import signed_volumes, tetrahedra
@@ -22,7 +22,7 @@ OUTSIDE = 0.1
 
 
 @dataclass(frozen=True)
-class DelaunayGraph:
+class DelaunayGraph(IncrementalMover):
     """Move every point with the tetrahedron of surface and held points that it is in.
 
     The graph connects the points as they are before each increment. With one increment the moved points are linear in
@@ -33,8 +33,13 @@ class DelaunayGraph:
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int
+    n_increments : int or "auto"
         Increments of the move.
+
+    Notes
+    -----
+    A move raises `MovementError` if a tetrahedron that carries points inverts, or a point is in none, as on a boundary
+    that is released.
 
     References
     ----------
@@ -43,29 +48,11 @@ class DelaunayGraph:
     """
 
     mesh: MovingMesh
-    n_increments: int = 1
+    n_increments: int | str = 1
 
     name = "delaunay graph"
 
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
-        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        Raises
-        ------
-        InputError
-            As `in_increments`.
-        MovementError
-            As `in_increments`; also if a tetrahedron that carries points inverts, or a point is in none, as on a
-            boundary that is released.
-        """
-        numbers = iter(range(1, self.n_increments + 1))
-
-        def step(initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
-            return self._step(next(numbers), before, surface)
-
-        return in_increments(self.mesh, step, initial, surface, self.n_increments)
-
-    def _step(self, number: int, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
+    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         centres = self._centres
         targets, points = before[centres.target_ids], centres.position @ before
         displacement = centres.displacement(surface - before[self.mesh.surface_ids])
@@ -73,24 +60,21 @@ class DelaunayGraph:
         corners, coordinates = graph.corners[which], graph.coordinates(which, targets)
         self._refuse(
             coordinates.min(axis=1) < -OUTSIDE,
-            number,
             "no tetrahedron carries {}; hold the boundary about it (pinned, --fix)",
         )
         is_inverted = signed_volumes(points + displacement, corners) <= 0.0
-        self._refuse(is_inverted, number, "the tetrahedron that carries {} inverts; take more increments")
+        self._refuse(is_inverted, "the tetrahedron that carries {} inverts; take more increments")
         rows = np.repeat(np.arange(len(targets)), 4)
         weights = sparse.csr_array((coordinates.ravel(), (rows, corners.ravel())), shape=(len(targets), len(points)))
         stretch = (displacement[corners[:, 1:]] - displacement[corners[:, :1]]).transpose(0, 2, 1)
         carried = _Carried(weights, stretch @ graph.inverses[which], weights @ displacement)
         return interpolated_step(self.mesh, before, surface, CentredInterpolation(centres, carried))
 
-    def _refuse(self, is_bad: np.ndarray, number: int, what: str) -> None:
+    def _refuse(self, is_bad: np.ndarray, what: str) -> None:
         """Name the first bad target."""
         if is_bad.any():
             place = self.mesh.place_of_point(self._centres.target_ids[np.argmax(is_bad)])
-            raise MovementError(
-                f"Delaunay graph, increment {number} of {self.n_increments}: {what.format(place)}, or another mover"
-            )
+            raise MovementError(f"Delaunay graph: {what.format(place)}, or another mover")
 
     @cached_property
     def _centres(self) -> Centres:

@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..sparse.solvers import default_solver
 from . import element, element_stiffness
 from .equilibrium import EquilibriumMover
+from .increments import AUTO
 from .mesh import MovingMesh
 from .stiffness import OrthogonalityLaw, StiffnessLaw
 
@@ -26,8 +27,9 @@ class LinearElasticity(EquilibriumMover):
         What is moved.
     poisson_ratio : float
         Between -1 and 0.5.
-    n_increments : int
-        The paper's m.
+    n_increments : int or "auto"
+        The paper's m, which is 5 there. By default a move takes the first of 1, 2, 5 and 10 with which the mesh stays
+        good, see `bspline_mdao.movement.increments.in_increments`.
     stiffness : StiffnessLaw
         Young's modulus of the elements at the start of every increment; the paper's by default.
     solver : object
@@ -41,17 +43,18 @@ class LinearElasticity(EquilibriumMover):
     Raises
     ------
     InputError
-        If Poisson's ratio is out of range.
+        If Poisson's ratio is out of range, or the number of increments is none.
     """
 
     mesh: MovingMesh
     poisson_ratio: float = -0.2
-    n_increments: int = 5
+    n_increments: int | str = AUTO
     stiffness: StiffnessLaw = field(default_factory=OrthogonalityLaw)
     solver: object = field(default_factory=default_solver)
     keep_factors: bool | None = None
 
     def __post_init__(self):
+        super().__post_init__()
         if not -1.0 < self.poisson_ratio < 0.5:
             raise InputError(f"elasticity: Poisson's ratio {self.poisson_ratio}; give a number between -1 and 0.5")
 

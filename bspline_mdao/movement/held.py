@@ -35,12 +35,12 @@ class Held(IncrementalMover):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int
+    n_increments : int or "auto"
         Increments of the move; they change nothing but the report.
     """
 
     mesh: MovingMesh
-    n_increments: int = 1
+    n_increments: int | str = 1
 
     name = "held"
 

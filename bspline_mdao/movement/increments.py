@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from numbers import Integral
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, MovementError
 from ..grids.multiblock import as_array
 from .mesh import MovingMesh
-from .mover import IncrementReport, MovementReport, Step, check_reach, check_request
+from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
-__all__ = ["LOGGER", "IncrementalMovement", "in_increments"]
+__all__ = ["AUTO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
 
 LOGGER = logging.getLogger(__name__)
 """Tells of every increment that is done, with the arguments ``(increment, n_increments)``."""
+
+AUTO = "auto"
+"""Number of increments of a move that chooses it by what it needs."""
+
+NUMBERS = (1, 2, 5, 10)
+"""Numbers of increments that such a move tries in turn."""
+
+GOOD_RATIO = 0.03
+"""A mesh stays good while no element's smallest corner triple product falls below this fraction of the baseline's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +97,8 @@ def in_increments(
     step: Callable[[np.ndarray, np.ndarray, np.ndarray], Step],
     initial: np.ndarray,
     surface: np.ndarray,
-    n_increments: int,
+    n_increments: int | str,
+    numbers: Sequence[int] = NUMBERS,
 ) -> IncrementalMovement:
     """Move the surface in equal increments along straight lines, and the mesh behind it.
 
@@ -102,41 +113,84 @@ def in_increments(
         Points before the move (m).
     surface : ndarray, shape (n_surface, 3)
         Surface points after it (m).
-    n_increments : int
-        The paper's m.
+    n_increments : int or "auto"
+        The paper's m. "auto" takes the first of ``numbers`` with which the mesh stays good: every element that is valid
+        on the baseline keeps `GOOD_RATIO` of its smallest corner triple product. Where none does, the number counts
+        that keeps most. Which it is depends on ``initial``, ``surface`` and ``numbers`` alone.
+    numbers : sequence of int
+        What "auto" tries, ascending.
 
     Raises
     ------
     InputError
         If a shape or the number of increments is wrong.
     MovementError
-        If the move cannot be done, or carries a point far beyond what the surface does.
+        If the move cannot be done, or carries a point far beyond what the surface does, with any of the numbers.
     """
-    if isinstance(n_increments, bool) or not isinstance(n_increments, Integral) or n_increments < 1:
-        raise InputError(f"movement: {n_increments!r} increments; give at least 1, a whole number")
+    require_number(n_increments)
     initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
     check_request(mesh, initial, surface)
+    make = partial(_made, mesh, step, initial, surface)
+    return _as_needed(make, numbers) if n_increments == AUTO else make(n_increments)
+
+
+def require_number(n_increments: int | str) -> None:
+    """Refuse what is no number of increments."""
+    is_number = isinstance(n_increments, Integral) and not isinstance(n_increments, bool) and n_increments >= 1
+    if not is_number and n_increments != AUTO:
+        raise InputError(f"movement: {n_increments} increments; give a whole number from 1, or '{AUTO}'")
+
+
+def _made(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
+    """Make a move in so many increments."""
     start, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
     for i in range(1, n_increments + 1):
-        steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
+        try:
+            steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
+        except MovementError as error:
+            raise MovementError(f"increment {i} of {n_increments}: {error}") from error
         before = steps[-1].points
         check_reach(mesh, initial, surface, before)
         tangling = mesh.tangled(before)
-        reports.append(IncrementReport(steps[-1].report, tangling.n_tangled, tangling.place, tangling.min_corner))
+        reports.append(IncrementReport(steps[-1].report, *vars(tangling).values()))
         LOGGER.info("increment %d of %d", i, n_increments)
     report = MovementReport(tuple(reports), time.perf_counter() - start)
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 
 
+def _as_needed(make: Callable[[int], IncrementalMovement], numbers: Sequence[int]) -> IncrementalMovement:
+    """Make a move with the first number that keeps the mesh good, or else with the best."""
+    start, tried = time.perf_counter(), []
+    for n_increments in numbers:
+        movement = None  # the factors of the last one make room for those of the next
+        try:
+            movement = make(n_increments)
+            tried.append(Trial(n_increments, movement.report.increments[-1].corner_ratio))
+        except MovementError as error:
+            tried.append(Trial(n_increments, -np.inf, str(error)))
+        if tried[-1].corner_ratio >= GOOD_RATIO:
+            break
+    best = max(reversed(tried), key=lambda trial: trial.corner_ratio)
+    if movement is None or best is not tried[-1]:
+        movement = make(best.n_increments)
+    report = replace(movement.report, seconds=time.perf_counter() - start, tried=tuple(tried))
+    return replace(movement, report=report)
+
+
 class IncrementalMover:
     """What movers share that do the same in every increment.
 
-    A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
+    A leaf has the fields ``mesh`` and ``n_increments``, a number or "auto", and says what one increment does.
     """
 
-    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
+    def __post_init__(self):
+        require_number(self.n_increments)
+
+    def move(self, initial: np.ndarray, surface: np.ndarray, numbers: Sequence[int] = NUMBERS) -> IncrementalMovement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
+
+        With ``n_increments="auto"`` the move tries ``numbers`` of increments in turn, see `in_increments`.
 
         Raises
         ------
@@ -146,7 +200,8 @@ class IncrementalMover:
             If a coordinate is not finite, a surface point leaves its symmetry plane, a system cannot be solved, or a
             point is carried far beyond what the surface does.
         """
-        return in_increments(self.mesh, self._step, np.array(initial, dtype=float), surface, self.n_increments)
+        initial = np.array(initial, dtype=float)
+        return in_increments(self.mesh, self._step, initial, surface, self.n_increments, numbers)
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> Step:
         """Make one increment, see `in_increments`."""

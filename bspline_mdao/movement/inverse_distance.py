@@ -37,7 +37,7 @@ class InverseDistance(IncrementalMover):
         The powers a and b; the smaller one is felt far away.
     reach : float
         :math:`\alpha`; 0 leaves plain inverse-distance weights of the power a.
-    n_increments : int
+    n_increments : int or "auto"
         Increments of the move.
 
     Notes
@@ -55,11 +55,12 @@ class InverseDistance(IncrementalMover):
     mesh: MovingMesh
     exponents: tuple[int, int] = (3, 5)
     reach: float = 0.1
-    n_increments: int = 1
+    n_increments: int | str = 1
 
     name = "inverse distance"
 
     def __post_init__(self):
+        super().__post_init__()
         if min(self.exponents) < 1 or not all(isinstance(n, int) for n in self.exponents):
             raise InputError(f"inverse distance: exponents {self.exponents}; give two integers from 1")
         if not self.reach >= 0.0:

@@ -30,11 +30,15 @@ class Tangling:
         The worst of them; empty where there is none.
     min_corner : float
         Smallest corner triple product of unit edges of the elements that are valid on the baseline.
+    corner_ratio : float
+        Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements:
+        1 where nothing has changed, 0 or less where the mesh tangles.
     """
 
     n_tangled: int
     place: str
     min_corner: float
+    corner_ratio: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +175,7 @@ class MovingMesh:
 
     def tangled(self, points: np.ndarray) -> Tangling:
         """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
-        n_tangled, place, least = 0, "", np.inf
+        n_tangled, place, least, ratio = 0, "", np.inf, np.inf
         for name, ids, left_out, baseline in zip(
             self.names, self.blocks, self._left_out_by_block, self._baseline_quality
         ):
@@ -180,11 +184,12 @@ class MovingMesh:
             corner = np.where(np.isnan(corner), -np.inf, corner)
             corner = np.where(baseline.is_valid, corner, np.inf)
             n_tangled += int(np.count_nonzero(corner <= 0.0))
+            ratio = min(ratio, float(np.min(corner / np.where(baseline.is_valid, baseline.min_corner, 1.0))))
             worst = np.unravel_index(np.argmin(corner), corner.shape)
             if corner[worst] < least:
                 least = float(corner[worst])
                 place = "" if least > 0.0 else _place("element", worst, name) + self._obstacle(ids, worst)
-        return Tangling(n_tangled, place, least)
+        return Tangling(n_tangled, place, least, ratio)
 
     def _obstacle(self, ids: np.ndarray, element) -> str:
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""

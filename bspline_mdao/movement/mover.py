@@ -23,6 +23,7 @@ __all__ = [
     "Mover",
     "SolveReport",
     "Step",
+    "Trial",
     "check_reach",
     "check_request",
 ]
@@ -79,12 +80,37 @@ class IncrementReport:
         The worst of them, ``"element (i, j, k) of block 3"``, counted from 1; empty where there is none.
     min_corner : float
         Smallest corner triple product of the elements that are valid on the baseline.
+    corner_ratio : float
+        Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements.
     """
 
     solve: SolveReport | None
     n_tangled: int
     place: str
     min_corner: float
+    corner_ratio: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A number of increments that a move was tried with.
+
+    Parameters
+    ----------
+    n_increments : int
+        The number.
+    corner_ratio : float
+        What it makes of the elements, see `IncrementReport`; minus infinity where the mover gave up.
+    failure : str
+        Why the mover gave up; empty if it did not.
+    """
+
+    n_increments: int
+    corner_ratio: float
+    failure: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.n_increments}: {self.failure or f'{self.corner_ratio:.2g}'}"
 
 
 @dataclass(frozen=True)
@@ -96,11 +122,19 @@ class MovementReport:
     increments : tuple of IncrementReport
         In order.
     seconds : float
-        Wall clock of the whole move.
+        Wall clock of the whole move, with all that was tried.
+    tried : tuple of Trial
+        What was tried, in order, where the move chose the number of its increments; empty where that was given.
     """
 
     increments: tuple[IncrementReport, ...]
     seconds: float
+    tried: tuple[Trial, ...] = ()
+
+    @property
+    def n_increments(self) -> int:
+        """Number of increments that the move was made in."""
+        return len(self.increments)
 
     def first_tangled(self) -> tuple[int, IncrementReport] | None:
         """Number, from 1, and report of the first increment that tangles; None where none does."""
@@ -119,10 +153,16 @@ class MovementReport:
             return
         number, first = self.first_tangled()
         raise MovementError(
-            f"movement: increment {number} of {len(self.increments)} inverts {first.place} (corner triple product "
+            f"movement: increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
             f"{first.min_corner:.2g}); {self.increments[-1].n_tangled} elements are inverted at the end; "
-            f"take a smaller step or more increments"
+            f"take a smaller step{self.advice} or another mover"
         )
+
+    @property
+    def advice(self) -> str:
+        """What may help a tangled mesh besides a smaller step: more increments, unless they were tried."""
+        numbers = ", ".join(str(trial.n_increments) for trial in self.tried)
+        return f" (tried with {numbers} increments)" if self.tried else ", more increments"
 
 
 class Movement(Protocol):
@@ -142,7 +182,11 @@ class Movement(Protocol):
 
 
 class Mover(Protocol):
-    """Moves the points of a mesh behind its surface."""
+    """Moves the points of a mesh behind its surface.
+
+    A mover whose ``n_increments`` is "auto" also takes ``numbers`` of increments to try in turn, see
+    `bspline_mdao.movement.increments.in_increments`.
+    """
 
     mesh: MovingMesh
     """What is moved."""

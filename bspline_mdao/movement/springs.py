@@ -12,6 +12,7 @@ import numpy as np
 from ..sparse.solvers import default_solver
 from . import spring_element
 from .equilibrium import EquilibriumMover
+from .increments import AUTO
 from .mesh import MovingMesh
 
 __all__ = ["LinealSprings", "TorsionalSprings"]
@@ -32,8 +33,9 @@ class LinealSprings(_Springs):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int
-        Number of increments.
+    n_increments : int or "auto"
+        Number of increments; by default the first of 1, 2, 5 and 10 with which the mesh stays good, as for
+        `bspline_mdao.movement.elasticity.LinearElasticity`.
     power : float
         A spring of length L has the stiffness L^-power.
     solver : object
@@ -43,7 +45,7 @@ class LinealSprings(_Springs):
     """
 
     mesh: MovingMesh
-    n_increments: int = 5
+    n_increments: int | str = AUTO
     power: float = 1.0
     solver: object = field(default_factory=default_solver)
     keep_factors: bool | None = None
@@ -61,8 +63,9 @@ class TorsionalSprings(_Springs):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int
-        Number of increments.
+    n_increments : int or "auto"
+        Number of increments; by default the first of 1, 2, 5 and 10 with which the mesh stays good, as for
+        `bspline_mdao.movement.elasticity.LinearElasticity`.
     torsion : float
         Stiffness of the torsional springs relative to that of the lineal ones.
     solver : object
@@ -72,7 +75,7 @@ class TorsionalSprings(_Springs):
     """
 
     mesh: MovingMesh
-    n_increments: int = 5
+    n_increments: int | str = AUTO
     torsion: float = 0.01
     solver: object = field(default_factory=default_solver)
     keep_factors: bool | None = None

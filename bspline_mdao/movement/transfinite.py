@@ -28,7 +28,7 @@ class Transfinite(IncrementalMover):
     ----------
     mesh : MovingMesh
         What is moved. A control mesh is interpolated in its parameters, other meshes by the arc length of their lines.
-    n_increments : int
+    n_increments : int or "auto"
         Increments of the move; as the weights are constant, they change nothing but the report.
 
     References
@@ -38,7 +38,7 @@ class Transfinite(IncrementalMover):
     """
 
     mesh: MovingMesh
-    n_increments: int = 1
+    n_increments: int | str = 1
 
     name = "transfinite"
 
