@@ -378,6 +378,30 @@ def test_a_surface_that_is_bent_smoothly_is_followed_to_half_a_percent_of_the_di
     np.testing.assert_allclose(walls, bent, atol=5e-3 * deflection)
 
 
+def test_the_warper_tells_how_far_the_wall_misses_the_nodes_in_every_run(wing, caplog):
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem(
+        "warper", VolumeWarper(model=wing.model, mover=wing.mover, require_valid=False), promotes=["*"]
+    )
+    problem.setup()
+    assert problem.model.warper.miss is None
+    for height, level in ((0.0, "INFO"), (0.3, "WARNING")):
+        nodes = wing.surface.points.copy()
+        nodes[:, 1] += height * np.abs(nodes[:, 2] - 0.6)
+        problem.set_val("x_aero", nodes.ravel())
+        caplog.clear()
+        with caplog.at_level("INFO", logger="bspline_mdao.fit.surface_fit"):
+            problem.run_model()
+        walls = problem.get_val("aero_vol_coords").reshape(-1, 3)[wing.surface.rows]
+        distances, miss = np.linalg.norm(walls - nodes, axis=1), problem.model.warper.miss
+        np.testing.assert_allclose(miss.largest, distances.max(), rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(miss.rms, np.sqrt(np.mean(distances**2)), rtol=1e-9, atol=1e-14)
+        (record,) = caplog.records
+        assert record.levelname == level
+        assert "fit_surface" in record.getMessage()
+        assert str(miss) in record.getMessage()
+
+
 def test_surface_nodes_that_are_not_finite_are_an_analysis_error(wing):
     problem = om.Problem(reports=False)
     problem.model.add_subsystem("warper", VolumeWarper(model=wing.model, mover=wing.mover), promotes=["*"])

@@ -76,8 +76,8 @@ def flow_of(kind, **options):
 
 
 def surface_fit():
-    names = {"numbers": None, "baseline": surface().points}
-    return warper._SurfaceFit(surface_map=SurfaceMap.of(model(), moving_mesh(model()), surface()), **names)
+    surface_map = SurfaceMap.of(model(), moving_mesh(model()), surface())
+    return warper._SurfaceFit(model=model(), surface=surface(), surface_map=surface_map)
 
 
 COMPONENTS = {

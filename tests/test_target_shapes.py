@@ -8,6 +8,7 @@ from fit_cases import two_blocks
 
 from bspline_mdao import (
     InputError,
+    SurfaceGrid,
     fit_grid,
     fit_shape,
     flat_plate_grid,
@@ -16,7 +17,7 @@ from bspline_mdao import (
     onera_m6_grid,
     rectangular_wing,
 )
-from bspline_mdao.fit.surface_fit import fit_surface
+from bspline_mdao.fit.surface_fit import LOGGER, fit_surface
 from bspline_mdao.generators import (
     BlendedWingBody,
     Planform,
@@ -75,8 +76,47 @@ def walls_of(nodes, grid):
 def test_unmoved_nodes_give_back_the_models_surface_control_points(m6_grid, options):
     model = fit_grid(m6_grid, n_control=(7, 6, 5), **options)
     ids = moving_mesh(model).surface_ids
-    surface = fit_surface(model, ids, model.regenerate().to_vector().reshape(-1, 3))
+    surface = fit_surface(model, ids, model.regenerate().to_vector().reshape(-1, 3)).control_points
     np.testing.assert_allclose(surface, model.control_points[ids], atol=1e-13)
+
+
+@pytest.mark.parametrize("keep_residual", [True, False])
+def test_a_fit_tells_how_far_the_surface_misses_its_target_and_where(m6_grid, keep_residual, caplog):
+    model = fit_grid(m6_grid, n_control=(7, 6, 5), keep_residual=keep_residual)
+    mesh, wall = moving_mesh(model), SurfaceGrid.of(model)
+    baseline = model.regenerate().to_vector().reshape(-1, 3)
+    bent = baseline + np.outer(0.1 * np.abs(baseline[:, 2] - 0.6), [0.0, 1.0, 0.0])  # a kink that no spline has
+    found = fit_surface(model, mesh.surface_ids, bent)
+    moved = model.control_points.copy()
+    moved[mesh.surface_ids] = found.control_points
+    distances = np.linalg.norm(model.regenerate(moved).to_vector().reshape(-1, 3) - bent, axis=1)[wall.rows]
+    miss = found.miss
+    assert miss.largest == pytest.approx(distances.max(), rel=1e-9)
+    assert miss.rms == pytest.approx(np.sqrt(np.mean(distances**2)), rel=1e-9)
+    assert miss.n_nodes == wall.n_points
+    assert miss.size == pytest.approx(np.linalg.norm(np.ptp(bent[wall.rows], axis=0)))
+    block, index = int(miss.block.split()[1]) - 1, tuple(np.array(miss.node) - 1)
+    worst = wall.rows[np.argmax(distances)]
+    np.testing.assert_array_equal(m6_grid.blocks[block].nodes[index], m6_grid.to_vector().reshape(-1, 3)[worst])
+    assert miss.patch in ("wing_upper", "wing_lower")
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    for part in (
+        f"{miss.largest:.3g} m at most",
+        f"{miss.rms:.3g} m RMS",
+        miss.patch,
+        f"node {miss.node} of {miss.block}",
+    ):
+        assert part in record.getMessage()
+
+
+def test_a_surface_that_is_met_is_told_to_those_who_ask(m6_grid, caplog):
+    model = fit_grid(m6_grid, n_control=(7, 6, 5))
+    nodes = model.regenerate().to_vector().reshape(-1, 3)
+    with caplog.at_level("INFO", logger=LOGGER.name):
+        miss = fit_surface(model, moving_mesh(model).surface_ids, nodes).miss
+    assert miss.largest < 1e-13
+    assert [record.levelname for record in caplog.records] == ["INFO"]
 
 
 def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_grid):
@@ -87,7 +127,7 @@ def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_
     nodes = model.evaluator().forward(moved)
     interior = np.concatenate([np.pad(np.ones(np.subtract(s, 2), bool), 1).ravel() for s in model.topology.shapes])
     nodes[interior] = 1e3  # inner nodes of blocks do not count
-    np.testing.assert_allclose(fit_surface(model, ids, nodes), moved[ids], atol=1e-11)
+    np.testing.assert_allclose(fit_surface(model, ids, nodes).control_points, moved[ids], atol=1e-11)
 
 
 def test_faces_of_blocks_that_meet_are_fitted_together():
@@ -97,7 +137,7 @@ def test_faces_of_blocks_that_meet_are_fitted_together():
     ids = moving_mesh(model).surface_ids
     nodes = model.regenerate().to_vector().reshape(-1, 3)
     np.testing.assert_allclose(
-        fit_surface(model, ids, nodes + [0.1, 0.2, 0.3]), model.control_points[ids] + [0.1, 0.2, 0.3]
+        fit_surface(model, ids, nodes + [0.1, 0.2, 0.3]).control_points, model.control_points[ids] + [0.1, 0.2, 0.3]
     )
 
 

@@ -26,7 +26,8 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.n
     Returns
     -------
     ndarray, shape (n_surface, 3)
-        Surface control points (m).
+        Surface control points (m). How far the surface misses the shape is logged, see
+        `bspline_mdao.fit.surface_fit.fit_surface`, which also returns it.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.n
     >>> surface.shape == mesh.points[mesh.surface_ids].shape
     True
     """
-    return fit_surface(model, surface_ids, nodes_on_shape(model, shape))
+    return fit_surface(model, surface_ids, nodes_on_shape(model, shape)).control_points
 
 
 def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:

@@ -66,6 +66,10 @@ class SurfaceInverse:
         """Control points, shape (n_surface, 3), of nodes, shape (n, 3), in metres."""
         return self.jvp(nodes - self.constant)
 
+    def nodes(self, control_points: np.ndarray) -> np.ndarray:
+        """Nodes, shape (n, 3), of control points, shape (n_surface, 3), in metres."""
+        return self.matrix @ control_points + self.constant
+
     def jvp(self, change: np.ndarray) -> np.ndarray:
         """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
         found = self._solve(change)

@@ -153,7 +153,7 @@ def _made(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
         before = steps[-1].points
         check_reach(mesh, initial, surface, before)
         tangling = mesh.tangled(before)
-        reports.append(IncrementReport(steps[-1].report, *vars(tangling).values()))
+        reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
         LOGGER.info("increment %d of %d", i, n_increments)
     report = MovementReport(tuple(reports), time.perf_counter() - start)
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
@@ -172,8 +172,9 @@ def _as_needed(make: Callable[[int], IncrementalMovement], numbers: Sequence[int
         if tried[-1].corner_ratio >= GOOD_RATIO:
             break
     best = max(reversed(tried), key=lambda trial: trial.corner_ratio)
-    if movement is None or best is not tried[-1]:
-        movement = make(best.n_increments)
+    if best is not tried[-1]:
+        movement = None
+    movement = movement or make(best.n_increments)
     report = replace(movement.report, seconds=time.perf_counter() - start, tried=tuple(tried))
     return replace(movement, report=report)
 

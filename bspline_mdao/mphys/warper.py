@@ -8,9 +8,11 @@ import openmdao.api as om
 from ..components.control_mesh_move import mesh_of
 from ..components.grid_movement import GridMovement
 from ..components.jacobian import LINEAR_STEP, SparseComponent, add_product, check_along_directions, finite_points
+from ..fit.surface_fit import SurfaceMiss
 from ..geometry.surface import SurfaceGrid
 from ..geometry.surface_inverse import SurfaceInverse
 from ..geometry.surface_map import SurfaceMap
+from ..grids.sharing import node_sharing
 from ..model import FittedModel
 from ..movement.boundary import moving_mesh
 from ..movement.elasticity import LinearElasticity
@@ -60,7 +62,8 @@ class VolumeWarper(om.Group):
     Notes
     -----
     Surfaces from `SurfaceGeometry` are met to round-off. Of others, such as an elastic wing's, the grid's wall keeps
-    what the control points can represent; the rest, a residual of the fit, stays behind.
+    what the control points can represent; the rest, a residual of the fit, stays behind. How much that is, and where,
+    is told in every run: in the log, as a warning beyond a thousandth of the surface's size, and by `miss`.
     """
 
     def initialize(self):
@@ -80,7 +83,7 @@ class VolumeWarper(om.Group):
         mover = self.options["mover"] or LinearElasticity(moving_mesh(model))
         surface = self.options["surface"] or SurfaceGrid.of(model)
         surface_map = SurfaceMap.of(model, mesh_of(mover, self.msginfo), surface)
-        names = {"numbers": self.options["numbers"], "baseline": surface.points, "surface_map": surface_map}
+        names = {"numbers": self.options["numbers"], "model": model, "surface": surface, "surface_map": surface_map}
         valid = self.options["require_valid"]
         movement = GridMovement(model=model, mover=mover, require_valid=valid, fit=False, quality=False)
         nodes = _SolverNodes(n_nodes=model.n_nodes, rows=self.options["rows"], name=self.options["volume_name"])
@@ -88,20 +91,28 @@ class VolumeWarper(om.Group):
         self.add_subsystem("movement", movement, promotes_inputs=[SURFACE_CONTROL_POINTS], promotes_outputs=[GRID])
         self.add_subsystem("nodes", nodes, promotes=["*"])
 
+    @property
+    def miss(self) -> SurfaceMiss | None:
+        """How far the wall misses the solver's nodes after the last run; None before any."""
+        return self.fit_surface.miss
+
 
 class _SurfaceFit(om.ExplicitComponent):
     """Fit the surface control points to a solver's surface nodes."""
 
     def initialize(self):
+        self.options.declare("model", types=FittedModel, recordable=False)
+        self.options.declare("surface", types=SurfaceGrid, recordable=False)
         self.options.declare("surface_map", types=SurfaceMap, recordable=False)
-        self.options.declare("baseline", recordable=False)
         self.options.declare("numbers", default=None, recordable=False)
+        self.miss: SurfaceMiss | None = None
 
     def setup(self):
-        surface_map, baseline = self.options["surface_map"], self.options["baseline"]
-        numbers = numbers_given(self.options["numbers"], len(baseline), "numbers", self.msginfo)
-        self._inverse = SurfaceInverse.of(surface_map, numbers)
-        nodes = baseline[numbers]
+        surface, topology = self.options["surface"], self.options["model"].topology
+        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        self._inverse = SurfaceInverse.of(self.options["surface_map"], numbers)
+        self._places = topology, node_sharing(topology).source_rows(), surface.rows[numbers]
+        nodes = surface.points[numbers]
         self.add_input(X_AERO, val=nodes.ravel(), tags=COUPLING)
         self.add_input(X_JIG, val=nodes.ravel(), tags=COORDINATES)
         self.add_output(SURFACE_CONTROL_POINTS, val=self._inverse.apply(nodes).ravel(), units="m")
@@ -109,9 +120,13 @@ class _SurfaceFit(om.ExplicitComponent):
 
     def compute(self, inputs, outputs):
         nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo)
-        outputs[SURFACE_CONTROL_POINTS] = self._inverse.apply(nodes.real).ravel()
+        points = self._inverse.apply(nodes.real)
+        outputs[SURFACE_CONTROL_POINTS] = points.ravel()
         if self.under_complex_step:
             outputs[SURFACE_CONTROL_POINTS] += 1j * self._inverse.jvp(nodes.imag).ravel()
+        if not self.under_approx:
+            self.miss = SurfaceMiss.of(*self._places, self._inverse.nodes(points), nodes)
+            self.miss.log(f"{self.msginfo}: ")
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         jvp, vjp = self._inverse.jvp, self._inverse.vjp
