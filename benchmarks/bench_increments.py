@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao.deformations import Bend, parse_deformation
+from bspline_mdao.deformations import parse_deformation
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.model import FittedModel
@@ -42,12 +42,10 @@ TARGET = 0.1
 def surfaces(model: FittedModel, mesh: MovingMesh) -> dict[str, np.ndarray]:
     """Surface control points of the three shapes, each (n_surface, 3), in metres."""
     start = mesh.points[mesh.surface_ids]
-    frame = parse_deformation("bend=60deg", model, mesh).maps[0].frame
-    bend = Bend(frame, np.radians(60.0), at=0.0, length=1.0)
+    named = {"bend 60 degrees": "bend=60deg@0,length=1", "twist 30 degrees, span x 1.5": "twist=30deg+stretch=1.5"}
     return {
         "rectangular wing": fit_shape(model, mesh.surface_ids, rectangular_wing()),
-        "bend 60 degrees": bend.apply(start),
-        "twist 30 degrees, span x 1.5": parse_deformation("twist=30deg+stretch=1.5", model, mesh).apply(start),
+        **{name: parse_deformation(spec, model, mesh).apply(start) for name, spec in named.items()},
     }
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from test_cli import fails_as_expected, numbers
 from topology_cases import box, c_grid, grid_of
 
-from bspline_mdao import FittedModel, fit_grid, flat_plate_grid, read_grid
+from bspline_mdao import FittedModel, SurfaceGrid, fit_grid, flat_plate_grid, parse_deformation, read_grid
 from bspline_mdao.cli import output
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS
@@ -122,6 +122,22 @@ def test_increments_are_chosen_or_given(workplace, capsys, increments, n_made, n
     assert run(move("--deform", "bumps=0.2,seed=3,wavelength=0.8", "--mover", mover, "--allow-invalid", *options)) == 0
     found = numbers("m.json")
     assert (found["n_increments"], len(found["increments"]), len(found["tried"])) == (n_made, n_made, n_tried)
+
+
+def test_the_command_tells_how_far_the_wall_is_off_the_deformation_of_its_nodes(workplace, model, capsys):
+    assert run(move("--deform", "bend=20deg", "--allow-invalid", "--surface", "new.csv")) == 0
+    wall, miss = SurfaceGrid.of(model), numbers("m.json")["miss"]
+    bend = parse_deformation("bend=20deg", model, moving_mesh(model)).maps[0]
+    distances = np.linalg.norm(
+        read_grid("moved.xyz").to_vector().reshape(-1, 3)[wall.rows] - bend.apply(wall.points), axis=1
+    )
+    assert miss["largest"] == pytest.approx(distances.max(), rel=1e-9)
+    assert miss["largest"] > 1e-3
+    assert miss["rms"] == pytest.approx(np.sqrt(np.mean(distances**2)), rel=1e-9)
+    assert miss["patch"] in wall.patches
+    assert f"misses its target by {miss['largest']:.3g} m at most" in " ".join(capsys.readouterr().out.split())
+    assert run(move("--deform", "new.csv", "--allow-invalid")) == 0
+    assert numbers("m.json")["miss"] is None
 
 
 def test_help_knows_all_names(capsys):

@@ -7,15 +7,20 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
 
-from ..deformations import parse_deformation
+from ..deformations import Deformation, parse_deformation
+from ..deformations.points_file import GivenPoints
 from ..errors import InputError, MovementError
+from ..fit.surface_fit import SurfaceMiss
+from ..geometry.surface import SurfaceGrid
 from ..grids.atomic import replaced_file
 from ..grids.files import check_grid_name, write_grid
 from ..grids.multiblock import Grid
+from ..grids.sharing import node_sharing
 from ..model import FittedModel
 from ..movement.boundary import moving_mesh
 from ..movement.increments import LOGGER
@@ -78,6 +83,7 @@ class Moved:
     surface: np.ndarray
     movement: Movement
     grid: Grid
+    miss: SurfaceMiss | None
     before: QualityReport
     after: QualityReport
     newly_inverted: tuple[InvertedCell, ...]
@@ -134,13 +140,25 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
     mesh = moving_mesh(model, options.design or None, options.fix, options.release, options.slide)
     mover = options.mover.make(mesh)
     initial = model.control_points
-    surface = parse_deformation(options.deform, model, mesh).apply(initial[mesh.surface_ids])
+    deformation = parse_deformation(options.deform, model, mesh)
+    surface = deformation.apply(initial[mesh.surface_ids])
     with _shown_increments(lambda fraction, what: progress(0.1 + 0.6 * fraction, what)):
         movement = mover.move(initial, surface)
     progress(0.7, "evaluating")
     baseline, grid = model.regenerate(), model.regenerate(movement.points)
     progress(0.8, "quality")
-    return Moved(mesh, initial, surface, movement, grid, *_compared(baseline, grid))
+    miss = _miss_of_wall(model, options, deformation, grid)
+    return Moved(mesh, initial, surface, movement, grid, miss, *_compared(baseline, grid))
+
+
+def _miss_of_wall(model: FittedModel, options: MoveOptions, deformation: Deformation, grid: Grid) -> SurfaceMiss | None:
+    """Compare the moved wall with the same deformation of its nodes; there is none where control points are given."""
+    if any(isinstance(point_map, GivenPoints) for point_map in deformation.maps):
+        return None
+    wall = SurfaceGrid.of(model, options.design or None)
+    target = reduce(lambda points, point_map: point_map.apply(points), deformation.maps, wall.points)
+    source, nodes = node_sharing(model.topology).source_rows(), grid.to_vector().reshape(-1, 3)
+    return SurfaceMiss.of(model.topology, source, wall.rows, nodes[wall.rows], target)
 
 
 def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...]]:
@@ -213,6 +231,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "n_increments": report.n_increments,
         "tried": [vars(trial) for trial in report.tried],
         "seconds": report.seconds,
+        "miss": vars(moved.miss) if moved.miss else None,
         "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
         "before": {name: getattr(moved.before, name) for name in QUALITY},
         "after": {name: getattr(moved.after, name) for name in QUALITY},
@@ -232,6 +251,8 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
         ["quality of the grid", "before", "after"],
         [(label, getattr(moved.before, name), getattr(moved.after, name)) for name, label in QUALITY.items()],
     )
+    if moved.miss:
+        print_lines([f"beside the same deformation of the wall's nodes, {moved.miss}"])
     print_lines(_warnings(moved), style="yellow")
     print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
 
