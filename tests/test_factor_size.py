@@ -36,6 +36,15 @@ def test_the_predicted_factor_is_that_of_the_mover(monkeypatch):
     assert model.report.factor_bytes == step.factored.factor.n_bytes > 1e6
 
 
+def test_the_factor_of_knots_that_are_given_is_predicted_from_them(monkeypatch):
+    monkeypatch.setattr(factor_size, "SMALL_MESH", 100)
+    grid = onera_m6_grid((11, 10, 9))
+    chosen = fit_grid(grid, n_control=(7, 8, 6))
+    given = fit_grid(grid, knots=[volume.knots for volume in chosen.mesh.volumes])
+    assert given.report.factor_bytes == chosen.report.factor_bytes > fit_grid(grid).report.factor_bytes
+    assert given.report.warnings == chosen.report.warnings
+
+
 def test_small_control_meshes_are_not_worth_a_prediction(topology):
     assert predict_factor_bytes(topology, choose_counts(topology).n_control) is None
 

@@ -154,12 +154,13 @@ def report_errors(
     -------
     FitReport
     """
-    topology, squares = problem.topology, (nodes - solution.fitted) ** 2
+    topology, residual = problem.topology, nodes - solution.fitted
+    squares = residual**2
     distances = squares.sum(axis=1)
     starts = np.concatenate([[0], np.cumsum([np.prod(shape) for shape in topology.shapes])])
     blocks = []
     for name, start, stop in zip(block_names, starts, starts[1:]):
-        rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.sqrt(squares[start:stop].max(axis=0))
+        rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.abs(residual[start:stop]).max(axis=0)
         blocks.append(BlockError(name, tuple(rms.tolist()), tuple(largest.tolist())))
     rms, edge = float(np.sqrt(distances.mean())), mean_edge(topology.shapes, nodes)
     n_invalid, invalid = _find_invalid(topology.segment_names, problem.mesh.nets(solution.control_points))

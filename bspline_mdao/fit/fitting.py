@@ -18,7 +18,7 @@ from ..splines.volume import Volume
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments
 from .errors import report_errors
-from .factor_size import choose_affordable_counts
+from .factor_size import choose_affordable_counts, predict_factor_bytes
 from .knot_agreement import require_agreement
 from .parameters import EXPONENTS, chord_length_parameters, given_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
@@ -47,7 +47,8 @@ def fit_grid(
     topology : Topology, optional
         Its topology; found from coincident nodes by default.
     n_control : triple of int or sequence of triples, optional
-        Control points per direction, of all blocks or of each; chosen from the grid by default.
+        Control points per direction, of all blocks or of each; chosen from the grid by default. It does not count, nor
+        does the order, where the user gives knots, which have both.
     order : int, triple or sequence of triples, optional
         Order p = degree + 1; by default 4, or 3 in short directions where the numbers of control points are chosen, see
         `bspline_mdao.fit.control_counts.choose_counts`.
@@ -91,12 +92,10 @@ def fit_grid(
     topology = find_topology(grid) if topology is None else topology
     if topology.shapes != grid.shapes:
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
-    progress(0.0, "control points")
-    counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
     grid = _joined(grid, topology)
     nodes = grid.to_vector().reshape(-1, 3)
     parameters = segment_parameters(grid, topology, parametrization)
-    problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, smoothing)
+    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots, smoothing)
     share = 1 / (1 + CYCLE_COST * corrections)
     solution = solve_fit(problem, parameters, nodes, part_of(progress, 0, share))
     if corrections:
@@ -104,9 +103,7 @@ def fit_grid(
         parameters, solution = correct_parameters(problem, parameters, nodes, solution, corrections, rest)
     names = [block.name for block in grid.blocks]
     seconds = time.perf_counter() - start
-    report = report_errors(
-        problem, names, nodes, solution, seconds, (*topology.warnings, *counts.warnings), factor_bytes
-    )
+    report = report_errors(problem, names, nodes, solution, seconds, (*topology.warnings, *size_warnings), factor_bytes)
     if topology.near_misses:
         warnings.warn(f"{grid.source}: {topology.warnings[0]}", FitWarning, stacklevel=2)
     if report.n_invalid:
@@ -131,6 +128,16 @@ def _joined(grid: Grid, topology: Topology) -> Grid:
         return grid
     nodes[copies[:, 0]] = nodes[copies[:, 1]]
     return grid.with_vector(nodes.ravel())
+
+
+def _sized_problem(topology: Topology, parameters, n_control, order, knots, smoothing):
+    """Set up a fit; also what to say about its size, and the memory of a factor of its mover."""
+    if isinstance(knots, str):
+        counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
+        problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, smoothing)
+        return problem, counts.warnings, factor_bytes
+    problem = set_up_fit(topology, parameters, None, None, knots, smoothing)
+    return problem, (), predict_factor_bytes(topology, np.array([v.n_control for v in problem.mesh.volumes]))
 
 
 def _kind(choice) -> str:
