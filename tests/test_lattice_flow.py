@@ -241,3 +241,16 @@ def test_wall_without_a_camber_surface_is_refused_in_one_line(rectangular):
     with pytest.raises(InputError, match="downstream, along the span, up") as error:
         flow(rectangular, axes="xyy")
     assert "\n" not in str(error.value)
+
+
+def test_folded_panels_are_counted_and_named_before_the_lattice_is_solved(rectangular):
+    problem = flow(rectangular)
+    before = problem.get_val("CL").item()
+    grid = problem.get_val("grid").reshape(-1, 3).copy()
+    rows = problem.model.flow.camber.options["measure"].surface.rows
+    tip = rows[grid[rows, 2] > 2.4]
+    grid[tip, 0] = 1.0 - grid[tip, 0]  # leading edge behind the trailing edge
+    problem.set_val("grid", grid.ravel())
+    with pytest.raises(om.AnalysisError, match=r"\d+ of 24 panels of the lattice are folded, the first in row 1 from"):
+        problem.run_model()
+    assert problem.get_val("CL").item() == before

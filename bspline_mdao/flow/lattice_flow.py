@@ -57,6 +57,8 @@ class LatticeFlow(om.Group):
     ------
     InputError
         In ``setup``, if OpenAeroStruct is not there, or the wall has no camber surface.
+    om.AnalysisError
+        In a run, if panels of the lattice are folded.
     """
 
     def initialize(self):
@@ -95,7 +97,7 @@ class LatticeFlow(om.Group):
         surface = SurfaceGrid.of(model, self.options["patches"])
         settings = {name: self.options[name] for name in ("n_chord", "n_span", "axes")}
         camber = CamberSurface.of(surface, **settings, ends=self.options["ends"] or self._inset(surface))
-        self.add_subsystem("camber", SurfaceMeasure(measure=camber), promotes_outputs=["*"])
+        self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
         rows = (3 * surface.rows[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=rows, src_shape=(3 * model.n_nodes,))
         self.set_input_defaults(GRID, val=model.regenerate().to_vector(), units="m")
@@ -106,6 +108,54 @@ class LatticeFlow(om.Group):
         span = np.abs(surface.points[:, "xyz".find(self.options["axes"][1:2])])
         n_strips = self.options["n_span"] - 1
         return float(span.min()), float(span.min() + np.ptp(span) * n_strips / (n_strips + 0.25))
+
+
+class UnfoldedLattice(SurfaceMeasure):
+    """The camber surface of a wing, as a lattice none of whose panels is folded.
+
+    Variables and options are those of `SurfaceMeasure`, the measure being a `CamberSurface`.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if a node is not finite, or if panels are folded, with their number and the first one.
+    """
+
+    def compute(self, inputs, outputs):
+        """Lay the lattice and look at its panels."""
+        super().compute(inputs, outputs)
+        measure = self.options["measure"]
+        folded = folded_panels(outputs[measure.name].real)
+        if folded.any():
+            i, j = np.argwhere(folded)[0] + 1
+            raise om.AnalysisError(
+                f"{self.msginfo}: {np.count_nonzero(folded)} of {folded.size} panels of the lattice are folded, the "
+                f"first in row {i} from the leading edge and column {j} from the tip; take a smaller step"
+            )
+
+
+def folded_panels(lattice: np.ndarray) -> np.ndarray:
+    """Find panels one of whose corners points the other way than the panel, or than a neighbour of it.
+
+    Parameters
+    ----------
+    lattice : ndarray, shape (n_chord, n_span, 3)
+        Nodes (m).
+
+    Returns
+    -------
+    ndarray of bool, shape (n_chord - 1, n_span - 1)
+    """
+    chordwise, spanwise = np.diff(lattice, axis=0), np.diff(lattice, axis=1)
+    normals = np.cross(lattice[1:, 1:] - lattice[:-1, :-1], lattice[:-1, 1:] - lattice[1:, :-1])
+    folded = np.zeros(normals.shape[:2], dtype=bool)
+    for a in (chordwise[:, :-1], chordwise[:, 1:]):
+        for b in (spanwise[:-1], spanwise[1:]):
+            folded |= np.sum(np.cross(a, b) * normals, axis=2) < 0.0
+    for axis, (low, high) in enumerate([(np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])]):
+        turned = np.sum(normals[low] * normals[high], axis=2) < 0.0
+        folded |= np.insert(turned, 0, False, axis=axis)
+    return folded
 
 
 def _unit_stream() -> om.IndepVarComp:
