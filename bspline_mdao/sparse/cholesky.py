@@ -230,10 +230,27 @@ class CholeskyFactor:
     def _substitute(self, right: np.ndarray) -> np.ndarray:
         """Forward and backward substitution."""
         supernodes, dtype = self.analysis.supernodes, self.panels.dtype
-        n_sides = int(np.prod(right.shape[2:]))
+        ranges, starts = self.analysis.stages
+        firsts, n_sides = supernodes.firsts, int(np.prod(right.shape[2:]))
         x = right[supernodes.order].reshape(3 * len(right), n_sides).astype(dtype)
-        with one_blas_thread():
-            multifrontal.solve(supernodes, self.analysis.fronts, routines(dtype), self.panels, x)
+        structure = firsts, supernodes.row_starts, supernodes.rows, self.analysis.fronts.panel_starts, routines(dtype)
+        stages = [ranges[start:end] for start, end in zip(starts, starts[1:])]
+        with one_blas_thread(), Crew(self.analysis.settings.threads) as crew:
+            for tasks in stages:
+                beyond = [np.zeros((len(x) - 3 * firsts[last], n_sides), dtype) for _, last in tasks]
+
+                def forward(task, tasks=tasks, beyond=beyond):
+                    multifrontal.solve_forward(*tasks[task], *structure, self.panels, x, beyond[task])
+
+                crew.run(forward, len(tasks))
+                for (_, last), part in zip(tasks, beyond):
+                    x[3 * firsts[last] :] -= part
+            for tasks in reversed(stages):
+
+                def backward(task, tasks=tasks):
+                    multifrontal.solve_backward(*tasks[task], *structure, self.panels, x)
+
+                crew.run(backward, len(tasks))
         return x.reshape(right.shape)[supernodes.rank].astype(np.float64)
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> Solution:

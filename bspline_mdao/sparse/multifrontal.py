@@ -12,7 +12,7 @@ from numba import njit
 
 from .lapack import LOWER, NOT_TRANSPOSED, NOT_UNIT, RIGHT, TRANSPOSED, call
 
-__all__ = ["assemble", "factorize", "first_unusable", "solve", "update_of"]
+__all__ = ["assemble", "factorize", "first_unusable", "solve_backward", "solve_forward", "update_of"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -157,42 +157,62 @@ def _add_column(source, positions, j, c, target, n_above):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve(supernodes, fronts, routines, factor, x):
-    """Solve with the factor and with its transpose, in place.
+def solve_forward(first, last, firsts, row_starts, rows, panel_starts, routines, factor, x, beyond):
+    """Solve with the factor, as far as the fronts ``first <= supernode < last`` go, in place.
 
     Parameters
     ----------
-    supernodes : Supernodes
-    fronts : Fronts
+    first, last : int
+        Supernodes to do.
+    firsts, row_starts, rows : ndarray of int
+        See `Supernodes`.
+    panel_starts : ndarray of int64
+        See `Fronts`.
     routines : Routines
         Of the precision of the factor.
     factor : ndarray, shape (n_factor,)
         The panels, as `factorize` left them.
     x : ndarray, shape (3 n, m)
-        Right-hand sides in the order of elimination, of the precision of the factor; becomes the solutions.
+        Right-hand sides in the order of elimination, of the precision of the factor; those of these fronts are used up.
+    beyond : ndarray, shape (3 (n - firsts[last]), m)
+        What is to be subtracted from the right-hand sides of later fronts; added to.
     """
-    n_supernodes, m = len(fronts.panel_starts) - 1, x.shape[1]
-    signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
+    signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
+    for s in range(first, last):
+        own_rows = rows[row_starts[s] : row_starts[s + 1]]
+        own = x[3 * firsts[s] : 3 * firsts[s + 1]]
+        _forward(routines, factor[panel_starts[s] :], own, rest, 3 * len(own_rows), signs)
+        for i in range(len(own_rows)):
+            place = 3 * (own_rows[i] - firsts[last])
+            for r in range(3):
+                for side in range(x.shape[1]):
+                    if place < 0:
+                        x[3 * own_rows[i] + r, side] -= rest[3 * i + r, side]
+                    else:
+                        beyond[place + r, side] += rest[3 * i + r, side]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_backward(first, last, firsts, row_starts, rows, panel_starts, routines, factor, x):
+    """Solve with the transpose of the factor, when all later fronts are done; see `solve_forward`."""
+    signs, rest = _signs_and_rest(first, last, row_starts, factor, x)
+    for s in range(last - 1, first - 1, -1):
+        own_rows = rows[row_starts[s] : row_starts[s + 1]]
+        own = x[3 * firsts[s] : 3 * firsts[s + 1]]
+        for i in range(len(own_rows)):
+            for r in range(3):
+                for side in range(x.shape[1]):
+                    rest[3 * i + r, side] = x[3 * own_rows[i] + r, side]
+        _backward(routines, factor[panel_starts[s] :], own, rest, 3 * len(own_rows), signs)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _signs_and_rest(first, last, row_starts, factor, x):
+    """The numbers -1, 0 and 1 in the precision of the factor, and room for the rows of any of these fronts."""
     n_rows = 0
-    for s in range(n_supernodes):
-        n_rows = max(n_rows, supernodes.row_starts[s + 1] - supernodes.row_starts[s])
-    rest = np.empty((3 * n_rows, m), factor.dtype)
-    for s in range(n_supernodes):
-        rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
-        own = x[3 * supernodes.firsts[s] : 3 * supernodes.firsts[s + 1]]
-        _forward(routines, factor[fronts.panel_starts[s] :], own, rest, 3 * len(rows), signs)
-        for i in range(len(rows)):
-            for r in range(3):
-                for side in range(m):
-                    x[3 * rows[i] + r, side] -= rest[3 * i + r, side]
-    for s in range(n_supernodes - 1, -1, -1):
-        rows = supernodes.rows[supernodes.row_starts[s] : supernodes.row_starts[s + 1]]
-        own = x[3 * supernodes.firsts[s] : 3 * supernodes.firsts[s + 1]]
-        for i in range(len(rows)):
-            for r in range(3):
-                for side in range(m):
-                    rest[3 * i + r, side] = x[3 * rows[i] + r, side]
-        _backward(routines, factor[fronts.panel_starts[s] :], own, rest, 3 * len(rows), signs)
+    for s in range(first, last):
+        n_rows = max(n_rows, row_starts[s + 1] - row_starts[s])
+    return np.array([-1.0, 0.0, 1.0]).astype(factor.dtype), np.empty((3 * n_rows, x.shape[1]), factor.dtype)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
