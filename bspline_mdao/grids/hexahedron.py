@@ -23,8 +23,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from .hexahedron_layout import as_points
-from .hexahedron_runs import TINY, block_summary
+from .hexahedron_runs import TINY, as_points, block_summary
 
 __all__ = [
     "COLLAPSE_TOLERANCE",

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .hexahedron_layout import as_points
-from .hexahedron_runs import list_jvp, list_measures, list_vjp
+from .hexahedron_runs import as_points, list_jvp, list_measures, list_vjp
 
 __all__ = [
     "ElementMeasures",

@@ -1,7 +1,13 @@
 """Corner triple products, corner Jacobians and volumes of runs of cells, and their derivatives.
 
 Corners and signs are those of `.hexahedron`. All three measures are functions of the twelve edges of a cell, and so are
-their derivatives. Points come and go as eight rows, one per corner of the cells.
+their derivatives: straight-line code on tuples, in a loop over the cells of a run, which the compiler turns into vector
+instructions whose lanes are cells. Points come and go as eight rows, one per corner of the cells. The loop itself reads
+and writes one workspace, rows at fixed distances, since the compiler can see that these do not overlap::
+
+    triple products of corners 0..7, Jacobians of corners 0..7, volume,
+    corners 0..7: x, y, z of the points or of their adjoints,
+    corners 0..7: x, y, z of the changes of the points
 """
 
 from __future__ import annotations
@@ -9,147 +15,281 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .hexahedron_layout import (
-    JACOBIAN,
-    POINTS,
-    RUN,
-    SIZE,
-    TRIPLE,
-    VOLUME,
-    at_each_corner,
-    at_each_edge,
-    cross,
-    dot,
-    set_vector,
-    vector,
-)
-from .hexahedron_volume import volumes, volumes_jvp, volumes_vjp
+from .hexahedron_volume import FAST, cross, dot, volume_of, volume_of_jvp, volume_of_vjp
 
-__all__ = ["block_jvp", "block_measures", "block_summary", "block_vjp", "list_jvp", "list_measures", "list_vjp"]
+__all__ = [
+    "as_points",
+    "block_jvp",
+    "block_measures",
+    "block_summary",
+    "block_vjp",
+    "list_jvp",
+    "list_measures",
+    "list_vjp",
+]
 
 TINY = 1e-190
 """Added to a squared length before it is inverted, so that an edge of no length has a triple product of 0."""
 
+POINT = np.dtype([(name, np.float64) for name in "xyz"])
+"""A point as a record, whose fixed stride lets loops over points vectorise."""
 
-@njit(inline="always")
-def _edge(work, edge, start, end, n):
-    """Edges between two corners with their inverse lengths."""
-    for k in range(n):
-        p, q = vector(work, start + k), vector(work, end + k)
-        x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-        set_vector(work, edge + k, x, y, z)
-        work[edge + 3 * RUN + k] = 1.0 / np.sqrt(x * x + y * y + z * z + TINY)
+RUN = 64
+"""Cells of a run: its rows of the workspace fit the first-level cache."""
 
-
-@njit(inline="always")
-def _edge_change(work, edge, start, end, n):
-    """Change of the edges with the corners."""
-    for k in range(n):
-        p, q = vector(work, start + k), vector(work, end + k)
-        set_vector(work, edge + 4 * RUN + k, q[0] - p[0], q[1] - p[1], q[2] - p[2])
+JACOBIAN = 8 * RUN
+VOLUME = 16 * RUN
+POINTS = 17 * RUN
+CHANGES = 41 * RUN
+SIZE = 65 * RUN
 
 
-@njit(inline="always")
-def _corner(work, u, v, w, corner, sign, n):
-    """Triple products of unit edges and Jacobians at one corner."""
-    for k in range(n):
-        jacobian = sign * dot(cross(vector(work, u + k), vector(work, v + k)), vector(work, w + k))
-        inverse = work[u + 3 * RUN + k] * work[v + 3 * RUN + k] * work[w + 3 * RUN + k]
-        work[TRIPLE + corner * RUN + k] = jacobian * inverse
-        work[JACOBIAN + corner * RUN + k] = jacobian
+def as_points(nodes: np.ndarray) -> np.ndarray:
+    """View coordinates ``(..., 3)`` as records of type `POINT`; copied where they are not contiguous.
 
+    Parameters
+    ----------
+    nodes : ndarray, shape (..., 3)
+        Coordinates (m).
 
-@njit(inline="always")
-def _corner_jvp(work, u, v, w, corner, sign, n):
-    """Change of the triple products and Jacobians at one corner."""
-    for k in range(n):
-        a, b, c = vector(work, u + k), vector(work, v + k), vector(work, w + k)
-        i_a, i_b, i_c = work[u + 3 * RUN + k], work[v + 3 * RUN + k], work[w + 3 * RUN + k]
-        d_a, d_b, d_c = vector(work, u + 4 * RUN + k), vector(work, v + 4 * RUN + k), vector(work, w + 4 * RUN + k)
-        ab = cross(a, b)
-        change = sign * (dot(cross(b, c), d_a) + dot(cross(c, a), d_b) + dot(ab, d_c))
-        stretch = i_a * i_a * dot(a, d_a) + i_b * i_b * dot(b, d_b) + i_c * i_c * dot(c, d_c)
-        work[TRIPLE + corner * RUN + k] = (i_a * i_b * i_c) * (change - sign * dot(ab, c) * stretch)
-        work[JACOBIAN + corner * RUN + k] = change
-
-
-@njit(cache=True, inline="always")
-def _add(work, at, factor, cross, shrink, edge):
-    """Add ``factor cross - shrink edge`` to the adjoint of an edge."""
-    work[at] += factor * cross[0] - shrink * edge[0]
-    work[at + RUN] += factor * cross[1] - shrink * edge[1]
-    work[at + 2 * RUN] += factor * cross[2] - shrink * edge[2]
-
-
-@njit(inline="always")
-def _corner_vjp(work, u, v, w, corner, sign, n):
-    """Add what one corner's adjoints give to the adjoints of its edges."""
-    for k in range(n):
-        a, b, c = vector(work, u + k), vector(work, v + k), vector(work, w + k)
-        i_a, i_b, i_c = work[u + 3 * RUN + k], work[v + 3 * RUN + k], work[w + 3 * RUN + k]
-        ab, scaled = cross(a, b), sign * work[TRIPLE + corner * RUN + k] * (i_a * i_b * i_c)
-        factor, shrink = sign * work[JACOBIAN + corner * RUN + k] + scaled, scaled * dot(ab, c)
-        _add(work, u + 4 * RUN + k, factor, cross(b, c), shrink * i_a * i_a, a)
-        _add(work, v + 4 * RUN + k, factor, cross(c, a), shrink * i_b * i_b, b)
-        _add(work, w + 4 * RUN + k, factor, ab, shrink * i_c * i_c, c)
-
-
-@njit(inline="always")
-def _point_adjoint(work, u, v, w, corner, sign, n):
-    """Adjoint of a corner from those of its three edges, each of which it starts or ends."""
-    s, t, r = 2.0 * (corner & 1) - 1.0, 2.0 * ((corner >> 1) & 1) - 1.0, 2.0 * (corner >> 2) - 1.0
-    for k in range(n):
-        a, b, c = vector(work, u + 4 * RUN + k), vector(work, v + 4 * RUN + k), vector(work, w + 4 * RUN + k)
-        x, y, z = s * a[0] + t * b[0] + r * c[0], s * a[1] + t * b[1] + r * c[1], s * a[2] + t * b[2] + r * c[2]
-        set_vector(work, POINTS + 3 * RUN * corner + k, x, y, z)
-
-
-_edges, _edge_changes = at_each_edge(_edge), at_each_edge(_edge_change)
-_corners, _corners_jvp, _corners_vjp = (
-    at_each_corner(_corner),
-    at_each_corner(_corner_jvp),
-    at_each_corner(_corner_vjp),
-)
-_point_adjoints = at_each_corner(_point_adjoint)
+    Returns
+    -------
+    ndarray of POINT, shape (...)
+    """
+    return np.ascontiguousarray(nodes, dtype=np.float64).view(POINT)[..., 0]
 
 
 @njit(cache=True)
-def _load(rows, work, n):
+def _load(rows, work, at, n):
     """Take the points of a run, or their changes, from eight rows."""
     for corner in range(8):
-        row, point = rows[corner], work[POINTS + 3 * RUN * corner : SIZE]
+        row, point = rows[corner], work[at + 3 * RUN * corner : SIZE]
         for k in range(n):
             point[k], point[RUN + k], point[2 * RUN + k] = row[k].x, row[k].y, row[k].z
 
 
+@njit(**FAST)
+def _at(row, k):
+    """Index of an entry of a row as an unsigned number: signed ones may count from the end, which hinders vectors."""
+    return np.uint64(row) + np.uint64(k)
+
+
+@njit(**FAST)
+def _between(work, p, q, k):
+    """Vector from one point to another."""
+    return (
+        work[_at(q, k)] - work[_at(p, k)],
+        work[_at(q + RUN, k)] - work[_at(p + RUN, k)],
+        work[_at(q + 2 * RUN, k)] - work[_at(p + 2 * RUN, k)],
+    )
+
+
+@njit(**FAST)
+def _edges(work, at, k):
+    """Edges of a cell whose corners are in rows from ``at`` on: four along xi, four along eta, four along zeta."""
+    p0, p1, p2, p3 = at, at + 3 * RUN, at + 6 * RUN, at + 9 * RUN
+    p4, p5, p6, p7 = at + 12 * RUN, at + 15 * RUN, at + 18 * RUN, at + 21 * RUN
+    return (
+        (_between(work, p0, p1, k), _between(work, p2, p3, k), _between(work, p4, p5, k), _between(work, p6, p7, k)),
+        (_between(work, p0, p2, k), _between(work, p1, p3, k), _between(work, p4, p6, k), _between(work, p5, p7, k)),
+        (_between(work, p0, p4, k), _between(work, p1, p5, k), _between(work, p2, p6, k), _between(work, p3, p7, k)),
+    )
+
+
+@njit(**FAST)
+def _inverse(e):
+    """Inverse of the length of an edge."""
+    return 1.0 / np.sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + TINY)
+
+
+@njit(**FAST)
+def _inverses(edges):
+    """Inverse lengths of four edges."""
+    return _inverse(edges[0]), _inverse(edges[1]), _inverse(edges[2]), _inverse(edges[3])
+
+
+@njit(**FAST)
+def _set(work, row, k, sign, edges, inverses):
+    """Write the triple product and the Jacobian of a corner."""
+    jacobian = sign * dot(cross(edges[0], edges[1]), edges[2])
+    work[_at(row, k)] = jacobian * (inverses[0] * inverses[1] * inverses[2])
+    work[_at(JACOBIAN + row, k)] = jacobian
+
+
+@njit(**FAST)
+def _set_change(work, row, k, sign, edges, inverses, changes):
+    """Write the change of the triple product and of the Jacobian of a corner."""
+    (a, b, c), (i_a, i_b, i_c), (d_a, d_b, d_c) = edges, inverses, changes
+    ab = cross(a, b)
+    change = sign * (dot(cross(b, c), d_a) + dot(cross(c, a), d_b) + dot(ab, d_c))
+    stretch = i_a * i_a * dot(a, d_a) + i_b * i_b * dot(b, d_b) + i_c * i_c * dot(c, d_c)
+    work[_at(row, k)] = (i_a * i_b * i_c) * (change - sign * dot(ab, c) * stretch)
+    work[_at(JACOBIAN + row, k)] = change
+
+
+@njit(**FAST)
+def _blend(factor, p, shrink, q):
+    """``factor p - shrink q``."""
+    return factor * p[0] - shrink * q[0], factor * p[1] - shrink * q[1], factor * p[2] - shrink * q[2]
+
+
+@njit(**FAST)
+def _corner_vjp(work, row, k, sign, edges, inverses):
+    """Adjoints of the three edges of a corner from those of its triple product and Jacobian."""
+    (a, b, c), (i_a, i_b, i_c) = edges, inverses
+    ab, scaled = cross(a, b), sign * work[_at(row, k)] * (i_a * i_b * i_c)
+    factor, shrink = sign * work[_at(JACOBIAN + row, k)] + scaled, scaled * dot(ab, c)
+    return (
+        _blend(factor, cross(b, c), shrink * i_a * i_a, a),
+        _blend(factor, cross(c, a), shrink * i_b * i_b, b),
+        _blend(factor, ab, shrink * i_c * i_c, c),
+    )
+
+
+@njit(**FAST)
+def _set_adjoint(work, row, k, signs, edge_bars):
+    """Write the adjoint of a corner from those of its three edges, each of which it ends (1) or starts (-1)."""
+    (s, t, r), (a, b, c) = signs, edge_bars
+    work[_at(row, k)] = s * a[0] + t * b[0] + r * c[0]
+    work[_at(row + RUN, k)] = s * a[1] + t * b[1] + r * c[1]
+    work[_at(row + 2 * RUN, k)] = s * a[2] + t * b[2] + r * c[2]
+
+
 @njit(cache=True)
-def _add_to(rows, work, n):
-    """Add the adjoints of the points of a run to eight rows."""
+def _set_left_out(work, bits, triple, jacobian, n):
+    """Give the corners that are left out set values."""
+    found = np.uint8(0)
+    for k in range(n):
+        found |= bits[k]
+    if found == 0:
+        return
+    for corner in range(8):
+        at, bit = work[corner * RUN : SIZE], np.uint8(1 << corner)
+        for k in range(n):
+            if bits[k] & bit:
+                at[k], at[JACOBIAN + k] = triple, jacobian
+
+
+@njit(**FAST)
+def _at_corners(xi, eta, zeta):
+    """Of what belongs to the twelve edges, the triples that belong to the corners."""
+    return (
+        (xi[0], eta[0], zeta[0]),
+        (xi[0], eta[1], zeta[1]),
+        (xi[1], eta[0], zeta[2]),
+        (xi[1], eta[1], zeta[3]),
+        (xi[2], eta[2], zeta[0]),
+        (xi[2], eta[3], zeta[1]),
+        (xi[3], eta[2], zeta[2]),
+        (xi[3], eta[3], zeta[3]),
+    )
+
+
+@njit(**FAST)
+def _measure_run(rows, bits, sign, work, n):
+    """Write triple products, Jacobians and volumes of a run."""
+    _load(rows, work, POINTS, n)
+    for k in range(n):
+        xi, eta, zeta = _edges(work, POINTS, k)
+        edges = _at_corners(xi, eta, zeta)
+        inverses = _at_corners(_inverses(xi), _inverses(eta), _inverses(zeta))
+        _set(work, 0 * RUN, k, sign, edges[0], inverses[0])
+        _set(work, 1 * RUN, k, sign, edges[1], inverses[1])
+        _set(work, 2 * RUN, k, sign, edges[2], inverses[2])
+        _set(work, 3 * RUN, k, sign, edges[3], inverses[3])
+        _set(work, 4 * RUN, k, sign, edges[4], inverses[4])
+        _set(work, 5 * RUN, k, sign, edges[5], inverses[5])
+        _set(work, 6 * RUN, k, sign, edges[6], inverses[6])
+        _set(work, 7 * RUN, k, sign, edges[7], inverses[7])
+        work[_at(VOLUME, k)] = sign * volume_of(xi, eta, zeta)
+    _set_left_out(work, bits, 1.0, np.inf, n)
+
+
+@njit(**FAST)
+def _jvp_run(rows, changes, bits, sign, work, n):
+    """Write the changes of triple products, Jacobians and volumes of a run."""
+    _load(rows, work, POINTS, n)
+    _load(changes, work, CHANGES, n)
+    for k in range(n):
+        xi, eta, zeta = _edges(work, POINTS, k)
+        d_xi, d_eta, d_zeta = _edges(work, CHANGES, k)
+        edges, d_edges = _at_corners(xi, eta, zeta), _at_corners(d_xi, d_eta, d_zeta)
+        inverses = _at_corners(_inverses(xi), _inverses(eta), _inverses(zeta))
+        _set_change(work, 0 * RUN, k, sign, edges[0], inverses[0], d_edges[0])
+        _set_change(work, 1 * RUN, k, sign, edges[1], inverses[1], d_edges[1])
+        _set_change(work, 2 * RUN, k, sign, edges[2], inverses[2], d_edges[2])
+        _set_change(work, 3 * RUN, k, sign, edges[3], inverses[3], d_edges[3])
+        _set_change(work, 4 * RUN, k, sign, edges[4], inverses[4], d_edges[4])
+        _set_change(work, 5 * RUN, k, sign, edges[5], inverses[5], d_edges[5])
+        _set_change(work, 6 * RUN, k, sign, edges[6], inverses[6], d_edges[6])
+        _set_change(work, 7 * RUN, k, sign, edges[7], inverses[7], d_edges[7])
+        work[_at(VOLUME, k)] = sign * volume_of_jvp((xi, eta, zeta), (d_xi, d_eta, d_zeta))
+    _set_left_out(work, bits, 0.0, 0.0, n)
+
+
+@njit(**FAST)
+def _sum(p, q, r):
+    """Sum of three vectors."""
+    return p[0] + q[0] + r[0], p[1] + q[1] + r[1], p[2] + q[2] + r[2]
+
+
+@njit(**FAST)
+def _vjp_run(rows, bits, sign, work, n):
+    """Write the adjoints of the corners of a run from those of the measures in the workspace."""
+    _set_left_out(work, bits, 0.0, 0.0, n)
+    _load(rows, work, POINTS, n)
+    for k in range(n):
+        xi, eta, zeta = _edges(work, POINTS, k)
+        edges = _at_corners(xi, eta, zeta)
+        inverses = _at_corners(_inverses(xi), _inverses(eta), _inverses(zeta))
+        a, b, c = volume_of_vjp((xi, eta, zeta), sign * work[_at(VOLUME, k)])
+        bar_0 = _corner_vjp(work, 0 * RUN, k, sign, edges[0], inverses[0])
+        bar_1 = _corner_vjp(work, 1 * RUN, k, sign, edges[1], inverses[1])
+        bar_2 = _corner_vjp(work, 2 * RUN, k, sign, edges[2], inverses[2])
+        bar_3 = _corner_vjp(work, 3 * RUN, k, sign, edges[3], inverses[3])
+        bar_4 = _corner_vjp(work, 4 * RUN, k, sign, edges[4], inverses[4])
+        bar_5 = _corner_vjp(work, 5 * RUN, k, sign, edges[5], inverses[5])
+        bar_6 = _corner_vjp(work, 6 * RUN, k, sign, edges[6], inverses[6])
+        bar_7 = _corner_vjp(work, 7 * RUN, k, sign, edges[7], inverses[7])
+        bars = _at_corners(
+            (
+                _sum(a[0], bar_0[0], bar_1[0]),
+                _sum(a[1], bar_2[0], bar_3[0]),
+                _sum(a[2], bar_4[0], bar_5[0]),
+                _sum(a[3], bar_6[0], bar_7[0]),
+            ),
+            (
+                _sum(b[0], bar_0[1], bar_2[1]),
+                _sum(b[1], bar_1[1], bar_3[1]),
+                _sum(b[2], bar_4[1], bar_6[1]),
+                _sum(b[3], bar_5[1], bar_7[1]),
+            ),
+            (
+                _sum(c[0], bar_0[2], bar_4[2]),
+                _sum(c[1], bar_1[2], bar_5[2]),
+                _sum(c[2], bar_2[2], bar_6[2]),
+                _sum(c[3], bar_3[2], bar_7[2]),
+            ),
+        )
+        _set_adjoint(work, POINTS + 0 * RUN, k, (-1.0, -1.0, -1.0), bars[0])
+        _set_adjoint(work, POINTS + 3 * RUN, k, (1.0, -1.0, -1.0), bars[1])
+        _set_adjoint(work, POINTS + 6 * RUN, k, (-1.0, 1.0, -1.0), bars[2])
+        _set_adjoint(work, POINTS + 9 * RUN, k, (1.0, 1.0, -1.0), bars[3])
+        _set_adjoint(work, POINTS + 12 * RUN, k, (-1.0, -1.0, 1.0), bars[4])
+        _set_adjoint(work, POINTS + 15 * RUN, k, (1.0, -1.0, 1.0), bars[5])
+        _set_adjoint(work, POINTS + 18 * RUN, k, (-1.0, 1.0, 1.0), bars[6])
+        _set_adjoint(work, POINTS + 21 * RUN, k, (1.0, 1.0, 1.0), bars[7])
+
+
+@njit(cache=True)
+def _add_adjoints(work, rows, n):
+    """Add the adjoints of the points of a run to eight rows: one corner at a time, since cells share points."""
     for corner in range(8):
         row, point = rows[corner], work[POINTS + 3 * RUN * corner : SIZE]
         for k in range(n):
             row[k].x += point[k]
             row[k].y += point[RUN + k]
             row[k].z += point[2 * RUN + k]
-
-
-@njit(cache=True)
-def _set_left_out(work, bits, triple, jacobian, n):
-    """Give the corners that are left out set values."""
-    for corner in range(8):
-        at = work[TRIPLE + corner * RUN : SIZE]
-        bit = np.uint8(1 << corner)
-        for k in range(n):
-            if bits[k] & bit:
-                at[k], at[8 * RUN + k] = triple, jacobian
-
-
-@njit(cache=True)
-def _any_bit(bits, n):
-    found = np.uint8(0)
-    for k in range(n):
-        found |= bits[k]
-    return found != 0
 
 
 @njit(cache=True)
@@ -162,7 +302,7 @@ def _copy(source, target, n):
 def _store(work, triples, jacobians, volume, first, n):
     """Write the measures of a run from cell ``first`` on."""
     for corner in range(8):
-        _copy(work[TRIPLE + corner * RUN : SIZE], triples[corner][first:], n)
+        _copy(work[corner * RUN : SIZE], triples[corner][first:], n)
         _copy(work[JACOBIAN + corner * RUN : SIZE], jacobians[corner][first:], n)
     _copy(work[VOLUME:SIZE], volume[first:], n)
 
@@ -171,43 +311,9 @@ def _store(work, triples, jacobians, volume, first, n):
 def _load_adjoints(triples, jacobians, volume, work, first, n):
     """Read the adjoints of the measures of a run."""
     for corner in range(8):
-        _copy(triples[corner][first:], work[TRIPLE + corner * RUN : SIZE], n)
+        _copy(triples[corner][first:], work[corner * RUN : SIZE], n)
         _copy(jacobians[corner][first:], work[JACOBIAN + corner * RUN : SIZE], n)
     _copy(volume[first:], work[VOLUME:SIZE], n)
-
-
-@njit(cache=True)
-def _measure_run(rows, bits, sign, work, n):
-    _load(rows, work, n)
-    _edges(work, n)
-    _corners(work, sign, n)
-    volumes(work, sign, n)
-    if _any_bit(bits, n):
-        _set_left_out(work, bits, 1.0, np.inf, n)
-
-
-@njit(cache=True)
-def _jvp_run(rows, changes, bits, sign, work, n):
-    _load(rows, work, n)
-    _edges(work, n)
-    _load(changes, work, n)
-    _edge_changes(work, n)
-    _corners_jvp(work, sign, n)
-    volumes_jvp(work, sign, n)
-    if _any_bit(bits, n):
-        _set_left_out(work, bits, 0.0, 0.0, n)
-
-
-@njit(cache=True)
-def _vjp_run(rows, bits, sign, work, adjoints, n):
-    _load(rows, work, n)
-    _edges(work, n)
-    if _any_bit(bits, n):
-        _set_left_out(work, bits, 0.0, 0.0, n)
-    volumes_vjp(work, sign, n)
-    _corners_vjp(work, sign, n)
-    _point_adjoints(work, sign, n)
-    _add_to(adjoints, work, n)
 
 
 @njit(cache=True)
@@ -286,7 +392,8 @@ def block_vjp(x, left_out, sign, triples_bar, jacobians_bar, volume_bar, x_bar):
             for k in range(0, left_out.shape[2], RUN):
                 n = min(RUN, left_out.shape[2] - k)
                 _load_adjoints(triples_bar, jacobians_bar, volume_bar, work, first, n)
-                _vjp_run(_rows_of(x, i, j, k), left_out[i, j][k:], sign, work, _rows_of(x_bar, i, j, k), n)
+                _vjp_run(_rows_of(x, i, j, k), left_out[i, j][k:], sign, work, n)
+                _add_adjoints(work, _rows_of(x_bar, i, j, k), n)
                 first += n
 
 
@@ -309,10 +416,9 @@ def _rows_from(x, first):
 def _summarize(work, q, corner, jacobian, n):
     """Product of the triple products of each cell, their minimum and that of the Jacobians."""
     for k in range(n):
-        t, j = TRIPLE + k, JACOBIAN + k
-        q[k], corner[k], jacobian[k] = work[t], work[t], work[j]
+        q[k], corner[k], jacobian[k] = work[k], work[k], work[JACOBIAN + k]
     for at in range(RUN, 8 * RUN, RUN):
-        triples, jacobians = work[TRIPLE + at : SIZE], work[JACOBIAN + at : SIZE]
+        triples, jacobians = work[at:SIZE], work[JACOBIAN + at : SIZE]
         for k in range(n):
             q[k] *= triples[k]
             corner[k] = triples[k] if triples[k] < corner[k] else corner[k]
@@ -368,4 +474,5 @@ def list_vjp(x, left_out, triples_bar, jacobians_bar, volume_bar, x_bar):
     for first in range(0, n_cells, RUN):
         n = min(RUN, n_cells - first)
         _load_adjoints(triples_bar, jacobians_bar, volume_bar, work, first, n)
-        _vjp_run(_rows_from(x, first), left_out[first:], 1.0, work, _rows_from(x_bar, first), n)
+        _vjp_run(_rows_from(x, first), left_out[first:], 1.0, work, n)
+        _add_adjoints(work, _rows_from(x_bar, first), n)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..grids.hexahedron_elements import orthogonality, orthogonality_jvp, orthogonality_vjp
-from ..grids.hexahedron_layout import as_points
-from ..grids.hexahedron_runs import block_jvp, block_measures, block_vjp
+from ..grids.hexahedron_runs import as_points, block_jvp, block_measures, block_vjp
 from .block_cells import Slab
 
 
