@@ -157,7 +157,8 @@ def _anchored_functions(T, order, xi, work, out):
         for m in range(order - 1):
             out[m] = work[order - 2 - m]
         return span
-    out[:] = work[1:order]
+    for m in range(order - 1):
+        out[m] = work[m + 1]
     return span - order + 1
 
 

@@ -167,13 +167,15 @@ def _apply(n_control, orders, values, starts, firsts, node_order, control_points
     for run in range(len(firsts)):
         _local_points(n_control, orders, firsts[run], points)
         for m in range(size):
-            local[m] = control_points[points[m]]
+            for c in range(3):
+                local[m, c] = control_points[points[m], c]
         for start in range(starts[run], starts[run + 1], _ROWS):
             n = min(_ROWS, starts[run + 1] - start)
             _fill_rows(values, start, start + n, orders, rows)
             np.dot(rows[:n], local, result[:n])
             for q in range(n):
-                out[node_order[start + q]] = result[q]
+                for c in range(3):
+                    out[node_order[start + q], c] = result[q, c]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -187,10 +189,12 @@ def _apply_transpose(n_control, orders, values, starts, firsts, node_order, bar,
             n = min(_ROWS, starts[run + 1] - start)
             _fill_rows(values, start, start + n, orders, rows)
             for q in range(n):
-                local[q] = bar[node_order[start + q]]
+                for c in range(3):
+                    local[q, c] = bar[node_order[start + q], c]
             np.dot(rows[:n].T, local[:n], result)
             for m in range(size):
-                out[points[m]] += result[m]
+                for c in range(3):
+                    out[points[m], c] += result[m, c]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

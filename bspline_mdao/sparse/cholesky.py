@@ -16,7 +16,7 @@ from .conjugate_gradient import preconditioned_solve
 from .fronts import Fronts, lay_out
 from .graph import graph_of
 from .lapack import one_blas_thread, routines
-from .ordering import nested_dissection
+from .ordering import fill_reducing_order
 from .scaling import inverse_root_diagonal, scaled_blocks
 from .solution import Solution, check_right, product, relative_residual, residual_norm
 from .stages import Stages, find_stages
@@ -61,7 +61,7 @@ class Cholesky:
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholeskyAnalysis:
         """Find the order of elimination and the fronts of a pattern, whose points have coordinates of shape (n, 3)."""
         graph = graph_of(pattern)
-        supernodes = find_supernodes(*graph, nested_dissection(*graph))
+        supernodes = find_supernodes(*graph, fill_reducing_order(*graph))
         stages = find_stages(supernodes)
         fronts = lay_out(supernodes, stages, pattern.indptr, pattern.indices)
         return CholeskyAnalysis(self, pattern, supernodes, stages, fronts)

@@ -66,42 +66,26 @@ def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices:
     child_starts, children = _children(supernodes.parents)
     updates = _allocate(9 * n_rows * n_rows, child_starts, children, *stages)
     blocks = _place_blocks(indptr, indices, supernodes, panel_starts)
-    return Fronts(panel_starts, *updates, _positions(supernodes), child_starts, children, *blocks)
+    parents = np.repeat(supernodes.parents, n_rows)
+    positions = _positions_in(parents, supernodes.rows.astype(np.int64), supernodes).astype(np.int32)
+    return Fronts(panel_starts, *updates, positions, child_starts, children, *blocks)
 
 
-@njit(cache=True)
 def _children(parents):
     """Children of every supernode, in compressed rows."""
-    n = len(parents)
-    starts = np.zeros(n + 1, np.int32)
-    for s in range(n):
-        if parents[s] != -1:
-            starts[parents[s] + 1] += 1
-    starts = np.cumsum(starts).astype(np.int32)
-    children, ends = np.empty(starts[n], np.int32), starts[:-1].copy()
-    for s in range(n):
-        if parents[s] != -1:
-            children[ends[parents[s]]] = s
-            ends[parents[s]] += 1
-    return starts, children
+    n, order = len(parents), np.argsort(parents, kind="stable").astype(np.int32)
+    starts = np.searchsorted(parents[order], np.arange(n + 1)).astype(np.int32)
+    return starts - starts[0], order[starts[0] :]
 
 
-@njit(cache=True)
-def _positions(supernodes):
-    """Position of every row of a supernode in its parent's front; both lists are ascending, so one sweep finds it."""
-    firsts, row_starts, rows = supernodes.firsts, supernodes.row_starts, supernodes.rows
-    positions = np.empty(len(rows), np.int32)
-    for s in range(len(supernodes.parents)):
-        parent = supernodes.parents[s]
-        position = row_starts[parent]
-        for entry in range(row_starts[s], row_starts[s + 1]):
-            if rows[entry] < firsts[parent + 1]:
-                positions[entry] = rows[entry] - firsts[parent]
-                continue
-            while rows[position] < rows[entry]:
-                position += 1
-            positions[entry] = firsts[parent + 1] - firsts[parent] + position - row_starts[parent]
-    return positions
+def _positions_in(fronts, places, supernodes: Supernodes):
+    """Position of places in fronts that hold them, in points: own points first, then the rows."""
+    firsts, row_starts, n = supernodes.firsts.astype(np.int64), supernodes.row_starts, len(supernodes.order)
+    owners = np.repeat(np.arange(len(firsts) - 1), np.diff(row_starts))
+    rows = np.searchsorted(owners * n + supernodes.rows, fronts * n + places) - row_starts[fronts]
+    own = places - firsts[fronts]
+    sizes = np.diff(firsts)[fronts]
+    return np.where(own < sizes, own, sizes + rows)
 
 
 @njit(cache=True)
@@ -135,7 +119,10 @@ def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
                 n_alive = _place(s, n_scalars, starts, alive, n_alive)
                 n_scratch = max(n_scratch, starts[s] + n_scalars[s])
             n_alive = _drop(alive, n_alive, children[child_starts[s] : child_starts[s + 1]])
-    return np.where(is_kept, starts, ~starts), n_kept, n_scratch
+    for s in range(n):
+        if not is_kept[s]:
+            starts[s] = ~starts[s]
+    return starts, n_kept, n_scratch
 
 
 @njit(cache=True)
@@ -146,7 +133,8 @@ def _place(s, n_scalars, starts, alive, n_alive):
         start = starts[alive[place]] + n_scalars[alive[place]]
         place += 1
     starts[s] = start
-    alive[place + 1 : n_alive + 1] = alive[place:n_alive].copy()
+    for later in range(n_alive, place, -1):
+        alive[later] = alive[later - 1]
     alive[place] = s
     return n_alive + 1
 
@@ -164,29 +152,16 @@ def _drop(alive, n_alive, done):
     return n_alive
 
 
-@njit(cache=True)
-def _place_blocks(indptr, indices, supernodes, panel_starts):
+def _place_blocks(indptr, indices, supernodes: Supernodes, panel_starts):
     """Blocks of the matrix sorted by supernode, and where each of them goes."""
-    rank, firsts, row_starts = supernodes.rank, supernodes.firsts, supernodes.row_starts
-    n_supernodes = len(firsts) - 1
-    owner = np.repeat(np.arange(n_supernodes).astype(np.int32), firsts[1:] - firsts[:-1])
-    starts = np.zeros(n_supernodes + 1, np.int64)
-    for row in range(len(rank)):
-        for column in indices[indptr[row] : indptr[row + 1]]:
-            starts[owner[min(rank[row], rank[column])] + 1] += 1
-    starts = np.cumsum(starts)
-    blocks, places, ends = np.empty(len(indices), np.int32), np.empty(len(indices), np.int64), starts[:-1].copy()
-    for row in range(len(rank)):
-        for block in range(indptr[row], indptr[row + 1]):
-            low, high = min(rank[row], rank[indices[block]]), max(rank[row], rank[indices[block]])
-            s = owner[low]
-            size = firsts[s + 1] - firsts[s]
-            position = high - firsts[s]
-            if high >= firsts[s + 1]:
-                position = size + np.searchsorted(supernodes.rows[row_starts[s] : row_starts[s + 1]], high)
-            n_points = size + row_starts[s + 1] - row_starts[s]
-            place = panel_starts[s] + 9 * (low - firsts[s]) * n_points + 3 * position
-            blocks[ends[s]] = block
-            places[ends[s]] = place if rank[row] == high else ~place
-            ends[s] += 1
-    return starts, blocks, places
+    sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
+    owner = np.repeat(np.arange(len(sizes)), sizes)
+    rows = supernodes.rank[np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))].astype(np.int64)
+    columns = supernodes.rank[indices].astype(np.int64)
+    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
+    s = owner[low]
+    column = low - supernodes.firsts[s]
+    places = panel_starts[s] + 9 * column * (sizes + n_rows)[s] + 3 * _positions_in(s, high, supernodes)
+    blocks = np.argsort(s, kind="stable").astype(np.int32)
+    starts = np.searchsorted(s[blocks], np.arange(len(sizes) + 1))
+    return starts, blocks, np.where(rows == high, places, ~places)[blocks]

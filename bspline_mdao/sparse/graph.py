@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+import scipy.sparse
 
 __all__ = ["Graph", "graph_of"]
 
@@ -26,25 +26,11 @@ class Graph(NamedTuple):
 
 
 def graph_of(pattern) -> Graph:
-    """Graph of a `BlockPattern`."""
-    return Graph(*_both_ways(pattern.indptr, pattern.indices))
-
-
-@njit(cache=True)
-def _both_ways(indptr, indices):
-    """Mirror the lower triangle; neighbours come out ascending."""
-    n = len(indptr) - 1
-    starts = np.zeros(n + 1, np.int64)
-    for row in range(n):
-        starts[row + 1] += indptr[row + 1] - indptr[row] - 1
-        for column in indices[indptr[row] : indptr[row + 1] - 1]:
-            starts[column + 1] += 1
-    starts = np.cumsum(starts)
-    neighbours, ends = np.empty(starts[-1], np.int32), starts[:-1].copy()
-    for row in range(n):
-        for column in indices[indptr[row] : indptr[row + 1] - 1]:
-            neighbours[ends[row]] = column
-            neighbours[ends[column]] = row
-            ends[row] += 1
-            ends[column] += 1
-    return starts, neighbours
+    """Graph of a `BlockPattern`; neighbours come out ascending."""
+    lower = scipy.sparse.csr_array(
+        (np.ones(len(pattern.indices), np.int8), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
+    )
+    strict = scipy.sparse.tril(lower, k=-1, format="csr")
+    both = (strict + strict.T).tocsr()
+    both.sort_indices()
+    return Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))

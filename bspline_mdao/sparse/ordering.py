@@ -1,23 +1,77 @@
-"""Fill-reducing order by nested dissection.
+"""Fill-reducing orders: minimum degree for small graphs, nested dissection for the others.
 
-A separator cuts the graph in two; it is eliminated last, and each side before it, in the same way. Eliminating one side
-does not touch the other [George, SIAM J. Numer. Anal. 10 (1973)].
+In nested dissection, a separator cuts the graph in two; it is eliminated last, and each side before it, in the same way.
+Eliminating one side does not touch the other [George, SIAM J. Numer. Anal. 10 (1973)].
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse
 from numba import njit
+from scipy.sparse.linalg import spilu
 
 from .coarsening import common_neighbours
 from .minimum_degree import by_minimum_degree
 from .separator_search import SEPARATOR
 from .separators import find_separator
 
-__all__ = ["nested_dissection"]
+__all__ = ["fill_reducing_order", "minimum_degree", "nested_dissection"]
+
+LARGEST_FOR_MINIMUM_DEGREE = 4000
+"""Graphs of at most so many points are ordered by SciPy's minimum degree. It fills the factor 1.1 to 1.3 times as much,
+which costs less there than it takes to dissect the graph, and nothing is to be compiled for it."""
 
 N_LEAF = 100
 """Pieces of at most so many points are not cut any more."""
+
+
+def fill_reducing_order(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+    """Order in which to eliminate the points of a graph, so that the factor stays sparse.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Points in the order of their elimination.
+    """
+    is_small = len(starts) - 1 <= LARGEST_FOR_MINIMUM_DEGREE
+    return minimum_degree(starts, neighbours) if is_small else nested_dissection(starts, neighbours)
+
+
+def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+    """Order by multiple minimum degree [Liu, ACM Trans. Math. Softw. 11 (1985)], as SuperLU in SciPy has it.
+
+    SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Points in the order of their elimination.
+    """
+    n = len(starts) - 1
+    if n < 2:
+        return np.arange(n, dtype=np.int32)
+    edges = scipy.sparse.csc_array((np.full(len(neighbours), -1.0), neighbours, starts), shape=(n, n))
+    dominant = (edges + scipy.sparse.diags_array(np.diff(starts) + 1.0)).tocsc()
+    factor = spilu(
+        dominant,
+        drop_tol=1.0,
+        fill_factor=1.0,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return np.argsort(factor.perm_c).astype(np.int32)
 
 
 @njit(cache=True)

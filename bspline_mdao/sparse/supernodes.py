@@ -65,6 +65,7 @@ def find_supernodes(starts, neighbours, order: np.ndarray) -> Supernodes:
     rank = _inverse(order)
     firsts = np.concatenate(([0], np.cumsum(sizes))).astype(np.int32)
     row_starts, rows = _front_rows(starts, neighbours, order, rank, firsts, parents)
+    rows = rows[np.lexsort((rows, np.repeat(np.arange(len(sizes)), np.diff(row_starts))))]
     return Supernodes(order, rank, firsts, parents, row_starts, rows)
 
 
@@ -181,7 +182,6 @@ def _front_rows(starts, neighbours, order, rank, firsts, parents):
             for row in rows[row_starts[child] : row_starts[child + 1]]:
                 end = _add_row(row, s, firsts[s + 1], seen, rows, end)
             child = next_sibling[child]
-        rows[row_starts[s] : end].sort()
         row_starts[s + 1] = end
         if parents[s] != -1:
             next_sibling[s] = first_child[parents[s]]
