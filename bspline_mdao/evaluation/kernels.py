@@ -43,13 +43,11 @@ def forward_kernel(p_0: int, p_1: int, p_2: int):
             for first in range(starts[run], starts[run + 1], LANES):
                 n = min(LANES, starts[run + 1] - first)
                 sum_over_net(net, basis[first * n_functions :], n, rows[first:], out, p_0, p_1, p_2)
-        first_copy, last_copy = (
-            np.searchsorted(copy_nodes, starts[first_run]),
-            np.searchsorted(copy_nodes, starts[last_run]),
-        )
+        first_copy, last_copy = _first_copy(copy_nodes, starts[first_run]), _first_copy(copy_nodes, starts[last_run])
         for copy in range(first_copy, last_copy):
             row, source = 3 * np.int64(copy_rows[copy]), 3 * np.int64(rows[copy_nodes[copy]])
-            out[row : row + 3] = out[source : source + 3]
+            for d in range(3):
+                out[row + d] = out[source + d]
 
     return forward
 
@@ -76,7 +74,7 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
         _ = emitter  # a cell of the closure, and so part of the key of the cache
         net, points = np.empty(size + LANES), np.empty(3 * TILE)
         first_control_point = first_layer * n_control[1] * n_control[2]
-        copy = np.searchsorted(copy_nodes, starts[first_run])
+        copy = _first_copy(copy_nodes, starts[first_run])
         for run in range(first_run, last_run):
             net[:] = 0.0
             for tile in range(starts[run], starts[run + 1], TILE):
@@ -88,6 +86,19 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
             add_net(out, 3 * (corners[run] - first_control_point), steps, net, p_0, p_1, p_2)
 
     return reverse
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_copy(copy_nodes, node):
+    """Place of the first copy of a sorted node, or of one beyond it, by bisection."""
+    low, high = 0, copy_nodes.size
+    while low < high:
+        middle = (low + high) // 2
+        if copy_nodes[middle] < node:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -41,7 +41,7 @@ def lame_constants(poisson_ratio: float) -> tuple[float, float]:
     return nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _stress(u, a, lame):
     """Stress of H(u) = sum of u_i a_i^T: xx, yy, zz, yz, zx, xy."""
     xx = u[0][0] * a[0][0] + u[1][0] * a[1][0] + u[2][0] * a[2][0]
@@ -58,7 +58,7 @@ def _stress(u, a, lame):
     return pressure + twice * xx, pressure + twice * yy, pressure + twice * zz, shear[0], shear[1], shear[2]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _traction(stress, v):
     """Stress times a vector."""
     xx, yy, zz, yz, zx, xy = stress
@@ -69,7 +69,7 @@ def _traction(stress, v):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _fluxes(stress, a, factor):
     """Derivatives by the slopes v_i of the work on v."""
     return (
@@ -79,13 +79,13 @@ def _fluxes(stress, a, factor):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _sum(p, q):
     """Sum of two triples of vectors."""
     return add(p[0], q[0]), add(p[1], q[1]), add(p[2], q[2])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _work(u_fluxes, v):
     """Work of fluxes on slopes."""
     return dot(u_fluxes[0], v[0]) + dot(u_fluxes[1], v[1]) + dot(u_fluxes[2], v[2])

@@ -20,7 +20,7 @@ FLAT_ELEMENT = 0.05
 """Floor of the Jacobian by the lengths of the slopes, and of the volume by those of the edges: 3 degrees from flat."""
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def floored(t, t_0):
     """Floor of t at t_0, and its derivative; t may be complex."""
     z = 2.0 * (1.0 - t / t_0)

@@ -63,7 +63,7 @@ _TINY = 1e-290
 FAST = {"contract", "nsz", "reassoc"}
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def at_point(slopes, g):
     """Three slopes at a Gauss point."""
     return (
@@ -73,7 +73,7 @@ def at_point(slopes, g):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def put_at_point(vectors, g, slopes):
     """Store three vectors of a Gauss point."""
     for i in range(3):
@@ -81,13 +81,13 @@ def put_at_point(vectors, g, slopes):
             slopes[i, d, g] = vectors[i][d]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def adjugate(f):
     """Rows of the adjugate of the matrix with columns f."""
     return cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def adjugate_jvp(f, df):
     """Change of the adjugate."""
     return (
@@ -97,7 +97,7 @@ def adjugate_jvp(f, df):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def adjugate_vjp(f, bar):
     """Transpose of `adjugate_jvp`."""
     return (
@@ -107,7 +107,7 @@ def adjugate_vjp(f, bar):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def divisor_of(f, a, sign):
     """Positive divisor: the size of J in valid elements; and its derivatives by J and by the logarithms of the f_i^2.
 
@@ -120,7 +120,7 @@ def divisor_of(f, a, sign):
     return lengths * height, sign * slope, lengths * (height - flatness * slope)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def divisor_gradient(f, a, by_jacobian, by_lengths):
     """Derivatives of the divisor with respect to the slopes f_i."""
     return (

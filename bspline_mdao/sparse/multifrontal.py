@@ -45,7 +45,7 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scr
     for s in range(first, last):
         n_own, n_rest = _extents(s, supernodes)
         n = n_own + n_rest
-        assemble(s, 0, n // 3, supernodes, fronts, data, factor, kept, scratch)
+        assemble(s, np.int64(0), n // 3, supernodes, fronts, data, factor, kept, scratch)
         panel = factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
         update = update_of(fronts.update_starts[s], n_rest, kept, scratch)
         call(routines.potrf, (LOWER, n_own, panel, n, info))
@@ -115,7 +115,7 @@ def first_unusable(panel, n, n_own):
     return -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_blocks(s, low, high, fronts, data, panel, n):
     """Add the blocks of the matrix that start at scalars ``low <= place < high`` of a panel of ``n`` scalar rows."""
     for entry in range(fronts.block_starts[s], fronts.block_starts[s + 1]):
@@ -133,7 +133,9 @@ def _add_blocks(s, low, high, fronts, data, panel, n):
 def _add_update(positions, first, last, child, panel, n, n_own, update, n_rest):
     """Add what the update of a child has for the points ``first <= point < last`` to the two pieces of a front."""
     n_child = 3 * len(positions)
-    for j in range(np.searchsorted(positions, first), np.searchsorted(positions, last)):
+    for j in range(len(positions)):
+        if not first <= positions[j] < last:
+            continue
         column = 3 * positions[j]
         for c in range(3):
             source = child[(3 * j + c) * n_child : (3 * j + c + 1) * n_child]
@@ -143,7 +145,7 @@ def _add_update(positions, first, last, child, panel, n, n_own, update, n_rest):
                 _add_column(source, positions, j, c, update[(column + c - n_own) * n_rest :], n_own)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_column(source, positions, j, c, target, n_above):
     """Add scalar column ``3 j + c`` of an update to a column of its parent that starts below ``n_above`` rows."""
     above = 3 * positions[j] - n_above

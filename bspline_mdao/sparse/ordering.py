@@ -1,7 +1,7 @@
 """Fill-reducing orders: minimum degree for small graphs, nested dissection for the others.
 
-In nested dissection, a separator cuts the graph in two; it is eliminated last, and each side before it, in the same way.
-Eliminating one side does not touch the other [George, SIAM J. Numer. Anal. 10 (1973)].
+In nested dissection, a separator cuts the graph in two; it is eliminated last, and each side before it, in the same
+way. Eliminating one side does not touch the other [George, SIAM J. Numer. Anal. 10 (1973)].
 """
 
 from __future__ import annotations
