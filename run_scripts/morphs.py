@@ -200,7 +200,7 @@ class NodeBased:
 
 def warm_up(*solvers) -> None:
     """Compile what is timed: both movers with each solver."""
-    morph = Morph.of(ONERA_M6, ONERA_M6.make_grid((5, 5, 5)), (4, 4, 4))
+    morph = Morph.of(BLENDED_WING_BODY, BLENDED_WING_BODY.make_grid((5, 5, 5)), (4, 4, 4))
     for solver in solvers:
         _, control_points = morph.move_control_mesh(solver=solver)
         morph.move_nodes(control_points, solver=solver)
