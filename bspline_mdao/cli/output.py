@@ -12,13 +12,16 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from ..errors import InputError
 from ..grids.atomic import replaced_file
 from ..grids.openfoam import FOLDER
+
+COMPILING = "compiling, once"
+"""Shown while numba compiles kernels, which it does when they are first needed on a machine."""
 
 
 def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = ()) -> None:
@@ -157,5 +160,41 @@ def progress_bar() -> Iterator:
         yield lambda fraction, what: None
         return
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda fraction, what: progress.update(task, completed=fraction, description=what)
+        bar = _Bar(progress, progress.add_task("", total=1.0))
+        with _told_compilation(bar):
+            yield bar.move
+
+
+class _Bar:
+    """A bar, which shows that kernels are compiled rather than what is being done while they are."""
+
+    def __init__(self, progress: Progress, task: TaskID):
+        self.progress, self.task, self.what, self.n_compiling = progress, task, "", 0
+
+    def move(self, fraction: float, what: str) -> None:
+        """Move the bar and say what is being done."""
+        self.what = what
+        self.progress.update(self.task, completed=fraction, description=what)
+
+    def on_start(self, event) -> None:
+        """Say that a kernel is compiled; one that calls others compiles them in between."""
+        self.n_compiling += 1
+        self.progress.update(self.task, description=COMPILING)
+
+    def on_end(self, event) -> None:
+        """Go back to what is being done once the outermost kernel is ready."""
+        self.n_compiling -= 1
+        if self.n_compiling == 0:
+            self.progress.update(self.task, description=self.what)
+
+
+@contextmanager
+def _told_compilation(bar: _Bar) -> Iterator[None]:
+    """Tell a bar of all that numba compiles; kernels that come from the cache are not compiled."""
+    from numba.core import event  # numba takes a while to import: no command needs it for its help
+
+    class Listener(event.Listener):
+        on_start, on_end = staticmethod(bar.on_start), staticmethod(bar.on_end)
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
