@@ -195,7 +195,7 @@ def test_the_coincident_sides_of_a_plate_take_the_points_beside_them_along():
     mesh = plate()
     inner = slice(1, -1), slice(1, -1)
     lower, upper = both_sides(mesh)
-    movement = RadialBasis(mesh).move(mesh.points, opened(mesh))
+    movement = RadialBasis(mesh, "wendland c0").move(mesh.points, opened(mesh))  # smoother ones overshoot beyond bounds
     moved = (movement.points - mesh.points)[..., 1]
     assert (mesh.points[lower] == mesh.points[upper]).all()
     assert (moved[mesh.blocks[1][:, -2][inner]] < 0.0).all()

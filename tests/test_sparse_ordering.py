@@ -8,7 +8,12 @@ from bspline_mdao.sparse.blocks import BlockPattern
 from bspline_mdao.sparse.coarsening import common_neighbours
 from bspline_mdao.sparse.elimination_tree import column_counts, elimination_tree, postorder
 from bspline_mdao.sparse.graph import graph_of
-from bspline_mdao.sparse.ordering import nested_dissection
+from bspline_mdao.sparse.ordering import (
+    LARGEST_FOR_MINIMUM_DEGREE,
+    fill_reducing_order,
+    minimum_degree,
+    nested_dissection,
+)
 from bspline_mdao.sparse.separator_search import SEPARATOR
 from bspline_mdao.sparse.separators import find_separator
 from bspline_mdao.sparse.supernodes import find_supernodes
@@ -104,3 +109,27 @@ def test_dissection_fills_little_whatever_the_numbering():
 def test_order_is_a_permutation_also_of_a_complete_graph():
     graph = graph_of(random_pattern(230, 1.0, np.random.default_rng(0)))
     assert sorted(nested_dissection(*graph)) == list(range(230))
+
+
+def test_minimum_degree_fills_little_more_than_dissection_on_small_meshes():
+    for shape in ((5, 6, 7), (9, 12, 11)):
+        elements, points = box_elements(shape)
+        graph = graph_of(BlockPattern.of_elements(elements, len(points)))
+        fill = [n_in_factor(find_supernodes(*graph, order(*graph))) for order in (minimum_degree, nested_dissection)]
+        assert fill[0] < 1.4 * fill[1]
+
+
+def test_graphs_without_edges_and_in_pieces_are_ordered_by_minimum_degree():
+    rng = np.random.default_rng(3)
+    for n, density in ((0, 0.0), (1, 0.0), (7, 0.0), (60, 0.02)):
+        graph = graph_of(random_pattern(n, density, rng))
+        assert sorted(minimum_degree(*graph)) == list(range(n))
+
+
+def test_large_graphs_are_dissected_and_small_ones_are_not():
+    for shape in ((6, 5, 4), (17, 16, 16)):
+        elements, points = box_elements(shape)
+        graph = graph_of(BlockPattern.of_elements(elements, len(points)))
+        order = minimum_degree if len(points) <= LARGEST_FOR_MINIMUM_DEGREE else nested_dissection
+        assert (fill_reducing_order(*graph) == order(*graph)).all()
+    assert len(points) > LARGEST_FOR_MINIMUM_DEGREE
