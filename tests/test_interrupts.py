@@ -17,6 +17,14 @@ from bspline_mdao.grids.hdf5 import held_interrupts
 pytestmark = pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 
 
+@pytest.fixture(autouse=True)
+def interrupts_arrive():
+    """Interrupts as Python has them by default: a shell ignores them in what it runs in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 class Dying:
     """Something whose end is noticed, as that of h5py's objects."""
 
