@@ -18,7 +18,7 @@ from pathlib import Path
 COMMANDS = {
     "fit": ("fit", "@onera_m6", "-o", "m6.h5"),
     "move": ("move", "m6.h5", "--deform", "twist=10deg", "-o", "moved.vtm"),
-    "quality": ("quality", "moved.vtm"),
+    "quality": ("quality", "@onera_m6"),
 }
 """Commands in the order in which a new user runs them; each compiles what those before it did not."""
 
