@@ -109,11 +109,16 @@ def _inverses(edges):
 
 
 @njit(**FAST)
+def _corner(sign, edges, inverses):
+    """Triple product and Jacobian of a corner."""
+    jacobian = sign * dot(cross(edges[0], edges[1]), edges[2])
+    return jacobian * (inverses[0] * inverses[1] * inverses[2]), jacobian
+
+
+@njit(**FAST)
 def _set(work, row, k, sign, edges, inverses):
     """Write the triple product and the Jacobian of a corner."""
-    jacobian = sign * dot(cross(edges[0], edges[1]), edges[2])
-    work[_at(row, k)] = jacobian * (inverses[0] * inverses[1] * inverses[2])
-    work[_at(JACOBIAN + row, k)] = jacobian
+    work[_at(row, k)], work[_at(JACOBIAN + row, k)] = _corner(sign, edges, inverses)
 
 
 @njit(**FAST)
@@ -412,22 +417,27 @@ def _rows_from(x, first):
     )
 
 
-@njit(cache=True)
-def _summarize(work, q, corner, jacobian, n):
-    """Product of the triple products of each cell, their minimum and that of the Jacobians."""
-    for k in range(n):
-        q[k], corner[k], jacobian[k] = work[k], work[k], work[JACOBIAN + k]
-    for at in range(RUN, 8 * RUN, RUN):
-        triples, jacobians = work[at:SIZE], work[JACOBIAN + at : SIZE]
-        for k in range(n):
-            q[k] *= triples[k]
-            corner[k] = triples[k] if triples[k] < corner[k] else corner[k]
-            jacobian[k] = jacobians[k] if jacobians[k] < jacobian[k] else jacobian[k]
+@njit(**FAST)
+def _vector(p, q):
+    """Vector from one point to another."""
+    return q.x - p.x, q.y - p.y, q.z - p.z
 
 
-@njit(cache=True, nogil=True)
+@njit(**FAST)
+def _with(so_far, bits, bit, sign, edges, inverses):
+    """Product and least of the triple products and least Jacobian with one corner more, unless it is left out."""
+    triple, jacobian = _corner(sign, edges, inverses)
+    is_out = bits & bit
+    triple, jacobian = 1.0 if is_out else triple, np.inf if is_out else jacobian
+    product, least, smallest = so_far
+    return product * triple, triple if triple < least else least, jacobian if jacobian < smallest else smallest
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def block_summary(x, left_out, sign, q, corner, jacobian, volume):
     """Product and smallest of the corner triple products, smallest corner Jacobian and volume of the cells of a block.
+
+    Four results are few enough for the compiler to see that nothing overlaps: they need no workspace.
 
     Parameters
     ----------
@@ -436,15 +446,32 @@ def block_summary(x, left_out, sign, q, corner, jacobian, volume):
     q, corner, jacobian, volume : ndarray, shape (n_cells,)
         Results.
     """
-    work, first = np.empty(SIZE), 0
+    n = left_out.shape[2]
     for i in range(left_out.shape[0]):
         for j in range(left_out.shape[1]):
-            for k in range(0, left_out.shape[2], RUN):
-                n = min(RUN, left_out.shape[2] - k)
-                _measure_run(_rows_of(x, i, j, k), left_out[i, j][k:], sign, work, n)
-                _summarize(work, q[first:], corner[first:], jacobian[first:], n)
-                _copy(work[VOLUME:SIZE], volume[first:], n)
-                first += n
+            a, b, c, d = x[i, j], x[i + 1, j], x[i, j + 1], x[i + 1, j + 1]
+            e, f, g, h = a[1:], b[1:], c[1:], d[1:]
+            bits, first = left_out[i, j], (i * left_out.shape[1] + j) * n
+            row_q, row_corner = q[first : first + n], corner[first : first + n]
+            row_jacobian, row_volume = jacobian[first : first + n], volume[first : first + n]
+            for k in range(n):
+                p0, p1, p2, p3, p4, p5, p6, p7 = a[k], b[k], c[k], d[k], e[k], f[k], g[k], h[k]
+                xi = _vector(p0, p1), _vector(p2, p3), _vector(p4, p5), _vector(p6, p7)
+                eta = _vector(p0, p2), _vector(p1, p3), _vector(p4, p6), _vector(p5, p7)
+                zeta = _vector(p0, p4), _vector(p1, p5), _vector(p2, p6), _vector(p3, p7)
+                edges = _at_corners(xi, eta, zeta)
+                inverses = _at_corners(_inverses(xi), _inverses(eta), _inverses(zeta))
+                so_far = _with((1.0, np.inf, np.inf), bits[k], np.uint8(1), sign, edges[0], inverses[0])
+                so_far = _with(so_far, bits[k], np.uint8(2), sign, edges[1], inverses[1])
+                so_far = _with(so_far, bits[k], np.uint8(4), sign, edges[2], inverses[2])
+                so_far = _with(so_far, bits[k], np.uint8(8), sign, edges[3], inverses[3])
+                so_far = _with(so_far, bits[k], np.uint8(16), sign, edges[4], inverses[4])
+                so_far = _with(so_far, bits[k], np.uint8(32), sign, edges[5], inverses[5])
+                so_far = _with(so_far, bits[k], np.uint8(64), sign, edges[6], inverses[6])
+                row_q[k], row_corner[k], row_jacobian[k] = _with(
+                    so_far, bits[k], np.uint8(128), sign, edges[7], inverses[7]
+                )
+                row_volume[k] = sign * volume_of(xi, eta, zeta)
 
 
 @njit(cache=True, nogil=True)

@@ -96,7 +96,8 @@ def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
     stage of their parents has ended, since other tasks work at the same time.
     """
     n = len(n_scalars)
-    starts, alive, n_alive, n_kept, n_scratch = np.zeros(n, np.int64), np.empty(n, np.int32), 0, 0, 0
+    starts, alive = np.zeros(n, np.int64), np.empty(n, np.int32)
+    n_alive = n_kept = n_scratch = np.int64(0)
     is_kept = np.ones(n, np.bool_)
     for first, last in ranges:
         for s in range(first, last):
@@ -113,7 +114,7 @@ def _allocate(n_scalars, child_starts, children, ranges, stage_starts):
             for s in range(first, last):
                 n_alive = _drop(alive, n_alive, children[child_starts[s] : child_starts[s + 1]])
     for first, last in ranges:
-        n_alive = 0
+        n_alive = np.int64(0)
         for s in range(first, last):
             if not is_kept[s]:
                 n_alive = _place(s, n_scalars, starts, alive, n_alive)

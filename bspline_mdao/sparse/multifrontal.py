@@ -140,7 +140,7 @@ def _add_update(positions, first, last, child, panel, n, n_own, update, n_rest):
         for c in range(3):
             source = child[(3 * j + c) * n_child : (3 * j + c + 1) * n_child]
             if column < n_own:
-                _add_column(source, positions, j, c, panel[(column + c) * n :], 0)
+                _add_column(source, positions, j, c, panel[(column + c) * n :], np.int64(0))
             else:
                 _add_column(source, positions, j, c, update[(column + c - n_own) * n_rest :], n_own)
 

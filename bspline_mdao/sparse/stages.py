@@ -29,7 +29,7 @@ class Stages(NamedTuple):
 
     Parameters
     ----------
-    ranges : ndarray of int32, shape (n_tasks, 2)
+    ranges : ndarray of int64, shape (n_tasks, 2)
         First supernode of every task, and the one behind its last; the larger tasks of a stage come first.
     starts : ndarray of int64, shape (n_stages + 1,)
         Where each stage starts: the branches, if any, then the fronts of the trunk, by height.
@@ -60,7 +60,7 @@ def _cut(sizes, n_rows, parents):
         if parents[s] != -1:
             below[parents[s]] += below[s]
     limit = np.inf if total < LEAST_WORK else LARGEST_BRANCH * total
-    ranges, stages, work = np.empty((n, 2), np.int32), np.zeros(n, np.int64), np.zeros(n)
+    ranges, stages, work = np.empty((n, 2), np.int64), np.zeros(n, np.int64), np.zeros(n)
     height, n_tasks, n_covered, is_open = np.zeros(n, np.int64), 0, 0, False
     for s in range(n):
         is_trunk = below[s] > limit
