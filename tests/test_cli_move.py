@@ -57,7 +57,7 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     (tried,) = found["tried"]
     assert (tried["n_increments"], tried["failure"]) == (1, "")
     assert 0.1 < tried["corner_ratio"] == found["increments"][-1]["corner_ratio"] < 1.0
-    assert "1 increment, chosen by the smallest corner of the control mesh by the baseline's: 1: " in table
+    assert "1 increment, chosen by what the worst corner of the control mesh keeps of its baseline: " in table
     assert all(row["residual"] < 1e-12 for row in found["increments"])
     assert found["before"]["q_min"] != found["after"]["q_min"] > 0.0
     assert (found["newly_inverted"], found["after"]["n_inverted"]) == ([], 0)

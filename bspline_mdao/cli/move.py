@@ -262,8 +262,11 @@ def _chosen(report: MovementReport) -> str:
     what = "1 increment" if report.n_increments == 1 else f"{report.n_increments} increments"
     if not report.tried:
         return what
-    tried = ", ".join(map(str, report.tried))
-    return f"{what}, chosen by the smallest corner of the control mesh by the baseline's: {tried}"
+    kept = ", ".join(
+        f"{'nothing' if trial.failure else f'{trial.corner_ratio:.2g}'} with {trial.n_increments}"
+        for trial in report.tried
+    )
+    return f"{what}, chosen by what the worst corner of the control mesh keeps of its baseline: {kept}"
 
 
 def _row(number: int, increment: IncrementReport) -> tuple:
