@@ -38,6 +38,9 @@ def test_partials_are_exact_and_constant(decreasing):
     found.setup(force_alloc_complex=True)
     found.set_val("twist", np.random.default_rng(3).normal(size=5))
     found.run_model()
+    checked = found.check_partials(out_stream=None, method="cs")["monotonic"]["twist_differences", "twist"]
+    np.testing.assert_allclose(checked["J_fwd"], checked["J_fd"], atol=1e-15)
+    assert checked["J_fwd"].any()
     before = found.get_val("twist_differences").copy()
     totals = found.compute_totals("twist_differences", "twist")["twist_differences", "twist"]
     sign = -1.0 if decreasing else 1.0
