@@ -10,6 +10,7 @@ from ..grids.entities import NearMiss
 from ..grids.index_space import FACE_NAMES, Window
 from ..grids.multiblock import Grid, Patch
 from ..grids.patch_guess import draft_patches, guess_patches
+from ..grids.periodic import PeriodicPair, find_periodic
 from ..grids.topology import Topology, find_topology
 from .output import (
     check_outputs,
@@ -102,6 +103,13 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
         "n_collapsed_faces": len(_collapsed_faces(topology)),
         "n_collapsed_edges": len(topology.collapsed) - len(_collapsed_faces(topology)),
         "n_segments": len(topology.segments),
+        "periodic": [
+            {
+                "motion": str(pair.motion),
+                "sides": [[_place(window) for window in side] for side in (pair.windows, pair.others)],
+            }
+            for pair in _periodic(grid, topology)
+        ],
         "near_misses": [_miss_numbers(miss) for miss in topology.near_misses],
         "joined_gaps": [_miss_numbers(miss) for miss in topology.joined_gaps],
         "patches": [
@@ -129,6 +137,7 @@ def show_grid(grid: Grid, topology: Topology) -> None:
             f"{len(_collapsed_faces(topology))} collapsed faces, {len(topology.near_misses)} near misses"
         ]
     )
+    print_lines([_describe_pair(pair, grid) for pair in _periodic(grid, topology)])
     print_lines([_describe_miss(miss, grid) for miss in topology.near_misses], style="yellow")
     print_warnings(topology.warnings)
 
@@ -141,6 +150,16 @@ def describe(window: Window, grid: Grid) -> str:
             return f"block {window.block + 1} {name}"
     ranges = ", ".join(f"{lo + 1}-{hi + 1}" if hi > lo else f"{lo + 1}" for lo, hi in zip(window.lo, window.hi))
     return f"block {window.block + 1} ({ranges})"
+
+
+def _periodic(grid: Grid, topology: Topology) -> tuple[PeriodicPair, ...]:
+    """Pairs of periodic windows among those whose kind nobody declared."""
+    return find_periodic(grid, [face.window for face in topology.boundary if face.kind in (None, "other")])
+
+
+def _describe_pair(pair: PeriodicPair, grid: Grid) -> str:
+    one, other = (" with ".join(describe(window, grid) for window in side) for side in (pair.windows, pair.others))
+    return f"periodic, it seems: {one} and {other}, by a {pair.motion}"
 
 
 def _describe_miss(miss: NearMiss, grid: Grid) -> str:

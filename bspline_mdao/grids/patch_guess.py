@@ -11,6 +11,7 @@ import tomlkit
 
 from .index_space import FACE_NAMES, Window
 from .multiblock import Grid, Patch
+from .periodic import find_periodic
 
 __all__ = ["draft_patches", "guess_patches", "kind_of_name"]
 
@@ -38,11 +39,15 @@ PLANAR = 1e-6
 FAR = 0.3
 """A face is far field when all of it is further from the middle of the grid than this part of the farthest node."""
 
+_KINDS = {"symmetry": "symmetry", "wall": "wall", "periodic": "other", "farfield": "farfield"}
+"""Kinds of what is guessed, by the word that its name begins with."""
+
 _NODES_SAMPLED = 100_000
 _HEADER = """Patches of {source}: a draft to be checked.
 Kinds: wall, symmetry, farfield, other. Faces that are not named are free boundaries or found interfaces.
 A face may be cut: {{ block = 1, face = "kmin", i = [1, 13] }} (nodes counted from 1).
-Symmetry was guessed for planes at the rim of the grid, far field for distant faces, wall for the rest."""
+Symmetry was guessed for planes at the rim of the grid, periodic for pairs of faces that a rotation about an axis or a
+translation lays onto each other, far field for distant faces, wall for the rest."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,8 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
     """Guess what boundary windows are.
 
     A window is *symmetry* when it lies in a coordinate plane that bounds the grid, and that plane passes through the
-    origin or its block is one cell deep there; *far field* when it keeps away from where most nodes are; else *wall*.
+    origin or its block is one cell deep there; *periodic*, of the kind ``other``, when it is on one side of a pair that
+    `find_periodic` finds; *far field* when it keeps away from where most nodes are; else *wall*.
 
     Parameters
     ----------
@@ -97,14 +103,21 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
     Returns
     -------
     tuple of Patch
-        Patches ``symmetry_x`` (or y, z), ``wall`` and ``farfield``, those that were found.
+        Patches ``symmetry_x`` (or y, z), ``wall``, ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``,
+        those that were found.
     """
     frame = _frame(grid)
     found = {}
     for window in windows:
         found.setdefault(_guess(grid, window, frame), []).append(window)
-    order = sorted(found, key=lambda name: (("symmetry", "wall", "farfield").index(name.split("_")[0]), name))
-    return tuple(Patch(name, name.split("_")[0], tuple(found[name])) for name in order)
+    pairs = find_periodic(grid, [window for name in ("wall", "farfield") for window in found.get(name, ())])
+    for number, pair in enumerate(pairs, start=1):
+        for letter, side in zip("ab", (pair.windows, pair.others)):
+            found[f"periodic_{number}{letter}"] = list(side)
+            for name in ("wall", "farfield"):
+                found[name] = [window for window in found.get(name, ()) if window not in side]
+    order = sorted(filter(found.get, found), key=lambda name: (list(_KINDS).index(name.split("_")[0]), name))
+    return tuple(Patch(name, _KINDS[name.split("_")[0]], tuple(found[name])) for name in order)
 
 
 def _frame(grid: Grid) -> _Frame:
