@@ -132,11 +132,16 @@ class Body:
 
     def judge(self, points: np.ndarray) -> tuple[int, float]:
         """Count the cells that moved control points invert, and find the smallest Q; of cells that were valid."""
-        cells = self.quality.cells(self.model.regenerate(points).to_vector().reshape(-1, 3))
-        n_inverted, q_min = 0, np.inf
-        for block, measures in zip(self.quality.blocks, cells):
-            was_valid = np.ones(measures.q.size, dtype=bool)
-            was_valid[block.was_invalid] = False
-            n_inverted += int(np.count_nonzero(was_valid & ~measures.is_valid.ravel()))
-            q_min = min(q_min, float(np.min(measures.q.ravel(), where=was_valid, initial=np.inf)))
-        return n_inverted, q_min
+        return judged(self.quality, self.model.regenerate(points).to_vector().reshape(-1, 3))[:2]
+
+
+def judged(quality: GridQuality, nodes: np.ndarray) -> tuple[int, float, float]:
+    """Count the cells that nodes, shape (n_nodes, 3), invert; smallest Q of those valid before, and mean Q of all."""
+    n_inverted, q_min, total = 0, np.inf, 0.0
+    for block, measures in zip(quality.blocks, quality.cells(nodes)):
+        was_valid = np.ones(measures.q.size, dtype=bool)
+        was_valid[block.was_invalid] = False
+        n_inverted += int(np.count_nonzero(was_valid & ~measures.is_valid.ravel()))
+        q_min = min(q_min, float(np.min(measures.q.ravel(), where=was_valid, initial=np.inf)))
+        total += float(measures.q.sum())
+    return n_inverted, q_min, total / quality.n_cells

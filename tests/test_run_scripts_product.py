@@ -1,4 +1,4 @@
-"""The run scripts of the README picture and of the table of real grids."""
+"""The run scripts of the README picture and of the tables of real grids and of grids with boundary layers."""
 
 import importlib
 from pathlib import Path
@@ -60,3 +60,37 @@ def test_every_real_grid_is_fitted_or_refused(script, real_grids):
     assert len(table) > 15
     for name, row in table.items():
         assert "skipped" in row or "refused" in row or row["relative_rms"] < 0.5, name
+
+
+def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_path):
+    viscous = script("viscous_grids")
+    numbers = viscous.main(figures=tmp_path, table=tmp_path / "table.csv")
+    assert {row["deformation"] for row in numbers["rows"]} == {"pitch=5deg", "pitch=20deg"}
+    assert all(row["q_before"] > 0.05 and not row["failure"] for row in numbers["rows"])
+    assert numbers["summary"]["inverse distance"]["n_valid"] == numbers["summary"]["inverse distance"]["n_cases"]
+    assert numbers["summary"]["least squares"]["n_valid"] == 0
+    lines = (tmp_path / "table.csv").read_text().splitlines()
+    assert len(lines) == 3
+    assert {line.count(",") for line in lines} == {1 + len(viscous.COLUMNS) * len(viscous.WAYS)}
+    for name in ("viscous_section", "viscous_heights"):
+        assert 20_000 < (tmp_path / f"{name}.png").stat().st_size < 200_000
+
+
+def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
+    """Of the walls alone: all the rest of the grid goes with them, as far as its boundary."""
+    viscous, rotating = script("viscous_grids"), script("rotating_distance")
+    ((_, grid),) = viscous.collect(False, None, (), None)
+    nodes = grid.to_vector().reshape(-1, 3)
+    moved = rotating.RotatingDistance(grid).move("pitch=30deg")
+    lengths = [np.linalg.norm(x[1:] - x[:1], axis=1) for x in (nodes, moved)]
+    np.testing.assert_allclose(lengths[1], lengths[0], atol=1e-9)
+    assert np.abs(moved - nodes).max() > 1.0
+
+
+def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path):
+    grids = script("viscous_grids")
+    ((_, section),) = grids.collect(False, None, (), None)
+    write_grid(tmp_path / "mine.xyz", section)
+    numbers = grids.main(grid=[str(tmp_path / "mine.xyz")], deform=["pitch=1deg"], ways=["inverse distance"])
+    ((row),) = numbers["rows"]
+    assert (row["grid"], row["n_inverted"], row["deformation"]) == ("mine.xyz", 0, "pitch=1deg")
