@@ -54,7 +54,7 @@ FILES = (
 WALLS = {"cfl3d_delta_wing.fmt.gz": (Window(0, (8, 0, 0), (24, 32, 0)), Window(0, (8, 32, 0), (24, 64, 0)))}
 """Walls that no guess finds: the two sides of a plate without thickness."""
 
-PICTURED = {"pyhyp_m6_9blocks.xyz": ("bend=60deg@0.5",), "H-H wing": ("twist=20deg",), "section": ("pitch=20deg",)}
+PICTURED = {"pyhyp_m6_9blocks.xyz": ("bend=30deg@0.5",), "H-H wing": ("twist=20deg",), "section": ("pitch=20deg",)}
 """Deformations that are drawn, by grid."""
 
 COLUMNS = ("inverted", "smallest Q by that before", "mean Q gained", "99 % of heights", "all heights")

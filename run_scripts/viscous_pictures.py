@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from common import BLUE, GRAY, ORANGE, RED, figure
 from matplotlib.collections import PolyCollection
+from PIL import Image
 
 from bspline_mdao import Grid
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.quality.first_cells import FirstCells
 
-REACH = {"leading edge": 30.0, "trailing edge": 50.0, "tip": 40.0}
+REACH = {"leading edge": 30.0, "trailing edge": 40.0, "tip": 40.0}
 """Half the width of what is shown of each edge, by the median height of the first cells."""
 
 SHOWN_HEIGHTS = (0.4, 2.5)
@@ -48,7 +49,7 @@ def draw_edges(folder: Path, name: str, grid: Grid, moved: Mapping[str, np.ndarr
         near_tip = points[:, span].min() + NEAR_TIP * extent[span]
         middle = np.mean(points[points[:, span] > near_tip, 0])
         views["tip"] = (_sheets(grid, walls, 0, middle, near_tip, span), span, up, 1.0)
-    with figure(folder, name, size=(2.2 * len(views) + 0.3, 1.7 * len(moved) + 0.3)) as canvas:
+    with figure(folder, name, size=(2.0 * len(views) + 0.3, 1.5 * len(moved) + 0.3)) as canvas:
         panels = canvas.subplots(len(moved), len(views), squeeze=False)
         for row, (way, nodes) in zip(panels, moved.items()):
             blocks = grid.with_vector(nodes.ravel()).blocks
@@ -58,6 +59,8 @@ def draw_edges(folder: Path, name: str, grid: Grid, moved: Mapping[str, np.ndarr
             row[0].set_ylabel(way)
         for axes, edge in zip(panels[0], views):
             axes.set_title(edge)
+    file = Path(folder) / f"{name}.png"
+    Image.open(file).convert("RGB").quantize(16).save(file, optimize=True)  # thin lines make large files otherwise
 
 
 def draw_heights(folder: Path, name: str, ratios: Mapping[str, Mapping[str, np.ndarray]]) -> None:
