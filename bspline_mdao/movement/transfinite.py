@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from .corners import FreeCorners, free_corners
+from ..evaluation.spring_network import SpringNetwork
+from .corners import free_corners
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 from .mesh import MovingMesh
@@ -63,7 +64,7 @@ class _Weights:
 
     of_surface: sparse.csr_array
     of_corners: sparse.csr_array
-    corners: FreeCorners
+    corners: SpringNetwork
 
     def dot(self, displacement: np.ndarray) -> np.ndarray:
         return self.of_surface @ displacement + self.of_corners @ self.corners.dot(displacement)
