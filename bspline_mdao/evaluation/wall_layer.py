@@ -1,0 +1,577 @@
+"""Nodes near walls follow them as a rigid body, blended smoothly into any map of the others.
+
+A node at x0 on the baseline, mapped to y, with the feet f on the wall (see `.wall_feet`), goes to
+
+    x = y + sum_f beta_f (W'_f + R_f (x0 - W_f) - y),
+
+where W_f, W'_f and R_f are the places of the foot before and after the move and its rotation: those of the corners of
+its triangle, at the weights of the foot. The shares beta_f sum to one on the wall and fade to zero at its reach. So a
+wall node goes exactly where it is asked to be, the nodes above it keep their heights and angles, and a rigid motion of
+the wall is one of its layer, wherever the feet are. All this is a matter of places, not of grid lines: blocks of any
+topology, walls that end inside a grid, and points of other grids are treated alike.
+
+Feet and shares are those of the baseline and stay. The map is then linear in y and in the wall's places and rotations,
+and linear in x0 together with W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_array
+
+from ..errors import InputError
+from .rotations import LocalRotations, Rotations
+from .threads import run_tasks, thread_count
+from .wall_feet import Feet, TriangleTree
+
+__all__ = ["Layered", "Wall", "WallLayer"]
+
+CHUNK_NODES = 2**13
+"""Nodes per piece of work."""
+
+N_SMOOTHINGS = 3
+"""Times that the reach of a wall is averaged with that of the neighbours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A wall on the baseline. Made by `Wall.of`.
+
+    Parameters
+    ----------
+    tree : TriangleTree
+        Its triangles and its reach.
+    rotations : LocalRotations
+        How its surroundings turn.
+    """
+
+    tree: TriangleTree
+    rotations: LocalRotations
+
+    @classmethod
+    def of(
+        cls,
+        points: np.ndarray,
+        quads: np.ndarray,
+        heights: np.ndarray,
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        held: np.ndarray | None = None,
+        n_threads: int | None = None,
+    ) -> Wall:
+        """Take a wall.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Its nodes on the baseline (m), each once.
+        quads : ndarray of int, shape (n_quads, 4)
+            Corners of its quads in turn, around the normal into the fluid.
+        heights : ndarray, shape (n,)
+            Heights of the first cells at the nodes (m); 0 where there is none.
+        planes : sequence of (ndarray of int, ndarray of shape (3,))
+            Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
+        held : ndarray of int, optional
+            Nodes that never turn, such as those on a fixed boundary.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        Wall
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        points = np.ascontiguousarray(points, dtype=float)
+        rotations = LocalRotations.of(points, quads=quads, planes=planes, held=held, n_threads=n_threads)
+        heights = np.asarray(heights, dtype=float)
+        if heights.shape != (len(points),):
+            raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
+        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), rotations)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.tree.points)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Some nodes of the layer, with the wall's nodes that they stand between.
+
+    Parameters
+    ----------
+    rows : ndarray of int32, shape (n,)
+        Rows of the nodes, ascending.
+    starts : ndarray of int32, shape (n + 1,)
+        Where the feet of each begin.
+    planes : ndarray of int16, shape (n,)
+        Number of the projector of each.
+    corners : ndarray of int32, shape (n_feet, 3)
+        Corners of the triangle of each foot, among the piece's nodes of the wall.
+    weights : ndarray, shape (n_feet, 2)
+        Weights of the first two corners.
+    shares : ndarray, shape (n_feet,)
+        How much the node follows the foot.
+    wall_ids : ndarray of int, shape (n_corners,)
+        The piece's nodes of the wall, ascending.
+    """
+
+    rows: np.ndarray
+    starts: np.ndarray
+    planes: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    shares: np.ndarray
+    wall_ids: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What the kernels take."""
+        return self.rows, self.starts, self.planes, self.corners, self.weights, self.shares
+
+
+@dataclass(frozen=True, eq=False)
+class WallLayer:
+    """Points that follow a wall. Made by `WallLayer.of`.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    pieces : tuple
+        The nodes that follow it.
+    projectors : ndarray, shape (n_projectors, 3, 3)
+        What planes leave of the correction; the first is the identity.
+    copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies of nodes of the layer, and the rows that they copy.
+    n_points : int
+        Number of points of which some follow the wall.
+    n_threads : int, optional
+        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
+    """
+
+    wall: Wall
+    pieces: tuple[_Piece, ...]
+    projectors: np.ndarray
+    copies: np.ndarray
+    n_points: int
+    n_threads: int | None = None
+
+    @classmethod
+    def of(
+        cls,
+        wall: Wall,
+        points: np.ndarray,
+        wall_rows: np.ndarray | None = None,
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        held: np.ndarray | None = None,
+        copies: np.ndarray | None = None,
+        n_threads: int | None = None,
+    ) -> WallLayer:
+        """Find the points that follow a wall.
+
+        Parameters
+        ----------
+        wall : Wall
+            The wall.
+        points : ndarray, shape (n, 3)
+            Nodes of the grid, or points of another one, on the baseline (m).
+        wall_rows : ndarray of int, shape (wall.n_points,), optional
+            Row of every node of the wall among the points; none of another grid.
+        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
+            Points in planes that they must stay in, and the planes' normals. Planes that share points must be at right
+            angles.
+        held : ndarray of int, optional
+            Points that do not follow the wall, such as those on a fixed boundary.
+        copies : ndarray of int, shape (n_copies, 2), optional
+            Rows that are copies, and the rows that they copy.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        WallLayer
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        points = np.ascontiguousarray(points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"wall layer: points of shape {points.shape}; give shape (n, 3)")
+        wall_rows = np.empty(0, dtype=np.int64) if wall_rows is None else np.asarray(wall_rows)
+        if len(wall_rows) not in (0, wall.n_points):
+            raise InputError(f"wall layer: {len(wall_rows)} rows of {wall.n_points} nodes of the wall; give one each")
+        copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies)
+        is_free = np.ones(len(points), dtype=bool)
+        for rows in (wall_rows, copies[:, 0], held):
+            if rows is not None:
+                is_free[rows] = False
+        free = np.flatnonzero(is_free)
+        feet = wall.tree.feet(points[free], n_threads)
+        rows = np.concatenate([wall_rows, free[feet.points]])
+        counts = np.concatenate([np.ones(len(wall_rows), dtype=np.int64), np.diff(feet.starts)])
+        projectors, plane_of = _projectors(planes, len(points))
+        plane_of[wall_rows] = 0
+        corners, weights, shares, places = _with_wall_nodes(wall.tree, feet, len(wall_rows))
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, weights, shares)
+        is_followed = np.zeros(len(points), dtype=bool)
+        is_followed[rows] = True
+        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
+
+    @property
+    def n_followers(self) -> int:
+        """Number of points that follow the wall, those on it among them."""
+        return sum(len(piece.rows) for piece in self.pieces)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that the nodes of the layer take."""
+        return sum(array.nbytes for piece in self.pieces for array in vars(piece).values()) + self.copies.nbytes
+
+    def at(self, initial: np.ndarray, mapped: np.ndarray, wall_initial: np.ndarray, wall_moved: np.ndarray) -> Layered:
+        """Let the points follow a move of the wall.
+
+        Parameters
+        ----------
+        initial : ndarray, shape (n, 3)
+            Points before the move (m).
+        mapped : ndarray, shape (n, 3), C order
+            Where a map puts them (m); those that follow the wall are overwritten in place.
+        wall_initial, wall_moved : ndarray, shape (wall.n_points, 3)
+            Nodes of the wall before and after the move (m).
+
+        Returns
+        -------
+        Layered
+            With the nodes, and their derivative.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a node of the wall are turned inside out.
+        """
+        rotations = self.wall.rotations.at(wall_initial, wall_moved)
+        self._follow(initial, rotations.initial, _frames(rotations.moved, rotations.matrices), mapped)
+        return Layered(self, initial, rotations, mapped)
+
+    def _follow(self, initial, wall_initial, frames, mapped):
+        """Overwrite mapped points; linear in them and in the frames, and in the points before the move."""
+        self._run(
+            lambda piece, ids: _follow(*piece.arrays, self.projectors, initial, wall_initial[ids], frames[ids], mapped)
+        )
+        mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
+
+    def _run(self, task) -> list:
+        """Results of a task for every piece, in order."""
+        results: list = [None] * len(self.pieces)
+
+        def run(number: int):
+            results[number] = task(self.pieces[number], self.pieces[number].wall_ids)
+
+        run_tasks(run, len(self.pieces), thread_count(self.n_threads))
+        return results
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """Points that followed a move of a wall, and their derivative.
+
+    Parameters
+    ----------
+    layer : WallLayer
+        Who follows.
+    initial : ndarray, shape (n, 3)
+        Points before the move (m).
+    rotations : Rotations
+        The move of the wall, with its nodes before and after.
+    nodes : ndarray, shape (n, 3)
+        Points after it (m).
+    """
+
+    layer: WallLayer
+    initial: np.ndarray
+    rotations: Rotations
+    nodes: np.ndarray
+
+    def jvp(self, d_initial, d_mapped: np.ndarray, d_wall_initial, d_wall_moved: np.ndarray) -> np.ndarray:
+        """Change of the points.
+
+        Parameters
+        ----------
+        d_initial : ndarray, shape (n, 3), or None
+            Change of the points before the move; None for none, also of the wall.
+        d_mapped : ndarray, shape (n, 3), C order
+            Change of the mapped points, overwritten in place by that of the points.
+        d_wall_initial : ndarray, shape (wall.n_points, 3), or None
+            Change of the wall's nodes before the move.
+        d_wall_moved : ndarray, shape (wall.n_points, 3)
+            Change of the wall's nodes after it.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            `d_mapped`.
+        """
+        rotations = self.rotations
+        d_frames = _frames(d_wall_moved, rotations.jvp(d_wall_initial, d_wall_moved))
+        self.layer._follow(self.initial, rotations.initial, d_frames, d_mapped)
+        if d_initial is not None:
+            change, frames = np.zeros_like(d_mapped), _frames(np.zeros_like(rotations.moved), rotations.matrices)
+            self.layer._follow(d_initial, d_wall_initial, frames, change)
+            d_mapped += change
+        return d_mapped
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3), C order
+            Derivative of a scalar with respect to the points, overwritten in place by that in the mapped ones.
+
+        Returns
+        -------
+        initial_bar, mapped_bar : ndarray, shape (n, 3)
+        wall_initial_bar, wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        """
+        self._gather_copies(bar)
+        initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.rotations.initial.shape)
+        layer, frames = self.layer, _frames(self.rotations.moved, self.rotations.matrices)
+        sums = layer._run(
+            lambda piece, ids: _turned_back(*piece.arrays, layer.projectors, frames[ids], bar, initial_bar)
+        )
+        _add_up(layer.pieces, sums, wall_initial_bar)
+        places_bar, rotations_bar = self._frames_vjp(bar)
+        before, after = self.rotations.vjp(rotations_bar)
+        return initial_bar, bar, wall_initial_bar + before, places_bar + after
+
+    def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Results of `vjp` for points and wall that do not change before the move.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3), C order
+            Derivative of a scalar with respect to the points, overwritten in place by that in the mapped ones.
+
+        Returns
+        -------
+        mapped_bar : ndarray, shape (n, 3)
+        wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        """
+        self._gather_copies(bar)
+        places_bar, rotations_bar = self._frames_vjp(bar)
+        return bar, places_bar + self.rotations.moved_vjp(rotations_bar)
+
+    def _gather_copies(self, bar):
+        """Give the derivatives in copies to what they copy."""
+        _move_rows(self.layer.copies, bar)
+
+    def _frames_vjp(self, bar):
+        """Derivatives in places and rotations of the wall's nodes; overwrites ``bar`` by those in the mapped points."""
+        layer, wall_initial = self.layer, self.rotations.initial
+        sums = layer._run(
+            lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, wall_initial[ids], bar)
+        )
+        frames_bar = np.zeros((len(wall_initial), 12), dtype=bar.dtype)
+        _add_up(layer.pieces, sums, frames_bar)
+        return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
+
+
+def _reach(points, quads, heights) -> np.ndarray:
+    """Distance up to which points follow a wall, at its nodes, shape (n,)."""
+    x = points[quads]
+    diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
+    area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
+    longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
+    spacing = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
+    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    shape = (len(points), len(points))
+    near = coo_array(
+        (np.ones(quads.size), (quads.ravel(), np.repeat(np.arange(len(quads)), 4))), shape=(len(points), len(quads))
+    ).tocsr()
+    mean = (near @ spacing) / np.maximum(near @ np.ones(len(quads)), 1.0)
+    reach = np.maximum(mean, 20.0 * heights)
+    near = coo_array((np.ones(2 * len(ends)), (ends.ravel(), ends[:, ::-1].ravel())), shape=shape).tocsr()
+    n_ends = near @ np.ones(len(points))
+    for _ in range(N_SMOOTHINGS):
+        reach = 0.5 * reach + 0.5 * np.divide(near @ reach, n_ends, out=reach.copy(), where=n_ends > 0.0)
+    return reach
+
+
+def _frames(places, matrices) -> np.ndarray:
+    """Places and rotations side by side, shape (n, 12)."""
+    return np.concatenate([places, matrices.reshape(-1, 9)], axis=1)
+
+
+def _projectors(planes, n):
+    """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
+    plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
+    for ids, normal in planes:
+        normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+        for number in np.unique(plane_of[ids]).tolist():
+            plane_of[ids[plane_of[ids] == number]] = len(found)
+            found.append(found[number] - np.outer(normal, normal @ found[number]))
+    return np.array(found), plane_of
+
+
+def _with_wall_nodes(tree: TriangleTree, feet: Feet, n_wall: int):
+    """Corners, weights and shares of all feet, the wall's nodes first, and the triangle of each point's nearest."""
+    corners = np.concatenate(
+        [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[feet.triangles]]
+    )
+    weights = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), feet.weights[:, :2]])
+    first = np.zeros(n_wall, dtype=np.int64)
+    if n_wall:
+        first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
+    return (
+        corners,
+        weights,
+        np.concatenate([np.ones(n_wall), feet.shares]),
+        np.concatenate([first, feet.triangles[feet.starts[:-1]]]),
+    )
+
+
+def _cut(rows, counts, places, planes, corners, weights, shares) -> tuple[_Piece, ...]:
+    """Cut the nodes of a layer into pieces, each over a part of the wall."""
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    order = np.argsort(places, kind="stable")
+    pieces = []
+    for first in range(0, len(rows), CHUNK_NODES):
+        nodes = order[first : first + CHUNK_NODES]
+        nodes = nodes[np.argsort(rows[nodes])]
+        ends = np.cumsum(counts[nodes])
+        feet = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
+        wall_ids, local = np.unique(corners[feet], return_inverse=True)
+        pieces.append(
+            _Piece(
+                rows[nodes].astype(np.int32),
+                np.concatenate([[0], ends]).astype(np.int32),
+                planes[nodes],
+                local.reshape(-1, 3).astype(np.int32),
+                weights[feet],
+                shares[feet],
+                wall_ids,
+            )
+        )
+    return tuple(pieces)
+
+
+def _add_up(pieces, sums, out):
+    """Add the sums of all pieces, in their order."""
+    for piece, part in zip(pieces, sums):
+        out[piece.wall_ids] += part
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move_rows(copies, bar):
+    for n in range(len(copies)):
+        for d in range(3):
+            bar[copies[n, 1], d] += bar[copies[n, 0], d]
+            bar[copies[n, 0], d] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mix(array, corners, u, v, out):
+    """Row of an array at a foot."""
+    a, b, c = corners[0], corners[1], corners[2]
+    w = 1.0 - u - v
+    for d in range(array.shape[1]):
+        out[d] = u * array[a, d] + v * array[b, d] + w * array[c, d]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow(rows, starts, planes, corners, weights, shares, projectors, initial, places, frames, mapped):
+    place, frame = np.empty(3, dtype=places.dtype), np.empty(12, dtype=frames.dtype)
+    for i in range(len(rows)):
+        row, total = rows[i], 0.0
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(starts[i], starts[i + 1]):
+            share = shares[k]
+            _mix(places, corners[k], weights[k, 0], weights[k, 1], place)
+            _mix(frames, corners[k], weights[k, 0], weights[k, 1], frame)
+            d, e, f = initial[row, 0] - place[0], initial[row, 1] - place[1], initial[row, 2] - place[2]
+            x += share * (frame[0] + frame[3] * d + frame[4] * e + frame[5] * f)
+            y += share * (frame[1] + frame[6] * d + frame[7] * e + frame[8] * f)
+            z += share * (frame[2] + frame[9] * d + frame[10] * e + frame[11] * f)
+            total += share
+        if planes[i] == 0:
+            mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
+            mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
+            mapped[row, 2] = (1.0 - total) * mapped[row, 2] + z
+        else:
+            p = projectors[planes[i]]
+            x, y, z = x - total * mapped[row, 0], y - total * mapped[row, 1], z - total * mapped[row, 2]
+            for n in range(3):
+                mapped[row, n] += p[n, 0] * x + p[n, 1] * y + p[n, 2] * z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pull(bar, row, projector, is_free):
+    """Derivative in the correction of a point."""
+    x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+    if is_free:
+        return x, y, z
+    p = projector
+    return (
+        p[0, 0] * x + p[0, 1] * y + p[0, 2] * z,
+        p[1, 0] * x + p[1, 1] * y + p[1, 2] * z,
+        p[2, 0] * x + p[2, 1] * y + p[2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow_back(rows, starts, planes, corners, weights, shares, projectors, initial, places, bar):
+    """Transpose of `_follow` in frames, which it returns, and mapped points, in place of ``bar``."""
+    sums, place, terms = (
+        np.zeros((len(places), 12), dtype=bar.dtype),
+        np.empty(3, dtype=places.dtype),
+        np.empty(12, dtype=bar.dtype),
+    )
+    for i in range(len(rows)):
+        row, total = rows[i], 0.0
+        pull = _pull(bar, row, projectors[planes[i]], planes[i] == 0)
+        for k in range(starts[i], starts[i + 1]):
+            share, u, v = shares[k], weights[k, 0], weights[k, 1]
+            _mix(places, corners[k], u, v, place)
+            d, e, f = initial[row, 0] - place[0], initial[row, 1] - place[1], initial[row, 2] - place[2]
+            for n in range(3):
+                g = share * pull[n]
+                terms[n], terms[3 + 3 * n], terms[4 + 3 * n], terms[5 + 3 * n] = g, g * d, g * e, g * f
+            a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+            for n in range(12):
+                sums[a, n] += u * terms[n]
+                sums[b, n] += v * terms[n]
+                sums[c, n] += (1.0 - u - v) * terms[n]
+            total += share
+        for n in range(3):
+            bar[row, n] -= total * pull[n]
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turned_back(rows, starts, planes, corners, weights, shares, projectors, frames, bar, initial_bar):
+    """Transpose of `_follow` in the points before the move, which it adds to, and in the wall's, which it returns."""
+    sums, frame = np.zeros((len(frames), 3), dtype=bar.dtype), np.empty(12, dtype=frames.dtype)
+    for i in range(len(rows)):
+        row = rows[i]
+        pull = _pull(bar, row, projectors[planes[i]], planes[i] == 0)
+        for k in range(starts[i], starts[i + 1]):
+            u, v = weights[k, 0], weights[k, 1]
+            a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+            _mix(frames, corners[k], u, v, frame)
+            for n in range(3):
+                g = shares[k] * (frame[3 + n] * pull[0] + frame[6 + n] * pull[1] + frame[9 + n] * pull[2])
+                initial_bar[row, n] += g
+                sums[a, n] -= u * g
+                sums[b, n] -= v * g
+                sums[c, n] -= (1.0 - u - v) * g
+    return sums
