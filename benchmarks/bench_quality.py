@@ -17,6 +17,7 @@ from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.quality.grid_quality import GridQuality, GridValues
 
 NAMES = ("quality_ks", "corner_ks", "volume_ks")
+HEIGHTS = ("height_low_ks", "height_high_ks")
 
 
 def main(shape=(45, 65, 33), repeats: int = 5) -> dict:
@@ -37,6 +38,7 @@ def main(shape=(45, 65, 33), repeats: int = 5) -> dict:
     grid = onera_m6_grid(shape)
     quality, nodes = GridQuality.of_baseline(grid, n_threads=1), grid.to_vector().reshape(-1, 3)
     values, bar = quality.evaluate(nodes, NAMES), GridValues(dict.fromkeys(NAMES, 1.0))
+    heights, heights_bar = quality.evaluate(nodes, HEIGHTS), GridValues(dict.fromkeys(HEIGHTS, 1.0))
     d_nodes = np.random.default_rng(0).standard_normal(nodes.shape)
     contenders = {
         "cells": lambda: quality.cells(nodes),
@@ -44,6 +46,9 @@ def main(shape=(45, 65, 33), repeats: int = 5) -> dict:
         "aggregates": lambda: quality.evaluate(nodes, NAMES),
         "aggregates_jvp": lambda: quality.jvp(nodes, d_nodes, values),
         "aggregates_vjp": lambda: quality.vjp(nodes, values, bar),
+        "heights": lambda: quality.evaluate(nodes, HEIGHTS),
+        "heights_jvp": lambda: quality.jvp(nodes, d_nodes, heights),
+        "heights_vjp": lambda: quality.vjp(nodes, heights, heights_bar),
     }
     with threadpool_limits(1):
         seconds = {name: [] for name in contenders}
@@ -55,6 +60,7 @@ def main(shape=(45, 65, 33), repeats: int = 5) -> dict:
     per_cell = {name: min(times) / quality.n_cells * 1e9 for name, times in seconds.items()}
     return {
         "n_cells": quality.n_cells,
+        "n_wall_nodes": quality.first_cells.baseline.size,
         "bytes_per_node": quality.bytes_per_node,
         "ns_per_cell": per_cell,
         "numpy_over_ours": per_cell["numpy_cells"] / per_cell["cells"],
@@ -83,6 +89,7 @@ if __name__ == "__main__":
     options = parser.parse_args()
     numbers = main(*([(23, 33, 17)] if options.small else []), repeats=options.repeats)
     print(f"{numbers['n_cells']:,} cells, {numbers['bytes_per_node']:.1f} bytes of state per node")
+    print(f"{numbers['n_wall_nodes']:,} nodes on walls")
     for name, nanoseconds in numbers["ns_per_cell"].items():
         print(f"{name:16}{nanoseconds:8.1f} ns per cell")
     print(f"numpy over ours {numbers['numpy_over_ours']:8.1f}")

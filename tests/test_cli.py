@@ -6,13 +6,14 @@ import os
 import resource
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from component_cases import two_blocks
 
-from bspline_mdao import FittedModel, __version__, read_grid, write_grid
+from bspline_mdao import FittedModel, __version__, onera_m6_grid, read_grid, write_grid
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.output import written_json
 
@@ -67,6 +68,23 @@ def fails(arguments, capsys, *words):
 def fails_as_expected(arguments, capsys, *words):
     """Assert the same, and that it was foreseen."""
     assert "unexpected" not in fails(arguments, capsys, *words)
+
+
+def test_inspect_tells_the_spacings_at_walls(workplace, capsys):
+    assert run(["inspect", "@flat_plate:9x8x7", "--reynolds", "1e6", "--json", "i.json"]) == 0
+    upper, lower = numbers("i.json")["walls"]
+    assert (upper["patch"], lower["patch"]) == ("wing_upper", "wing_lower")
+    assert upper["height_min"] > 0.0
+    assert upper["growth_median"] > 1.0
+    assert upper["y_plus"] > 100.0
+    assert "y+" in capsys.readouterr().out
+
+
+def test_inspect_guesses_what_is_a_wall_where_nothing_is_declared(workplace, capsys):
+    write_grid("bare.xyz", replace(onera_m6_grid((9, 8, 7)), patches=()))
+    assert run(["inspect", "bare.xyz", "--json", "i.json"]) == 0
+    assert [wall["patch"] for wall in numbers("i.json")["walls"]] == ["wall (guessed)"]
+    assert "y+" not in capsys.readouterr().out
 
 
 def test_inspect_tells_what_the_grid_is(grid_file, capsys):

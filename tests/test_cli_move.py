@@ -64,6 +64,19 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     assert all(text in table for text in ("residual", "mean Q", found["increments"][0]["solver"], "moved.xyz written"))
 
 
+def test_a_move_that_changes_the_heights_of_first_cells_says_so(workplace, capsys):
+    assert run(move("--deform", "translate=0/0/0.05", "--mover", "transfinite")) == 0
+    (floor,) = numbers("m.json")["heights"]
+    assert (floor["patch"], floor["n_nodes"]) == ("floor", 128)
+    assert floor["ratio_min"] < floor["ratio_median"] < 1.0
+    table = " ".join(capsys.readouterr().out.split())
+    assert "heights of the first cells at walls, by those of the baseline" in table
+    assert ("the first cells at 'floor' are" in table) == (floor["n_off"] > 1)
+    assert floor["n_off"] > 1
+    assert run(move("--deform", "translate=0/0/0.001")) == 0
+    assert "warning" not in capsys.readouterr().out
+
+
 def test_surface_points_are_read_back_as_they_were_written(workplace):
     assert run(move(*FLOOR, "--surface", "new.csv", "--mover", "transfinite")) == 0
     first = Path("moved.xyz").read_bytes()

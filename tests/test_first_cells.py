@@ -1,4 +1,4 @@
-"""Heights of the first cells at walls: definition, what is left out, derivatives, bounds, reports."""
+"""Heights of the first cells at walls: definition, what is left out, derivatives, reports."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Block, Grid, Patch
 from bspline_mdao.quality.first_cells import FirstCells
+from bspline_mdao.quality.wall_report import flat_plate_y_plus, report_heights, wall_spacings
 
 
 def shell(shape=(5, 6, 4), seed=1):
@@ -158,3 +159,57 @@ def test_products_with_the_derivative_agree_with_differences_and_each_other(grid
     assert abs(change @ bar - np.vdot(nodes_bar, d_nodes)) < 1e-13 * scale
     exact = extrapolated_difference(lambda step: cells.ratios(nodes + step * d_nodes), 1e-4, levels=3)
     assert np.abs(exact - change).max() < 1e-8 * np.abs(change).max()
+
+
+def plates(heights, n=(12, 11)):
+    """Flat walls, each the floor of a block of its own with layers that grow by 1.2, whose first ones are so high."""
+    x, y, layer = np.meshgrid(np.arange(float(n[0])), np.arange(float(n[1])), np.arange(4), indexing="ij")
+    return [np.stack([x, y, h * (1.2**layer - 1.0) / 0.2], axis=-1) for h in heights]
+
+
+def patched(*blocks, names):
+    windows = [Window.whole(n, nodes.shape).face(4) for n, nodes in enumerate(blocks)]
+    patches = tuple(
+        Patch(name, "wall", tuple(w for w, owner in zip(windows, names) if owner == name))
+        for name in dict.fromkeys(names)
+    )
+    return Grid(tuple(Block(nodes, f"block {n}") for n, nodes in enumerate(blocks, start=1)), patches)
+
+
+def test_the_report_tells_heights_by_patch_with_places():
+    blocks = plates([1e-5, 2e-5, 4e-3])
+    grid = patched(*blocks, names=("wing", "wing", "body"))
+    cells, moved = FirstCells.of_baseline(grid), [block.copy() for block in blocks]
+    moved[1][3, 4, 1, 2] *= 0.5
+    moved[2][..., 2] *= 1.2
+    moved[2][7, 1, 1, 2] *= 1.5
+    wing, body = report_heights(cells, np.concatenate([x.reshape(-1, 3) for x in moved]))
+    assert (wing.patch, wing.n_nodes, wing.n_off, wing.is_kept) == ("wing", 264, 1, True)
+    assert (wing.ratio_min, wing.ratio_p01, wing.ratio_median, wing.ratio_max) == pytest.approx((0.5, 1.0, 1.0, 1.0))
+    assert (wing.height_min, wing.height_max) == pytest.approx((1e-5, 2e-5))
+    assert (wing.worst[0], str(wing.worst[1])) == (pytest.approx(0.5), "node (4, 5, 1) of block 2")
+    assert (body.patch, body.n_off, body.is_kept) == ("body", 132, False)
+    assert (body.worst[0], str(body.worst[1])) == (pytest.approx(1.8), "node (8, 2, 1) of block 3")
+
+
+def test_spacings_are_those_of_the_grid():
+    (wing,) = wall_spacings(walled(*plates([1e-3])))
+    assert (wing.n_nodes, wing.extents) == (132, (0.0, 10.0, 11.0))
+    found = wing.height_min, wing.height_max, wing.growth_median, wing.growth_max, wing.aspect_median, wing.aspect_max
+    assert found == pytest.approx((1e-3, 1e-3, 1.2, 1.2, 1000.0, 1000.0))
+
+
+def test_edges_across_a_grid_that_is_one_cell_deep_are_no_part_of_the_aspect_ratio():
+    (section,) = wall_spacings(walled(*(x * [0.1, 1.0, 1.0] for x in plates([1e-3], n=(12, 2)))))
+    assert section.aspect_max == pytest.approx(100.0)
+
+
+def test_a_block_of_one_cell_off_the_wall_has_no_growth():
+    (wing,) = wall_spacings(walled(plates([1e-3])[0][:, :, :2]))
+    assert np.isnan(wing.growth_median)
+
+
+def test_y_plus_of_a_flat_plate_is_that_of_its_friction():
+    """Friction 0.0027 at a Reynolds number of ten million."""
+    assert flat_plate_y_plus(1e-5, 1e7, 1.0) == pytest.approx(100.0 * np.sqrt(0.0027 / 2.0))
+    assert flat_plate_y_plus(1e-5, 1e6, 10.0) == pytest.approx(10.0 * np.sqrt(0.0027 / 2.0))

@@ -66,6 +66,13 @@ def test_the_chain_is_that_of_the_picture(plate):
     assert inputs - outputs == {GRID_INITIAL, SURFACE_CONTROL_POINTS, "size.x"}
 
 
+def test_bounds_of_the_quality_can_be_named(plate):
+    problem = problem_of(plate, quality=("height_low_ks", "height_high_ks"))
+    assert 0.99 < problem.get_val("height_low_ks").item() < 1.0 < problem.get_val("height_high_ks").item() < 1.01
+    with pytest.raises(KeyError):
+        problem.get_val("quality_ks")
+
+
 def test_the_chain_with_variables_and_measures_is_that_of_the_picture(plate):
     parametrization = Parametrization(moving_mesh(plate), [Swirl("swirl", 2)])
     model = problem_of(plate, parametrization=parametrization, measures=[Heights(SurfaceGrid.of(plate))]).model

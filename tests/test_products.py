@@ -40,6 +40,7 @@ from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.parametrization.composition import Parametrization
+from bspline_mdao.quality.grid_quality import HEIGHT_SIGNS
 
 pytest.importorskip("mphys", reason="MPhys is not installed")
 
@@ -92,6 +93,7 @@ COMPONENTS = {
         for mover in MOVERS
     },
     "Quality": lambda: Quality(model=model(), cells=True),
+    "Quality, heights": lambda: Quality(model=model(), aggregates=HEIGHT_SIGNS, rho_height=50.0),
     "SurfaceControl": lambda: SurfaceControl(
         parametrization=Parametrization(moving_mesh(model()), [Swirl("swirl", 5), Lift("lift")])
     ),

@@ -1,11 +1,12 @@
 """Quality of grids: derivatives of the cell measures, aggregates, distribution, inverted cells, component, command."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import small_model, two_blocks
+from component_cases import movable_model, small_model, two_blocks
 from differences import extrapolated_difference
 
 from bspline_mdao.cli.main import run
@@ -20,8 +21,11 @@ from bspline_mdao.grids.hexahedron_elements import (
     orthogonality_jvp,
     orthogonality_vjp,
 )
-from bspline_mdao.grids.multiblock import Block, Grid
+from bspline_mdao.grids.index_space import Window
+from bspline_mdao.grids.multiblock import Block, Grid, Patch
+from bspline_mdao.quality import grid_quality
 from bspline_mdao.quality.aggregates import KreisselmeierSteinhauser, PNorm
+from bspline_mdao.quality.first_cells import FirstCells
 from bspline_mdao.quality.grid_quality import AGGREGATES, GridQuality, GridValues
 from bspline_mdao.quality.report import distribution, report_quality
 
@@ -61,7 +65,11 @@ every_grid = pytest.mark.parametrize("blocks", GRIDS.values(), ids=GRIDS)
 
 
 def grid_of(*blocks):
-    return Grid(tuple(Block(np.ascontiguousarray(nodes), f"block {n}") for n, nodes in enumerate(blocks, start=1)))
+    """Grid whose blocks each have one wall, at the low end of their first direction with cells."""
+    named = tuple(Block(np.ascontiguousarray(nodes), f"block {n}") for n, nodes in enumerate(blocks, start=1))
+    directions = [min((d for d in range(3) if block.shape[d] > 1), default=0) for block in named]
+    faces = tuple(Window.whole(n, b.shape).face(2 * d) for n, (b, d) in enumerate(zip(named, directions)))
+    return Grid(named, (Patch("floor", "wall", faces),))
 
 
 def nodes_of(grid):
@@ -161,7 +169,8 @@ def test_aggregates_bound_the_minima_from_below_within_what_they_promise(blocks)
 @every_grid
 def test_products_with_the_jacobian_are_transposes_and_directional_derivatives(blocks):
     grid, rng = grid_of(*blocks), np.random.default_rng(7)
-    quality, d_nodes = GridQuality.of_baseline(grid, rho=10.0, p=6), rng.standard_normal((grid.n_nodes, 3))
+    quality = GridQuality.of_baseline(grid, rho=10.0, p=6, rho_height=10.0)
+    d_nodes = rng.standard_normal((grid.n_nodes, 3))
     nodes = nodes_of(grid) + 0.01 * rng.standard_normal(d_nodes.shape)
     values = quality.evaluate(nodes, cells=True)
     change = quality.jvp(nodes, d_nodes, values)
@@ -182,7 +191,7 @@ def test_products_with_the_jacobian_are_transposes_and_directional_derivatives(b
 @pytest.mark.parametrize("name", AGGREGATES)
 def test_taylor_remainder_of_every_aggregate_is_of_second_order(name):
     grid = grid_of(*GRIDS["unequal blocks"])
-    quality, nodes = GridQuality.of_baseline(grid, rho=20.0, p=8), nodes_of(grid)
+    quality, nodes = GridQuality.of_baseline(grid, rho=20.0, p=8, rho_height=15.0), nodes_of(grid)
     d_nodes = np.random.default_rng(3).standard_normal(nodes.shape)
     values = quality.evaluate(nodes, [name])
     slope = quality.jvp(nodes, d_nodes, values).aggregates[name]
@@ -265,17 +274,18 @@ def test_a_grid_without_cells_is_refused():
         GridQuality.of_baseline(grid_of(lattice(5, 1, 1)))
 
 
-def component(**options):
+def component(model=None, **options):
     problem = om.Problem(reports=False)
-    problem.model.add_subsystem("quality", Quality(model=small_model(), **options), promotes=["*"])
+    problem.model.add_subsystem("quality", Quality(model=model or movable_model(), **options), promotes=["*"])
     problem.setup()
     problem.run_model()
     return problem
 
 
 def test_the_component_gives_what_the_kernel_gives():
-    problem, grid = component(aggregates=AGGREGATES, cells=True, rho=25.0, p=10), two_blocks()
-    expected = GridQuality.of_baseline(grid, rho=25.0, p=10).evaluate(nodes_of(grid), cells=True)
+    settings, grid = {"rho": 25.0, "p": 10, "rho_height": 40.0}, movable_model().regenerate()
+    problem = component(aggregates=AGGREGATES, cells=True, **settings)
+    expected = GridQuality.of_baseline(grid, **settings).evaluate(nodes_of(grid), cells=True)
     for name, value in expected.aggregates.items():
         assert problem.get_val(name).item() == pytest.approx(value, rel=1e-10)
     np.testing.assert_allclose(problem.get_val("cell_quality"), expected.q, rtol=1e-10)
@@ -283,7 +293,7 @@ def test_the_component_gives_what_the_kernel_gives():
 
 
 def test_totals_of_all_outputs_agree_with_differences():
-    problem = component(aggregates=AGGREGATES, rho=20.0, p=8)
+    problem = component(aggregates=AGGREGATES, rho=20.0, p=8, rho_height=20.0)
     assert np.abs(problem.compute_totals(["corner_ks"], ["grid"])["corner_ks", "grid"]).max() > 1e-3
     forward = problem.compute_jacvec_product(
         list(AGGREGATES), ["grid"], "fwd", {"grid": np.random.default_rng(0).standard_normal(problem["grid"].size)}
@@ -316,6 +326,44 @@ def test_an_unknown_aggregate_is_refused():
         component(aggregates=("skewness",))
 
 
+def test_heights_are_refused_where_no_patch_is_a_wall():
+    with pytest.raises(InputError, match=r"'height_low_ks': no wall of the grid .* declare the patches"):
+        component(small_model(), aggregates=("quality_ks", "height_low_ks"))
+    quality = GridQuality.of_baseline(two_blocks())
+    assert not [name for name in quality.evaluate(nodes_of(two_blocks())).aggregates if name.startswith("height")]
+    with pytest.raises(InputError, match="no wall"):
+        quality.evaluate(nodes_of(two_blocks()), ["height_high_ks"])
+
+
+@every_grid
+def test_aggregates_of_heights_bound_them_from_below_and_above(blocks):
+    grid = grid_of(*blocks)
+    quality, nodes = GridQuality.of_baseline(grid, rho_height=50.0), nodes_of(grid)
+    nodes = nodes + 0.02 * np.random.default_rng(4).standard_normal(nodes.shape)
+    ratios = quality.first_cells.ratios(nodes)
+    found = quality.evaluate(nodes, ["height_low_ks", "height_high_ks"]).aggregates
+    slack = np.log(len(ratios)) / 50.0
+    assert ratios.min() - slack <= found["height_low_ks"] < ratios.min() < ratios.max() < found["height_high_ks"]
+    assert found["height_high_ks"] <= ratios.max() + slack
+
+
+def test_cells_are_measured_for_aggregates_of_cells_alone(monkeypatch):
+    """And heights for those of heights."""
+    grid = grid_of(*GRIDS["unequal blocks"])
+    quality, nodes, d_nodes = GridQuality.of_baseline(grid), nodes_of(grid), np.ones((grid.n_nodes, 3))
+
+    def evaluate_all(names):
+        values = quality.evaluate(nodes, names)
+        quality.jvp(nodes, d_nodes, values)
+        quality.vjp(nodes, values, GridValues(dict.fromkeys(names, 1.0)))
+
+    monkeypatch.setattr(grid_quality, "slab_measures", None)
+    evaluate_all(["height_low_ks", "height_high_ks"])
+    monkeypatch.undo()
+    monkeypatch.setattr(FirstCells, "ratios", None)
+    evaluate_all(["quality_ks", "volume_ks"])
+
+
 def test_the_command_tells_what_the_cells_are_like(tmp_path, capsys):
     grid = two_blocks()
     write_grid(tmp_path / "two.xyz", grid)
@@ -326,6 +374,48 @@ def test_the_command_tells_what_the_cells_are_like(tmp_path, capsys):
         assert found[name] == pytest.approx(getattr(report, name), rel=1e-6)
     assert np.mean(found["histogram"]["density"]) == pytest.approx(1.0)
     assert "smallest Q" in capsys.readouterr().out
+
+
+def test_the_command_compares_heights_at_walls_with_a_baseline(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    model = movable_model()
+    model.save("floor.h5")
+    grid = model.regenerate()
+    nodes = grid.blocks[1].nodes
+    nodes[:, :, 1] += 0.5 * (nodes[:, :, 1] - nodes[:, :, 0])
+    write_grid("moved.xyz", grid)
+    assert run(["quality", "moved.xyz", "--baseline", "floor.h5", "--json", "q.json"]) == 0
+    (floor,) = json.loads(Path("q.json").read_text())["heights"]
+    assert (floor["patch"], floor["ratio_min"], floor["ratio_max"]) == ("floor", pytest.approx(1.0), pytest.approx(1.5))
+    assert floor["highest"]["block"] == "block 2"
+    table = capsys.readouterr().out
+    assert (
+        "warning: the first cells at 'floor' are 1 to 1.5 times as high as before (1 % to 99 %), and so is y+" in table
+    )
+    assert run(["quality", "floor.h5", "--json", "q.json"]) == 0
+    (floor,) = json.loads(Path("q.json").read_text())["heights"]
+    assert floor["height_median"] > 0.0
+    assert "ratio_min" not in floor
+    assert "first cells at" in capsys.readouterr().out
+    assert run(["quality", "moved.xyz", "--json", "q.json"]) == 0
+    assert json.loads(Path("q.json").read_text())["heights"] == []
+    assert "first cells" not in capsys.readouterr().out
+
+
+def test_the_command_names_cells_that_were_valid_on_the_baseline(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    grid = two_blocks()
+    grid.blocks[1].nodes[4, 4, 3] = grid.blocks[1].nodes[2, 2, 1]
+    write_grid("folded.xyz", grid)
+    write_grid("two.xyz", two_blocks())
+    assert run(["quality", "folded.xyz", "--baseline", "two.xyz", "--json", "q.json"]) == 0
+    assert json.loads(Path("q.json").read_text())["newly_inverted"]
+    assert "of block 2 was valid on the baseline" in capsys.readouterr().out
+    assert run(["quality", "folded.xyz", "--baseline", "folded.xyz", "--json", "q.json"]) == 0
+    assert json.loads(Path("q.json").read_text())["newly_inverted"] == []
+    write_grid("one.xyz", Grid(grid.blocks[:1]))
+    assert run(["quality", "one.xyz", "--baseline", "two.xyz"]) == 2
+    assert "give the grid that was moved" in capsys.readouterr().err
 
 
 def test_the_command_names_inverted_cells_and_measures_models(tmp_path, capsys):

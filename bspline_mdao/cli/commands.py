@@ -59,15 +59,23 @@ def bspline_mdao(context: click.Context) -> None:
 @grid_argument
 @patches_option
 @click.option("--draft", type=click.Path(path_type=Path), metavar="FILE.toml", help="Write patches to start from.")
+@click.option(
+    "--reynolds",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="RE",
+    help="Reynolds number per metre, for an estimate of y+ at walls.",
+)
 @json_option
-def inspect(grid_name: str, patches: Path | None, draft: Path | None, json: Path | None) -> None:
-    """Show blocks, interfaces, boundary faces and what looks wrong in a grid.
+def inspect(
+    grid_name: str, patches: Path | None, draft: Path | None, reynolds: float | None, json: Path | None
+) -> None:
+    """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
 
     GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate, at another size as @onera_m6:45x65x33.
     """
     from .inspect import inspect_grid
 
-    inspect_grid(grid_name, patches, draft, json)
+    inspect_grid(grid_name, patches, draft, json, reynolds)
 
 
 @bspline_mdao.command(epilog=example(f"{PROGRAM} fit wing.xyz -o wing.h5 --n-control 13 13 9 --correct 2"))
@@ -212,8 +220,15 @@ def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], 
     move_model(model, output, json, MoveOptions(deform, mover=mover, **options))
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} quality wing.xyz --json quality.json"))
+@bspline_mdao.command(epilog=example(f"{PROGRAM} quality wing_moved.xyz --baseline wing.h5"))
 @grid_argument
+@click.option(
+    "--baseline",
+    metavar="GRID",
+    help="Grid or model before the move: compare the heights of the first cells at walls with it, and name cells that "
+    "are inverted now and were not.",
+)
+@patches_option
 @click.option(
     "--bins",
     type=click.IntRange(min=1),
@@ -223,12 +238,12 @@ def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], 
     help="Bins of the distribution of Q between 0 and 1.",
 )
 @json_option
-def quality(grid_name: str, bins: int, json: Path | None) -> None:
-    """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells.
+def quality(grid_name: str, baseline: str | None, patches: Path | None, bins: int, json: Path | None) -> None:
+    """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
     GRID is a PLOT3D or CGNS file, a fitted model MODEL.h5, or a built-in grid: @onera_m6 or @flat_plate, at another
     size as @onera_m6:45x65x33.
     """
     from .quality import measure_quality
 
-    measure_quality(grid_name, bins, json)
+    measure_quality(grid_name, bins, json, patches, baseline)

@@ -12,6 +12,7 @@ from ..grids.multiblock import Grid, Patch
 from ..grids.patch_guess import draft_patches, guess_patches
 from ..grids.periodic import PeriodicPair, find_periodic
 from ..grids.topology import Topology, find_topology
+from ..quality.wall_report import wall_spacings
 from .output import (
     check_outputs,
     counts_text,
@@ -23,9 +24,12 @@ from .output import (
     written_json,
 )
 from .sources import file_of, load_grid
+from .walls import show_spacings, spacing_numbers
 
 
-def inspect_grid(grid_name: str, patches: Path | None, draft: Path | None, json: Path | None) -> None:
+def inspect_grid(
+    grid_name: str, patches: Path | None, draft: Path | None, json: Path | None, reynolds: float | None = None
+) -> None:
     """Find the topology of a grid and show it.
 
     Parameters
@@ -36,6 +40,8 @@ def inspect_grid(grid_name: str, patches: Path | None, draft: Path | None, json:
         Declared patches.
     draft, json : Path, optional
         TOML file of patches to start from, and numbers, to write.
+    reynolds : float, optional
+        Reynolds number per metre, for an estimate of y+ (1/m).
 
     Raises
     ------
@@ -48,10 +54,13 @@ def inspect_grid(grid_name: str, patches: Path | None, draft: Path | None, json:
         grid = load_grid(grid_name, patches)
         progress(0.5, "topology")
         topology = find_topology(grid)
-    with written_json(json, grid_numbers(grid, topology)):
+        progress(0.9, "walls")
+        spacings = wall_spacings(_with_guesses(grid, topology))
+    with written_json(json, {**grid_numbers(grid, topology), "walls": spacing_numbers(spacings, reynolds)}):
         if draft:
             write_draft(draft, grid, topology)
     show_grid(grid, topology)
+    show_spacings(spacings, reynolds)
     if draft:
         print_lines([f"{draft} written: give the faces their names and kinds, then pass it as --patches {draft}"])
 
@@ -84,6 +93,13 @@ def _all_patches(grid: Grid, topology: Topology) -> list[Patch]:
     renamed = [replace(p, name=f"{p.name}_guessed") if p.name in taken else p for p in guessed]
     declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
     return [*(patch for patch in declared if patch.windows), *renamed]
+
+
+def _with_guesses(grid: Grid, topology: Topology) -> Grid:
+    """The grid with what is declared, and a guess at the rest of the boundary under names that say so."""
+    declared = {patch.name for patch in grid.patches}
+    patches = _all_patches(grid, topology)
+    return replace(grid, patches=[p if p.name in declared else replace(p, name=f"{p.name} (guessed)") for p in patches])
 
 
 def _boundary_windows(patch: Patch, topology: Topology) -> tuple[Window, ...]:

@@ -30,6 +30,7 @@ from ..quality.grid_quality import GridQuality
 from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+from .walls import height_numbers, height_warnings, show_height_ratios
 
 QUALITY = {
     "q_min": "smallest Q",
@@ -235,6 +236,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
         "before": {name: getattr(moved.before, name) for name in QUALITY},
         "after": {name: getattr(moved.after, name) for name in QUALITY},
+        "heights": height_numbers(moved.after.heights, is_compared=True),
     }
 
 
@@ -251,6 +253,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
         ["quality of the grid", "before", "after"],
         [(label, getattr(moved.before, name), getattr(moved.after, name)) for name, label in QUALITY.items()],
     )
+    show_height_ratios(moved.after.heights)
     if moved.miss:
         print_lines([f"beside the same deformation of the wall's nodes, {moved.miss}"])
     print_lines(_warnings(moved), style="yellow")
@@ -290,6 +293,7 @@ def _warnings(moved: Moved) -> list[str]:
     if moved.newly_inverted:
         worst = moved.newly_inverted[0]
         warnings.append(f"warning: {moved.after.n_inverted:,} cells are inverted now, the worst {worst}")
+    warnings += [f"warning: {text}" for text in height_warnings(moved.after.heights)]
     last = moved.movement.report.increments[-1]
     if last.n_tangled:
         warnings.append(

@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+from ..errors import InputError
 from ..grids.multiblock import Grid
+from ..grids.patches import merge_patches, read_patches
 from ..grids.topology import find_topology
 from ..model import FittedModel
 from ..quality.grid_quality import GridQuality
-from ..quality.report import QualityReport, report_quality
-from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
+from .output import (
+    check_outputs,
+    counts_text,
+    print_lines,
+    print_table,
+    print_title,
+    print_warnings,
+    progress_bar,
+    written_json,
+)
 from .sources import file_of, load_grid
+from .walls import height_numbers, height_warnings, show_height_ratios, show_heights
 
 MOST_SHOWN = 10
 """Inverted cells that are printed."""
 
 
-def measure_quality(grid_name: str, n_bins: int, json: Path | None) -> None:
+def measure_quality(
+    grid_name: str, n_bins: int, json: Path | None, patches: Path | None = None, baseline_name: str | None = None
+) -> None:
     """Measure the cells of a grid and show what they are like.
 
     Parameters
@@ -27,37 +42,68 @@ def measure_quality(grid_name: str, n_bins: int, json: Path | None) -> None:
         Bins of the distribution of Q.
     json : Path, optional
         Numbers to write.
+    patches : Path, optional
+        Declared patches.
+    baseline_name : str, optional
+        The grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
+        heights at walls are compared with.
 
     Raises
     ------
     InputError
-        If the grid cannot be used or a file cannot be written.
+        If a grid cannot be used, the two have other blocks, or a file cannot be written.
     """
-    check_outputs([json], [file_of(grid_name)])
+    check_outputs([json], [file_of(grid_name), patches, baseline_name and file_of(baseline_name)])
     with progress_bar() as progress:
         progress(0.0, "reading")
-        grid, warnings = _grid_of(grid_name)
+        grid, warnings = _grid_of(grid_name, patches)
+        baseline = grid if baseline_name is None else _baseline_of(baseline_name, grid, grid_name)
         progress(0.5, "cells")
-        report = report_quality(GridQuality.of_baseline(grid), grid.to_vector().reshape(-1, 3), n_bins)
-    with written_json(json, _numbers(grid_name, report)):
+        quality, nodes = GridQuality.of_baseline(baseline), grid.to_vector().reshape(-1, 3)
+        report = report_quality(quality, nodes, n_bins)
+        newly = () if baseline_name is None else inverted_cells(quality, quality.cells(nodes), newly=True)
+    with written_json(json, _numbers(grid_name, baseline_name, report, newly)):
         pass
-    _show(grid_name, report)
+    _show(grid_name, baseline_name, report, newly)
     print_warnings(warnings)
+    if baseline_name is not None:
+        print_warnings(height_warnings(report.heights))
 
 
-def _grid_of(grid_name: str) -> tuple[Grid, tuple[str, ...]]:
+def _grid_of(grid_name: str, patches: Path | None) -> tuple[Grid, tuple[str, ...]]:
     """The grid of a file, or the one that a fitted model regenerates, and what is wrong with its topology."""
     if Path(grid_name).suffix == ".h5":
         model = FittedModel.load(grid_name)
-        return model.regenerate(), model.topology.warnings
-    grid = load_grid(grid_name)
+        grid = model.regenerate()
+        return (read_patches(patches, grid) if patches else grid), model.topology.warnings
+    grid = load_grid(grid_name, patches)
     return grid, find_topology(grid).warnings
 
 
-def _numbers(grid_name: str, report: QualityReport) -> dict:
+def _baseline_of(name: str, grid: Grid, grid_name: str) -> Grid:
+    """The grid before it was moved, with the patches of both."""
+    baseline, _ = _grid_of(name, None)
+    if baseline.shapes != grid.shapes:
+        raise InputError(
+            f"{grid_name}: its blocks have {_shapes_text(grid)} nodes, those of the baseline {name} "
+            f"{_shapes_text(baseline)}; give the grid that was moved"
+        )
+    return merge_patches(baseline, grid.patches, grid_name)
+
+
+def _shapes_text(grid: Grid) -> str:
+    shapes = [counts_text(shape) for shape in grid.shapes]
+    return ", ".join(shapes[:3]) + (", ..." if len(shapes) > 3 else "")
+
+
+def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> dict:
     """Collect what is known about the cells for JSON; cell numbers are from 1."""
+    is_compared = baseline_name is not None
     return {
         "grid": grid_name,
+        "baseline": baseline_name,
+        "heights": height_numbers(report.heights, is_compared=is_compared),
+        "newly_inverted": [vars(cell) for cell in newly] if is_compared else None,
         "n_cells": report.n_cells,
         "q_min": report.q_min,
         "q_mean": report.q_mean,
@@ -74,7 +120,7 @@ def _numbers(grid_name: str, report: QualityReport) -> dict:
     }
 
 
-def _show(grid_name: str, report: QualityReport) -> None:
+def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> None:
     print_title(f"{grid_name}: {report.n_cells:,} cells")
     rows = [
         ("smallest Q", f"{report.q_min:.4g}"),
@@ -85,4 +131,8 @@ def _show(grid_name: str, report: QualityReport) -> None:
         ("inverted cells", f"{report.n_inverted:,}"),
     ]
     print_table(["measure", "value"], rows)
+    show_heights(report.heights)
+    if baseline_name is not None:
+        show_height_ratios(report.heights)
+    print_lines([f"{cell} was valid on the baseline" for cell in newly[:MOST_SHOWN]], style="yellow")
     print_lines([f"{cell} has corner triple product {cell.corner:.2g}" for cell in report.inverted[:MOST_SHOWN]])

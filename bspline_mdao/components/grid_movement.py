@@ -60,8 +60,8 @@ class GridMovement(om.Group):
         Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input.
     live : bool
         The grid changes upstream: differentiate through parameters and knots as well, see `Fit`.
-    quality : bool
-        Measure the cells of the grid.
+    quality : bool or sequence of str
+        Measure the cells of the grid; which bounds are outputs where they are named, see `Quality`.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class GridMovement(om.Group):
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
-        self.options.declare("quality", types=bool, default=True, desc="measure the cells of the grid")
+        self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
 
     def setup(self):
         """Add the components in the order of the chain."""
@@ -98,8 +98,9 @@ class GridMovement(om.Group):
         settings = {name: self.options[name] for name in ("require_valid", "keep_increments")}
         self._add("move", ControlMeshMove(mover=mover, **settings))
         self._add("evaluate", (LiveGridEvaluate if is_live else GridEvaluate)(model=model))
-        if self.options["quality"]:
-            self._add("quality", Quality(model=model))
+        quality = self.options["quality"]
+        if quality:
+            self._add("quality", Quality(model=model, **({} if quality is True else {"aggregates": quality})))
 
     def _add(self, name: str, component: om.ExplicitComponent):
         self.add_subsystem(name, component, promotes=["*"])

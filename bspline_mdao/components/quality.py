@@ -7,7 +7,7 @@ import openmdao.api as om
 from ..errors import InputError
 from ..model import FittedModel
 from ..names import GRID
-from ..quality.grid_quality import AGGREGATES, GridQuality, GridValues
+from ..quality.grid_quality import HEIGHT_SIGNS, GridQuality, GridValues
 from ..quality.report import QualityReport, inverted_cells, report_quality
 from .jacobian import check_along_directions, difference_step, finite_points, refuse_complex_step
 
@@ -15,10 +15,12 @@ CELL_QUALITY = "cell_quality"
 
 
 class Quality(om.ExplicitComponent):
-    """Measure the cells of a grid: smooth lower bounds for constraints, and on demand Q of every cell, Eq. (9).
+    """Measure the cells of a grid: smooth bounds for constraints, and on demand Q of every cell, Eq. (9).
 
     The bounds never exceed the smallest value, so that ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot see
-    a mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid.
+    a mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid. At walls,
+    ``height_low_ks >= 0.95`` and ``height_high_ks <= 1.05`` keep the heights of all first cells, and with them y+,
+    within 5 % of the baseline's.
 
     ==================  ======  ===========  =====  ================================================================
     name                role    shape        units  meaning
@@ -30,6 +32,8 @@ class Quality(om.ExplicitComponent):
     ``corner_pnorm``    output  (1,)                p-norm bound of the same
     ``jacobian_ks``     output  (1,)                bound of the corner Jacobians by the cell's volume in the baseline
     ``volume_ks``       output  (1,)                bound of the cell volumes by those of the baseline
+    ``height_low_ks``   output  (1,)                lower bound of the first cells' heights at walls by the baseline's
+    ``height_high_ks``  output  (1,)                upper bound of the same
     ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
     ==================  ======  ===========  =====  ================================================================
 
@@ -38,13 +42,16 @@ class Quality(om.ExplicitComponent):
     model : FittedModel
         The fitted grid. Its baseline decides which sign is right-handed and which corners have collapsed.
     aggregates : sequence of str
-        Which bounds are outputs.
+        Which bounds are outputs. Those of heights, which need patches of kind wall, are none by default.
     cells : bool
         Whether ``cell_quality`` is an output.
     rho : float
         Sharpness of the Kreisselmeier-Steinhauser bounds: they are below the minimum by at most ln(n) / rho.
     p : int
         Power of the p-norms.
+    rho_height : float
+        Sharpness of the bounds of heights: they are off by at most ln(n) / rho_height for n nodes on walls, 0.01 for
+        22,000.
     n_bins : int
         Bins of the distribution in `report`.
     require_valid : bool
@@ -69,22 +76,27 @@ class Quality(om.ExplicitComponent):
         self.options.declare("cells", types=bool, default=False, desc="output Q of every cell")
         self.options.declare("rho", default=100.0, desc="sharpness of Kreisselmeier-Steinhauser bounds")
         self.options.declare("p", types=int, default=64, desc="power of p-norms")
+        self.options.declare("rho_height", default=1000.0, desc="sharpness of the bounds of heights at walls")
         self.options.declare("n_bins", types=int, default=50, desc="bins of the distribution of Q")
         self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
 
     def setup(self):
         """Declare the variables, of the sizes of the model."""
-        unknown = [name for name in self.options["aggregates"] if name not in AGGREGATES]
-        if unknown:
-            raise InputError(f"{self.msginfo}: no aggregate '{unknown[0]}'; choose from {', '.join(AGGREGATES)}")
         baseline = self.options["model"].regenerate()
-        self._quality = GridQuality.of_baseline(baseline, self.options["rho"], self.options["p"])
+        settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
+        self._quality = GridQuality.of_baseline(baseline, **settings)
+        try:
+            self._quality.require(self.options["aggregates"])
+        except InputError as error:
+            raise InputError(f"{self.msginfo}: {error}") from error
         self.add_input(GRID, val=baseline.to_vector(), units="m")
         for name in self.options["aggregates"]:
             self.add_output(name)
         if self.options["cells"]:
             self.add_output(CELL_QUALITY, shape=self._quality.n_cells)
         sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst corner of all
+        if HEIGHT_SIGNS.keys() & self.options["aggregates"]:
+            sharpness = max(sharpness, 10.0 * self.options["rho_height"])
         check_along_directions(self, difference_step((block.nodes for block in baseline.blocks), sharpness))
 
     def compute(self, inputs, outputs):
@@ -116,7 +128,7 @@ class Quality(om.ExplicitComponent):
             d_inputs[GRID] += self._quality.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
 
     def report(self) -> QualityReport:
-        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells by name."""
+        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells, heights at walls."""
         return report_quality(self._quality, self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
 
     def _values(self, nodes):

@@ -1,4 +1,4 @@
-"""What is told about the cells of a grid: extremes, a distribution of Q, inverted cells by name."""
+"""What is told about the cells of a grid: extremes, a distribution of Q, inverted cells by name, heights at walls."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..grids.hexahedron import CellQuality
 from .grid_quality import GridQuality
+from .wall_report import PatchHeights, report_heights
 
 __all__ = ["Distribution", "InvertedCell", "QualityReport", "distribution", "inverted_cells", "report_quality"]
 
@@ -80,6 +81,8 @@ class QualityReport:
         The worst of them.
     histogram : Distribution
         Distribution of Q.
+    heights : tuple of PatchHeights
+        Heights of the first cells at every wall, beside those of the baseline.
     """
 
     n_cells: int
@@ -91,6 +94,7 @@ class QualityReport:
     n_inverted: int
     inverted: tuple[InvertedCell, ...]
     histogram: Distribution
+    heights: tuple[PatchHeights, ...] = ()
 
 
 def distribution(q: np.ndarray, n_bins: int = 50) -> Distribution:
@@ -152,6 +156,7 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
         n_inverted=sum(int(np.count_nonzero(~block.is_valid)) for block in cells),
         inverted=inverted_cells(quality, cells),
         histogram=distribution(q, n_bins),
+        heights=report_heights(quality.first_cells, nodes),
     )
 
 
