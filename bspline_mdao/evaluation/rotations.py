@@ -508,7 +508,7 @@ def _turn(first, last, matrices, stiffness, is_fine):
 
     M + cof(M) / |M| has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has full rank
     where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X + X^-T) / 2
-    then converges to the rotation, in the end quadratically (Higham 1986), for complex parts two steps later.
+    then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step later.
     """
     r, c = np.empty_like(matrices[0]), np.empty_like(matrices[0])
     for i in range(first, last):
@@ -535,9 +535,9 @@ def _turn(first, last, matrices, stiffness, is_fine):
                     step = max(step, abs(new - r[d, e]))
                     r[d, e] = new
             n_left -= 1
-            if step < 1e-7 and n_left > 2:
+            if step < 1e-7 and n_left > 1:
                 is_fine[i] = True
-                n_left = 2
+                n_left = 1
         _set_stiffness(r, m, stiffness[i])
         m[:] = r
 

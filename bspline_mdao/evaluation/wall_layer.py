@@ -260,14 +260,12 @@ class WallLayer:
             If the surroundings of a node of the wall are turned inside out.
         """
         rotations = self.wall.rotations.at(wall_initial, wall_moved)
-        self._follow(initial, rotations.initial, _frames(rotations.moved, rotations.matrices), mapped)
+        self._follow(initial, _frames(rotations.moved, rotations.matrices, rotations.initial), mapped)
         return Layered(self, initial, rotations, mapped)
 
-    def _follow(self, initial, wall_initial, frames, mapped):
-        """Overwrite mapped points; linear in them and in the frames, and in the points before the move."""
-        self._run(
-            lambda piece, ids: _follow(*piece.arrays, self.projectors, initial, wall_initial[ids], frames[ids], mapped)
-        )
+    def _follow(self, initial, frames, mapped):
+        """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
+        self._run(lambda piece, ids: _follow(*piece.arrays, self.projectors, initial, frames[ids], mapped))
         mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
 
     def _run(self, task) -> list:
@@ -322,11 +320,11 @@ class Layered:
             `d_mapped`.
         """
         rotations = self.rotations
-        d_frames = _frames(d_wall_moved, rotations.jvp(d_wall_initial, d_wall_moved))
-        self.layer._follow(self.initial, rotations.initial, d_frames, d_mapped)
+        d_frames = _frames(d_wall_moved, rotations.jvp(d_wall_initial, d_wall_moved), rotations.initial)
+        self.layer._follow(self.initial, d_frames, d_mapped)
         if d_initial is not None:
-            change, frames = np.zeros_like(d_mapped), _frames(np.zeros_like(rotations.moved), rotations.matrices)
-            self.layer._follow(d_initial, d_wall_initial, frames, change)
+            change, frames = np.zeros_like(d_mapped), _frames(0.0 * d_wall_initial, rotations.matrices, d_wall_initial)
+            self.layer._follow(d_initial, frames, change)
             d_mapped += change
         return d_mapped
 
@@ -343,9 +341,9 @@ class Layered:
         initial_bar, mapped_bar : ndarray, shape (n, 3)
         wall_initial_bar, wall_moved_bar : ndarray, shape (wall.n_points, 3)
         """
-        self._gather_copies(bar)
+        _move_rows(self.layer.copies, bar)
         initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.rotations.initial.shape)
-        layer, frames = self.layer, _frames(self.rotations.moved, self.rotations.matrices)
+        layer, frames = self.layer, self._motion
         sums = layer._run(
             lambda piece, ids: _turned_back(*piece.arrays, layer.projectors, frames[ids], bar, initial_bar)
         )
@@ -367,21 +365,22 @@ class Layered:
         mapped_bar : ndarray, shape (n, 3)
         wall_moved_bar : ndarray, shape (wall.n_points, 3)
         """
-        self._gather_copies(bar)
+        _move_rows(self.layer.copies, bar)
         places_bar, rotations_bar = self._frames_vjp(bar)
         return bar, places_bar + self.rotations.moved_vjp(rotations_bar)
 
-    def _gather_copies(self, bar):
-        """Give the derivatives in copies to what they copy."""
-        _move_rows(self.layer.copies, bar)
+    @property
+    def _motion(self) -> np.ndarray:
+        """Places and rotations of the wall's nodes, shape (n, 15)."""
+        return _frames(self.rotations.moved, self.rotations.matrices, self.rotations.initial)
 
     def _frames_vjp(self, bar):
         """Derivatives in places and rotations of the wall's nodes; overwrites ``bar`` by those in the mapped points."""
-        layer, wall_initial = self.layer, self.rotations.initial
+        layer, frames = self.layer, self._motion
         sums = layer._run(
-            lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, wall_initial[ids], bar)
+            lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, frames[ids], bar)
         )
-        frames_bar = np.zeros((len(wall_initial), 12), dtype=bar.dtype)
+        frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
         _add_up(layer.pieces, sums, frames_bar)
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
 
@@ -407,9 +406,9 @@ def _reach(points, quads, heights) -> np.ndarray:
     return reach
 
 
-def _frames(places, matrices) -> np.ndarray:
-    """Places and rotations side by side, shape (n, 12)."""
-    return np.concatenate([places, matrices.reshape(-1, 9)], axis=1)
+def _frames(places, matrices, initial) -> np.ndarray:
+    """Places and rotations after a move and places before it side by side, shape (n, 15)."""
+    return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
 
 
 def _projectors(planes, n):
@@ -479,47 +478,28 @@ def _move_rows(copies, bar):
             bar[copies[n, 0], d] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _mix(array, corners, u, v, out):
-    """Row of an array at a foot."""
-    a, b, c = corners[0], corners[1], corners[2]
-    w = 1.0 - u - v
-    for d in range(array.shape[1]):
-        out[d] = u * array[a, d] + v * array[b, d] + w * array[c, d]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _corners(corners, weights, k):
+    """Corners of a foot and their weights."""
+    # unsigned, so that no number is checked for being negative
+    a, b, c = np.uint64(corners[k, 0]), np.uint64(corners[k, 1]), np.uint64(corners[k, 2])
+    u, v = weights[k, 0], weights[k, 1]
+    return (a, b, c), (u, v, 1.0 - u - v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _follow(rows, starts, planes, corners, weights, shares, projectors, initial, places, frames, mapped):
-    place, frame = np.empty(3, dtype=places.dtype), np.empty(12, dtype=frames.dtype)
-    for i in range(len(rows)):
-        row, total = rows[i], 0.0
-        x, y, z = 0.0, 0.0, 0.0
-        for k in range(starts[i], starts[i + 1]):
-            share = shares[k]
-            _mix(places, corners[k], weights[k, 0], weights[k, 1], place)
-            _mix(frames, corners[k], weights[k, 0], weights[k, 1], frame)
-            d, e, f = initial[row, 0] - place[0], initial[row, 1] - place[1], initial[row, 2] - place[2]
-            x += share * (frame[0] + frame[3] * d + frame[4] * e + frame[5] * f)
-            y += share * (frame[1] + frame[6] * d + frame[7] * e + frame[8] * f)
-            z += share * (frame[2] + frame[9] * d + frame[10] * e + frame[11] * f)
-            total += share
-        if planes[i] == 0:
-            mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
-            mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
-            mapped[row, 2] = (1.0 - total) * mapped[row, 2] + z
-        else:
-            p = projectors[planes[i]]
-            x, y, z = x - total * mapped[row, 0], y - total * mapped[row, 1], z - total * mapped[row, 2]
-            for n in range(3):
-                mapped[row, n] += p[n, 0] * x + p[n, 1] * y + p[n, 2] * z
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _from_foot(initial, row, frames, at, weights):
+    """Vector from a foot to a point."""
+    (a, b, c), (u, v, w) = at, weights
+    return (
+        initial[row, 0] - (u * frames[a, 12] + v * frames[b, 12] + w * frames[c, 12]),
+        initial[row, 1] - (u * frames[a, 13] + v * frames[b, 13] + w * frames[c, 13]),
+        initial[row, 2] - (u * frames[a, 14] + v * frames[b, 14] + w * frames[c, 14]),
+    )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _pull(bar, row, projector, is_free):
-    """Derivative in the correction of a point."""
-    x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
-    if is_free:
-        return x, y, z
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _projected(projector, x, y, z):
     p = projector
     return (
         p[0, 0] * x + p[0, 1] * y + p[0, 2] * z,
@@ -528,50 +508,87 @@ def _pull(bar, row, projector, is_free):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _follow_back(rows, starts, planes, corners, weights, shares, projectors, initial, places, bar):
-    """Transpose of `_follow` in frames, which it returns, and mapped points, in place of ``bar``."""
-    sums, place, terms = (
-        np.zeros((len(places), 12), dtype=bar.dtype),
-        np.empty(3, dtype=places.dtype),
-        np.empty(12, dtype=bar.dtype),
-    )
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow(rows, starts, planes, corners, weights, shares, projectors, initial, frames, mapped):
     for i in range(len(rows)):
-        row, total = rows[i], 0.0
-        pull = _pull(bar, row, projectors[planes[i]], planes[i] == 0)
+        row, total = np.uint64(rows[i]), 0.0
+        x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
-            share, u, v = shares[k], weights[k, 0], weights[k, 1]
-            _mix(places, corners[k], u, v, place)
-            d, e, f = initial[row, 0] - place[0], initial[row, 1] - place[1], initial[row, 2] - place[2]
-            for n in range(3):
-                g = share * pull[n]
-                terms[n], terms[3 + 3 * n], terms[4 + 3 * n], terms[5 + 3 * n] = g, g * d, g * e, g * f
-            a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
-            for n in range(12):
-                sums[a, n] += u * terms[n]
-                sums[b, n] += v * terms[n]
-                sums[c, n] += (1.0 - u - v) * terms[n]
-            total += share
-        for n in range(3):
-            bar[row, n] -= total * pull[n]
+            at, at_weights = _corners(corners, weights, k)
+            d, e, f = _from_foot(initial, row, frames, at, at_weights)
+            for n, weight in zip(at, at_weights):
+                s = shares[k] * weight
+                x += s * (frames[n, 0] + frames[n, 3] * d + frames[n, 4] * e + frames[n, 5] * f)
+                y += s * (frames[n, 1] + frames[n, 6] * d + frames[n, 7] * e + frames[n, 8] * f)
+                z += s * (frames[n, 2] + frames[n, 9] * d + frames[n, 10] * e + frames[n, 11] * f)
+            total += shares[k]
+        if planes[i] == 0:
+            mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
+            mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
+            mapped[row, 2] = (1.0 - total) * mapped[row, 2] + z
+        else:
+            x, y, z = x - total * mapped[row, 0], y - total * mapped[row, 1], z - total * mapped[row, 2]
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+            mapped[row, 0] += x
+            mapped[row, 1] += y
+            mapped[row, 2] += z
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow_back(rows, starts, planes, corners, weights, shares, projectors, initial, frames, bar):
+    """Transpose of `_follow` in the frames, which it returns, and in the mapped points, in place of ``bar``."""
+    sums = np.zeros((len(frames), 12), dtype=bar.dtype)
+    for i in range(len(rows)):
+        row, total = np.uint64(rows[i]), 0.0
+        x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+        if planes[i] != 0:
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, weights, k)
+            d, e, f = _from_foot(initial, row, frames, at, at_weights)
+            for n, weight in zip(at, at_weights):
+                s = shares[k] * weight
+                sums[n, 0] += s * x
+                sums[n, 1] += s * y
+                sums[n, 2] += s * z
+                sums[n, 3] += s * x * d
+                sums[n, 4] += s * x * e
+                sums[n, 5] += s * x * f
+                sums[n, 6] += s * y * d
+                sums[n, 7] += s * y * e
+                sums[n, 8] += s * y * f
+                sums[n, 9] += s * z * d
+                sums[n, 10] += s * z * e
+                sums[n, 11] += s * z * f
+            total += shares[k]
+        bar[row, 0] -= total * x
+        bar[row, 1] -= total * y
+        bar[row, 2] -= total * z
     return sums
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _turned_back(rows, starts, planes, corners, weights, shares, projectors, frames, bar, initial_bar):
     """Transpose of `_follow` in the points before the move, which it adds to, and in the wall's, which it returns."""
-    sums, frame = np.zeros((len(frames), 3), dtype=bar.dtype), np.empty(12, dtype=frames.dtype)
+    sums = np.zeros((len(frames), 3), dtype=bar.dtype)
     for i in range(len(rows)):
-        row = rows[i]
-        pull = _pull(bar, row, projectors[planes[i]], planes[i] == 0)
+        row = np.uint64(rows[i])
+        x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+        if planes[i] != 0:
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
         for k in range(starts[i], starts[i + 1]):
-            u, v = weights[k, 0], weights[k, 1]
-            a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
-            _mix(frames, corners[k], u, v, frame)
-            for n in range(3):
-                g = shares[k] * (frame[3 + n] * pull[0] + frame[6 + n] * pull[1] + frame[9 + n] * pull[2])
-                initial_bar[row, n] += g
-                sums[a, n] -= u * g
-                sums[b, n] -= v * g
-                sums[c, n] -= (1.0 - u - v) * g
+            at, at_weights = _corners(corners, weights, k)
+            d, e, f = 0.0, 0.0, 0.0
+            for n, weight in zip(at, at_weights):
+                s = shares[k] * weight
+                d += s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
+                e += s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
+                f += s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)
+            initial_bar[row, 0] += d
+            initial_bar[row, 1] += e
+            initial_bar[row, 2] += f
+            for n, weight in zip(at, at_weights):
+                sums[n, 0] -= weight * d
+                sums[n, 1] -= weight * e
+                sums[n, 2] -= weight * f
     return sums
