@@ -1,9 +1,10 @@
 """What control points miss of an asked wall, spread smoothly over the volume.
 
 The displacement is known at wall nodes. All segments are cut into *pieces*, some `PIECE` cells long along walls and as
-long as the segment away from them. The corners of the pieces follow a network of springs between the walls and the rest
-of the boundary, which stays; then edges, faces and insides of the pieces follow by transfinite interpolation, in
-proportion to arc lengths of the baseline. So the miss fades over whole blocks, and where blocks are thin beyond them.
+long as the segment in all other directions. The corners of the pieces follow a network of springs between the walls and
+the rest of the boundary, which stays; then edges, faces and insides of the pieces follow by transfinite interpolation,
+in proportion to arc lengths of the baseline. So the miss fades over whole blocks, and where blocks are thin beyond
+them.
 
 W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
 International Journal for Numerical Methods in Engineering 7, 1973.
@@ -213,17 +214,17 @@ _CORNERS = np.ix_(*[(0, -1)] * 3)
 
 
 def _pieces(topology: Topology, source: np.ndarray, is_wall: np.ndarray) -> Iterator[Window]:
-    """Cut all segments into pieces, alike where they are linked; directions that leave a wall are not cut."""
+    """Cut all segments into pieces, alike where they are linked: in directions that run along walls and leave none."""
     classes, whole = direction_classes(topology), block_rows(topology.shapes)
-    leaving = set()
-    for number, segment in enumerate(topology.segments):
-        for side in range(6):
-            face = segment.face(side)
-            if is_wall[source[whole[face.block][face.slices]]].all():
-                leaving.add(classes[number, side // 2])
+    along, leaving = set(), set()
+    for segment, (number, side) in zip(np.repeat(topology.segments, 6), np.ndindex(len(classes), 6)):
+        face = segment.face(side)
+        if is_wall[source[whole[face.block][face.slices]]].all():
+            leaving.add(classes[number, side // 2])
+            along.update(np.delete(classes[number], side // 2))
     for number, segment in enumerate(topology.segments):
         cuts = [
-            [lo, hi] if classes[number, d] in leaving or lo == hi else lo + _cuts(hi - lo)
+            lo + _cuts(hi - lo) if classes[number, d] in along - leaving and lo < hi else [lo, hi]
             for d, (lo, hi) in enumerate(zip(segment.lo, segment.hi))
         ]
         for spans in product(*(list(pairwise(cut)) if cut[0] < cut[-1] else [(cut[0], cut[0])] for cut in cuts)):
