@@ -15,6 +15,7 @@ import numpy as np
 from common import run
 from robustness_grids import judged, with_patches
 from rotating_distance import RotatingDistance
+from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 from viscous_pictures import draw_edges, draw_heights
 
@@ -134,6 +135,16 @@ class Splines:
         moved = LinearElasticity(self.mesh).move(points, surface).points
         return self.model.regenerate(moved).to_vector().reshape(-1, 3)
 
+    def off_rigid(self) -> float:
+        """Turn all control points by 90 degrees; largest distance from the grid turned alike, by the grid's size."""
+        turn = Rotation.from_rotvec(0.5 * np.pi * np.array([2.0, -1.0, 2.0]) / 3.0).as_matrix()
+        points, nodes = self.model.control_points @ turn, self.model.regenerate().to_vector().reshape(-1, 3)
+        off = self.model.regenerate(points).to_vector().reshape(-1, 3) - nodes @ turn
+        return float(np.linalg.norm(off, axis=1).max() / np.ptp(nodes, axis=0).max())
+
+
+DEFAULT = "least squares"
+"""The way that is taken without any option."""
 
 WAYS: dict[str, Callable] = {"least squares": Splines.of, "inverse distance": RotatingDistance}
 """Ways to move a grid: each is made of a grid and moves it by a deformation."""
@@ -173,8 +184,8 @@ def main(
     Returns
     -------
     dict
-        ``rows``, an `Outcome` each, and ``summary``: cases of each way, how many of them invert nothing, and how many
-        keep their heights.
+        ``rows``, an `Outcome` each; ``summary``: cases of each way, how many of them invert nothing, and how many keep
+        their heights; ``off_rigid``: of each grid, see `Splines.off_rigid`, by the default.
     """
     grids = dict(collect(paper, folder or os.environ.get("BSPLINE_MDAO_GRIDS"), grid, patches))
     outcomes = []
@@ -188,7 +199,11 @@ def main(
         write_table(table, outcomes)
     if figures:
         draw(figures, grids, [way for way in ways if way != "inverse distance"])
-    return {"rows": [vars(outcome) for outcome in outcomes], "summary": summary(outcomes)}
+    return {
+        "rows": [vars(outcome) for outcome in outcomes],
+        "summary": summary(outcomes),
+        "off_rigid": {name: WAYS[DEFAULT](body).off_rigid() for name, body in grids.items()},
+    }
 
 
 def collect(paper: bool, folder, files: Sequence[str], patches):
@@ -319,21 +334,20 @@ def show(outcomes: Sequence[Outcome]) -> None:
 
 
 def write_table(path, outcomes: Sequence[Outcome]) -> None:
-    """Write a line for each case, the ways side by side, as comma-separated values."""
-    cases = {(outcome.grid, outcome.deformation): {} for outcome in outcomes}
+    """Write a line for each case as comma-separated values; each cell tells of the ways in turn."""
+    cases = {}
     for outcome in outcomes:
-        cases[outcome.grid, outcome.deformation][outcome.way] = outcome
-    ways = list(dict.fromkeys(outcome.way for outcome in outcomes))
+        cases.setdefault((Path(outcome.grid).stem, outcome.deformation), []).append(cells_of(outcome))
+    ways = " / ".join(dict.fromkeys(outcome.way for outcome in outcomes))
     with open(path, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["grid", "deformation", *(f"{way}: {what}" for way in ways for what in COLUMNS)])
-        for (grid, deformation), found in cases.items():
-            writer.writerow([grid, deformation, *(cell for way in ways for cell in cells_of(found.get(way)))])
+        writer.writerow(["grid", "deformation", f"{COLUMNS[0]}: {ways}", *COLUMNS[1:]])
+        writer.writerows([*case, *map(" / ".join, zip(*rows))] for case, rows in cases.items())
 
 
-def cells_of(outcome: Outcome | None) -> list[str]:
+def cells_of(outcome: Outcome) -> list[str]:
     """What a table tells of an outcome."""
-    if outcome is None or outcome.failure:
+    if outcome.failure:
         return ["-"] * len(COLUMNS)
     by_before = outcome.q_min / outcome.q_before if outcome.q_before > NO_QUALITY else np.nan
     low, high = outcome.one_percent, outcome.ninety_nine_percent
