@@ -10,6 +10,9 @@ from bspline_mdao.grids.face_quads import corners_in_turn, quads_in_turn
 ROWS = np.arange(7 * 6 * 9).reshape(7, 6, 9)
 """Rows of a block: its wall is k = 0, and j = 0 lies in a plane of symmetry."""
 
+NORMALS = np.array([[0.0, 1.0, 0.0]])
+"""Normal of that plane."""
+
 
 def stretched(n, first, ratio=1.5):
     """Distances from 0, the first cell of a given height, growing."""
@@ -147,14 +150,15 @@ def test_jvp_is_the_complex_step(seed):
     rng = np.random.default_rng(10 + seed)
     layer, nodes, wall_rows = bumpy_case(rng)
     mapped, asked = random_move(rng, nodes, wall_rows)
-    state = layer.at(nodes, mapped.copy(), nodes[wall_rows], asked)
-    changes = [rng.standard_normal(a.shape) for a in (nodes, mapped, asked, asked)]
+    normals = NORMALS + 0.1 * rng.standard_normal((1, 3))
+    state = layer.at(nodes, mapped.copy(), nodes[wall_rows], asked, normals)
+    changes = [rng.standard_normal(a.shape) for a in (nodes, mapped, asked, asked, normals)]
     h = 1e-30
-    stepped = [a + 1j * h * d for a, d in zip((nodes, mapped, nodes[wall_rows], asked), changes)]
+    stepped = [a + 1j * h * d for a, d in zip((nodes, mapped, nodes[wall_rows], asked, normals), changes)]
     exact = layer.at(*stepped).nodes.imag / h
     found = state.jvp(changes[0], changes[1].copy(), *changes[2:])
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
-    exact = layer.at(nodes, mapped + 1j * h * changes[1], nodes[wall_rows], stepped[3]).nodes.imag / h
+    exact = layer.at(nodes, mapped + 1j * h * changes[1], nodes[wall_rows], stepped[3], normals).nodes.imag / h
     found = state.jvp(None, changes[1].copy(), None, changes[3])
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
 
@@ -164,14 +168,14 @@ def test_vjp_is_the_transpose_of_jvp(seed):
     rng = np.random.default_rng(20 + seed)
     layer, nodes, wall_rows = bumpy_case(rng)
     mapped, asked = random_move(rng, nodes, wall_rows)
-    state = layer.at(nodes, mapped, nodes[wall_rows], asked)
-    changes = [rng.standard_normal(a.shape) for a in (nodes, mapped, asked, asked)]
+    state = layer.at(nodes, mapped, nodes[wall_rows], asked, NORMALS + 0.1 * rng.standard_normal((1, 3)))
+    changes = [rng.standard_normal(a.shape) for a in (nodes, mapped, asked, asked, NORMALS)]
     bar = rng.standard_normal(nodes.shape)
     bars = state.vjp(bar.copy())
     terms = bar * state.jvp(changes[0], changes[1].copy(), *changes[2:])
     back = sum((b * d).sum() for b, d in zip(bars, changes))
     assert abs(terms.sum() - back) < 1e-13 * np.abs(terms).sum()
-    for frozen, live in zip(state.frozen_vjp(bar.copy()), (bars[1], bars[3])):
+    for frozen, live in zip(state.frozen_vjp(bar.copy()), (bars[1], bars[3], bars[4])):
         np.testing.assert_array_equal(frozen, live)
 
 

@@ -109,7 +109,7 @@ class LocalRotations:
             Corners of quads in turn; their sides are edges. Points may stand for several corners.
         planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
             Points in a plane of symmetry, and its normal; they see the mirror image of what they see. Planes that share
-            points must be at right angles.
+            points must be at right angles. Where a plane itself moves, tell `at` its normal.
         held : ndarray of int, optional
             Points that are not to turn.
         n_threads : int, optional
@@ -154,13 +154,15 @@ class LocalRotations:
         """Number of points."""
         return len(self.starts) - 1
 
-    def at(self, initial: np.ndarray, moved: np.ndarray) -> Rotations:
+    def at(self, initial: np.ndarray, moved: np.ndarray, normals: np.ndarray | None = None) -> Rotations:
         """Rotations of a move.
 
         Parameters
         ----------
         initial, moved : ndarray, shape (n, 3)
             Points before and after it (m); real or complex.
+        normals : ndarray, shape (n_planes, 3), optional
+            Unit normals of the planes of symmetry after it; by default they stay.
 
         Returns
         -------
@@ -174,6 +176,7 @@ class LocalRotations:
         initial, moved = self._checked(initial, "points before the move"), self._checked(moved, "points after the move")
         areas = self._areas(initial), self._areas(moved)
         matrices = self._moments(initial, moved, *areas)
+        mirrored = _Mirrored.of(self.planes, normals, matrices)
         matrices[self.held] = np.eye(3)
         stiffness, is_fine = np.empty_like(matrices), np.empty(self.n_points, dtype=np.bool_)
         self._by_points(lambda part: _turn(*part, matrices, stiffness, is_fine))
@@ -183,7 +186,7 @@ class LocalRotations:
             raise MovementError(
                 f"the surroundings of point {lost} at ({place}) m are turned inside out by the move; move less"
             )
-        return Rotations(self, initial, moved, areas, matrices, stiffness)
+        return Rotations(self, initial, moved, areas, matrices, stiffness, mirrored)
 
     def _checked(self, points, what: str) -> np.ndarray:
         points = np.asarray(points)
@@ -208,7 +211,7 @@ class LocalRotations:
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
         self._by_points(lambda part: _moments(*part, *graph, initial, moved, initial_areas, moved_areas, sums))
-        return self._symmetrised(self._in_company(sums, self.mix))
+        return self._in_company(sums, self.mix)
 
     def _moments_transposed(self, bar, points, areas, own, transposed: bool) -> np.ndarray:
         """Derivative of ``sum(bar M)`` in the points after the move, or before it, shape (n, 3).
@@ -224,7 +227,7 @@ class LocalRotations:
         transposed : bool
             Whether the side asked is the one before the move.
         """
-        bar = self._in_company(self._symmetrised(bar), None if self.mix is None else self.mix.T)
+        bar = self._in_company(bar, None if self.mix is None else self.mix.T)
         bar = np.ascontiguousarray(bar.transpose(0, 2, 1) if transposed else bar)
         pulls = np.empty((len(self.quads), 2, 3), dtype=np.result_type(bar, own, points))
         _diagonal_pulls(bar, self.quads, self.quad_scales, areas, own, pulls)
@@ -232,13 +235,6 @@ class LocalRotations:
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners
         self._by_points(lambda part: _gather(*part, *graph, bar, points, pulls, out))
         return out
-
-    def _symmetrised(self, matrices: np.ndarray) -> np.ndarray:
-        """Mean of the matrices and their mirror images, in place: for points in planes of symmetry."""
-        for ids, normal in self.planes:
-            mirror = np.eye(3) - 2.0 * np.outer(normal, normal)
-            matrices[ids] = 0.5 * (matrices[ids] + mirror @ matrices[ids] @ mirror)
-        return matrices
 
     @staticmethod
     def _in_company(matrices: np.ndarray, mix) -> np.ndarray:
@@ -256,12 +252,72 @@ class LocalRotations:
         is_asked = alone[ends]
         pairs = ends[is_asked], self.neighbours[is_asked]
         mix = coo_array((np.ones(len(pairs[0])), pairs), shape=(self.n_points, self.n_points)).tocsr()
-        return mix, np.flatnonzero(_is_alone(self._symmetrised(self._in_company(seen, mix))))
+        seen = self._in_company(seen, mix)
+        _Mirrored.of(self.planes, None, seen)
+        return mix, np.flatnonzero(_is_alone(seen))
 
     def _by_points(self, task):
         """Call a kernel with ``(first, last)`` for pieces of the points."""
         cuts = list(range(0, self.n_points, CHUNK_POINTS)) + [self.n_points]
         run_tasks(lambda k: task((cuts[k], cuts[k + 1])), len(cuts) - 1, thread_count(self.n_threads))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mirrored:
+    """Means of matrices and their mirror images, for points in planes of symmetry: M <- (M + H' M H) / 2.
+
+    H = I - 2 n (x) n mirrors in a plane at rest, H' in the plane as it is.
+
+    Parameters
+    ----------
+    planes : tuple of (ndarray of int, ndarray of shape (3,))
+        Points in planes, and the normals at rest.
+    normals : ndarray, shape (n_planes, 3)
+        Normals now.
+    seen : tuple of ndarray, each of shape (n, 3, 3)
+        M of the points of each plane, before.
+    """
+
+    planes: tuple[tuple[np.ndarray, np.ndarray], ...]
+    normals: np.ndarray
+    seen: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, planes, normals: np.ndarray | None, matrices: np.ndarray) -> _Mirrored:
+        """Take the means in place."""
+        normals = np.reshape([n for _, n in planes], (-1, 3)) if normals is None else np.asarray(normals)
+        if normals.shape != (len(planes), 3):
+            raise InputError(f"rotations: normals of shape {normals.shape}; give shape ({len(planes)}, 3)")
+        seen = []
+        for (ids, at_rest), normal in zip(planes, normals):
+            seen.append(matrices[ids])
+            matrices[ids] = 0.5 * (seen[-1] + _mirror(normal) @ seen[-1] @ _mirror(at_rest))
+        return cls(planes, normals, tuple(seen))
+
+    def jvp(self, change: np.ndarray, d_normals: np.ndarray | None) -> None:
+        """Turn the change of the matrices before into that of the means, in place."""
+        for k, (ids, at_rest) in enumerate(self.planes):
+            normal, change_seen = self.normals[k], change[ids]
+            mean = 0.5 * (change_seen + _mirror(normal) @ change_seen @ _mirror(at_rest))
+            if d_normals is not None:
+                d_mirror = -2.0 * (np.outer(d_normals[k], normal) + np.outer(normal, d_normals[k]))
+                mean = mean + 0.5 * d_mirror @ self.seen[k] @ _mirror(at_rest)
+            change[ids] = mean
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`, in place; returns the derivatives in the normals."""
+        normals_bar = np.zeros_like(self.normals, dtype=np.result_type(self.normals, bar))
+        for k in range(len(self.planes) - 1, -1, -1):
+            (ids, at_rest), normal = self.planes[k], self.normals[k]
+            mirror_bar = 0.5 * np.einsum("nij,nkj->ik", bar[ids], self.seen[k] @ _mirror(at_rest))
+            normals_bar[k] = -2.0 * (mirror_bar + mirror_bar.T) @ normal
+            bar[ids] = 0.5 * (bar[ids] + _mirror(normal) @ bar[ids] @ _mirror(at_rest))
+        return normals_bar
+
+
+def _mirror(normal: np.ndarray) -> np.ndarray:
+    """Matrix of the mirror image in a plane by its unit normal."""
+    return np.eye(3) - 2.0 * np.outer(normal, normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,6 +336,8 @@ class Rotations:
         The rotations.
     stiffness : ndarray, shape (n, 3, 3)
         ``tr(S) I - S`` of every point.
+    mirrored : _Mirrored
+        What points in planes of symmetry see.
     """
 
     of: LocalRotations
@@ -288,14 +346,17 @@ class Rotations:
     areas: tuple[np.ndarray, np.ndarray]
     matrices: np.ndarray
     stiffness: np.ndarray
+    mirrored: _Mirrored
 
-    def jvp(self, d_initial: np.ndarray | None, d_moved: np.ndarray) -> np.ndarray:
+    def jvp(self, d_initial: np.ndarray | None, d_moved: np.ndarray, d_normals: np.ndarray | None = None) -> np.ndarray:
         """Change of the rotations, shape (n, 3, 3).
 
         Parameters
         ----------
         d_initial, d_moved : ndarray, shape (n, 3)
             Change of the points before and after the move; None for no change of those before.
+        d_normals : ndarray, shape (n_planes, 3), optional
+            Change of the normals of the planes after the move.
         """
         of, (initial_areas, moved_areas) = self.of, self.areas
         d_moved = of._checked(d_moved, "change of the points after the move")
@@ -303,6 +364,7 @@ class Rotations:
         if d_initial is not None:
             d_initial = of._checked(d_initial, "change of the points before the move")
             change += of._moments(d_initial, self.moved, of._d_areas(self.initial, d_initial), moved_areas)
+        self.mirrored.jvp(change, d_normals)
         change[of.held] = 0.0
         of._by_points(lambda part: _turn_jvp(*part, self.matrices, self.stiffness, change))
         return change
@@ -319,22 +381,26 @@ class Rotations:
         -------
         initial_bar, moved_bar : ndarray, shape (n, 3)
         """
-        back = self._back(bar)
+        back, _ = self._back(bar)
         before = self.of._moments_transposed(back.copy(), self.moved, self.areas[1], self.initial, True)
         return before, self.of._moments_transposed(back, self.initial, self.areas[0], self.moved, False)
 
     def moved_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Second result of `vjp` alone, shape (n, 3): what a fixed baseline needs."""
-        return self.of._moments_transposed(self._back(bar), self.initial, self.areas[0], self.moved, False)
+        return self.of._moments_transposed(self._back(bar)[0], self.initial, self.areas[0], self.moved, False)
 
-    def _back(self, bar) -> np.ndarray:
-        """Derivative of the scalar in M, shape (n, 3, 3)."""
+    def normals_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Derivatives in the normals of the planes after the move, shape (n_planes, 3)."""
+        return self._back(bar)[1]
+
+    def _back(self, bar) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the scalar in M, shape (n, 3, 3), and in the normals."""
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
         if bar.shape != self.matrices.shape:
             raise InputError(f"rotations: derivatives of shape {bar.shape}; give shape {self.matrices.shape}")
         self.of._by_points(lambda part: _turn_vjp(*part, self.matrices, self.stiffness, bar))
         bar[self.of.held] = 0.0
-        return bar
+        return bar, self.mirrored.vjp(bar)
 
 
 def _numbers(ids, n_columns: int, n: int, what: str) -> np.ndarray:

@@ -237,7 +237,14 @@ class WallLayer:
         """Memory that the nodes of the layer take."""
         return sum(array.nbytes for piece in self.pieces for array in vars(piece).values()) + self.copies.nbytes
 
-    def at(self, initial: np.ndarray, mapped: np.ndarray, wall_initial: np.ndarray, wall_moved: np.ndarray) -> Layered:
+    def at(
+        self,
+        initial: np.ndarray,
+        mapped: np.ndarray,
+        wall_initial: np.ndarray,
+        wall_moved: np.ndarray,
+        normals: np.ndarray | None = None,
+    ) -> Layered:
         """Let the points follow a move of the wall.
 
         Parameters
@@ -248,6 +255,8 @@ class WallLayer:
             Where a map puts them (m); those that follow the wall are overwritten in place.
         wall_initial, wall_moved : ndarray, shape (wall.n_points, 3)
             Nodes of the wall before and after the move (m).
+        normals : ndarray, shape (n_planes, 3), optional
+            Unit normals after the move of the planes that the wall was made with; by default they stay.
 
         Returns
         -------
@@ -259,7 +268,7 @@ class WallLayer:
         MovementError
             If the surroundings of a node of the wall are turned inside out.
         """
-        rotations = self.wall.rotations.at(wall_initial, wall_moved)
+        rotations = self.wall.rotations.at(wall_initial, wall_moved, normals)
         self._follow(initial, _frames(rotations.moved, rotations.matrices, rotations.initial), mapped)
         return Layered(self, initial, rotations, mapped)
 
@@ -300,7 +309,9 @@ class Layered:
     rotations: Rotations
     nodes: np.ndarray
 
-    def jvp(self, d_initial, d_mapped: np.ndarray, d_wall_initial, d_wall_moved: np.ndarray) -> np.ndarray:
+    def jvp(
+        self, d_initial, d_mapped: np.ndarray, d_wall_initial, d_wall_moved: np.ndarray, d_normals=None
+    ) -> np.ndarray:
         """Change of the points.
 
         Parameters
@@ -313,6 +324,8 @@ class Layered:
             Change of the wall's nodes before the move.
         d_wall_moved : ndarray, shape (wall.n_points, 3)
             Change of the wall's nodes after it.
+        d_normals : ndarray, shape (n_planes, 3), or None
+            Change of the normals of its planes after it.
 
         Returns
         -------
@@ -320,7 +333,7 @@ class Layered:
             `d_mapped`.
         """
         rotations = self.rotations
-        d_frames = _frames(d_wall_moved, rotations.jvp(d_wall_initial, d_wall_moved), rotations.initial)
+        d_frames = _frames(d_wall_moved, rotations.jvp(d_wall_initial, d_wall_moved, d_normals), rotations.initial)
         self.layer._follow(self.initial, d_frames, d_mapped)
         if d_initial is not None:
             change, frames = np.zeros_like(d_mapped), _frames(0.0 * d_wall_initial, rotations.matrices, d_wall_initial)
@@ -328,7 +341,7 @@ class Layered:
             d_mapped += change
         return d_mapped
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `jvp`.
 
         Parameters
@@ -340,6 +353,7 @@ class Layered:
         -------
         initial_bar, mapped_bar : ndarray, shape (n, 3)
         wall_initial_bar, wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        normals_bar : ndarray, shape (n_planes, 3)
         """
         _move_rows(self.layer.copies, bar)
         initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.rotations.initial.shape)
@@ -350,9 +364,10 @@ class Layered:
         _add_up(layer.pieces, sums, wall_initial_bar)
         places_bar, rotations_bar = self._frames_vjp(bar)
         before, after = self.rotations.vjp(rotations_bar)
-        return initial_bar, bar, wall_initial_bar + before, places_bar + after
+        normals_bar = self.rotations.normals_vjp(rotations_bar)
+        return initial_bar, bar, wall_initial_bar + before, places_bar + after, normals_bar
 
-    def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Results of `vjp` for points and wall that do not change before the move.
 
         Parameters
@@ -364,10 +379,12 @@ class Layered:
         -------
         mapped_bar : ndarray, shape (n, 3)
         wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        normals_bar : ndarray, shape (n_planes, 3)
         """
         _move_rows(self.layer.copies, bar)
         places_bar, rotations_bar = self._frames_vjp(bar)
-        return bar, places_bar + self.rotations.moved_vjp(rotations_bar)
+        normals_bar = self.rotations.normals_vjp(rotations_bar)
+        return bar, places_bar + self.rotations.moved_vjp(rotations_bar), normals_bar
 
     @property
     def _motion(self) -> np.ndarray:
