@@ -456,28 +456,28 @@ def _is_alone(matrices) -> np.ndarray:
 def _area_vectors(points, quads, areas):
     for q in range(len(quads)):
         a, b, c, d = quads[q]
-        _set_half_cross(areas, q, _between(points, a, c), _between(points, b, d))
+        set_half_cross(areas, q, between(points, a, c), between(points, b, d))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _d_area_vectors(points, d_points, quads, d_areas):
     for q in range(len(quads)):
         a, b, c, d = quads[q]
-        u, v = _between(points, a, c), _between(points, b, d)
-        s, t = _between(d_points, a, c), _between(d_points, b, d)
+        u, v = between(points, a, c), between(points, b, d)
+        s, t = between(d_points, a, c), between(d_points, b, d)
         d_areas[q, 0] = 0.5 * (s[1] * v[2] - s[2] * v[1] + u[1] * t[2] - u[2] * t[1])
         d_areas[q, 1] = 0.5 * (s[2] * v[0] - s[0] * v[2] + u[2] * t[0] - u[0] * t[2])
         d_areas[q, 2] = 0.5 * (s[0] * v[1] - s[1] * v[0] + u[0] * t[1] - u[1] * t[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _between(points, i, j):
+def between(points, i, j):
     """Vector from one point to another."""
     return points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _set_half_cross(out, n, u, v):
+def set_half_cross(out, n, u, v):
     out[n, 0] = 0.5 * (u[1] * v[2] - u[2] * v[1])
     out[n, 1] = 0.5 * (u[2] * v[0] - u[0] * v[2])
     out[n, 2] = 0.5 * (u[0] * v[1] - u[1] * v[0])
@@ -501,7 +501,7 @@ def _moments(
         m[:] = 0.0
         for k in range(starts[i], starts[i + 1]):
             j = neighbours[k]
-            _add_product(m, scales[k], _between(after, i, j), _between(before, i, j))
+            _add_product(m, scales[k], between(after, i, j), between(before, i, j))
         for k in range(corner_starts[i], corner_starts[i + 1]):
             q = corners[k] // 4
             u, v = new_areas[q], areas[q]
@@ -521,8 +521,8 @@ def _diagonal_pulls(bar, quads, quad_scales, areas, own, pulls):
             y += m[1, 0] * u + m[1, 1] * v + m[1, 2] * w
             z += m[2, 0] * u + m[2, 1] * v + m[2, 2] * w
         p = (x, y, z)
-        _set_half_cross(pulls[q], 0, _between(own, b, d), p)
-        _set_half_cross(pulls[q], 1, p, _between(own, a, c))
+        set_half_cross(pulls[q], 0, between(own, b, d), p)
+        set_half_cross(pulls[q], 1, p, between(own, a, c))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -532,7 +532,7 @@ def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar
         x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
             j = neighbours[k]
-            u, v, w = _between(points, j, i)
+            u, v, w = between(points, j, i)
             m, n, s = bar[i], bar[j], scales[k]
             x += s * ((m[0, 0] + n[0, 0]) * u + (m[0, 1] + n[0, 1]) * v + (m[0, 2] + n[0, 2]) * w)
             y += s * ((m[1, 0] + n[1, 0]) * u + (m[1, 1] + n[1, 1]) * v + (m[1, 2] + n[1, 2]) * w)
@@ -546,7 +546,7 @@ def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cofactors(m, c):
+def cofactors(m, c):
     c[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
     c[0, 1] = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
     c[0, 2] = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
@@ -580,14 +580,14 @@ def _turn(first, last, matrices, stiffness, is_fine):
     for i in range(first, last):
         m = matrices[i]
         size = np.sqrt(_square(m))
-        _cofactors(m, c)
+        cofactors(m, c)
         for d in range(3):
             for e in range(3):
                 r[d, e] = (m[d, e] + c[d, e] / size) / size
         is_fine[i] = False
         n_left = 60
         while n_left > 0:
-            det = _cofactors(r, c)
+            det = cofactors(r, c)
             if not det.real > 1e-12:
                 break
             # the scale that makes both terms of the same size, while they differ much
@@ -624,7 +624,7 @@ def _set_stiffness(r, m, k):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(k, c, b):
     """Solve a symmetric system of three; ``c`` is room for its cofactors."""
-    det = _cofactors(k, c)
+    det = cofactors(k, c)
     return (
         (c[0, 0] * b[0] + c[0, 1] * b[1] + c[0, 2] * b[2]) / det,
         (c[1, 0] * b[0] + c[1, 1] * b[1] + c[1, 2] * b[2]) / det,

@@ -2,13 +2,13 @@
 
 A node at x0 on the baseline, mapped to y, with the feet f on the wall (see `.wall_feet`), goes to
 
-    x = y + sum_f beta_f (W'_f + R_f (x0 - W_f) - y),
+    x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
 
-where W_f, W'_f and R_f are the places of the foot before and after the move and its rotation: those of the corners of
-its triangle, at the weights of the foot. The shares beta_f sum to one on the wall and fade to zero at its reach. So a
-wall node goes exactly where it is asked to be, the nodes above it keep their heights and angles, and a rigid motion of
-the wall is one of its layer, wherever the feet are. All this is a matter of places, not of grid lines: blocks of any
-topology, walls that end inside a grid, and points of other grids are treated alike.
+where W_f and W'_f are the places of the foot before and after the move and G_f is its rotation (see `.wall_frames`):
+those of the corners of its triangle, at the weights of the foot. The shares beta_f sum to one on the wall and fade to
+zero at its reach. So a wall node goes exactly where it is asked to be, the nodes above it keep their heights, and a
+rigid motion of the wall is one of its layer, wherever the feet are. All this is a matter of places, not of grid lines:
+blocks of any topology, walls that end inside a grid, and points of other grids are treated alike.
 
 Feet and shares are those of the baseline and stay. The map is then linear in y and in the wall's places and rotations,
 and linear in x0 together with W.
@@ -21,17 +21,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array, diags_array
 
 from ..errors import InputError
-from .rotations import LocalRotations, Rotations
 from .threads import run_tasks, thread_count
 from .wall_feet import Feet, TriangleTree
+from .wall_frames import Frames, WallFrames
 
 __all__ = ["Layered", "Wall", "WallLayer"]
 
 CHUNK_NODES = 2**13
 """Nodes per piece of work."""
+
+REACH = (20.0, 3.0)
+"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
 
 N_SMOOTHINGS = 3
 """Times that the reach of a wall is averaged with that of the neighbours."""
@@ -45,12 +48,12 @@ class Wall:
     ----------
     tree : TriangleTree
         Its triangles and its reach.
-    rotations : LocalRotations
-        How its surroundings turn.
+    frames : WallFrames
+        How the layer above it is carried.
     """
 
     tree: TriangleTree
-    rotations: LocalRotations
+    frames: WallFrames
 
     @classmethod
     def of(
@@ -60,6 +63,7 @@ class Wall:
         heights: np.ndarray,
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
         held: np.ndarray | None = None,
+        sheets: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> Wall:
         """Take a wall.
@@ -76,6 +80,8 @@ class Wall:
             Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
         held : ndarray of int, optional
             Nodes that never turn, such as those on a fixed boundary.
+        sheets : ndarray of int, shape (n_quads,), optional
+            Face that each quad belongs to. Heights are kept above each face by itself, where several meet in a node.
         n_threads : int, optional
             Number of threads; by default ``NUMBA_NUM_THREADS``.
 
@@ -89,11 +95,11 @@ class Wall:
             If an array has the wrong shape.
         """
         points = np.ascontiguousarray(points, dtype=float)
-        rotations = LocalRotations.of(points, quads=quads, planes=planes, held=held, n_threads=n_threads)
+        frames = WallFrames.of(points, quads, planes, held, sheets, n_threads)
         heights = np.asarray(heights, dtype=float)
         if heights.shape != (len(points),):
             raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
-        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), rotations)
+        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), frames)
 
     @property
     def n_points(self) -> int:
@@ -268,9 +274,9 @@ class WallLayer:
         MovementError
             If the surroundings of a node of the wall are turned inside out.
         """
-        rotations = self.wall.rotations.at(wall_initial, wall_moved, normals)
-        self._follow(initial, _frames(rotations.moved, rotations.matrices, rotations.initial), mapped)
-        return Layered(self, initial, rotations, mapped)
+        frames = self.wall.frames.at(wall_initial, wall_moved, normals)
+        self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
+        return Layered(self, initial, frames, mapped)
 
     def _follow(self, initial, frames, mapped):
         """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
@@ -298,7 +304,7 @@ class Layered:
         Who follows.
     initial : ndarray, shape (n, 3)
         Points before the move (m).
-    rotations : Rotations
+    frames : Frames
         The move of the wall, with its nodes before and after.
     nodes : ndarray, shape (n, 3)
         Points after it (m).
@@ -306,7 +312,7 @@ class Layered:
 
     layer: WallLayer
     initial: np.ndarray
-    rotations: Rotations
+    frames: Frames
     nodes: np.ndarray
 
     def jvp(
@@ -332,12 +338,12 @@ class Layered:
         ndarray, shape (n, 3)
             `d_mapped`.
         """
-        rotations = self.rotations
-        d_frames = _frames(d_wall_moved, rotations.jvp(d_wall_initial, d_wall_moved, d_normals), rotations.initial)
+        frames = self.frames
+        d_frames = _packed(d_wall_moved, frames.jvp(d_wall_initial, d_wall_moved, d_normals), frames.initial)
         self.layer._follow(self.initial, d_frames, d_mapped)
         if d_initial is not None:
-            change, frames = np.zeros_like(d_mapped), _frames(0.0 * d_wall_initial, rotations.matrices, d_wall_initial)
-            self.layer._follow(d_initial, frames, change)
+            change = np.zeros_like(d_mapped)
+            self.layer._follow(d_initial, _packed(0.0 * d_wall_initial, frames.matrices, d_wall_initial), change)
             d_mapped += change
         return d_mapped
 
@@ -356,15 +362,14 @@ class Layered:
         normals_bar : ndarray, shape (n_planes, 3)
         """
         _move_rows(self.layer.copies, bar)
-        initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.rotations.initial.shape)
+        initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.frames.initial.shape)
         layer, frames = self.layer, self._motion
         sums = layer._run(
             lambda piece, ids: _turned_back(*piece.arrays, layer.projectors, frames[ids], bar, initial_bar)
         )
         _add_up(layer.pieces, sums, wall_initial_bar)
-        places_bar, rotations_bar = self._frames_vjp(bar)
-        before, after = self.rotations.vjp(rotations_bar)
-        normals_bar = self.rotations.normals_vjp(rotations_bar)
+        places_bar, matrices_bar = self._frames_vjp(bar)
+        before, after, normals_bar = self.frames.vjp(matrices_bar)
         return initial_bar, bar, wall_initial_bar + before, places_bar + after, normals_bar
 
     def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -382,14 +387,14 @@ class Layered:
         normals_bar : ndarray, shape (n_planes, 3)
         """
         _move_rows(self.layer.copies, bar)
-        places_bar, rotations_bar = self._frames_vjp(bar)
-        normals_bar = self.rotations.normals_vjp(rotations_bar)
-        return bar, places_bar + self.rotations.moved_vjp(rotations_bar), normals_bar
+        places_bar, matrices_bar = self._frames_vjp(bar)
+        after, normals_bar = self.frames.frozen_vjp(matrices_bar)
+        return bar, places_bar + after, normals_bar
 
     @property
     def _motion(self) -> np.ndarray:
         """Places and rotations of the wall's nodes, shape (n, 15)."""
-        return _frames(self.rotations.moved, self.rotations.matrices, self.rotations.initial)
+        return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
 
     def _frames_vjp(self, bar):
         """Derivatives in places and rotations of the wall's nodes; overwrites ``bar`` by those in the mapped points."""
@@ -403,27 +408,29 @@ class Layered:
 
 
 def _reach(points, quads, heights) -> np.ndarray:
-    """Distance up to which points follow a wall, at its nodes, shape (n,)."""
+    """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
     area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
     longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
-    spacing = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
+    width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
     ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
-    shape = (len(points), len(points))
-    near = coo_array(
-        (np.ones(quads.size), (quads.ravel(), np.repeat(np.arange(len(quads)), 4))), shape=(len(points), len(quads))
-    ).tocsr()
-    mean = (near @ spacing) / np.maximum(near @ np.ones(len(quads)), 1.0)
-    reach = np.maximum(mean, 20.0 * heights)
-    near = coo_array((np.ones(2 * len(ends)), (ends.ravel(), ends[:, ::-1].ravel())), shape=shape).tocsr()
-    n_ends = near @ np.ones(len(points))
+    around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
+    beside = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
+    spacing = around @ width
+    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
     for _ in range(N_SMOOTHINGS):
-        reach = 0.5 * reach + 0.5 * np.divide(near @ reach, n_ends, out=reach.copy(), where=n_ends > 0.0)
+        reach = 0.5 * (reach + beside @ reach)
     return reach
 
 
-def _frames(places, matrices, initial) -> np.ndarray:
+def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
+    """Means of the values at the columns that go with each row."""
+    sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
+    return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums
+
+
+def _packed(places, matrices, initial) -> np.ndarray:
     """Places and rotations after a move and places before it side by side, shape (n, 15)."""
     return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
 
