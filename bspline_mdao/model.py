@@ -86,16 +86,16 @@ class FitSettings:
         ``"curved"``, ``"constant"``, or ``"given"`` for the user's own.
     corrections : int
         Cycles of parameter correction.
-    smoothing : float
-        Pull of the interior control points towards the coarse grid that they mimic.
     parametrization : str
         Of the nodes, before correction: one of `bspline_mdao.fit.parameters.EXPONENTS`, or ``"given"`` for the user's.
+    method : str
+        One of `bspline_mdao.fit.fitting.METHODS`; what came of it are the shares of the model.
     """
 
     knots: str = "curved"
     corrections: int = 0
-    smoothing: float = 0.0
     parametrization: str = "chord_length"
+    method: str = "valid"
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +120,9 @@ class FittedModel:
         How good the fit is.
     settings : FitSettings
         How it was made.
+    shares : ndarray, shape (n_control_points, 6), or None
+        Share in each control point of each of `bspline_mdao.fit.quasi_interpolant.CANDIDATES`, found once and kept;
+        None where all are least squares.
     """
 
     topology: Topology
@@ -130,6 +133,7 @@ class FittedModel:
     header: GridHeader
     report: FitReport
     settings: FitSettings = FitSettings()
+    shares: np.ndarray | None = None
 
     def __post_init__(self):
         self._check("control_points", self.mesh.n_control_points)

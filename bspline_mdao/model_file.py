@@ -1,6 +1,7 @@
 """One HDF5 file for a fitted model.
 
-Layout, version 2 (in version 1 the report told no memory of a factor, and the settings no parametrization)::
+Layout, version 3 (in version 2 the settings told a smoothing instead of a method; in version 1 there was no
+parametrization either, and the report told no memory of a factor)::
 
     /                       attributes: format, version, checksum
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
@@ -10,6 +11,7 @@ Layout, version 2 (in version 1 the report told no memory of a factor, and the s
     /parameters/<s>         parameters of its nodes
     /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
     /iblank/<b>             blanking of block b, where it has one
+    /shares                 (n_control_points, 6) shares of the candidates, where not all are least squares
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ import h5py
 import numpy as np
 
 from .errors import InputError
-from .fit.errors import BlockError, FitReport, InvalidElement, WorstNode
+from .fit.errors import BlockError, Fallback, FitReport, InvalidElement, WorstNode
+from .fit.quasi_interpolant import CANDIDATES
 from .grids.cgns import CgnsDialect
 from .grids.entities import BoundaryFace, Collapse, Interface, Link, NearMiss
 from .grids.hdf5 import held_interrupts, replaced_hdf5_file
@@ -40,7 +43,7 @@ from .splines.mesh import BSplineMesh
 from .splines.volume import Volume
 
 FORMAT = "bspline_mdao fitted model"
-VERSION = 2
+VERSION = 3
 
 _LARGEST_RATIO = 2000
 """More bytes in memory than this for each byte of the file are a sign of damage (gzip reaches about 1000)."""
@@ -48,7 +51,7 @@ _LARGEST_RATIO = 2000
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(BlockError, FitReport, InvalidElement, WorstNode, FitSettings, GridHeader, Patch, Topology),
+        *(BlockError, Fallback, FitReport, InvalidElement, WorstNode, FitSettings, GridHeader, Patch, Topology),
         *(BoundaryFace, Collapse, Interface, Link, NearMiss, Orientation, Window, Plot3dDialect, CgnsDialect),
     )
 }
@@ -104,8 +107,10 @@ def read_model(path: str | os.PathLike) -> FittedModel:
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file; give a fitted model")
     try:
-        document, arrays = _read_arrays(path)
-        return _assemble(_decode(json.loads(document)), arrays)
+        content, arrays = _read_arrays(path)
+        document = json.loads(content)
+        _bring_up_to_date(path, document, arrays)
+        return _assemble(_decode(document), arrays)
     except InputError as error:
         raise error if str(error).startswith(str(path)) else _damaged(path) from error
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
@@ -155,10 +160,22 @@ def _checksum(document: bytes, arrays: dict[str, np.ndarray]) -> str:
     return digest.hexdigest()
 
 
+def _bring_up_to_date(path, document: dict, arrays: dict[str, np.ndarray]) -> None:
+    """Turn the smoothing of versions 1 and 2 into what it is now: none is least squares, infinity the coarse grid."""
+    settings = document["settings"]
+    if "smoothing" not in settings:
+        return
+    smoothing = settings.pop("smoothing")
+    if 0.0 < smoothing < math.inf:
+        raise InputError(f"{path}: the fitted model is smoothed, which is no longer known; fit the grid again")
+    settings["method"] = "quasi_interpolant" if smoothing else "least_squares"
+    if smoothing:
+        arrays["shares"] = np.eye(len(CANDIDATES))[np.full(len(arrays["control_points"]), len(CANDIDATES) - 1)]
+
+
 def _arrays_of(model: FittedModel) -> dict[str, np.ndarray]:
     arrays = {"control_points": model.control_points}
-    if model.residual is not None:
-        arrays["residual"] = model.residual
+    arrays.update({name: a for name in ("residual", "shares") if (a := getattr(model, name)) is not None})
     for s, (volume, ids, parameters) in enumerate(zip(model.mesh.volumes, model.mesh.control_ids, model.parameters)):
         arrays[f"control_ids/{s}"], arrays[f"parameters/{s}"] = ids, parameters
         arrays.update({f"knots/{s}/{d}": knots_to_array(knots) for d, knots in enumerate(volume.knots)})
@@ -194,7 +211,19 @@ def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
         header=replace(header, iblanks=tuple(arrays.get(f"iblank/{b}") for b in range(len(header.names)))),
         report=document["report"],
         settings=document["settings"],
+        shares=_checked_shares(arrays),
     )
+
+
+def _checked_shares(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Shares of the candidates; ValueError unless each control point has all of them, and they sum to 1."""
+    shares = arrays.get("shares")
+    if shares is not None:
+        if shares.shape != (len(arrays["control_points"]), len(CANDIDATES)):
+            raise ValueError("shares")
+        if not (np.abs(shares.sum(axis=1) - 1.0) <= 1e-9).all():
+            raise ValueError("shares")
+    return shares
 
 
 def _check_topology(topology: Topology, header: GridHeader) -> None:

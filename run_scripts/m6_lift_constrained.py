@@ -52,8 +52,7 @@ SIZES = {
 def make_wing(size: Size, flow: str) -> FlownWing:
     """Make and fit the grid of one of `SIZES`."""
     planform = onera_m6_planform()
-    # on grids as coarse as these a least-squares fit folds elements of the control mesh; a coarse copy has none
-    model = fit_grid(onera_m6_grid(size.shape), n_control=control_counts(size.n_control), smoothing=np.inf)
+    model = fit_grid(onera_m6_grid(size.shape), n_control=control_counts(size.n_control))
     return FlownWing(model, flow, Scale(planform.semi_span**2 * 2.0 / planform.aspect_ratio), n_increments=3)
 
 

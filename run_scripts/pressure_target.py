@@ -111,8 +111,7 @@ class PressureTarget:
     @classmethod
     def of(cls, size: Size) -> PressureTarget:
         """Make the problem of one size."""
-        # on grids as coarse as these a least-squares fit folds elements of the control mesh; a coarse copy has none
-        model = fit_grid(onera_m6_grid(size.shape), n_control=control_counts(size.n_control), smoothing=np.inf)
+        model = fit_grid(onera_m6_grid(size.shape), n_control=control_counts(size.n_control))
         return cls(FlownWing(model, "euler", Scale(AREA)))
 
     @cached_property

@@ -88,11 +88,9 @@ class Body:
 
     @classmethod
     def of(cls, name: str, grid: Grid, n_control=None, target: Shape | None = None) -> Body:
-        """Fit a grid; where that leaves invalid control elements, its control mesh is the coarse grid instead."""
+        """Fit a grid."""
         grid = with_patches(grid)
         model = fit_grid(grid, n_control=n_control, keep_residual=False)
-        if model.report.n_invalid:
-            model = fit_grid(grid, n_control=n_control, keep_residual=False, smoothing=np.inf)
         mesh = moving_mesh(model)
         if not mesh.is_free.any():
             raise InputError("no control point is free")
@@ -104,9 +102,9 @@ class Body:
         return GridQuality.of_baseline(self.model.regenerate())
 
     @property
-    def is_smoothed(self) -> bool:
-        """Whether the control mesh is the coarse grid."""
-        return bool(np.isinf(self.model.settings.smoothing))
+    def falls_back(self) -> bool:
+        """Whether control points fall back on a quasi-interpolant, since least squares fold."""
+        return self.model.shares is not None
 
     def requests(self, deformations: Sequence[str]) -> list[str]:
         """What can be asked of the body by name: its own shape, if it has one, and deformations."""

@@ -136,7 +136,7 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
     dict
         ``movers``, a row for each, see `row`; ``canonical`` and ``real``, the same for those grids alone;
         ``by_deformation`` and ``by_grid``, the same for each; ``lost``, the cases that the first mover does not manage
-        and others do; ``smoothed``, the grids whose control mesh is the coarse grid; ``left_out``, why a file is;
+        and others do; ``fallback``, the grids on which control points fall back; ``left_out``, why a file is;
         ``not_applicable``, why a grid cannot take a deformation.
     """
     bodies, left_out = collect(paper, folder or os.environ.get("BSPLINE_MDAO_GRIDS"))
@@ -155,7 +155,7 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
         "by_deformation": rows(outcomes, lambda outcome: outcome.deformation),
         "by_grid": rows(outcomes, lambda outcome: outcome.body),
         "lost": lost(outcomes, next(iter(STUDIES[study]))),
-        "smoothed": [body.name for body in bodies if body.is_smoothed],
+        "fallback": [body.name for body in bodies if body.falls_back],
         "left_out": left_out,
         "not_applicable": not_applicable,
     }

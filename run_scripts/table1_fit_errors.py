@@ -62,7 +62,8 @@ def main(paper: bool = False, figures=None) -> dict:
 
 def fit_both(grid: Grid, n_control) -> tuple[FittedModel, FittedModel]:
     """Fit a grid without and with parameter correction."""
-    return tuple(fit_grid(grid, n_control=n_control, corrections=rounds) for rounds in (0, CORRECTIONS))
+    options = {"n_control": n_control, "method": "least_squares"}  # as the paper, folded or not
+    return tuple(fit_grid(grid, corrections=rounds, **options) for rounds in (0, CORRECTIONS))
 
 
 def measure(name: str, grid: Grid, plain: FittedModel, corrected: FittedModel, paper: bool) -> dict:

@@ -72,6 +72,19 @@ def flat_block():
     return grid_of(bend(lattice(14, 1, 11)))
 
 
+def folded_block(n=(41, 8, 6)):
+    """A thin layer over a bump that few spans cannot follow: points of the wall pass those above, by least squares."""
+    nodes = lattice(*n, powers=(1, 3, 1))
+    nodes[..., 1] *= 0.02
+    nodes[..., 1] += 0.3 * np.exp(-((nodes[..., 0] - 0.43) ** 2) / 0.0008)
+    nodes[..., 0] += 0.2 * nodes[..., 1] * nodes[..., 2]
+    return grid_of(nodes)
+
+
+FOLDING = {"n_control": (9, 5, 4)}
+"""Options with which `folded_block` folds by least squares, and falls back on several candidates."""
+
+
 ALL_SHAPES = {
     f.__name__: f for f in (bent_block, two_blocks, o_grid, c_grid, wedge, flat_block)
 }  # by name, for parametrized tests

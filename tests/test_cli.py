@@ -199,7 +199,7 @@ def test_version_is_that_of_the_package(capsys):
         (["fit", "two.xyz", "-o", "a.h5", "--json", "a.h5"], ["a.h5", "twice"]),
         (["fit", "two.xyz", "-o", "a.h5", "--patches", "none.toml"], ["none.toml"]),
         (["fit", "two.xyz", "-o", "a.h5", "--n-control", "50", "50", "50"], ["two.xyz"]),
-        (["fit", "two.xyz", "-o", "a.h5", "--smoothing", "nan"], ["smoothing"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--method", "smooth"], ["--method", "quasi_interpolant"]),
         (["inspect", "two.xyz", "--json", "two.xyz"], ["two.xyz", "another name"]),
         (["refine", "two.xyz", "--factor", "2", "-o", "a.xyz"], ["two.xyz"]),
         (["refine", "missing.h5", "--factor", "2", "-o", "a.xyz"], ["missing.h5"]),

@@ -222,7 +222,7 @@ def shared_points(topology, grid):
 @pytest.mark.parametrize("stored", ["4-byte reals", "gaps"])
 def test_what_is_joined_has_equal_bits_in_every_grid_that_is_regenerated(stored):
     grid = with_nodes(GRIDS["wing"], STORED[stored])
-    model = fit_grid(grid, n_control=(6, 6, 5), smoothing=np.inf)
+    model = fit_grid(grid, n_control=(6, 6, 5), method="quasi_interpolant")
     moved = model.control_points + 1e-3 * np.sin(7.0 * model.control_points)
     for regenerated in (model.regenerate(), model.regenerate(moved)):
         np.testing.assert_array_equal(*shared_points(model.topology, regenerated))
@@ -265,10 +265,10 @@ def test_every_command_tells_of_faces_that_nearly_meet(tmp_path):
 def test_a_wing_with_a_gap_at_its_tip_moves_as_one_without():
     moved = []
     for grid in (GRIDS["wing"], torn_wing()):
-        model = fit_grid(grid, n_control=(6, 6, 5), smoothing=np.inf)
+        model = fit_grid(grid, n_control=(6, 6, 5), method="quasi_interpolant")
         mesh = moving_mesh(model)
         surface = parse_deformation("twist=20deg", model, mesh).apply(mesh.points[mesh.surface_ids])
-        moved.append(LinearElasticity(mesh, n_increments=1).move(mesh.points, surface))
+        moved.append(LinearElasticity(mesh, n_increments=2).move(mesh.points, surface))
     assert moved[1].points.shape == moved[0].points.shape
     assert moved[0].report.increments[0].n_tangled == 0
     np.testing.assert_allclose(moved[1].points, moved[0].points, atol=1e-8)

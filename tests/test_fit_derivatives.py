@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fit_cases import ALL_SHAPES, bend, grid_of, lattice
+from fit_cases import ALL_SHAPES, FOLDING, bend, folded_block, grid_of, lattice
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.derivatives import live_fit
@@ -88,7 +88,7 @@ def dense_rows(parameters, n_control, orders, kind):
 
 def reference_fit(model, nodes):
     """Control points for complex nodes, one dense least squares after the other; also the matrix of every segment."""
-    frozen = problem_of_mesh(model.topology, model.mesh, model.settings.smoothing)
+    frozen = problem_of_mesh(model.topology, model.mesh)
     sizes = [(v.n_control, v.orders) for v in model.mesh.volumes]
     matrices = [
         dense_rows(parameters_of(nodes[rows], model.settings.parametrization), *size, model.settings.knots)
@@ -112,11 +112,8 @@ def reference_fit(model, nodes):
         first = [np.flatnonzero(entity.columns == c)[0] for c in range(len(entity.unknown_ids))]
         prior = prior_net.reshape(-1, 3)[first]
         b[entity.unknown_ids] = prior
-        unit = len(entity.rows) / len(entity.unknown_ids)
-        shift = unit * (model.settings.smoothing if entity.kind == "interior" else 0)
-        gram = A_u.T @ A_u + shift * np.eye(len(prior))
-        b[entity.unknown_ids] += np.linalg.solve(gram, A_u.T @ (nodes[entity.rows] - A @ b[ids]))
-    return b, matrices, frozen
+        b[entity.unknown_ids] += np.linalg.solve(A_u.T @ A_u, A_u.T @ (nodes[entity.rows] - A @ b[ids]))
+    return frozen.mixture(model.parameters, model.shares).forward(b, nodes), matrices, frozen
 
 
 @pytest.mark.parametrize("kind", EXPONENTS)
@@ -160,7 +157,8 @@ CASES = {
     "curved": ({}, lambda: grid_of(bend(lattice(9, 8, 7)))),
     "constant knots": ({"knots": "constant"}, lambda: grid_of(bend(lattice(8, 7, 9)))),
     "mixed orders": ({"order": (2, 3, 5)}, lambda: grid_of(bend(lattice(8, 9, 9)))),
-    "smoothing": ({"smoothing": 0.1}, lambda: grid_of(bend(lattice(8, 8, 7)))),
+    "fallback": (FOLDING, folded_block),
+    "no least squares": ({"method": "quasi_interpolant"}, lambda: grid_of(bend(lattice(8, 8, 7)))),
     "flat": ({}, lambda: grid_of(bend(lattice(12, 1, 11)))),
     "two blocks": ({}, lambda: grid_of(bend(lattice(7, 8, 5)), bend(lattice(8, 8, 5) + [1, 0, 0])[::-1])),
     "centripetal": ({"parametrization": "centripetal"}, lambda: grid_of(bend(lattice(9, 8, 7)))),
@@ -192,14 +190,14 @@ def test_live_derivatives_agree_with_complex_step(case):
         np.testing.assert_allclose(found[rows.ravel()[is_own]], expected, atol=1e-10 * np.abs(expected).max())
 
 
-OPTIONS = [{}, {"smoothing": 0.1}, {"smoothing": np.inf}, {"knots": "constant", "order": 3}]
+OPTIONS = [{}, {"method": "quasi_interpolant"}, {"knots": "constant", "order": 3}]
 
 
-@pytest.mark.parametrize("shape", [*ALL_SHAPES.values(), pinched])
+@pytest.mark.parametrize("shape", [*ALL_SHAPES.values(), pinched, folded_block])
 @pytest.mark.parametrize("options", OPTIONS)
 def test_live_transposes_pass_the_dot_test(shape, options):
     rng = np.random.default_rng(9)
-    grid, options = shape(), options | (NARROW if shape is pinched else {})
+    grid, options = shape(), options | {pinched: NARROW, folded_block: FOLDING}.get(shape, {})
     model, nodes = fit_grid(grid, **options), grid.to_vector().reshape(-1, 3)
     live = live_fit(model, nodes)
     x, bar = rng.standard_normal((2, *nodes.shape))

@@ -137,11 +137,12 @@ def test_shared_nodes_are_fitted_bit_for_bit_alike(shape):
 
 
 @pytest.mark.parametrize("shape", ALL_SHAPES)
-@pytest.mark.parametrize("smoothing", [0.0, 0.05, np.inf])
-def test_the_transpose_passes_the_dot_test(shape, smoothing):
+@pytest.mark.parametrize("is_mixed", [False, True])
+def test_the_transpose_passes_the_dot_test(shape, is_mixed):
     rng = np.random.default_rng(8)
     model = fit_grid(ALL_SHAPES[shape]())
-    operator = problem_of_mesh(model.topology, model.mesh, smoothing).operator(model.parameters)
+    shares = rng.dirichlet(np.ones(6), model.report.n_control_points) if is_mixed else None
+    operator = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, shares)
     x = rng.standard_normal((operator.n_nodes, 3))
     b = rng.standard_normal((operator.n_control_points, 3))
     forward, reverse = np.vdot(b, operator.forward(x)), np.vdot(operator.adjoint(b), x)
@@ -196,41 +197,6 @@ def test_spans_without_nodes_lean_on_the_boundary_and_are_reported():
     assert np.abs(solution.control_points).max() < 10
 
 
-def test_smoothing_pulls_interior_points_towards_the_coarse_grid():
-    grid = bent_block((13, 17, 11))
-    sharp, smooth, stiff = (fit_grid(grid, n_control=(7, 9, 6), order=2, smoothing=s) for s in (0.0, 0.3, 1e9))
-    nets = [m.mesh.nets(m.control_points)[0] for m in (sharp, smooth, stiff)]
-    coarse = grid.blocks[0].nodes[::2, ::2, ::2]
-    np.testing.assert_allclose(nets[2], coarse, atol=0.01)  # but for what the faces differ from their nodes
-    distances = [np.linalg.norm(net - nets[2]) for net in nets]
-    assert distances[0] > 1.2 * distances[1] > 0
-    assert sharp.report.rms < smooth.report.rms < stiff.report.rms
-
-
-def folded_by_least_squares():
-    """A thin layer over a bump that four spans cannot follow: control points on the wall pass those above it."""
-    nodes = lattice(41, 9, 3, powers=(1, 3, 1))
-    nodes[..., 1] *= 0.02
-    nodes[..., 1] += 0.3 * np.exp(-((nodes[..., 0] - 0.43) ** 2) / 0.0008)
-    nodes[..., 0] += 0.2 * nodes[..., 1] * nodes[..., 2]
-    return grid_of(nodes)
-
-
-def test_infinite_smoothing_mends_a_folded_control_mesh_and_keeps_the_grid():
-    grid = folded_by_least_squares()
-    sharp, mended = (fit_grid(grid, n_control=(7, 6, 3), smoothing=s) for s in (0.0, np.inf))
-    assert sharp.report.n_invalid > 0
-    assert "leave the order and the number of control points out" in sharp.report.warnings[-1]
-    assert mended.report.n_invalid == 0
-    np.testing.assert_allclose(mended.regenerate().to_vector(), grid.to_vector(), atol=1e-14)
-
-
-def test_infinite_smoothing_samples_the_grid_at_the_greville_nodes():
-    model = fit_grid(bent_block((13, 17, 11)), n_control=(7, 9, 6), order=2, smoothing=np.inf)
-    net = model.mesh.nets(model.control_points)[0]
-    np.testing.assert_allclose(net, bent_block((13, 17, 11)).blocks[0].nodes[::2, ::2, ::2], atol=1e-13)
-
-
 def test_the_prior_reproduces_grids_that_are_linear_in_their_indices():
     nodes = lattice(9, 13, 11, powers=(1, 1, 1))
     rows = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
@@ -264,8 +230,7 @@ def test_a_gram_matrix_beyond_memory_is_refused(monkeypatch):
 BAD_OPTIONS = [
     ({"corrections": -1}, "cycles"),
     ({"corrections": 1.5}, "whole number of cycles"),
-    ({"smoothing": -0.1}, "smoothing"),
-    ({"smoothing": float("nan")}, "smoothing"),
+    ({"method": "smooth"}, 'method "smooth" is unknown; use one of valid, least_squares, quasi_interpolant'),
     ({"knots": None}, "curved"),
     ({"knots": "straight"}, "straight"),
     ({"topology": find_topology(bent_block((4, 5, 6)))}, "other blocks"),

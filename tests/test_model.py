@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -29,7 +30,7 @@ def saved(tmp_path):
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("compress", [False, True])
 def test_a_file_holds_everything(shape, compress, tmp_path):
-    model = fit_grid(ALL_SHAPES[shape](), corrections=1, smoothing=0.01)
+    model = fit_grid(ALL_SHAPES[shape](), corrections=1)
     model.save(tmp_path / "model.h5", compress=compress)
     loaded = FittedModel.load(tmp_path / "model.h5")
     assert loaded.topology == model.topology
@@ -100,24 +101,51 @@ def test_a_foreign_file_is_refused(tmp_path):
 def test_a_newer_version_is_refused(saved):
     with h5py.File(saved, "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(InputError, match="is of version 99, newer than 2"):
+    with pytest.raises(InputError, match="is of version 99, newer than 3"):
         FittedModel.load(saved)
+
+
+def as_version(path, version, change):
+    """Give a file the document that a former version wrote."""
+    with h5py.File(path, "a") as file:
+        arrays = {}
+        file.visititems(lambda name, item: arrays.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+        document = json.loads(arrays.pop("document").tobytes())
+        change(document)
+        del file["document"]
+        old = json.dumps(document).encode()
+        file["document"] = np.frombuffer(old, np.uint8)
+        file.attrs.update(version=version, checksum=model_file._checksum(old, arrays))
+
+
+def smoothed(document, smoothing):
+    """Take out of a document what version 2 did not know."""
+    del document["report"]["fallback"], document["settings"]["method"]
+    document["settings"]["smoothing"] = smoothing
 
 
 def test_a_file_of_version_1_is_read(saved):
     model = FittedModel.load(saved)
-    with h5py.File(saved, "a") as file:
-        arrays = {}
-        file.visititems(lambda name, item: arrays.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
-        document = json.loads(arrays.pop("document").tobytes())
-        del document["report"]["factor_bytes"], document["settings"]["parametrization"], file["document"]
-        old = json.dumps(document).encode()
-        file["document"] = np.frombuffer(old, np.uint8)
-        file.attrs.update(version=1, checksum=model_file._checksum(old, arrays))
+
+    def change(document):
+        smoothed(document, 0.0)
+        del document["report"]["factor_bytes"], document["settings"]["parametrization"]
+
+    as_version(saved, 1, change)
     again = FittedModel.load(saved)
-    assert again.settings == model.settings
+    assert again.settings == replace(model.settings, method="least_squares")
     assert again.report == model.report
+    assert again.shares is None
     assert again.settings.parametrization == "chord_length"
+
+
+def test_a_file_of_version_2_is_read_if_its_fit_is_still_known(saved):
+    as_version(saved, 2, lambda document: smoothed(document, float("inf")))
+    model = FittedModel.load(saved)
+    np.testing.assert_array_equal(model.shares, np.tile(np.eye(6)[5], (len(model.control_points), 1)))
+    as_version(saved, 2, lambda document: document["settings"].update(smoothing=0.1))
+    with pytest.raises(InputError, match=r"model\.h5: the fitted model is smoothed, which is no longer known; fit"):
+        FittedModel.load(saved)
 
 
 @pytest.mark.parametrize("name", ["control_points", "document", "parameters/1", "knots/0/2"])

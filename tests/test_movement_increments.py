@@ -32,8 +32,8 @@ NEEDED = {30: 1, 60: 1, 90: 2, 120: 5}
 
 @cache
 def plate():
-    """Model of a flat plate with a control mesh that is a coarse grid."""
-    return fit_grid(flat_plate_grid((7, 6, 8)), n_control=(5, 4, 6), smoothing=np.inf)
+    """Model of a flat plate."""
+    return fit_grid(flat_plate_grid((7, 6, 8)), n_control=(5, 4, 6), method="quasi_interpolant")
 
 
 @cache
@@ -81,7 +81,7 @@ def test_the_number_does_not_depend_on_moves_before():
 
 def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
     mesh = plate_mesh()
-    surface = twisted(mesh, 150)
+    surface = twisted(mesh, 170)
     report = LinearElasticity(mesh).move(mesh.points, surface).report
     ratios = {m: ratio_with(mesh, surface, m) for m in (1, 2, 5, 10)}
     assert [trial.n_increments for trial in report.tried] == list(ratios)
@@ -168,7 +168,7 @@ def test_what_is_tried_before_costs_no_more_than_a_quarter(monkeypatch):
 
 @pytest.mark.parametrize(("request_", "most"), [("shape", 1), ("bend=60deg@0.7", 2), ("twist=30deg+stretch=1.5", 1)])
 def test_a_wing_changes_shape_in_one_increment_or_two_and_no_cell_inverts(request_, most):
-    model = fit_grid(onera_m6_grid((13, 15, 11)), n_control=(7, 8, 6), keep_residual=False, smoothing=np.inf)
+    model = fit_grid(onera_m6_grid((13, 15, 11)), n_control=(7, 8, 6), keep_residual=False, method="quasi_interpolant")
     mesh = moving_mesh(model)
     if request_ == "shape":
         surface = fit_shape(model, mesh.surface_ids, rectangular_wing())
@@ -217,7 +217,7 @@ def test_designs_that_are_refused_do_not_make_the_number_grow():
     problem = problem_of()
     points, _ = run_at(problem, 60)
     with pytest.raises(om.AnalysisError, match="tried with 1, 2, 5, 10 increments"):
-        run_at(problem, 150)
+        run_at(problem, 170)
     again, number = run_at(problem, 60)
     assert number == 1
     np.testing.assert_array_equal(again, points)

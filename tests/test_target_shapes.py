@@ -66,8 +66,8 @@ def walls_of(nodes, grid):
     [
         {},
         {"corrections": 2},
-        {"smoothing": 0.1},
-        {"smoothing": np.inf},
+        {"method": "quasi_interpolant"},
+        {"method": "least_squares"},
         {"knots": "constant"},
         {"keep_residual": False},
     ],
@@ -120,7 +120,7 @@ def test_a_surface_that_is_met_is_told_to_those_who_ask(m6_grid, caplog):
 
 
 def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_grid):
-    model = fit_grid(m6_grid, n_control=(7, 6, 5), keep_residual=False)
+    model = fit_grid(m6_grid, n_control=(7, 6, 5), keep_residual=False, method="least_squares")
     ids, rng = moving_mesh(model).surface_ids, np.random.default_rng(3)
     moved = model.control_points.copy()
     moved[ids] += 0.05 * rng.standard_normal((len(ids), 3))
@@ -128,6 +128,15 @@ def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_
     interior = np.concatenate([np.pad(np.ones(np.subtract(s, 2), bool), 1).ravel() for s in model.topology.shapes])
     nodes[interior] = 1e3  # inner nodes of blocks do not count
     np.testing.assert_allclose(fit_surface(model, ids, nodes).control_points, moved[ids], atol=1e-11)
+
+
+def test_a_surface_that_turns_as_a_whole_turns_its_control_points_where_they_fall_back_as_well(m6_grid):
+    model = fit_grid(m6_grid, n_control=(7, 6, 5))
+    ids = moving_mesh(model).surface_ids
+    assert (model.shares[ids, 0] < 1).any()
+    turn, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
+    found = fit_surface(model, ids, model.regenerate().to_vector().reshape(-1, 3) @ turn).control_points
+    np.testing.assert_allclose(found, model.control_points[ids] @ turn, atol=1e-12)
 
 
 def test_faces_of_blocks_that_meet_are_fitted_together():

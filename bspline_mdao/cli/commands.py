@@ -106,13 +106,12 @@ def inspect(
 )
 @patches_option
 @click.option(
-    "--smoothing",
-    type=click.FloatRange(min=0.0),
-    default=0.0,
+    "--method",
+    type=click.Choice(["valid", "least_squares", "quasi_interpolant"]),
+    default="valid",
     show_default=True,
-    metavar="S",
-    help="Pull of the control points towards a coarse copy of the grid: 0 is least squares; inf, the copy itself, "
-    "is valid where that coarse grid is.",
+    help="How control points are found: valid is least squares, and a quasi-interpolant where these fold the control "
+    "mesh; least_squares lets it fold; quasi_interpolant solves nothing.",
 )
 @click.option(
     "--parametrization",

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import FitWarning, InputError
+from ..fit.errors import Fallback, FitReport
 from ..fit.fitting import fit_grid
+from ..fit.quasi_interpolant import CANDIDATES
 from ..model import FittedModel
 from .output import (
     check_outputs,
@@ -37,8 +39,8 @@ class FitOptions:
         Cycles of parameter correction.
     patches : Path, optional
         Patches of the grid.
-    smoothing : float
-        Pull of the inner control points towards a coarse copy of the grid.
+    method : str
+        How control points are found, see `bspline_mdao.fit.fitting.fit_grid`.
     no_residual : bool
         Do not carry the residual.
     parametrization : str
@@ -49,7 +51,7 @@ class FitOptions:
     order: int | None = None
     correct: int = 0
     patches: Path | None = None
-    smoothing: float = 0.0
+    method: str = "valid"
     no_residual: bool = False
     parametrization: str = "chord_length"
 
@@ -83,7 +85,7 @@ def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptio
             order=options.order,
             corrections=options.correct,
             keep_residual=not options.no_residual,
-            smoothing=options.smoothing,
+            method=options.method,
             parametrization=options.parametrization,
             progress=progress,
         )
@@ -109,6 +111,8 @@ def fit_numbers(model: FittedModel) -> dict:
         "worst_node": vars(report.worst),
         "n_invalid_control_elements": report.n_invalid,
         "invalid_control_elements": [vars(element) for element in report.invalid],
+        "method": model.settings.method,
+        "fallback": None if report.fallback is None else _fallback_numbers(report.fallback),
         "factor_bytes": report.factor_bytes,
         "seconds": report.seconds,
         "warnings": report.warnings,
@@ -131,11 +135,31 @@ def show_fit(model: FittedModel, output: Path) -> None:
             f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} m",
         ]
     )
+    if report.fallback is not None:
+        print_lines(_fallback_lines(report))
     if report.factor_bytes:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
     print_lines([f"{output} written, {report.seconds:.2f} s"])
     print_warnings(report.warnings)
+
+
+def _fallback_numbers(fallback: Fallback) -> dict:
+    return vars(fallback) | {"n_points": dict(zip(CANDIDATES, fallback.n_points))}
+
+
+def _fallback_lines(report: FitReport) -> list[str]:
+    """Say what the control points are, and what least squares would be."""
+    fallback = report.fallback
+    counts = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in zip(CANDIDATES, fallback.n_points) if n)
+    lines = [f"control points, by what most of each is: {counts}"]
+    if fallback.least_squares_rms is not None:
+        lines.append(
+            f"{fallback.n_moved:,} of {report.n_control_points:,} are not least squares alone, which leave "
+            f"{fallback.least_squares_invalid:,} invalid elements, RMS error {fallback.least_squares_rms:.3e} m, "
+            f"largest {fallback.least_squares_max:.3e} m"
+        )
+    return lines
 
 
 def _counts(model: FittedModel) -> list[list[tuple[int, int, int]]]:

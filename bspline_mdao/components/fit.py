@@ -22,7 +22,7 @@ from .jacobian import (
 
 
 class Fit(om.ExplicitComponent):
-    """Fit control points to a grid by least squares, section II.D.
+    """Fit control points to a grid, section II.D: by least squares, or by what keeps the control mesh valid.
 
     With parameters and knots frozen at those of the model, the component is linear and says so (`is_linear`). Its
     Jacobian is full, since every node has a say in every control point of its block, and is therefore only applied.
@@ -41,7 +41,8 @@ class Fit(om.ExplicitComponent):
         Fit of the baseline grid: topology, orders, numbers of control points, and the parameters and knots to freeze.
     live : bool
         Take parameters and edge knots from the input as well, and differentiate through them, so that a
-        grid generator upstream gets the exact total derivative.
+        grid generator upstream gets the exact total derivative. Where control points fall back on a
+        quasi-interpolant, its weights stay those of the model's own grid.
 
     Raises
     ------
@@ -70,8 +71,7 @@ class Fit(om.ExplicitComponent):
         if self.options["live"]:
             self._live = live_fit(model, baseline.reshape(-1, 3))
         else:
-            problem = problem_of_mesh(model.topology, model.mesh, model.settings.smoothing)
-            self._frozen = problem.operator(model.parameters)
+            self._frozen = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.shares)
         self.add_input(GRID_INITIAL, val=baseline, units="m")
         self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         is_live = self.options["live"]

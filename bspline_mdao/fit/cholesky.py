@@ -25,15 +25,17 @@ class Cholesky:
     is_banded : bool
         Whether the storage is banded.
     shift : float
-        What was added to the diagonal.
-    is_singular : bool
-        Whether the matrix needed a shift that nobody asked for.
+        What was added to the diagonal: 0 unless the matrix is singular.
     """
 
     factor: np.ndarray
     is_banded: bool
     shift: float
-    is_singular: bool
+
+    @property
+    def is_singular(self) -> bool:
+        """Whether the matrix needed a shift."""
+        return self.shift > 0.0
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution of ``(G + shift I) d = right``; both of shape (n, m)."""
@@ -41,19 +43,7 @@ class Cholesky:
         return routine(self.factor, right, lower=1)[0]
 
 
-@dataclass(frozen=True)
-class InfiniteShift:
-    """Limit of a `Cholesky` factor as the shift grows: every solution is zero."""
-
-    shift: float = np.inf
-    is_singular: bool = False
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """Zeros of the shape of ``right``."""
-        return np.zeros_like(right)
-
-
-def factorize(gram: np.ndarray, is_banded: bool, unit: float, smoothing: float = 0.0) -> Cholesky:
+def factorize(gram: np.ndarray, is_banded: bool, unit: float) -> Cholesky:
     """Factor a Gram matrix.
 
     Parameters
@@ -63,20 +53,17 @@ def factorize(gram: np.ndarray, is_banded: bool, unit: float, smoothing: float =
     is_banded : bool
         Whether it is stored by bands.
     unit : float
-        Unit of the shifts. It must not depend on the matrix, so that a shift has no derivative.
-    smoothing : float
-        Shift of the diagonal, in units.
+        Unit of the shift. It must not depend on the matrix, so that a shift has no derivative.
 
     Returns
     -------
     Cholesky
     """
-    shift = smoothing * unit
-    factor = _factor(gram, is_banded, shift)
+    factor = _factor(gram, is_banded, 0.0)
     if factor is not None:
-        return Cholesky(factor, is_banded, shift, False)
-    shift += SHIFT * unit
-    return Cholesky(_factor(gram, is_banded, shift, 0.0), is_banded, shift, True)
+        return Cholesky(factor, is_banded, 0.0)
+    shift = SHIFT * unit
+    return Cholesky(_factor(gram, is_banded, shift, 0.0), is_banded, shift)
 
 
 def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest=SMALLEST_PIVOT) -> np.ndarray | None:

@@ -7,7 +7,7 @@ J. Hoschek, "Intrinsic parametrization for approximation", Computer Aided Geomet
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -44,13 +44,14 @@ def correct_parameters(
     solution: Solution,
     cycles: int,
     progress: Progress,
+    solve: Callable[..., Solution] = solve_fit,
 ) -> tuple[list[np.ndarray], Solution]:
     """Correct the parameters of a fit; knots stay as they are.
 
-    Each cycle moves the parameters of edges, faces and interiors towards the closest points and solves the least
-    squares anew; a cycle that does not lower the RMS error is dropped and ends the correction. The last word is least
-    squares, so that the control points are those that the nodes have for the corrected parameters. A node that
-    segments share is moved by the one that fits it; the others take over its parameters.
+    Each cycle moves the parameters of edges, faces and interiors towards the closest points and solves the fit anew; a
+    cycle that does not lower the RMS error is dropped and ends the correction. The last word is a fit, so that the
+    control points are those that the nodes have for the corrected parameters. A node that segments share is moved by
+    the one that fits it; the others take over its parameters.
 
     Parameters
     ----------
@@ -66,6 +67,8 @@ def correct_parameters(
         Number of cycles, at least 1.
     progress : callable
         See `bspline_mdao.fit.fitting.fit_grid`.
+    solve : callable
+        Fit for given parameters: called with the problem, parameters and nodes.
 
     Returns
     -------
@@ -78,7 +81,7 @@ def correct_parameters(
     for cycle in range(cycles):
         moving = part_of(progress, cycle / cycles, (cycle + 1) / cycles)
         moved = _move(problem, followers, parameters, nodes, solution.control_points, moving)
-        refitted = solve_fit(problem, moved, nodes)
+        refitted = solve(problem, moved, nodes)
         if not _square(nodes, refitted) < _square(nodes, solution):
             break
         parameters, solution = moved, refitted

@@ -7,6 +7,9 @@ With b the control points, A the matrix of an entity and r = x - A b its residua
 
 where u are the unknown and k the known control points; dA comes from `bspline_mdao.fit.live_mapping`. The reverse runs
 through the same steps backwards.
+
+Where control points fall back on a quasi-interpolant, its weights, the A of its iteration and the shares are those of
+the model's own grid: the fallback is a linear map of the nodes, as the choice that it comes from is made once.
 """
 
 from __future__ import annotations
@@ -18,8 +21,10 @@ from threadpoolctl import threadpool_limits
 
 from ..model import FittedModel
 from .least_squares import FitStep
-from .live_mapping import Change, LiveMapping, live_problem, sum_apply
+from .live_mapping import Change, LiveMapping, live_mapping, live_problem, sum_apply
 from .parameters import EXPONENTS
+from .problem import problem_of_mesh
+from .quasi_interpolant import Mixture
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +36,22 @@ class LiveFit:
     mapping : LiveMapping
         Parameters, knots and matrices of this grid.
     steps : tuple of FitStep
-        Factored least squares.
-    control_points : ndarray, shape (n_control_points, 3)
-        The fitted control points (m).
+        Factored least squares; none where no control point has a share of them.
+    least_squares : ndarray, shape (n_control_points, 3)
+        Control points by least squares (m).
+    mixture : Mixture
+        What control points are where least squares fold.
     """
 
     mapping: LiveMapping
     steps: tuple[FitStep, ...]
-    control_points: np.ndarray
+    least_squares: np.ndarray
+    mixture: Mixture
+
+    @property
+    def control_points(self) -> np.ndarray:
+        """The fitted control points (m), shape (n_control_points, 3)."""
+        return self.mixture.forward(self.least_squares, self.nodes)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -47,16 +60,17 @@ class LiveFit:
 
     def jvp(self, d_nodes: np.ndarray) -> np.ndarray:
         """Differentiate the control points, shape (n_control_points, 3), along ``d_nodes``, shape (n_nodes, 3)."""
-        change, d_control = self.mapping.change(d_nodes), np.zeros_like(self.control_points)
+        change, d_control = self.mapping.change(d_nodes), np.zeros_like(self.least_squares)
         with threadpool_limits(1, "blas"):
             for step in self.steps:
                 if step.cholesky is not None:
                     self._step_jvp(step, change, d_nodes, d_control)
-        return d_control
+        return self.mixture.forward(d_control, d_nodes)
 
     def vjp(self, control_bar: np.ndarray) -> np.ndarray:
         """Transpose of `jvp`: cotangent of the nodes, shape (n_nodes, 3)."""
-        control_bar, nodes_bar, bars = control_bar.copy(), np.zeros_like(self.nodes), self.mapping.no_change()
+        control_bar, nodes_bar = self.mixture.adjoint(control_bar, len(self.nodes))
+        bars = self.mapping.no_change()
         with threadpool_limits(1, "blas"):
             for step in reversed(self.steps):
                 if step.cholesky is not None:
@@ -81,7 +95,7 @@ class LiveFit:
 
     def _net_and_residual(self, step: FitStep) -> tuple[np.ndarray, np.ndarray]:
         """Control points of the section of an entity, and what they miss of its nodes."""
-        net = step.entity.net(self.control_points)
+        net = step.entity.net(self.least_squares)
         return net, self.nodes[step.entity.rows] - step.matrix.apply(net)
 
 
@@ -91,7 +105,7 @@ def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
     Parameters
     ----------
     model : FittedModel
-        Gives topology, numbers of control points, orders, kind of knots and smoothing.
+        Gives topology, numbers of control points, orders, kind of knots, and the fallback of control points.
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
 
@@ -104,9 +118,12 @@ def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
     InputError
         If the model has corrected parameters or the user's own parameters or knots, which are no functions of the grid.
     """
+    mixture = problem_of_mesh(model.topology, model.mesh).mixture(model.parameters, model.shares)
+    if not mixture.has_least_squares:
+        return LiveFit(live_mapping(model, nodes), (), np.zeros_like(model.control_points), mixture)
     problem, parameters = live_problem(model, nodes)
     operator = problem.operator(parameters)
     matrices = tuple(step.matrix for step in operator.steps)
     exponent = EXPONENTS[model.settings.parametrization]
     mapping = LiveMapping(problem, model.settings.knots, exponent, nodes, parameters, matrices)
-    return LiveFit(mapping, operator.steps, operator.forward(nodes))
+    return LiveFit(mapping, operator.steps, operator.forward(nodes), mixture)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..grids.hexahedron import cell_quality
 from ..splines.volume import Volume
 from .control_counts import LONG, sound_order
-from .prior import greville_samples
 from .problem import FitProblem, Solution
+from .quasi_interpolant import CANDIDATES, parametric_places
+from .validity import corner_measures, first_marked, folded_cells
 
 MOST_NAMED = 50
 """Invalid control elements that a report names, the worst first."""
@@ -67,6 +67,8 @@ class InvalidElement:
         Number of the element, from 1.
     measure : float
         Smallest corner triple product of unit edges; positive in a valid element.
+    folded_cell : tuple of three int, or None
+        Number in its block, from 1, of a folded or flat cell of the grid that the element covers, where there is one.
     """
 
     name: str
@@ -74,6 +76,30 @@ class InvalidElement:
     j: int
     k: int
     measure: float
+    folded_cell: tuple[int, int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Fallback:
+    """Where a fit is not least squares, and what that changes.
+
+    Parameters
+    ----------
+    n_points : tuple of int
+        Control points of which each of `bspline_mdao.fit.quasi_interpolant.CANDIDATES` has the largest share.
+    n_moved : int
+        Control points that are not least squares alone.
+    least_squares_invalid : int or None
+        Invalid control elements by least squares; None, like the next two, where these were not solved.
+    least_squares_rms, least_squares_max : float or None
+        Root mean square and largest distance between node and fitted point by least squares (m).
+    """
+
+    n_points: tuple[int, ...]
+    n_moved: int
+    least_squares_invalid: int | None = None
+    least_squares_rms: float | None = None
+    least_squares_max: float | None = None
 
 
 @dataclass(frozen=True)
@@ -107,6 +133,8 @@ class FitReport:
     factor_bytes : int or None
         Predicted memory of one factor of elasticity's matrix (bytes); derivatives keep one for every increment. None
         for small control meshes, see `bspline_mdao.fit.factor_size.predict_factor_bytes`.
+    fallback : Fallback or None
+        Where the fit is not least squares; None where it is.
     """
 
     rms: float
@@ -122,16 +150,15 @@ class FitReport:
     seconds: float = 0.0
     warnings: tuple[str, ...] = ()
     factor_bytes: int | None = None
+    fallback: Fallback | None = None
 
 
 def report_errors(
     problem: FitProblem,
     block_names: Sequence[str],
+    parameters: Sequence[np.ndarray],
     nodes: np.ndarray,
     solution: Solution,
-    seconds: float = 0.0,
-    warnings: Sequence[str] = (),
-    factor_bytes: int | None = None,
 ) -> FitReport:
     """Measure a fit.
 
@@ -141,18 +168,17 @@ def report_errors(
         What was fitted with what.
     block_names : sequence of str
         Name of every block.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
     solution : Solution
         The fit.
-    seconds, warnings
-        Taken over; the warnings of the solution are added, and one, the last, where the control mesh is invalid.
-    factor_bytes : int, optional
-        Taken over.
 
     Returns
     -------
     FitReport
+        Its warnings are those of the solution and one, the last, where the control mesh is invalid.
     """
     topology, residual = problem.topology, nodes - solution.fitted
     squares = residual**2
@@ -163,7 +189,7 @@ def report_errors(
         rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.abs(residual[start:stop]).max(axis=0)
         blocks.append(BlockError(name, tuple(rms.tolist()), tuple(largest.tolist())))
     rms, edge = float(np.sqrt(distances.mean())), mean_edge(topology.shapes, nodes)
-    n_invalid, invalid = _find_invalid(topology.segment_names, problem.mesh.nets(solution.control_points))
+    n_invalid, invalid = _find_invalid(problem, parameters, nodes, solution.control_points)
     return FitReport(
         rms=rms,
         relative_rms=rms / edge if edge else 0.0,
@@ -175,10 +201,22 @@ def report_errors(
         n_control_points=len(solution.control_points),
         n_invalid=n_invalid,
         invalid=invalid,
-        seconds=seconds,
-        warnings=(*warnings, *solution.warnings, *_warn_of_invalid(problem, nodes, n_invalid, invalid)),
-        factor_bytes=factor_bytes,
+        warnings=(*solution.warnings, *_warn_of_invalid(problem, solution, n_invalid, invalid)),
+        fallback=None if solution.shares is None else _compare(problem, nodes, solution),
     )
+
+
+def _compare(problem: FitProblem, nodes: np.ndarray, solution: Solution) -> Fallback:
+    """Count what the control points are, and measure the least squares that they are not."""
+    shares, least_squares = solution.shares, solution.least_squares
+    n_points = np.bincount(shares.argmax(axis=1), minlength=len(CANDIDATES)).tolist()
+    n_moved = int((shares[:, 0] < 1.0).sum())
+    if least_squares is None:
+        return Fallback(tuple(n_points), n_moved)
+    squares = ((nodes - least_squares.fitted) ** 2).sum(axis=1)
+    measures = corner_measures(problem.mesh.nets(least_squares.control_points))
+    n_invalid = sum(int((measure <= 0.0).sum()) for measure in measures)
+    return Fallback(tuple(n_points), n_moved, n_invalid, float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
 
 
 def mean_edge(shapes, nodes: np.ndarray) -> float:
@@ -230,29 +268,36 @@ def _worst_node(shapes, starts, distances: np.ndarray) -> WorstNode:
     return WorstNode(block + 1, i, j, k, float(np.sqrt(distances[row])))
 
 
-def _find_invalid(names: Sequence[str], nets: Sequence[np.ndarray]) -> tuple[int, tuple[InvalidElement, ...]]:
-    """Count the invalid elements of all control meshes and name the worst."""
-    found, count = [], 0
-    for name, net in zip(names, nets):
-        if sum(n > 1 for n in net.shape[:3]) < 2:
-            continue
-        quality = cell_quality(net)
-        places = np.argwhere(~quality.is_valid)
-        measures = quality.min_corner[~quality.is_valid]
-        count += len(places)
-        for m in np.argsort(measures, kind="stable")[:MOST_NAMED]:
-            found.append(InvalidElement(name, *(int(n) + 1 for n in places[m]), float(measures[m])))
+def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tuple[int, tuple[InvalidElement, ...]]:
+    """Count the invalid elements of all control meshes and name the worst, and folded cells of the grid in them."""
+    measures = corner_measures(problem.mesh.nets(control_points))
+    count = sum(int((~(measure > 0.0)).sum()) for measure in measures)
+    if not count:
+        return 0, ()
+    places = [parametric_places(volume, x) for volume, x in zip(problem.mesh.volumes, parameters)]
+    found = []
+    for s, (measure, cells) in enumerate(zip(measures, folded_cells(problem, nodes))):
+        numbers = np.argwhere(~(measure > 0.0))
+        numbers = numbers[np.argsort(measure[tuple(numbers.T)], kind="stable")[:MOST_NAMED]]
+        window = problem.topology.segments[s]
+        for number in numbers:
+            box = tuple(slice(n, n + 2) for n in number)
+            cell = first_marked(places[s][box], cells)
+            cell = None if cell is None else tuple(int(n) + lo + 1 for n, lo in zip(cell, window.lo))
+            place = tuple(int(n) + 1 for n in number)
+            name = problem.topology.segment_names[s]
+            found.append(InvalidElement(name, *place, float(measure[tuple(number)]), cell))
     return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
 
 
-def _warn_of_invalid(problem: FitProblem, nodes, n_invalid: int, invalid: Sequence[InvalidElement]) -> Iterator[str]:
+def _warn_of_invalid(problem: FitProblem, solution: Solution, n_invalid: int, invalid) -> Iterator[str]:
     """Say where the control mesh is invalid, and what mends it."""
     if n_invalid:
         worst, n_elements = invalid[0], sum(_n_elements(volume.n_control) for volume in problem.mesh.volumes)
         yield (
             f"{n_invalid} of {n_elements:,} control elements are invalid, the worst is element ({worst.i}, {worst.j}, "
             f"{worst.k}) of {worst.name} with corner triple product {worst.measure:.2g}; "
-            f"{_advise(problem, nodes)}"
+            f"{_advise(problem, solution, invalid)}"
         )
 
 
@@ -260,32 +305,21 @@ def _n_elements(n_control: Sequence[int]) -> int:
     return math.prod(max(n - 1, 1) for n in n_control)
 
 
-def _advise(problem: FitProblem, nodes: np.ndarray) -> str:
-    """Say what mends the control mesh of this fit; what a coarse copy of the grid leaves is known without solving."""
-    topology, segments = problem.topology, list(zip(problem.topology.segments, problem.mesh.volumes))
-    n_cells = _count_invalid_cells(topology.shapes, nodes)
-    reason = f"the grid has {n_cells:,} invalid cells itself; " if n_cells else ""
-    if problem.smoothing == np.inf:
-        return f"{reason}fewer control points leave fewer of them"
+def _advise(problem: FitProblem, solution: Solution, invalid: Sequence[InvalidElement]) -> str:
+    """Say what mends the control mesh of this fit."""
+    folded = next((element for element in invalid if element.folded_cell), None)
+    reason = ""
+    if folded:
+        i, j, k = folded.folded_cell
+        reason = f"the grid itself is folded or flat there, at cell ({i}, {j}, {k}) of {folded.name}; "
+    if solution.shares is not None:
+        return f"{reason}{'mend it, or live with it' if folded else 'fewer control points leave fewer of them'}"
+    segments = zip(problem.topology.segments, problem.mesh.volumes)
     if all(_is_high(window.shape, volume) for window, volume in segments):
         return f"{reason}leave the order and the number of control points out: both are chosen lower for so few nodes"
-    nets = [
-        greville_samples(nodes[rows], v.n_control, v.orders) for rows, (_, v) in zip(problem.sharing.rows, segments)
-    ]
-    n_left, _ = _find_invalid(topology.segment_names, nets)
-    return (
-        f"{reason}smoothing = inf (--smoothing inf) leaves {n_left or 'none'}: the control mesh is then a coarse copy "
-        f"of the grid, and the residual carries what that misses"
-    )
+    return f'{reason}the method "valid" (--method valid) mends what the grid allows'
 
 
 def _is_high(shape: Sequence[int], volume: Volume) -> bool:
     """Whether an order is higher than what short directions take without folds."""
     return any(order > sound_order(n_nodes) for n_nodes, order in zip(shape, volume.orders) if n_nodes < LONG)
-
-
-def _count_invalid_cells(shapes, nodes: np.ndarray) -> int:
-    """Count the folded and flat cells of a grid."""
-    blocks = np.split(nodes, np.cumsum([np.prod(shape) for shape in shapes])[:-1])
-    solid = [(block, shape) for block, shape in zip(blocks, shapes) if sum(n > 1 for n in shape) > 1]
-    return sum(int((~cell_quality(block.reshape(*shape, 3)).is_valid).sum()) for block, shape in solid)

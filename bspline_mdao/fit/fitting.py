@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,21 @@ from .factor_size import choose_affordable_counts, predict_factor_bytes
 from .knot_agreement import require_agreement
 from .parameters import EXPONENTS, chord_length_parameters, given_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
+from .validity import make_valid
+
+
+def _solve_valid(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress = no_progress):
+    return make_valid(problem, parameters, nodes, solve_fit(problem, parameters, nodes, progress))
+
+
+def _interpolate(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress = no_progress):
+    return make_valid(problem, parameters, nodes, None)
+
+
+_SOLVERS = {"valid": _solve_valid, "least_squares": solve_fit, "quasi_interpolant": _interpolate}
+
+METHODS = tuple(_SOLVERS)
+"""How control points are found, see `fit_grid`."""
 
 
 def fit_grid(
@@ -33,11 +49,11 @@ def fit_grid(
     knots="curved",
     corrections: int = 0,
     keep_residual: bool = True,
-    smoothing: float = 0.0,
     parametrization="chord_length",
+    method: str = "valid",
     progress: Progress | None = None,
 ) -> FittedModel:
-    """Fit a grid: parameters, knots, then corners, edges, faces and interiors by least squares.
+    """Fit a grid: parameters, knots, then corners, edges, faces and interiors.
 
     Parameters
     ----------
@@ -58,15 +74,15 @@ def fit_grid(
         Cycles of parameter correction.
     keep_residual : bool
         Carry what the spline misses of the grid, so that the baseline is reproduced.
-    smoothing : float
-        Pull interior control points towards the coarse grid that they mimic (`bspline_mdao.fit.prior`); 0 is least
-        squares. Values up to 0.1 can unfold control elements inside blocks, at some loss of accuracy. Infinity makes
-        all control points that coarse grid itself, surfaces too: the control mesh is then as valid as the coarse grid,
-        and the residual carries what it misses, several cells in places.
     parametrization : str or sequence of ndarray
         Parameters of the nodes along every grid line: ``"chord_length"``; ``"centripetal"``, by square roots of chord
         lengths; ``"uniform"`` or ``"index"``, proportional to the index; or the user's own, an array of shape
         (ni, nj, nk, 3) for every block (or segment), rising from 0 to 1 along every line and equal where blocks meet.
+    method : str
+        One of `METHODS`: ``"valid"`` is least squares where these give a valid control mesh; where they fold, control
+        points fall back on a quasi-interpolant, as far as is needed (`bspline_mdao.fit.validity`).
+        ``"least_squares"`` stays with least squares, as the paper. ``"quasi_interpolant"`` solves nothing: it takes no
+        more memory than the grid, and falls back likewise where the iterated quasi-interpolant folds.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 
@@ -77,8 +93,8 @@ def fit_grid(
     Raises
     ------
     InputError
-        If the numbers of control points do not fit the grid or each other, or the user's own knots do not agree along
-        an interface.
+        If the numbers of control points do not fit the grid or each other, the user's own knots do not agree along
+        an interface, or an option is unknown.
 
     Warns
     -----
@@ -87,7 +103,7 @@ def fit_grid(
         and are not joined: once as well, with the worst place.
     """
     start, progress = time.perf_counter(), progress or no_progress
-    _check_options(corrections, smoothing)
+    _check_options(corrections, method)
     progress(0.0, "topology")
     topology = find_topology(grid) if topology is None else topology
     if topology.shapes != grid.shapes:
@@ -95,15 +111,17 @@ def fit_grid(
     grid = _joined(grid, topology)
     nodes = grid.to_vector().reshape(-1, 3)
     parameters = segment_parameters(grid, topology, parametrization)
-    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots, smoothing)
+    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots)
     share = 1 / (1 + CYCLE_COST * corrections)
-    solution = solve_fit(problem, parameters, nodes, part_of(progress, 0, share))
+    solution = _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, share))
     if corrections:
         rest = part_of(progress, share, 1)
-        parameters, solution = correct_parameters(problem, parameters, nodes, solution, corrections, rest)
+        arguments = problem, parameters, nodes, solution, corrections, rest, _SOLVERS[method]
+        parameters, solution = correct_parameters(*arguments)
     names = [block.name for block in grid.blocks]
-    seconds = time.perf_counter() - start
-    report = report_errors(problem, names, nodes, solution, seconds, (*topology.warnings, *size_warnings), factor_bytes)
+    report = report_errors(problem, names, parameters, nodes, solution)
+    said = (*topology.warnings, *size_warnings, *report.warnings)
+    report = replace(report, seconds=time.perf_counter() - start, warnings=said, factor_bytes=factor_bytes)
     if topology.near_misses:
         warnings.warn(f"{grid.source}: {topology.warnings[0]}", FitWarning, stacklevel=2)
     if report.n_invalid:
@@ -117,7 +135,8 @@ def fit_grid(
         residual=nodes - solution.fitted if keep_residual else None,
         header=GridHeader.of(grid),
         report=report,
-        settings=FitSettings(_kind(knots), corrections, smoothing, _kind(parametrization)),
+        settings=FitSettings(_kind(knots), corrections, _kind(parametrization), method),
+        shares=solution.shares,
     )
 
 
@@ -130,13 +149,13 @@ def _joined(grid: Grid, topology: Topology) -> Grid:
     return grid.with_vector(nodes.ravel())
 
 
-def _sized_problem(topology: Topology, parameters, n_control, order, knots, smoothing):
+def _sized_problem(topology: Topology, parameters, n_control, order, knots):
     """Set up a fit; also what to say about its size, and the memory of a factor of its mover."""
     if isinstance(knots, str):
         counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
-        problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, smoothing)
+        problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots)
         return problem, counts.warnings, factor_bytes
-    problem = set_up_fit(topology, parameters, None, None, knots, smoothing)
+    problem = set_up_fit(topology, parameters, None, None, knots)
     return problem, (), predict_factor_bytes(topology, np.array([v.n_control for v in problem.mesh.volumes]))
 
 
@@ -164,7 +183,7 @@ def segment_parameters(grid: Grid, topology: Topology, parametrization="chord_le
     return [chord_length_parameters(grid.blocks[w.block].nodes[w.slices], exponent) for w in topology.segments]
 
 
-def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved", smoothing: float = 0.0) -> FitProblem:
+def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved") -> FitProblem:
     """Make volumes, shared control points and entities.
 
     Parameters
@@ -175,7 +194,7 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
         Parameters of the nodes of every segment.
     n_control, orders : array of int, shape (n_segments, 3)
         Control points and orders; not looked at where ``knots`` carries them.
-    knots, smoothing
+    knots
         As for `fit_grid`.
 
     Returns
@@ -197,8 +216,7 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     volumes = [Volume(tuple(triple)) for triple in knots]
     if is_given:
         require_agreement(topology, volumes)
-    mesh = _share_mesh(topology, volumes)
-    return problem_of_mesh(topology, mesh, smoothing)
+    return problem_of_mesh(topology, _share_mesh(topology, volumes))
 
 
 def _share_mesh(topology: Topology, volumes: Sequence[Volume]) -> BSplineMesh:
@@ -207,8 +225,8 @@ def _share_mesh(topology: Topology, volumes: Sequence[Volume]) -> BSplineMesh:
     return BSplineMesh(tuple(volumes), tuple(ids), 1 + max(int(a.max()) for a in ids))
 
 
-def _check_options(corrections: int, smoothing: float):
+def _check_options(corrections: int, method: str):
     if corrections < 0 or corrections != int(corrections):
         raise InputError(f"fit: {corrections} corrections; give a whole number of cycles of at least 0")
-    if not smoothing >= 0.0:
-        raise InputError(f"fit: smoothing = {smoothing}; give a number of at least 0, for example 0.1 or inf")
+    if method not in METHODS:
+        raise InputError(f'fit: method "{method}" is unknown; use one of {", ".join(METHODS)}')

@@ -5,8 +5,8 @@ deviation d that solves the normal equations
 
     (A^T A + shift I) d = A^T (x - A b_prior).
 
-The shift is zero unless the Gram matrix is singular (knot spans that hold no node) or the user asks for smoothing; with
-no shift the prior has no influence.
+The shift is zero unless the Gram matrix is singular (knot spans that hold no node); with no shift the prior has no
+influence.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from threadpoolctl import threadpool_limits
 from ..errors import InputError
 from ..grids.sections import whole_slices
 from ..splines.volume import Volume
-from .cholesky import Cholesky, InfiniteShift, factorize
+from .cholesky import Cholesky, factorize
 from .design_matrix import DesignMatrix, build_design_matrix
 from .entities import Entity
 from .prior import Prior, greville_prior
+from .quasi_interpolant import LEAST_SQUARES, Mixture
 
 LARGEST_GRAM = 2**31
 """Bytes beyond which a Gram matrix is refused."""
@@ -38,7 +39,7 @@ class FitStep:
         Its nodes and control points.
     matrix : DesignMatrix
         A, of all control points of its section.
-    cholesky : Cholesky, InfiniteShift or None
+    cholesky : Cholesky or None
         Factor of the normal equations; None where all control points are known before.
     prior : Prior
         What the control points lean on where the Cholesky factor has a shift.
@@ -46,7 +47,7 @@ class FitStep:
 
     entity: Entity
     matrix: DesignMatrix
-    cholesky: Cholesky | InfiniteShift | None
+    cholesky: Cholesky | None
     prior: Prior
 
     def solve(self, nodes: np.ndarray, control_points: np.ndarray) -> None:
@@ -141,14 +142,17 @@ class FitOperator:
     Parameters
     ----------
     steps : tuple of FitStep
-        In the order of section II.D.
+        In the order of section II.D; none where the mixture has no share of least squares.
     n_nodes, n_control_points : int
         Sizes of the two sides.
+    mixture : Mixture
+        What control points are where least squares fold.
     """
 
     steps: tuple[FitStep, ...]
     n_nodes: int
     n_control_points: int
+    mixture: Mixture = LEAST_SQUARES
 
     def forward(self, nodes: np.ndarray) -> np.ndarray:
         """Control points, shape (n_control_points, 3), fitted to the nodes, shape (n_nodes, 3)."""
@@ -156,11 +160,11 @@ class FitOperator:
         with threadpool_limits(1, "blas"):
             for step in self.steps:
                 step.solve(nodes, control_points)
-        return control_points
+        return self.mixture.forward(control_points, nodes)
 
     def adjoint(self, control_bar: np.ndarray) -> np.ndarray:
         """Transpose of `forward`: shape (n_nodes, 3), of shape (n_control_points, 3)."""
-        control_bar, nodes_bar = control_bar.copy(), np.zeros((self.n_nodes, 3))
+        control_bar, nodes_bar = self.mixture.adjoint(control_bar, self.n_nodes)
         with threadpool_limits(1, "blas"):
             for step in reversed(self.steps):
                 step.solve_transpose(control_bar, nodes_bar)
@@ -175,7 +179,6 @@ def build_step(
     blends,
     n_rows: int,
     name: str = "entity",
-    smoothing: float = 0.0,
 ) -> FitStep:
     """Set up and factor the normal equations of an entity.
 
@@ -195,8 +198,6 @@ def build_step(
         Length of the grid vector.
     name : str
         Name of the entity for messages.
-    smoothing : float
-        Shift of the Gram matrix in nodes per control point, for interiors alone; infinite: every entity is its prior.
 
     Returns
     -------
@@ -212,19 +213,11 @@ def build_step(
     blends = tuple(blend if free else np.zeros(1) for blend, free in zip(blends, entity.is_free))
     if n_columns == 0:
         return FitStep(entity, matrix, None, Prior(blends))
-    cholesky = _factor(matrix, entity, name, smoothing)
+    cholesky = factorize(*_gram(matrix, entity, name), matrix.shape[0] / n_columns)
     if cholesky.shift == 0.0:
         return FitStep(entity, matrix, cholesky, Prior(blends))
     section_rows = rows[whole_slices(entity.section)]
     return FitStep(entity, matrix, cholesky, greville_prior(blends, section_rows, matrix.orders, n_rows))
-
-
-def _factor(matrix: DesignMatrix, entity: Entity, name: str, smoothing: float) -> Cholesky | InfiniteShift:
-    if smoothing == np.inf:
-        return InfiniteShift()
-    gram, is_banded = _gram(matrix, entity, name)
-    unit = matrix.shape[0] / len(entity.unknown_ids)
-    return factorize(gram, is_banded, unit, smoothing if entity.kind == "interior" else 0.0)
 
 
 def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, bool]:

@@ -209,7 +209,7 @@ def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tup
             f"{model.header.source}: a fit with corrected or given parameters or given knots does not follow the grid; "
             f"fit without them, or keep parameters and knots frozen"
         )
-    frozen = problem_of_mesh(model.topology, model.mesh, settings.smoothing)
+    frozen = problem_of_mesh(model.topology, model.mesh)
     exponent = EXPONENTS[settings.parametrization]
     parameters = tuple(chord_length_parameters(nodes[rows], exponent) for rows in frozen.sharing.rows)
     sizes = zip(*((v.n_control, v.orders) for v in model.mesh.volumes))

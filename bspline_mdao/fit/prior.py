@@ -1,4 +1,4 @@
-"""Where control points go that the nodes do not determine, and where smoothing pulls them.
+"""Where control points go that the nodes do not determine.
 
 A control mesh mimics a coarse grid, so the prior of an entity is the grid itself, sampled at the *Greville nodes*: the
 mean node numbers of the ``p - 1`` inner knots of each basis function, which the edge-knot formula of section II.D
@@ -71,27 +71,6 @@ def greville_prior(blends, rows: np.ndarray, orders, n_rows: int) -> Prior:
     local = kron(kron(weights[0], weights[1]), weights[2], format="csr")
     shape = (local.shape[0], n_rows)
     return Prior(blends, csr_array((local.data, rows.ravel()[local.indices], local.indptr), shape=shape))
-
-
-def greville_samples(nodes: np.ndarray, n_control, orders) -> np.ndarray:
-    """Control net of a segment that is its grid at the Greville nodes, what infinite smoothing makes of it.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (L0, L1, L2, 3)
-        Nodes of the segment (m).
-    n_control, orders : sequence of three int
-        Number of control points N_d and order of each direction.
-
-    Returns
-    -------
-    ndarray, shape (N0, N1, N2, 3)
-    """
-    for d, line in enumerate(zip(nodes.shape, n_control, orders)):
-        weights, lines = _line_weights(*line).tocsr(), np.moveaxis(nodes, d, 0)
-        samples = weights @ lines.reshape(len(lines), -1)
-        nodes = np.moveaxis(samples.reshape(-1, *lines.shape[1:]), 0, d)
-    return nodes
 
 
 def edge_blends(volume: Volume) -> tuple[np.ndarray, ...]:

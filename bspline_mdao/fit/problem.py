@@ -16,6 +16,7 @@ from ..splines.mesh import BSplineMesh
 from .entities import Entity, entities_in_order
 from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step
 from .prior import edge_blends
+from .quasi_interpolant import Mixture
 
 Progress = Callable[[float, str], None]
 """Called with the fraction done and what is being done."""
@@ -37,8 +38,6 @@ class FitProblem:
         In the order of section II.D.
     blends : tuple of tuples of three ndarray
         For the priors of every segment; they stay when the knots change.
-    smoothing : float
-        Pull of the interior control points towards the coarse grid that they mimic.
     """
 
     topology: Topology
@@ -46,7 +45,6 @@ class FitProblem:
     mesh: BSplineMesh
     entities: tuple[Entity, ...]
     blends: tuple[tuple[np.ndarray, ...], ...]
-    smoothing: float = 0.0
 
     @property
     def n_nodes(self) -> int:
@@ -57,7 +55,7 @@ class FitProblem:
         """Least squares of an entity, factored, for parameters of every segment."""
         s, name = entity.segment, f"{self.topology.source}: {entity.describe(self.topology.segment_names)}"
         segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
-        return build_step(entity, *segment, self.n_nodes, name, self.smoothing)
+        return build_step(entity, *segment, self.n_nodes, name)
 
     def steps(self, parameters: Sequence[np.ndarray], entities: Sequence[Entity] | None = None):
         """Yield the least squares of each entity, or of given ones, factored, for parameters of every segment."""
@@ -80,15 +78,21 @@ class FitProblem:
         largest = max((len(entity.unknown_ids) for entity in self.entities), default=0)
         return max(1, min(thread_count(None), LARGEST_GRAM // (8 * largest**2 + 1)))
 
-    def operator(self, parameters: Sequence[np.ndarray]) -> FitOperator:
+    def mixture(self, parameters: Sequence[np.ndarray], shares: np.ndarray | None) -> Mixture:
+        """Mixture of candidates for these parameters, see `Mixture`."""
+        return Mixture.of(shares, self.mesh, self.sharing, parameters)
+
+    def operator(self, parameters: Sequence[np.ndarray], shares: np.ndarray | None = None) -> FitOperator:
         """Linear map from nodes to control points for these parameters, with all factors kept."""
+        mixture = self.mixture(parameters, shares)
         with threadpool_limits(1, "blas"):
-            return FitOperator(tuple(self.steps(parameters)), self.n_nodes, self.mesh.n_control_points)
+            steps = tuple(self.steps(parameters)) if mixture.has_least_squares else ()
+        return FitOperator(steps, self.n_nodes, self.mesh.n_control_points, mixture)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a pass of least squares yields.
+    """What a fit yields.
 
     Parameters
     ----------
@@ -98,19 +102,25 @@ class Solution:
         Points of the spline at the nodes (m).
     warnings : tuple of str
         Entities whose data do not determine all control points.
+    shares : ndarray, shape (n_control_points, 6), or None
+        See `Mixture`; None for least squares alone.
+    least_squares : Solution or None
+        Least squares for the same parameters, where these were solved and are something else.
     """
 
     control_points: np.ndarray
     fitted: np.ndarray
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    shares: np.ndarray | None = None
+    least_squares: Solution | None = None
 
 
-def problem_of_mesh(topology: Topology, mesh: BSplineMesh, smoothing: float = 0.0) -> FitProblem:
+def problem_of_mesh(topology: Topology, mesh: BSplineMesh) -> FitProblem:
     """Set up the fit of a mesh that exists already, for example that of a fitted model."""
     sharing = node_sharing(topology)
     entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
     blends = tuple(edge_blends(volume) for volume in mesh.volumes)
-    return FitProblem(topology, sharing, mesh, entities, blends, smoothing)
+    return FitProblem(topology, sharing, mesh, entities, blends)
 
 
 def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> Solution:

@@ -108,8 +108,9 @@ class SurfaceFit:
 def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) -> SurfaceFit:
     """Fit the surface control points of a model to moved surface nodes, section II.D.
 
-    The corners, edges and faces of the surface are solved in turn with the model's own parameters and knots, so that
-    nodes which have not moved give back the model's control points.
+    What the nodes have moved is fitted as the grid was, corners, edges and faces in turn, with the model's own
+    parameters, knots and fallback, and added to the control points: those of nodes which have not moved stay, and those
+    of a surface that is turned or stretched as a whole follow it.
 
     Parameters
     ----------
@@ -133,16 +134,21 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     """
     if nodes.shape != (model.n_nodes, 3):
         raise InputError(f"{model.header.source}: nodes of shape {nodes.shape}; give shape ({model.n_nodes}, 3)")
-    problem = problem_of_mesh(model.topology, model.mesh, model.settings.smoothing)
+    problem = problem_of_mesh(model.topology, model.mesh)
     is_surface = np.zeros(model.mesh.n_control_points, dtype=bool)
     is_surface[surface_ids] = True
     on_surface = tuple(entity for entity in problem.entities if _lies_on(entity, is_surface))
-    control_points, is_fitted = np.zeros((model.mesh.n_control_points, 3)), np.zeros_like(is_surface)
+    control_points, is_fitted = np.zeros_like(model.control_points), np.zeros_like(is_surface)
+    moves = nodes - model.regenerate().to_vector().reshape(-1, 3)
     fitted = np.zeros_like(nodes) if model.residual is None else model.residual.copy()
     with threadpool_limits(1, "blas"):
-        for step in problem.steps(model.parameters, on_surface):
-            step.solve(nodes, control_points)
+        steps = list(problem.steps(model.parameters, on_surface))
+        for step in steps:
+            step.solve(moves, control_points)
             is_fitted[step.entity.unknown_ids] = True
+        control_points = problem.mixture(model.parameters, model.shares).forward(control_points, moves)
+        control_points += model.control_points
+        for step in steps:
             fitted[step.entity.rows] += step.evaluate(control_points)
     if not is_fitted[surface_ids].all():
         missing = surface_ids[np.argmin(is_fitted[surface_ids])]

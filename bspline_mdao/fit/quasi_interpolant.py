@@ -1,0 +1,303 @@
+"""Control points without a solve: the variation-diminishing quasi-interpolant of a grid, and its iteration.
+
+Schoenberg's operator Q makes every control point the value of the data at its Greville parameters. It reproduces what
+is linear in the parameters, keeps monotone what is monotone, is local and linear in the data, and needs no solve. Here
+the data are the grid between its nodes, trilinear in its cells: a control point is at the *place* (three real node
+numbers) where the parameters, interpolated, are its Greville parameters.
+
+With A the spline at the nodes, ``b <- b + Q (x - A b)`` approaches the accuracy of least squares.
+
+References
+----------
+I. J. Schoenberg, "On spline functions", in: Inequalities, O. Shisha (ed.), Academic Press, 1967.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+
+from ..evaluation.evaluator import Evaluator
+from ..grids.sharing import NodeSharing
+from ..splines.greville import greville_abscissae
+from ..splines.mesh import BSplineMesh
+from ..splines.volume import Volume
+from .prior import greville_places
+
+ITERATIONS = (8, 4, 2, 0)
+"""How often the quasi-interpolant is iterated, from the closest candidate to the most robust one."""
+
+CANDIDATES = (
+    "least_squares",
+    *(f"quasi_interpolant_{n}" if n else "quasi_interpolant" for n in ITERATIONS),
+    "coarse_grid",
+)
+"""Where a control point may be, the closest to the grid first, the most robust last."""
+
+CONVERGED = 1e-10
+"""Largest change, in cells, of a place in its last round."""
+
+MOST_ROUNDS = 100
+"""Rounds after which a place is taken as it is: any place in the grid gives a control point."""
+
+
+@dataclass(frozen=True, eq=False)
+class QuasiInterpolant:
+    """Linear maps from the nodes of a grid to control points, for given parameters and knots.
+
+    There is one map for each of `CANDIDATES` but the first: Q with 8, 4, 2 and no iterations, and the grid at its
+    Greville nodes.
+
+    Parameters
+    ----------
+    sampling : csr_array, shape (n_control_points, n_sampled)
+        Q, as weights of the nodes that it needs.
+    sampled : ndarray of int, shape (n_sampled,)
+        Rows of these nodes in the grid vector.
+    coarse : csr_array, shape (n_control_points, n_nodes)
+        Weights of the nodes next to the Greville nodes.
+    evaluator : Evaluator
+        A of the sampled nodes.
+    places : tuple of ndarray, each of shape (N0, N1, N2, 3)
+        Real node numbers, from 0, of the Greville parameters of the control points of every segment.
+    """
+
+    sampling: csr_array
+    sampled: np.ndarray
+    coarse: csr_array
+    evaluator: Evaluator
+    places: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, mesh: BSplineMesh, sharing: NodeSharing, parameters: Sequence[np.ndarray]) -> QuasiInterpolant:
+        """Find the places of all control points.
+
+        Parameters
+        ----------
+        mesh : BSplineMesh
+            Knots, and the control points that volumes share.
+        sharing : NodeSharing
+            Rows of the nodes of every segment.
+        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+            Parameters of the nodes of every segment.
+        """
+        greville = tuple(parametric_places(*segment) for segment in zip(mesh.volumes, parameters))
+        nodal = [nodal_places(volume, x.shape[:3]) for volume, x in zip(mesh.volumes, parameters)]
+        weights = sampling_matrix(mesh, sharing, greville)
+        sampled, columns = np.unique(weights.indices, return_inverse=True)
+        sampling = csr_array((weights.data, columns, weights.indptr), shape=(weights.shape[0], len(sampled)))
+        number = np.full(weights.shape[1], -1)
+        number[sampled] = np.arange(len(sampled))
+        is_own = [own & (number[rows] >= 0) for own, rows in zip(sharing.is_evaluated, sharing.rows)]
+        own_parameters = [x[own] for x, own in zip(parameters, is_own)]
+        own_numbers = [number[rows[own]] for rows, own in zip(sharing.rows, is_own)]
+        evaluator = Evaluator.build(mesh, own_parameters, own_numbers, len(sampled))
+        return cls(sampling, sampled, sampling_matrix(mesh, sharing, nodal), evaluator, greville)
+
+    def forward(self, nodes: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        """Control points that mix the candidates.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            The grid (m).
+        shares : ndarray, shape (n_control_points, 6)
+            Share of each of `CANDIDATES` in each control point; that of least squares is not looked at.
+
+        Returns
+        -------
+        ndarray, shape (n_control_points, 3)
+        """
+        result = shares[:, -1:] * (self.coarse @ nodes)
+        samples = points = self.sampling @ nodes[self.sampled]
+        for number in range(ITERATIONS[0] + 1):
+            if number in ITERATIONS:
+                result += shares[:, 1 + ITERATIONS.index(number), None] * points
+            points = points + samples - self.sampling @ self.evaluator.forward(points)
+        return result
+
+    def adjoint(self, bar: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        """Transpose of `forward`: cotangent of the nodes, shape (n_nodes, 3), of that of the control points."""
+        nodes_bar = self.coarse.T @ (shares[:, -1:] * bar)
+        points_bar, samples_bar = np.zeros_like(bar), np.zeros_like(bar)
+        for number in range(ITERATIONS[0], -1, -1):
+            if number < ITERATIONS[0]:
+                samples_bar = samples_bar + points_bar
+                points_bar = points_bar - self.evaluator.adjoint(self.sampling.T @ points_bar)
+            if number in ITERATIONS:
+                points_bar = points_bar + shares[:, 1 + ITERATIONS.index(number), None] * bar
+        nodes_bar[self.sampled] += self.sampling.T @ (samples_bar + points_bar)
+        return nodes_bar
+
+    def candidates(self, nodes: np.ndarray) -> np.ndarray:
+        """All candidates but least squares, shape (5, n_control_points, 3), for a grid (m)."""
+        samples = points = self.sampling @ nodes[self.sampled]
+        iterated = [points]
+        for _ in range(ITERATIONS[0]):
+            points = points + samples - self.sampling @ self.evaluator.forward(points)
+            iterated.append(points)
+        return np.stack([*(iterated[number] for number in ITERATIONS), self.coarse @ nodes])
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Control points that are in part least squares, in part the other candidates; by default least squares alone.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (n_control_points, 6), optional
+        Share of each of `CANDIDATES` in each control point.
+    quasi : QuasiInterpolant, optional
+        The candidates; needed where there are shares.
+    """
+
+    shares: np.ndarray | None = None
+    quasi: QuasiInterpolant | None = None
+
+    @classmethod
+    def of(cls, shares: np.ndarray | None, mesh: BSplineMesh, sharing: NodeSharing, parameters) -> Mixture:
+        """Set up the candidates where there are shares; the other arguments are those of `QuasiInterpolant.of`."""
+        return cls() if shares is None else cls(shares, QuasiInterpolant.of(mesh, sharing, parameters))
+
+    @property
+    def has_least_squares(self) -> bool:
+        """Whether any control point has a share of least squares."""
+        return self.shares is None or bool(self.shares[:, 0].any())
+
+    def forward(self, least_squares: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Control points, of those by least squares, shape (n_control_points, 3), and the nodes, shape (n_nodes, 3)."""
+        if self.shares is None:
+            return least_squares
+        return self.shares[:, :1] * least_squares + self.quasi.forward(nodes, self.shares)
+
+    def adjoint(self, control_bar: np.ndarray, n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `forward`: new arrays, the cotangents of the least squares and of the nodes."""
+        if self.shares is None:
+            return control_bar.copy(), np.zeros((n_nodes, 3))
+        return self.shares[:, :1] * control_bar, self.quasi.adjoint(control_bar, self.shares)
+
+
+LEAST_SQUARES = Mixture()
+"""Least squares alone."""
+
+
+def parametric_places(volume: Volume, parameters: np.ndarray) -> np.ndarray:
+    """Real node numbers, from 0, at which a grid has the Greville parameters of each control point.
+
+    Parameters
+    ----------
+    volume : Volume
+        Orders and knots.
+    parameters : ndarray, shape (L0, L1, L2, 3)
+        Parameters of the nodes.
+
+    Returns
+    -------
+    ndarray, shape (N0, N1, N2, 3)
+        Between the nodes the parameters are trilinear. Ends are exact: a control point of a face is on that face.
+    """
+    places = nodal_places(volume, parameters.shape[:3])
+    _find_places(parameters, greville_abscissae(volume).reshape(-1, 3), places.reshape(-1, 3))
+    return places
+
+
+def nodal_places(volume: Volume, shape: Sequence[int]) -> np.ndarray:
+    """Real node numbers of the Greville nodes of each control point, shape (N0, N1, N2, 3)."""
+    axes = [greville_places(*line) for line in zip(shape, volume.n_control, volume.orders)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def sampling_matrix(mesh: BSplineMesh, sharing: NodeSharing, places: Sequence[np.ndarray]) -> csr_array:
+    """Trilinear interpolation of the grid at one place for each control point.
+
+    Parameters
+    ----------
+    mesh : BSplineMesh
+        A control point that segments share is sampled in the first of them.
+    sharing : NodeSharing
+        A node that several rows hold is taken from the first of them.
+    places : sequence of ndarray, each of shape (N0, N1, N2, 3)
+        Real node numbers, from 0, of the control points of every segment.
+
+    Returns
+    -------
+    csr_array, shape (n_control_points, n_rows)
+    """
+    source = sharing.source_rows()
+    ids = np.concatenate([a.ravel() for a in mesh.control_ids])
+    _, first = np.unique(ids, return_index=True)
+    starts = np.cumsum([0, *(a.size for a in mesh.control_ids)])
+    columns, values, numbers = [], [], []
+    for rows, place, start, end in zip(sharing.rows, places, starts, starts[1:]):
+        own = first[(first >= start) & (first < end)]
+        last = np.array(rows.shape) - 1
+        place = place.reshape(-1, 3)[own - start]
+        low = np.minimum(place.astype(int), np.maximum(last - 1, 0))
+        share = place - low
+        for corner in np.ndindex(2, 2, 2):
+            i, j, k = np.minimum(low + corner, last).T
+            columns.append(source[rows[i, j, k]])
+            values.append(np.prod(np.where(corner, share, 1 - share), axis=1))
+            numbers.append(ids[own])
+    columns, values, numbers = map(np.concatenate, (columns, values, numbers))
+    is_used = values != 0
+    entries = values[is_used], (numbers[is_used], columns[is_used])
+    return csr_array(entries, shape=(mesh.n_control_points, len(source)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_places(parameters, wanted, places):
+    """Move each place along the three lines through it in turn, until its parameters are the wanted ones."""
+    cell, share, is_end = np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(3, dtype=np.bool_)
+    for q in range(len(wanted)):
+        place = places[q]
+        for d in range(3):
+            last = parameters.shape[d] - 1
+            is_end[d] = place[d] <= 0.0 or place[d] >= last  # a point of a face needs the nodes of that face alone
+            cell[d] = min(int(place[d]), max(last - 1, 0))
+            share[d] = place[d] - cell[d]
+        for _ in range(MOST_ROUNDS):
+            change = 0.0
+            for d in range(3):
+                if not is_end[d]:
+                    before = place[d]
+                    _place_on_line(parameters, d, wanted[q, d], cell, share)
+                    place[d] = cell[d] + share[d]
+                    change = max(change, abs(place[d] - before))
+            if change <= CONVERGED:
+                break
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place_on_line(parameters, d, wanted, cell, share):
+    """Find the cell along direction d, and the place in it, at which the line through a place has a parameter."""
+    low, high = 0, parameters.shape[d] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _parameter(parameters, d, middle, cell, share) <= wanted:
+            low = middle
+        else:
+            high = middle
+    start, end = _parameter(parameters, d, low, cell, share), _parameter(parameters, d, high, cell, share)
+    part = (wanted - start) / (end - start) if end > start else 0.0
+    cell[d], share[d] = low, min(max(part, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _parameter(parameters, d, number, cell, share):
+    """Parameter d at a node number of the line along d through a place, bilinear between four grid lines."""
+    e, f = (d + 1) % 3, (d + 2) % 3
+    total = 0.0
+    for a in range(2):
+        for b in range(2):
+            weight = (share[e] if a else 1.0 - share[e]) * (share[f] if b else 1.0 - share[f])
+            if weight != 0.0:
+                i = number if d == 0 else cell[0] + (a if e == 0 else b)
+                j = number if d == 1 else cell[1] + (a if e == 1 else b)
+                k = number if d == 2 else cell[2] + (a if e == 2 else b)
+                total += weight * parameters[i, j, k, d]
+    return total
