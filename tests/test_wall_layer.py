@@ -286,6 +286,16 @@ def test_a_sheet_folded_upon_itself_has_two_sides():
     np.testing.assert_allclose(frames.weights, 1.0, rtol=1e-12)
 
 
+def test_walls_of_inviscid_grids_have_no_layer():
+    nodes = bumpy_block(np.random.default_rng(8), first=0.05)
+    wall_rows = ROWS[:, :, 0].ravel()
+    quads, found = quads_in_turn(np.arange(42).reshape(7, 6)), []
+    for height in (0.05, 1e-4):
+        wall = Wall.of(nodes[wall_rows], quads, np.full(42, height))
+        found.append(WallLayer.of(wall, nodes, wall_rows).n_followers)
+    assert found[0] == 42 < found[1]
+
+
 def test_wrong_arrays_are_refused():
     nodes = np.random.default_rng(40).standard_normal((4, 3))
     quads = np.array([[0, 1, 2, 3]])

@@ -25,7 +25,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from ..errors import InputError
 from .threads import run_tasks, thread_count
-from .wall_feet import Feet, TriangleTree
+from .wall_feet import Feet, TriangleTree, fade
 from .wall_frames import Frames, WallFrames
 
 __all__ = ["Layered", "Wall", "WallLayer"]
@@ -35,6 +35,10 @@ CHUNK_NODES = 2**13
 
 REACH = (20.0, 3.0)
 """A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
+
+VISCOUS = (12.0, 36.0)
+"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its walls have
+no layer, and from which on it has its whole reach. Grids have 1 to 12, or 36 to 16,000."""
 
 N_SMOOTHINGS = 3
 """Times that the reach of a wall is averaged with that of the neighbours."""
@@ -421,7 +425,16 @@ def _reach(points, quads, heights) -> np.ndarray:
     reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
     for _ in range(N_SMOOTHINGS):
         reach = 0.5 * (reach + beside @ reach)
-    return reach
+    return reach * _viscosity(spacing, heights)
+
+
+def _viscosity(spacing, heights) -> float:
+    """How much of its reach a wall has: where cells are as high as wide, no layer is needed, and it costs quality."""
+    is_known = heights > 0.0
+    if not is_known.any():
+        return 0.0
+    flatness = np.quantile(spacing[is_known] / heights[is_known], 0.75)
+    return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
 
 
 def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
