@@ -10,7 +10,7 @@ from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.grids.index_space import Window
-from bspline_mdao.movement.freedom import nearest_plane
+from bspline_mdao.grids.planes import nearest_plane
 from bspline_mdao.parametrization.collinear import Collinear
 from bspline_mdao.parametrization.elimination import eliminate
 from bspline_mdao.parametrization.equations import Equations

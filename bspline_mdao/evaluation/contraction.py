@@ -186,16 +186,70 @@ def sum_over_net(typingctx, net, basis, n, rows, out, p_0, p_1, p_2):
     def codegen(context, builder, signature, args):
         net, basis, n, rows, out = _arguments(context, builder, signature, args)[:5]
         emit = Emitter(builder)
-        n_functions = sum(orders) - 3
-        for m in range(n_functions):
-            emit.prefetch(basis, constant((GROUPS_AHEAD * n_functions + m) * LANES))
-        for lane in range(LANES):
-            emit.prefetch(out, _first_component(builder, rows, constant(GROUPS_AHEAD * LANES + lane)))
-        functions = _split([emit.load(basis, o) for o in _multiples(builder, n, n_functions)], orders)
+        functions = _emit_functions(emit, basis, n, rows, out, orders)
         _emit_scatter(emit, _emit_sum_over_net(emit, net, functions, orders), n, rows, out)
         return context.get_dummy_value()
 
     return signature, codegen
+
+
+@intrinsic(prefer_literal=True)
+def sum_over_net_turned(typingctx, net, basis, turn, fractions, vectors, n, rows, out, p_0, p_1, p_2):
+    """As `sum_over_net`, with the turned vectors of the nodes added to their points.
+
+    Parameters
+    ----------
+    net, basis, n, rows, out, p_0, p_1, p_2
+        As for `sum_over_net`.
+    turn : ndarray, shape (72,)
+        Coefficients of 1, u, v, uv, w, uw, vw, uvw of the nine entries of a rotation.
+    fractions : ndarray of float32
+        u, v, w of the group, each for all its nodes in turn.
+    vectors : ndarray
+        The three components of its vectors, likewise.
+    """
+    orders = _literal_values(p_0, p_1, p_2)
+    signature = types.void(net, basis, turn, fractions, vectors, n, rows, out, p_0, p_1, p_2)
+
+    def codegen(context, builder, signature, args):
+        net, basis, turn, fractions, vectors, n, rows, out = _arguments(context, builder, signature, args)[:8]
+        emit = Emitter(builder)
+        functions = _emit_functions(emit, basis, n, rows, out, orders)
+        for m in range(3):
+            emit.prefetch(vectors, constant((GROUPS_AHEAD * 3 + m) * LANES))
+        emit.prefetch(fractions, constant(GROUPS_AHEAD * 3 * LANES))
+        point = _emit_sum_over_net(emit, net, functions, orders)
+        powers, vector = _emit_turn_terms(emit, fractions, vectors, n, constant(0), constant(0))
+        for d in range(3):
+            for k in range(3):
+                first = 8 * (3 * d + k)
+                entry = emit.add(emit.broadcast(turn, first), emit.multiply(powers[1], emit.broadcast(turn, first + 1)))
+                for m in range(2, 8):
+                    entry = emit.add(entry, emit.multiply(powers[m], emit.broadcast(turn, first + m)))
+                point[d] = emit.add(point[d], emit.multiply(entry, vector[k]))
+        _emit_scatter(emit, point, n, rows, out)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+def _emit_functions(emit: Emitter, basis, n, rows, out, orders) -> list[list]:
+    """Emit the loads of the functions of a group, and requests for what later groups need."""
+    n_functions = sum(orders) - 3
+    for m in range(n_functions):
+        emit.prefetch(basis, constant((GROUPS_AHEAD * n_functions + m) * LANES))
+    for lane in range(LANES):
+        emit.prefetch(out, _first_component(emit.builder, rows, constant(GROUPS_AHEAD * LANES + lane)))
+    return _split([emit.load(basis, o) for o in _multiples(emit.builder, n, n_functions)], orders)
+
+
+def _emit_turn_terms(emit: Emitter, fractions, vectors, stride, first_fraction, first_vector) -> tuple[list, list]:
+    """Emit 1 (as None), u, v, uv, w, uw, vw, uvw of a group, and the components of its vectors."""
+    builder, offsets = emit.builder, _multiples(emit.builder, stride, 3)
+    u, v, w = (emit.load_singles(fractions, builder.add(first_fraction, offset)) for offset in offsets)
+    vector = [emit.load(vectors, builder.add(first_vector, offset)) for offset in offsets]
+    uv = emit.multiply(u, v)
+    return [None, u, v, uv, w, emit.multiply(u, w), emit.multiply(v, w), emit.multiply(uv, w)], vector
 
 
 def _emit_sum_over_net(emit: Emitter, net, functions, orders) -> list:
@@ -288,6 +342,45 @@ def sum_over_nodes(typingctx, net, basis, n, points, rows, bar, p_0, p_1, p_2):
         for number, lines in enumerate(nodes.passes):
             first = number * len(nodes.passes[0]) * 3 * orders[2]
             _emit_add_sums(emit, nodes.emit_line_sums(number, lines), net, first)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def sum_turns(typingctx, sums, fractions, vectors, n, points):
+    """Add the derivatives in the coefficients of a rotation to ``sums``: the transpose of `sum_over_net_turned`.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (72 + LANES,)
+        Sums; the last `LANES` elements are scratch.
+    fractions, vectors
+        As for `sum_over_net_turned`, of several groups, each of `LANES` nodes but for the last.
+    n, points
+        As for `gather_points`.
+    """
+    signature = types.void(sums, fractions, vectors, n, points)
+
+    def codegen(context, builder, signature, args):
+        sums, fractions, vectors, n, points = _arguments(context, builder, signature, args)
+        emit = Emitter(builder)
+        for d in range(3):
+            totals = [emit.variable() for _ in range(24)]
+            for total in totals:
+                builder.store(ZERO, total)
+            with emit.loop(n, LANES) as (i, _):
+                left = builder.sub(n, i)
+                is_last = builder.icmp_signed("<", left, constant(LANES))
+                stride = builder.select(is_last, left, constant(LANES))
+                first = builder.mul(i, constant(3))
+                powers, vector = _emit_turn_terms(emit, fractions, vectors, stride, first, first)
+                point = emit.load(points, _point(builder, i, d))
+                products = [emit.multiply(point, component) for component in vector]
+                terms = [emit.multiply(power, product) for product in products for power in powers]
+                for total, term in zip(totals, terms):
+                    builder.store(emit.add(builder.load(total), term), total)
+            _emit_add_sums(emit, totals, sums, 24 * d)
         return context.get_dummy_value()
 
     return signature, codegen

@@ -20,7 +20,7 @@ from ..grids.sharing import node_sharing
 from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .assembly import assemble
-from .kernels import forward_kernel, reverse_kernel
+from .kernels import forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
 from .rows import check_rows, copies_by_volume
 from .runs import Runs, sort_nodes
 from .threads import run_tasks, thread_count
@@ -165,7 +165,9 @@ class Evaluator:
         n_bytes = sum(r.n_bytes for r in self.runs) + sum(ids.nbytes for ids in self.control_ids)
         return n_bytes / max(self.n_rows, 1)
 
-    def forward(self, control_points: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def forward(
+        self, control_points: np.ndarray, out: np.ndarray | None = None, turned: Sequence[tuple] | None = None
+    ) -> np.ndarray:
         """Nodes from control points, ``A b``.
 
         Parameters
@@ -174,6 +176,8 @@ class Evaluator:
             Control points. Complex ones are evaluated part by part.
         out : ndarray of float, shape (n_rows, 3), C order, optional
             Where to write the result.
+        turned : sequence of tuple, optional
+            Of every volume, what `turned_forward_kernel` asks for: vectors to be turned and added.
 
         Returns
         -------
@@ -196,19 +200,25 @@ class Evaluator:
 
         def evaluate(number: int):
             chunk = self.chunks[number]
-            runs = self.runs[chunk.volume]
-            forward_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, nets[chunk.volume], flat)
+            runs, net = self.runs[chunk.volume], nets[chunk.volume]
+            if turned is None:
+                forward_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, net, flat)
+            else:
+                arguments = *runs.arrays, net, *turned[chunk.volume], flat
+                turned_forward_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *arguments)
 
         run_tasks(evaluate, len(self.chunks), thread_count(self.n_threads))
         return out
 
-    def adjoint(self, bar: np.ndarray) -> np.ndarray:
+    def adjoint(self, bar: np.ndarray, turned: Sequence[tuple] | None = None) -> np.ndarray:
         """Transposed product, ``A^T bar``.
 
         Parameters
         ----------
         bar : ndarray, shape (n_rows, 3)
             One row per node. Complex ones are treated part by part.
+        turned : sequence of tuple, optional
+            Of every volume, what `turned_reverse_kernel` asks for: turned vectors, and where the derivatives go.
 
         Returns
         -------
@@ -231,7 +241,11 @@ class Evaluator:
             layer_size = runs.n_control[1] * runs.n_control[2]
             first, last = chunk.layers
             sums[number] = np.zeros(3 * (last - first) * layer_size)
-            reverse_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, flat, first, sums[number])
+            if turned is None:
+                reverse_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, flat, first, sums[number])
+            else:
+                arguments = *runs.arrays, flat, *turned[chunk.volume], first, sums[number]
+                turned_reverse_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *arguments)
 
         run_tasks(accumulate, len(self.chunks), thread_count(self.n_threads))
         out = np.zeros((self.n_control_points, 3))

@@ -12,7 +12,17 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from .contraction import EMITTER_SOURCE, TILE, add_net, gather_points, load_net, sum_over_net, sum_over_nodes
+from .contraction import (
+    EMITTER_SOURCE,
+    TILE,
+    add_net,
+    gather_points,
+    load_net,
+    sum_over_net,
+    sum_over_net_turned,
+    sum_over_nodes,
+    sum_turns,
+)
 from .lanes import LANES
 
 
@@ -43,11 +53,43 @@ def forward_kernel(p_0: int, p_1: int, p_2: int):
             for first in range(starts[run], starts[run + 1], LANES):
                 n = min(LANES, starts[run + 1] - first)
                 sum_over_net(net, basis[first * n_functions :], n, rows[first:], out, p_0, p_1, p_2)
-        first_copy, last_copy = _first_copy(copy_nodes, starts[first_run]), _first_copy(copy_nodes, starts[last_run])
-        for copy in range(first_copy, last_copy):
-            row, source = 3 * np.int64(copy_rows[copy]), 3 * np.int64(rows[copy_nodes[copy]])
-            for d in range(3):
-                out[row + d] = out[source + d]
+        copy_points(first_run, last_run, starts, rows, copy_nodes, copy_rows, out)
+
+    return forward
+
+
+@cache
+def turned_forward_kernel(p_0: int, p_1: int, p_2: int):
+    """Kernel that evaluates runs of nodes and adds turned vectors to them, for one triple of orders.
+
+    Returns
+    -------
+    callable
+        As `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of the span of each run, shape
+        (n_runs, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``.
+    """
+    size = 3 * p_0 * p_1 * p_2
+    n_functions = p_0 + p_1 + p_2 - 3
+    emitter = EMITTER_SOURCE
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def forward(
+        first_run, last_run, n_control, starts, sub_nets, basis, rows, copy_nodes, copy_rows,
+        control_points, fractions, vectors, corners, matrices, out,
+    ):  # fmt: skip
+        _ = emitter  # a cell of the closure, and so part of the key of the cache
+        net, turn = np.empty(size), np.empty(72)
+        for run in range(first_run, last_run):
+            steps = control_point_steps(n_control, sub_nets[run])
+            load_net(control_points, 3 * sub_nets[run], steps, net, p_0, p_1, p_2)
+            _set_coefficients(corners[run], matrices, turn)
+            for first in range(starts[run], starts[run + 1], LANES):
+                n = min(LANES, starts[run + 1] - first)
+                sum_over_net_turned(
+                    net, basis[first * n_functions :], turn, fractions[3 * first :], vectors[3 * first :],
+                    n, rows[first:], out, p_0, p_1, p_2,
+                )  # fmt: skip
+        copy_points(first_run, last_run, starts, rows, copy_nodes, copy_rows, out)
 
     return forward
 
@@ -86,6 +128,79 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
             add_net(out, 3 * (corners[run] - first_control_point), steps, net, p_0, p_1, p_2)
 
     return reverse
+
+
+@cache
+def turned_reverse_kernel(p_0: int, p_1: int, p_2: int):
+    """Kernel that is the transpose of `turned_forward_kernel` in control points and matrices.
+
+    Returns
+    -------
+    callable
+        As `reverse_kernel`, with ``fractions, vectors, turns`` behind ``bar``: it writes the derivatives in the
+        rotations at the corners of the span of each run to ``turns``, shape (n_runs, 8, 9).
+    """
+    size = 3 * p_0 * p_1 * p_2
+    n_functions = p_0 + p_1 + p_2 - 3
+    emitter = EMITTER_SOURCE
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def reverse(
+        first_run, last_run, n_control, starts, sub_nets, basis, rows, copy_nodes, copy_rows,
+        bar, fractions, vectors, turns, first_layer, out,
+    ):  # fmt: skip
+        _ = emitter  # a cell of the closure, and so part of the key of the cache
+        net, points, turn = np.empty(size + LANES), np.empty(3 * TILE), np.empty(72 + LANES)
+        first_control_point = first_layer * n_control[1] * n_control[2]
+        copy = _first_copy(copy_nodes, starts[first_run])
+        for run in range(first_run, last_run):
+            net[:] = 0.0
+            turn[:] = 0.0
+            for tile in range(starts[run], starts[run + 1], TILE):
+                n = min(TILE, starts[run + 1] - tile)
+                gather_points(bar, rows[tile:], n, points)
+                copy = _add_copies(bar, copy_nodes, copy_rows, copy, tile, n, points)
+                sum_turns(turn, fractions[3 * tile :], vectors[3 * tile :], n, points)
+                sum_over_nodes(net, basis[tile * n_functions :], n, points, rows[tile:], bar, p_0, p_1, p_2)
+            steps = control_point_steps(n_control, sub_nets[run])
+            add_net(out, 3 * (sub_nets[run] - first_control_point), steps, net, p_0, p_1, p_2)
+            _set_corner_bars(turn, turns[run])
+
+    return reverse
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set_coefficients(corners, matrices, turn):
+    """Write the coefficients of 1, u, v, uv, w, uw, vw, uvw of every entry of a rotation from those at the corners."""
+    for e in range(9):
+        for c in range(8):
+            turn[8 * e + c] = matrices[corners[c], e]
+        for bit in (1, 2, 4):
+            for c in range(8):
+                if c & bit:
+                    turn[8 * e + c] -= turn[8 * e + c - bit]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set_corner_bars(turn, bars):
+    """Transpose of `_set_coefficients`; it makes use of ``turn``."""
+    for e in range(9):
+        for bit in (4, 2, 1):
+            for c in range(8):
+                if c & bit:
+                    turn[8 * e + c - bit] -= turn[8 * e + c]
+        for c in range(8):
+            bars[c, e] = turn[8 * e + c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def copy_points(first_run, last_run, starts, rows, copy_nodes, copy_rows, out):
+    """Copy the points of the nodes of some runs that have copies."""
+    first_copy, last_copy = _first_copy(copy_nodes, starts[first_run]), _first_copy(copy_nodes, starts[last_run])
+    for copy in range(first_copy, last_copy):
+        row, source = 3 * np.int64(copy_rows[copy]), 3 * np.int64(rows[copy_nodes[copy]])
+        for d in range(3):
+            out[row + d] = out[source + d]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -20,6 +20,7 @@ LANE = ir.DoubleType()
 VECTOR = ir.VectorType(LANE, LANES)
 ZERO = ir.Constant(VECTOR, [0.0] * LANES)
 
+_SINGLES = ir.VectorType(ir.FloatType(), LANES)
 _INDEX = ir.IntType(32)
 _CONTRACT = ("contract",)
 
@@ -44,6 +45,11 @@ class Emitter:
     def load(self, base, offset, width: int = LANES):
         """Load the vector of ``width`` elements that starts at element ``offset``, of any alignment."""
         return self.builder.load(self._vector_pointer(base, offset, width), align=8)
+
+    def load_singles(self, base, offset):
+        """Load `LANES` numbers of single precision, as doubles."""
+        pointer = self.builder.bitcast(self.builder.gep(base, [offset]), _SINGLES.as_pointer())
+        return self.builder.fpext(self.builder.load(pointer, align=4), VECTOR)
 
     def store(self, vector, base, offset):
         """Store a vector from element ``offset`` on."""

@@ -100,7 +100,7 @@ def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies:
     used = np.flatnonzero(np.diff(starts_of_corners))
     starts = np.append(starts_of_corners[used], len(rows))
     basis = np.zeros(values.size + LANES)
-    _store_groups(starts, order, values, basis)
+    store_groups(starts, order, values, basis)
     copy_nodes, copy_rows = _sort_copies(order, copies)
     sorted_rows = np.concatenate([rows[order], np.zeros(MARGIN, dtype=np.int64)]).astype(np.uint32)
     return Runs(orders, n_control, starts, used, basis, sorted_rows, copy_nodes, copy_rows)
@@ -178,7 +178,8 @@ def _counting_sort(keys, n_keys):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _store_groups(starts, order, values, basis):
+def store_groups(starts, order, values, basis):
+    """Store numbers of nodes, shape (n, n_functions), in the order of the runs and groups, see `.contraction`."""
     n_functions = values.shape[1]
     for run in range(starts.size - 1):
         for first in range(starts[run], starts[run + 1], LANES):

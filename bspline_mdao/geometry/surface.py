@@ -10,9 +10,9 @@ import numpy as np
 
 from ..deformations.frame import Plane
 from ..errors import InputError, require_kind
-from ..grids.face_quads import facing, quads_in_turn
-from ..grids.index_space import Window
-from ..grids.sharing import block_rows, node_sharing
+from ..grids.face_quads import quads_in_turn
+from ..grids.face_sheet import FaceSheet
+from ..grids.sharing import block_rows
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
 from ..movement.boundary import matching_names, matching_patches, wall_patches
@@ -74,13 +74,10 @@ class SurfaceGrid:
             raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
         nodes = model.regenerate().to_vector().reshape(-1, 3)
         blocks = block_rows(topology.shapes)
-        faces = [_oriented_rows(blocks[face.window.block], nodes, face.window) for face in found]
-        source = _evaluated_rows(topology)
-        rows = np.unique(source[np.concatenate([face.ravel() for face in faces])])
-        ids = tuple(np.searchsorted(rows, source[face]) for face in faces)
+        sheet = FaceSheet.of(topology, nodes, found)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
         patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, blocks, nodes)
-        return cls(nodes[rows], rows, ids, names, patches, planes)
+        return cls(nodes[sheet.rows], sheet.rows, sheet.faces, names, patches, planes)
 
     @property
     def n_points(self) -> int:
@@ -116,20 +113,3 @@ def _symmetry_planes(topology: Topology, blocks: list[np.ndarray], nodes: np.nda
             offset = float(normal @ x.mean(axis=0))
             planes.setdefault(tuple(np.round([*normal, offset / np.ptp(x, axis=0).max()], 5)), Plane(normal, offset))
     return tuple(planes.values())
-
-
-def _evaluated_rows(topology: Topology) -> np.ndarray:
-    """Row that every row of the grid is evaluated in: shared nodes have one."""
-    source = np.arange(topology.n_nodes)
-    destination, origin = node_sharing(topology).copies.T
-    source[destination] = origin
-    return source
-
-
-def _oriented_rows(block: np.ndarray, nodes: np.ndarray, window: Window) -> np.ndarray:
-    """Rows of the nodes of a face window, shape (ni, nj), such that i x j points into its block, given by its rows."""
-    direction = window.shape.index(1)
-    at = window.lo[direction]
-    slices = tuple(s for d, s in enumerate(window.slices) if d != direction)
-    layers = (np.take(block, n, axis=direction)[slices] for n in (at, at + (1 if at == 0 else -1)))
-    return facing(*layers, nodes)

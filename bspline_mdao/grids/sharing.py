@@ -6,7 +6,7 @@ and the control points of a control mesh, whatever the shapes, as long as linked
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
-from .entities import Collapse, Link, Section
+from .entities import BoundaryFace, Collapse, Link, Section
 
 if TYPE_CHECKING:
     from .topology import Topology
@@ -147,6 +147,31 @@ def block_rows(shapes: Sequence[tuple[int, int, int]]) -> list[np.ndarray]:
     sizes = [int(np.prod(shape)) for shape in shapes]
     starts = np.cumsum([0, *sizes])
     return [np.arange(start, start + n).reshape(shape) for start, n, shape in zip(starts, sizes, shapes)]
+
+
+def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Boundary faces, each with every face of a segment that is on it.
+
+    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+
+    Parameters
+    ----------
+    topology : Topology
+        The boundary and the segments.
+    points : sequence of ndarray of int, each of shape (N0, N1, N2)
+        Numbers of the points of every segment, such as those of its control points.
+
+    Yields
+    ------
+    face : BoundaryFace
+    ids : ndarray of int, shape (ni, nj)
+        Numbers of the points of the segment's face.
+    """
+    for face in topology.boundary:
+        for number, segment in enumerate(topology.segments):
+            for side in range(6) if segment.block == face.window.block else ():
+                if segment.face(side).overlaps(face.window):
+                    yield face, np.take(points[number], -(side % 2), axis=side // 2)
 
 
 def section_rows(shape: tuple[int, int, int], section: Section, start: int = 0) -> np.ndarray:

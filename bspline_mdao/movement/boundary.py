@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import InputError, require_kind
 from ..grids.entities import BoundaryFace
 from ..grids.multiblock import as_array
+from ..grids.sharing import boundary_sections
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
 from ..splines.greville import greville_abscissae
@@ -225,22 +226,9 @@ def _obstacles(held, surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
 
 
 def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Boundary faces, each with the points of every face of a segment that is on it.
-
-    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
-
-    Parameters
-    ----------
-    topology : Topology
-        The boundary and the segments.
-    blocks : sequence of ndarray of int, each of shape (N0, N1, N2)
-        Numbers of the points of every segment, such as those of its control points.
-    """
-    for face in topology.boundary:
-        for number, segment in enumerate(topology.segments):
-            for side in range(6) if segment.block == face.window.block else ():
-                if segment.face(side).overlaps(face.window):
-                    yield face, np.unique(np.take(blocks[number], -(side % 2), axis=side // 2))
+    """Boundary faces, each with the points of every face of a segment that is on it; see `boundary_sections`."""
+    for face, ids in boundary_sections(topology, blocks):
+        yield face, np.unique(ids)
 
 
 def wall_patches(topology: Topology) -> tuple[str, ...]:

@@ -8,14 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..grids.planes import is_line, nearest_plane
 
-__all__ = ["Freedom", "nearest_plane", "plane_normal", "sliding_planes"]
-
-PLANAR = 1e-5
-"""A patch is planar when its points leave the plane by less than this part of the patch's size."""
-
-ALIGNED = 1e-5
-"""A normal that leaves a coordinate axis by less than this is that axis."""
+__all__ = ["Freedom", "plane_normal", "sliding_planes"]
 
 INDEPENDENT = 1e-3
 """A normal counts where it leaves the span of the others by more than this."""
@@ -128,7 +123,7 @@ def sliding_planes(
     """
     nearest = [nearest_plane(points[ids]) for ids in faces]
     is_planar = [
-        distances.max() <= near and not _is_line(points[ids]) for ids, (_, distances, near) in zip(faces, nearest)
+        distances.max() <= near and not is_line(points[ids]) for ids, (_, distances, near) in zip(faces, nearest)
     ]
     planes: list[tuple[np.ndarray, float] | None] = [None] * len(faces)
     for touched in (n for n, ids in enumerate(faces) if is_planar[n] and surface[ids].any()):
@@ -138,19 +133,3 @@ def sliding_planes(
             if is_planar[n] and np.abs(points[ids] @ normal - plane[1]).max() <= max(near, nearest[n][2]):
                 planes[n] = plane
     return planes
-
-
-def _is_line(points: np.ndarray) -> bool:
-    """Whether points are in one line, which lies in many planes."""
-    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return len(sizes) < 2 or sizes[1] <= PLANAR * sizes[0]
-
-
-def nearest_plane(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Plane through points, shape (n, 3): unit normal, distances (n,) of the points, and what is near enough (m)."""
-    centred = points - points.mean(axis=0)
-    _, sizes, directions = np.linalg.svd(centred, full_matrices=len(points) < 3)
-    axis = np.argmax(np.abs(directions[2]))
-    is_axis = 1.0 - abs(directions[2, axis]) < ALIGNED**2 / 2.0
-    normal = np.eye(3)[axis] if is_axis else directions[2]
-    return normal, np.abs(centred @ directions[2]), PLANAR * sizes[0] / np.sqrt(len(points))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..movement.freedom import nearest_plane
+from ..grids.planes import nearest_plane
 from ..movement.mesh import MovingMesh
 from .equations import Equations
 from .pairing import Directions, Where, axes_of, pairs_of, place_of, rows_of

@@ -1,0 +1,139 @@
+"""The whole map from control points to the grid: baseline, rigid motions, planes, walls, derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bspline_mdao import MovementError, fit_grid, flat_plate_grid, onera_m6_grid
+from bspline_mdao.evaluation.grid_map import GridMap
+from bspline_mdao.grids.entities import BoundaryFace
+from bspline_mdao.grids.sharing import boundary_sections, node_sharing
+
+
+def map_of(model, wall_layer=True, n_threads=None):
+    """Map of a model, with all that is known of its walls or without."""
+    evaluator = model.evaluator().with_threads(n_threads)
+    arguments = model.topology, model.mesh, model.parameters, model.control_points, model.residual
+    return GridMap.of(*arguments, wall_layer, evaluator)
+
+
+def without_kinds(model):
+    """The same model of a grid whose boundary nobody has declared."""
+    faces = tuple(BoundaryFace(face.window) for face in model.topology.boundary)
+    return replace(model, topology=replace(model.topology, boundary=faces))
+
+
+@pytest.fixture(scope="module")
+def wing():
+    return fit_grid(onera_m6_grid((11, 10, 9)), n_control=(7, 6, 5), order=(4, 3, 4))
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return fit_grid(flat_plate_grid((9, 8, 7)), n_control=(6, 5, 4), keep_residual=False)
+
+
+@pytest.fixture(params=["wing", "no walls", "no residual"])
+def model(request, wing, plate):
+    return {"wing": wing, "no walls": without_kinds(wing), "no residual": plate}[request.param]
+
+
+def moved(model, rng, size=2e-3):
+    """Control points of a model that turned by a fifth of a radian and are a little off."""
+    turn = Rotation.from_rotvec(0.2 * rng.standard_normal(3)).as_matrix()
+    return model.control_points @ turn.T + size * rng.standard_normal(model.control_points.shape)
+
+
+def test_control_points_of_the_baseline_give_the_baseline(model):
+    grid_map = map_of(model)
+    fitted = model.evaluator().forward(model.control_points)
+    baseline = fitted if model.residual is None else fitted + model.residual
+    np.testing.assert_allclose(grid_map.at(model.control_points).nodes, baseline, rtol=0, atol=1e-15 * np.ptp(baseline))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_quarter_turn_of_all_control_points_turns_all_nodes(model, axis):
+    """Planes of symmetry turn with the rest."""
+    turn = Rotation.from_rotvec(np.pi / 2 * np.eye(3)[axis]).as_matrix()
+    grid_map = map_of(model)
+    found = grid_map.at(model.control_points @ turn.T + [1.0, -2.0, 3.0]).nodes
+    asked = grid_map.nodes @ turn.T + [1.0, -2.0, 3.0]
+    np.testing.assert_allclose(found, asked, rtol=0, atol=1e-14 * np.ptp(grid_map.nodes))
+
+
+def test_without_walls_vectors_of_the_residual_turn_with_the_grid(wing):
+    grid_map = map_of(without_kinds(wing))
+    assert grid_map.layer is None
+    b = moved(wing, np.random.default_rng(1), size=0.0)
+    turned = grid_map.at(b).nodes - wing.evaluator().forward(b)
+    np.testing.assert_allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(wing.residual, axis=1), atol=1e-14)
+    assert np.abs(turned - wing.residual).max() > 1e-3
+
+
+def test_without_the_layer_the_map_is_that_of_the_paper(wing, plate):
+    for model in (wing, plate):
+        grid_map = map_of(model, wall_layer=False)
+        b = moved(model, np.random.default_rng(2))
+        fitted = model.evaluator().forward(b)
+        np.testing.assert_array_equal(
+            grid_map.at(b).nodes, fitted if model.residual is None else fitted + model.residual
+        )
+        assert grid_map.is_linear
+        assert not map_of(model).is_linear
+
+
+def test_what_does_not_move_stays_to_the_bit(wing):
+    """Held boundaries, and nodes in planes of symmetry along the normal."""
+    rng, b = np.random.default_rng(3), wing.control_points.copy()
+    grid_map, sharing = map_of(wing), node_sharing(wing.topology)
+    is_held, rows = np.zeros(len(b), dtype=bool), {"symmetry": [], "farfield": []}
+    for (face, ids), (_, nodes) in zip(
+        boundary_sections(wing.topology, wing.mesh.control_ids), boundary_sections(wing.topology, sharing.rows)
+    ):
+        is_held[ids] |= face.kind not in ("wall", "symmetry")
+        rows.get(face.kind, []).append(nodes.ravel())
+    in_plane = b[:, 2] == 0.0
+    step = 5e-3 * rng.standard_normal(b.shape)
+    step[in_plane, 2] = 0.0
+    step[is_held] = 0.0
+    found = grid_map.at(b + step).nodes
+    held, plane = (np.concatenate(rows[kind]) for kind in ("farfield", "symmetry"))
+    np.testing.assert_array_equal(found[held], grid_map.nodes[held])
+    np.testing.assert_array_equal(found[plane, 2], grid_map.nodes[plane, 2])
+    assert len(plane) > 100 < len(held)
+
+
+def test_copies_have_equal_bits(model):
+    found, copies = map_of(model).at(moved(model, np.random.default_rng(4))).nodes, node_sharing(model.topology).copies
+    np.testing.assert_array_equal(found[copies[:, 0]], found[copies[:, 1]])
+
+
+@pytest.mark.parametrize("wall_layer", [True, False])
+def test_jvp_is_the_derivative_and_vjp_its_transpose(model, wall_layer):
+    rng, grid_map = np.random.default_rng(5), map_of(model, wall_layer)
+    b = moved(model, rng)
+    state, v, h = grid_map.at(b), rng.standard_normal(b.shape), 1e-5
+    found = state.jvp(v)
+    one, half = ((grid_map.at(b + s * v).nodes - grid_map.at(b - s * v).nodes) / (2 * s) for s in (h, h / 2))
+    np.testing.assert_allclose((4 * half - one) / 3, found, rtol=0, atol=1e-8 * np.abs(found).max())
+    bar = rng.standard_normal(found.shape)
+    terms = bar * found
+    assert abs(terms.sum() - np.vdot(state.vjp(bar.copy()), v)) < 1e-13 * np.abs(terms).sum()
+
+
+def test_results_do_not_depend_on_the_number_of_threads(wing):
+    rng = np.random.default_rng(6)
+    b, v, bar = moved(wing, rng), rng.standard_normal(wing.control_points.shape), rng.standard_normal((wing.n_nodes, 3))
+    found = []
+    for n_threads in (1, 2):
+        state = map_of(wing, n_threads=n_threads).at(b)
+        found.append([state.nodes, state.jvp(v), state.vjp(bar)])
+    for one, two in zip(*found):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_surroundings_that_turn_inside_out_are_an_error(wing):
+    with pytest.raises(MovementError, match="inside out"):
+        map_of(wing).at(wing.control_points * [1.0, 1.0, -1.0])
