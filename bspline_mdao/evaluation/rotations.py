@@ -455,14 +455,14 @@ def _is_alone(matrices) -> np.ndarray:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _area_vectors(points, quads, areas):
     for q in range(len(quads)):
-        a, b, c, d = quads[q]
+        a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         set_half_cross(areas, q, between(points, a, c), between(points, b, d))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _d_area_vectors(points, d_points, quads, d_areas):
     for q in range(len(quads)):
-        a, b, c, d = quads[q]
+        a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         u, v = between(points, a, c), between(points, b, d)
         s, t = between(d_points, a, c), between(d_points, b, d)
         d_areas[q, 0] = 0.5 * (s[1] * v[2] - s[2] * v[1] + u[1] * t[2] - u[2] * t[1])
@@ -498,7 +498,8 @@ def _moments(
 ):
     for i in range(first, last):
         m = sums[i]
-        m[:] = 0.0
+        for d in range(9):
+            m[d // 3, d % 3] = 0.0
         for k in range(starts[i], starts[i + 1]):
             j = neighbours[k]
             _add_product(m, scales[k], between(after, i, j), between(before, i, j))
@@ -512,7 +513,7 @@ def _moments(
 def _diagonal_pulls(bar, quads, quad_scales, areas, own, pulls):
     """Derivatives in the two diagonals of every quad, through its area."""
     for q in range(len(quads)):
-        a, b, c, d = quads[q]
+        a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         x, y, z = 0.0, 0.0, 0.0
         u, v, w = areas[q, 0] * quad_scales[q], areas[q, 1] * quad_scales[q], areas[q, 2] * quad_scales[q]
         for corner in (a, b, c, d):
@@ -605,7 +606,8 @@ def _turn(first, last, matrices, stiffness, is_fine):
                 is_fine[i] = True
                 n_left = 1
         _set_stiffness(r, m, stiffness[i])
-        m[:] = r
+        for d in range(9):
+            m[d // 3, d % 3] = r[d // 3, d % 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

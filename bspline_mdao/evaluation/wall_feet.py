@@ -105,16 +105,18 @@ class TriangleTree:
         """
         triangles = _halves(points, quads)
         corners = points[triangles]
-        lower, upper = corners.min(axis=1), corners.max(axis=1)
-        depth = 0
-        while len(triangles) > LEAF * 2**depth:
-            depth += 1
-        order = np.arange(len(triangles))
-        starts = _sort_halves(0.5 * (lower + upper), order, depth)
-        boxes, far = np.empty((2 ** (depth + 1), 6)), np.empty(2 ** (depth + 1))
-        triangles = np.ascontiguousarray(triangles[order], dtype=np.int32)
-        _fill_boxes(starts, lower[order], upper[order], reach[triangles].max(axis=1, initial=0.0), boxes, far)
-        return cls(points, triangles, reach, boxes, far, starts)
+        order, starts = _sorted_in_halves(corners.min(axis=1) + corners.max(axis=1))
+        triangles, corners = np.ascontiguousarray(triangles[order], dtype=np.int32), corners[order]
+        lower, upper, far = corners.min(axis=1), corners.max(axis=1), reach[triangles].max(axis=1, initial=0.0)
+        if not len(triangles):  # one box that nothing is near to
+            lower, upper, far = np.full((1, 3), np.inf), np.full((1, 3), -np.inf), np.zeros(1)
+        box = np.concatenate([lower, -upper], axis=1)
+        levels = [(np.minimum.reduceat(box, starts[:-1]), np.maximum.reduceat(far, starts[:-1]))]
+        while len(levels[0][1]) > 1:
+            boxes, far = levels[0]
+            levels.insert(0, (np.minimum(boxes[::2], boxes[1::2]), np.maximum(far[::2], far[1::2])))
+        boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
+        return cls(points, triangles, reach, boxes * np.repeat([1.0, -1.0], 3), far, starts)
 
     def feet(self, points: np.ndarray, n_threads: int | None = None) -> Feet:
         """Find the feet of points.
@@ -163,6 +165,20 @@ def _halves(points, quads):
     return triangles[area > 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1, initial=0.0)]
 
 
+def _sorted_in_halves(centres):
+    """Order of points, shape (n, 3), and where each leaf begins when they are halved again and again."""
+    order, starts = np.arange(len(centres)), np.array([0, len(centres)])
+    while np.diff(starts).max() > LEAF:
+        x = centres[order]
+        width = np.maximum.reduceat(x, starts[:-1]) - np.minimum.reduceat(x, starts[:-1])
+        number = np.repeat(np.arange(len(width)), np.diff(starts))
+        along = np.take_along_axis(x, np.argmax(width, axis=1)[number][:, None], axis=1)[:, 0]
+        order = order[np.lexsort((along, number))]
+        middle = (starts[:-1] + starts[1:]) // 2
+        starts = np.append(np.stack([starts[:-1], middle], axis=1).ravel(), len(order))
+    return order, starts
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def fade(s):
     """Polynomial from 1 at s = 0 to 0 at s = 1, and constant beyond, with two continuous derivatives."""
@@ -171,47 +187,6 @@ def fade(s):
     if s <= 0.0:
         return 1.0
     return (1.0 - s) ** 3 * (1.0 + s * (3.0 + 6.0 * s))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sort_halves(centres, order, depth):
-    """Sort triangles into 2**depth leaves, in place; return where each begins."""
-    starts = np.zeros(2**depth + 1, dtype=np.int64)
-    starts[-1] = len(order)
-    for level in range(depth):
-        step = 2 ** (depth - level)
-        for first in range(0, 2**depth, step):
-            low, high = starts[first], starts[first + step]
-            part = order[low:high].copy()
-            longest, width = 0, -1.0
-            for d in range(3):
-                values = centres[part, d]
-                if len(part) and values.max() - values.min() > width:
-                    longest, width = d, values.max() - values.min()
-            order[low:high] = part[np.argsort(centres[part, longest], kind="mergesort")]
-            starts[first + step // 2] = (low + high) // 2
-    return starts
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _fill_boxes(starts, lower, upper, reach, boxes, far):
-    n_leaves = len(starts) - 1
-    boxes[:, :3], boxes[:, 3:], far[:] = np.inf, -np.inf, 0.0
-    for leaf in range(n_leaves):
-        for t in range(starts[leaf], starts[leaf + 1]):
-            _widen(boxes[n_leaves + leaf], lower[t], upper[t])
-            far[n_leaves + leaf] = max(far[n_leaves + leaf], reach[t])
-    for k in range(n_leaves - 1, 0, -1):
-        for child in (2 * k, 2 * k + 1):
-            _widen(boxes[k], boxes[child, :3], boxes[child, 3:])
-            far[k] = max(far[k], far[child])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _widen(box, lower, upper):
-    for d in range(3):
-        box[d] = min(box[d], lower[d])
-        box[3 + d] = max(box[3 + d], upper[d])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -291,14 +266,15 @@ def _collect(p, points, triangles, reach, boxes, far, leaf_starts, shortest, fac
             n_left += 2
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            a, b, c = triangles[t]
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
             square = _closest(points[a], points[b], points[c], p, place)
             up_to = place[0] * reach[a] + place[1] * reach[b] + place[2] * reach[c]
             if square < up_to * up_to and square <= factor * factor * nearest:
                 nearest = min(nearest, square)
                 if n_found < len(found):
                     found[n_found], squares[n_found] = t, square
-                    weights[n_found] = place
+                    for d in range(3):
+                        weights[n_found, d] = place[d]
                 n_found += 1
     return n_found, nearest
 
@@ -308,12 +284,13 @@ def _find_feet(
     part, points, triangles, reach, boxes, far, leaf_starts, size, counts, out_triangles, out_weights, out_shares
 ):
     found, squares, weights = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
+    nothing = np.empty(0, dtype=np.int64)
     feet, away = np.empty(MAX_FEET, dtype=np.int64), np.empty((MAX_FEET, 3))
     for i in range(len(part)):
         p = part[i]
         # first the nearest alone, then all that may have a share
         _, nearest = _collect(
-            p, points, triangles, reach, boxes, far, leaf_starts, np.inf, 1.0, found[:0], weights, squares
+            p, points, triangles, reach, boxes, far, leaf_starts, np.inf, 1.0, nothing, weights, squares
         )
         if nearest == np.inf:
             continue
@@ -329,34 +306,45 @@ def _find_feet(
         counts[i] = _share(n_feet, feet, away, found, squares, weights, triangles, reach, out_shares[i])
         for k in range(counts[i]):
             out_triangles[i, k] = found[feet[k]]
-            out_weights[i, k] = weights[feet[k]]
+            for d in range(3):
+                out_weights[i, k, d] = weights[feet[k], d]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _choose(p, n, found, squares, weights, points, triangles, round_off, feet, away):
     """Choose the feet of p among what was found; the nearest first."""
-    order = np.argsort(squares[:n], kind="mergesort")
-    distances = np.sqrt(squares[:n])
-    first = order[0]
-    same = distances[first] * (1.0 + SAME_DISTANCE) + round_off
-    for k in order:
-        # of coincident surfaces, the one whose fluid p is in; by their order in the tree where both or none are
+    order, distances = np.empty(n, dtype=np.int64), np.empty(n)
+    for k in range(n):
+        distances[k] = np.sqrt(squares[k])
+        place = k
+        while place > 0 and distances[order[place - 1]] > distances[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+    # of coincident surfaces, the one whose fluid p is in; by their order in the tree where both or none are
+    same = distances[order[0]] * (1.0 + SAME_DISTANCE) + round_off
+    for rank in range(n):
+        k = order[rank]
         if distances[k] > same:
             break
         if _is_on_fluid_side(p, found[k], weights[k], points, triangles):
-            first = k
+            for later in range(rank, 0, -1):
+                order[later] = order[later - 1]
+            order[0] = k
             break
     n_feet = 0
-    for rank in range(-1, n):
-        k = first if rank < 0 else order[rank]
-        if rank >= 0 and (k == first or n_feet == MAX_FEET):
-            continue
+    for rank in range(n):
+        k = order[rank]
+        if n_feet == MAX_FEET:
+            break
         t = found[k]
         for d in range(3):
             away[n_feet, d] = p[d]
             for corner in range(3):
                 away[n_feet, d] -= weights[k, corner] * points[triangles[t, corner], d]
-        if rank < 0 or _is_another_foot(p, k, n, n_feet, found, distances, weights, points, triangles, round_off, away):
+        if rank == 0 or _is_another_foot(
+            p, k, n, n_feet, found, distances, weights, points, triangles, round_off, away
+        ):
             feet[n_feet] = k
             n_feet += 1
     return n_feet
@@ -381,9 +369,8 @@ def _is_another_foot(p, k, n, n_feet, found, distances, weights, points, triangl
             is_there = True
             for corner in range(3):
                 if weights[k, corner] > 0.0:
-                    v = triangles[found[k], corner]
-                    u = triangles[found[other]]
-                    is_there = is_there and (u[0] == v or u[1] == v or u[2] == v)
+                    v, t = triangles[found[k], corner], found[other]
+                    is_there = is_there and (triangles[t, 0] == v or triangles[t, 1] == v or triangles[t, 2] == v)
             if is_there:
                 return False
     return True

@@ -385,7 +385,8 @@ def _project_out(normals, lengths, change):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sum_products(first, last, first_sheets, weights, u, v, sums):
     for i in range(first, last):
-        sums[i] = 0.0
+        for d in range(9):
+            sums[i, d // 3, d % 3] = 0.0
         for s in range(first_sheets[i], first_sheets[i + 1]):
             for d in range(3):
                 for e in range(3):
@@ -423,7 +424,8 @@ def _solve(first, last, stiffness, right):
         for d in range(3):
             for e in range(3):
                 x[d, e] = (c[d, 0] * right[i, 0, e] + c[d, 1] * right[i, 1, e] + c[d, 2] * right[i, 2, e]) / det
-        right[i] = x
+        for d in range(9):
+            right[i, d // 3, d % 3] = x[d // 3, d % 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -442,7 +444,7 @@ def _pull_points(points, quads, areas_bar, points_bar):
     """Add derivatives in the corners of quads, of those in their areas."""
     pulls = np.empty_like(points_bar[:2])
     for q in range(len(quads)):
-        a, b, c, d = quads[q]
+        a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         p = areas_bar[q, 0], areas_bar[q, 1], areas_bar[q, 2]
         set_half_cross(pulls, 0, between(points, b, d), p)
         set_half_cross(pulls, 1, p, between(points, a, c))

@@ -37,7 +37,7 @@ REACH = (20.0, 3.0)
 """A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
 
 VISCOUS = (12.0, 36.0)
-"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its walls have
+"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
 no layer, and from which on it has its whole reach. Grids have 1 to 12, or 36 to 16,000."""
 
 N_SMOOTHINGS = 3
