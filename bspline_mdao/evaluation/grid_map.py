@@ -274,7 +274,8 @@ def _wall_layer(
     found = [(np.unique(np.concatenate([f.ravel() for f in faces])), normal) for normal, faces in planes.values()]
     on_wall = [k for k, (rows, _) in enumerate(found) if (number[rows] >= 0).any()]
     of_wall = [(number[rows[number[rows] >= 0]], normal) for rows, normal in (found[k] for k in on_wall)]
-    wall = Wall.of(nodes[sheet.rows], sheet.quads, sheet.heights, of_wall, n_threads=n_threads)
+    faces = sheet.quad_faces
+    wall = Wall.of(nodes[sheet.rows], sheet.quads, sheet.heights, of_wall, sheets=faces, n_threads=n_threads)
     rows, rims = np.concatenate(held), [_Rim.of(faces) for _, faces in planes.values()]
     layer = WallLayer.of(wall, nodes, sheet.rows, found, rows[number[rows] < 0], sharing.copies, n_threads)
     rims = [rims[k] for k in on_wall]

@@ -53,6 +53,11 @@ class FaceSheet:
         """Corners of the quads, shape (n_quads, 4), face by face in C order, around the normal into the fluid."""
         return np.concatenate([quads_in_turn(ids) for ids in self.faces])
 
+    @property
+    def quad_faces(self) -> np.ndarray:
+        """Number of the face that each quad is in, shape (n_quads,)."""
+        return np.repeat(np.arange(len(self.faces)), [(len(ids) - 1) * (ids.shape[1] - 1) for ids in self.faces])
+
 
 def _layers(block: np.ndarray, window: Window) -> list[np.ndarray]:
     """Rows of the nodes of a face window, and of those next to them in its block, given by its rows."""
