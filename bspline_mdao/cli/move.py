@@ -30,6 +30,7 @@ from ..quality.grid_quality import GridQuality
 from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+from .refusal import complaint
 from .walls import height_numbers, height_warnings, show_height_ratios
 
 QUALITY = {
@@ -121,7 +122,7 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
         check_grid_name(output, model.header)
         moved = _move(model, model_file, options, progress)
         if moved.newly_inverted and not options.allow_invalid:
-            raise MovementError(_complaint(moved))
+            raise MovementError(complaint(model, moved, options.mover))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
             if options.surface:
@@ -190,22 +191,6 @@ def _shown_increments(progress: Callable[[float, str], None]) -> Iterator[None]:
     finally:
         LOGGER.setLevel(level)
         LOGGER.removeHandler(handler)
-
-
-def _complaint(moved: Moved) -> str:
-    """Say which cells are inverted, and where that began in the control mesh."""
-    report = moved.movement.report
-    first, where = report.first_tangled(), ""
-    if first:
-        where = f"; the control mesh tangles in increment {first[0]} of {report.n_increments}, {first[1].place}"
-    held = [what for what, _ in moved.mesh.obstacles if what not in where]
-    if held:
-        where += f"; {held[0]} is held where the surface ends on it: --slide or --release it if the cells are there"
-    return (
-        f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}{where}; "
-        f"nothing was written; take a smaller deformation{report.advice} or another --mover, or "
-        f"--allow-invalid to see it"
-    )
 
 
 def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOptions) -> dict:

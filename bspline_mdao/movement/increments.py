@@ -155,7 +155,7 @@ def _made(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
         tangling = mesh.tangled(before)
         reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
         LOGGER.info("increment %d of %d", i, n_increments)
-    report = MovementReport(tuple(reports), time.perf_counter() - start)
+    report = MovementReport(tuple(reports), time.perf_counter() - start, n_invalid=mesh.n_invalid)
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 
 

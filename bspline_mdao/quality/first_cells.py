@@ -256,7 +256,7 @@ class _Face:
         direction = next((d for d, n in enumerate(block.shape) if n > 1 and window.lo[d] == window.hi[d]), None)
         if direction is None or sum(n > 1 for n in block.shape) < 2:
             return None
-        x, at = nodes[block], window.lo[direction]
+        x, at = nodes[block[0, 0, 0] : block[-1, -1, -1] + 1].reshape(*block.shape, 3), window.lo[direction]
         others = tuple(s for d, s in enumerate(window.slices) if d != direction)
         rows, next_rows = (np.take(block, n, axis=direction)[others] for n in (at, at + (1 if at == 0 else -1)))
         depth, flat, axis = np.zeros((*rows.shape, 3)), flat_direction(x.shape), None

@@ -1,0 +1,87 @@
+"""Why a move is refused, and what cures it.
+
+The causes are looked for in this order: a control mesh that is folded before anything moves; what the splines miss of
+the grid, where the splines' own grid stays valid; a control mesh that tangles; splines that fold over a valid one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model import FittedModel
+from ..movement.mover import MEND
+from ..quality.grid_quality import GridQuality
+from .movers import MoverOptions
+
+if TYPE_CHECKING:
+    from .move import Moved
+
+
+def complaint(model: FittedModel, moved: Moved, options: MoverOptions) -> str:
+    """Say which cells are inverted, why, and what cures it.
+
+    Parameters
+    ----------
+    model : FittedModel
+        What was moved.
+    moved : Moved
+        The move, which leaves cells inverted.
+    options : MoverOptions
+        How it was made.
+
+    Returns
+    -------
+    str
+    """
+    cause, cure = _cause_and_cure(model, moved, options)
+    return (
+        f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}; {cause}; "
+        f"nothing was written; {cure}, or --allow-invalid to see it"
+    )
+
+
+def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> tuple[str, str]:
+    mesh, report = moved.mesh, moved.movement.report
+    if mesh.n_invalid:
+        n = f"{mesh.n_invalid:,} of {len(mesh.elements):,}"
+        return f"{n} elements of the control mesh are invalid before the move", MEND
+    missed = None if model.residual is None else np.linalg.norm(model.residual, axis=1).max()
+    if missed and _is_the_residual(model, moved):
+        cause = f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m, is in the way"
+        return cause, "fit with more control points (--n-control)"
+    first = report.first_tangled()
+    if not first:
+        return "the splines fold between control points, whose mesh stays valid", "take a smaller deformation"
+    number, increment = first
+    cause = f"the control mesh tangles in increment {number} of {report.n_increments}, {increment.place}"
+    held = [what for what, _ in mesh.obstacles if what not in cause]
+    if held:
+        cause += f"; {held[0]} is held where the surface ends on it: --slide or --release it if the cells are there"
+    return cause, f"take a smaller deformation{_increments(moved, options)}{_other_mover(options)}"
+
+
+def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
+    """Whether most cells that are inverted now, and were not, are valid in the grid of the splines alone."""
+    quality = GridQuality.of_baseline(model.regenerate())
+    after = quality.cells(moved.grid.to_vector().reshape(-1, 3))
+    own = quality.cells(model.evaluator().forward(moved.movement.points))
+    n_inverted = n_valid = 0
+    for block, cells, own_cells in zip(quality.blocks, after, own):
+        inverted = np.setdiff1d(np.flatnonzero(~cells.is_valid), block.was_invalid, assume_unique=True)
+        n_inverted += inverted.size
+        n_valid += np.count_nonzero(own_cells.is_valid.ravel()[inverted])
+    return 2 * n_valid > n_inverted
+
+
+def _increments(moved: Moved, options: MoverOptions) -> str:
+    """Other numbers of increments, where the number was given; or those that were tried."""
+    tried = moved.movement.report.tried
+    if tried:
+        return f" (tried with {', '.join(str(trial.n_increments) for trial in tried)} increments)"
+    return ", --increments auto" if options.increments is not None else ""
+
+
+def _other_mover(options: MoverOptions) -> str:
+    return " or --mover torsional" if options.mover == "elasticity" else " or --mover elasticity"
