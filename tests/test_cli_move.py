@@ -2,7 +2,9 @@
 
 import io
 import os
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,13 +16,16 @@ from topology_cases import box, c_grid, grid_of
 from bspline_mdao import FittedModel, SurfaceGrid, fit_grid, flat_plate_grid, parse_deformation, read_grid
 from bspline_mdao.cli import output
 from bspline_mdao.cli.main import run
-from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS
+from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
+from bspline_mdao.cli.refusal import complaint
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Patch
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.stiffness import ConstantLaw
+from bspline_mdao.quality.grid_quality import GridQuality
+from bspline_mdao.quality.report import inverted_cells, report_quality
 
 FLOOR = ["--deform", "bumps=0.02,seed=3,wavelength=0.8"]
 
@@ -215,6 +220,43 @@ def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, caps
     fails_as_expected(arguments, capsys, "cells inverted", "cell (", "of block", "increment 1 of 1", "--allow-invalid")
     assert Path("moved.xyz").read_text() == "precious"
     assert sorted(os.listdir()) == ["floor.h5", "moved.xyz"]
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "cause", "cure"),
+    [
+        ("least_squares", [], "of 1,200 elements of the control mesh are invalid before the move", "--method valid"),
+        ("valid", ["--mover", "idw"], "tangles in increment 1 of 1, element (", "take --mover elasticity or"),
+        ("valid", ["--increments", "1"], "tangles in increment 1 of 1, element (", "take --increments auto, a"),
+    ],
+)
+def test_a_refused_move_names_a_cause_and_the_cure_works(tmp_path, monkeypatch, capsys, method, options, cause, cure):
+    monkeypatch.chdir(tmp_path)
+    fit = ["fit", "@onera_m6:9x9x7", "--n-control", "6", "6", "5", "-o", "wing.h5", "--method"]
+    command = ["move", "wing.h5", "--deform", "twist=60deg", "-o", "moved.xyz"]
+    assert run([*fit, method]) == 0
+    fails_as_expected([*command, *options], capsys, "cells inverted, the worst cell (", cause, cure)
+    assert method == "valid" or run([*fit, "valid"]) == 0
+    assert run(command) == 0
+
+
+def test_a_move_that_the_residual_folds_is_told_from_one_that_the_splines_do(model):
+    mesh = moving_mesh(model)
+    movement = LinearElasticity(mesh).move(model.control_points, model.control_points[mesh.surface_ids] + 1e-3)
+    own = model.evaluator().forward(movement.points)
+    folded = model.header.grid(model.topology.shapes, own.copy())
+    folded.blocks[1].nodes[3, 3, 3] = folded.blocks[1].nodes[5, 5, 5]
+    quality = GridQuality.of_baseline(model.regenerate())
+    nodes = folded.to_vector().reshape(-1, 3)
+    cells = inverted_cells(quality, quality.cells(nodes), newly=True)
+    moved = SimpleNamespace(mesh=mesh, movement=movement, grid=folded, newly_inverted=cells)
+    moved.after = report_quality(quality, nodes)
+    assert cells
+    text = complaint(model, moved, MoverOptions())
+    assert "the splines' own grid is valid there, what they miss of the grid, up to " in text
+    assert "fit with more control points (--n-control)" in text
+    bare = replace(model, residual=None)
+    assert "the splines fold between control points" in complaint(bare, moved, MoverOptions())
 
 
 def test_a_grid_with_inverted_cells_is_written_where_that_is_wanted(workplace, capsys):

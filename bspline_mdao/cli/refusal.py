@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model import FittedModel
-from ..movement.mover import MEND
+from ..movement.increments import AUTO
+from ..movement.mover import MEND, MovementReport
 from ..quality.grid_quality import GridQuality
 from .movers import MoverOptions
 
@@ -36,8 +37,9 @@ def complaint(model: FittedModel, moved: Moved, options: MoverOptions) -> str:
     str
     """
     cause, cure = _cause_and_cure(model, moved, options)
+    n = moved.after.n_inverted
     return (
-        f"the move leaves {moved.after.n_inverted:,} cells inverted, the worst {moved.newly_inverted[0]}; {cause}; "
+        f"the move leaves {n:,} cell{'s' * (n > 1)} inverted, the worst {moved.newly_inverted[0]}; {cause}; "
         f"nothing was written; {cure}, or --allow-invalid to see it"
     )
 
@@ -59,7 +61,17 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
     held = [what for what, _ in mesh.obstacles if what not in cause]
     if held:
         cause += f"; {held[0]} is held where the surface ends on it: --slide or --release it if the cells are there"
-    return cause, f"take a smaller deformation{_increments(moved, options)}{_other_mover(options)}"
+    return cause, _cure_of_tangling(report, options)
+
+
+def _cure_of_tangling(report: MovementReport, options: MoverOptions) -> str:
+    """Say what to do about a control mesh that tangles, what is most likely to help first."""
+    if options.mover != "elasticity":
+        return "take --mover elasticity or a smaller deformation"
+    if options.increments not in (None, AUTO):
+        return "take --increments auto, a smaller deformation or --mover torsional"
+    tried = ", ".join(str(trial.n_increments) for trial in report.tried)
+    return f"take a smaller deformation (tried with {tried} increments) or --mover torsional"
 
 
 def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
@@ -73,15 +85,3 @@ def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
         n_inverted += inverted.size
         n_valid += np.count_nonzero(own_cells.is_valid.ravel()[inverted])
     return 2 * n_valid > n_inverted
-
-
-def _increments(moved: Moved, options: MoverOptions) -> str:
-    """Other numbers of increments, where the number was given; or those that were tried."""
-    tried = moved.movement.report.tried
-    if tried:
-        return f" (tried with {', '.join(str(trial.n_increments) for trial in tried)} increments)"
-    return ", --increments auto" if options.increments is not None else ""
-
-
-def _other_mover(options: MoverOptions) -> str:
-    return " or --mover torsional" if options.mover == "elasticity" else " or --mover elasticity"

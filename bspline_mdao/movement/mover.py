@@ -295,8 +295,8 @@ def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, poin
         return
     if mesh.n_invalid:
         cause = (
-            f"{mesh.n_invalid} of {len(mesh.elements)} elements are invalid before the move; make the mesh valid first "
-            f'(fit with method="valid", or with fewer control points)'
+            f"{mesh.n_invalid} of {len(mesh.elements)} elements are invalid before the move; {MEND}, or with fewer "
+            f"control points"
         )
     else:
         cause = "see by 'bspline-mdao inspect' whether all blocks are joined; if they are, take another mover"
