@@ -19,6 +19,7 @@ from bspline_mdao.movement.equilibrium import Equilibrium
 from bspline_mdao.movement.held import Held
 from bspline_mdao.movement.increments import GOOD_RATIO, IncrementalMover
 from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.mover import IncrementReport, MovementReport
 from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
@@ -89,6 +90,16 @@ def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
     assert report.increments[-1].corner_ratio == max(ratios.values())
     with pytest.raises(MovementError, match=r"take a smaller step \(tried with 1, 2, 5, 10 increments\)"):
         report.require_valid()
+
+
+def test_elements_that_were_folded_before_the_move_are_named_as_the_likely_cause():
+    tangled = IncrementReport(None, 3, "element (1, 2, 3) of block 4", -0.1, -2.0)
+    with pytest.raises(
+        MovementError, match=r"3 elements .* at the end; 7 others are .* before the move.*--method valid"
+    ):
+        MovementReport((tangled,), 0.1, n_invalid=7).require_valid()
+    with pytest.raises(MovementError, match="take a smaller step, or more increments"):
+        MovementReport((tangled,), 0.1).require_valid()
 
 
 @dataclass(frozen=True)
