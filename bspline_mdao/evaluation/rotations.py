@@ -602,7 +602,7 @@ def _turn(first, last, matrices, stiffness, is_fine):
                     step = max(step, abs(new - r[d, e]))
                     r[d, e] = new
             n_left -= 1
-            if step < 1e-7 and n_left > 1:
+            if step < 1e-5 and n_left > 1:
                 is_fine[i] = True
                 n_left = 1
         _set_stiffness(r, m, stiffness[i])
