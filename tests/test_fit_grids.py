@@ -25,7 +25,7 @@ def test_every_real_grid_is_fitted_or_refused_in_one_line(real_grids):
             refused[path.name] = str(error)
             continue
         n_fitted += 1
-        assert model.report.relative_rms < 0.1, path.name
+        assert model.report.relative_rms < 0.15, path.name
         again, nodes = model.regenerate().to_vector().reshape(-1, 3), grid.to_vector().reshape(-1, 3)
         there, source = node_sharing(model.topology).copies.T
         assert np.abs(nodes[there] - nodes[source]).max(initial=0.0) < 1e-6 * np.ptp(nodes), path.name

@@ -19,7 +19,7 @@ from ..evaluation.evaluator import Evaluator
 from ..grids.hexahedron import cell_quality
 from ..splines.mesh import BSplineMesh
 from .problem import FitProblem, Solution
-from .quasi_interpolant import CANDIDATES, QuasiInterpolant
+from .quasi_interpolant import CANDIDATES, Mixture, QuasiInterpolant
 
 MARGIN = 0.3
 """An element moves where its smallest corner triple product is below this fraction of that in the base."""
@@ -62,8 +62,12 @@ def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares
 
     Parameters
     ----------
-    problem, parameters, nodes
-        As for `choose_shares`.
+    problem : FitProblem
+        The fit.
+    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+        Parameters of the nodes of every segment.
+    nodes : ndarray, shape (n_nodes, 3)
+        The grid (m).
     least_squares : Solution or None
         The fit by least squares; None leaves them out.
 
@@ -75,9 +79,9 @@ def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares
     points = None if least_squares is None else least_squares.control_points
     if points is not None and is_valid(problem.mesh.nets(points)):
         return least_squares
-    shares = choose_shares(problem, parameters, nodes, points)
-    mixture = problem.mixture(parameters, shares)
-    mixed = mixture.forward(np.zeros((len(shares), 3)) if points is None else points, nodes)
+    quasi = QuasiInterpolant.of(problem.mesh, problem.sharing, parameters)
+    shares = choose_shares(problem, quasi, nodes, points)
+    mixed = Mixture(shares, quasi).forward(np.zeros((len(shares), 3)) if points is None else points, nodes)
     fitted = Evaluator.of_grid(problem.topology, problem.mesh, parameters).forward(mixed)
     return Solution(mixed, fitted, () if points is None else least_squares.warnings, shares, least_squares)
 
@@ -87,15 +91,15 @@ def is_valid(nets: Sequence[np.ndarray]) -> bool:
     return all((measure > 0.0).all() for measure in corner_measures(nets))
 
 
-def choose_shares(problem: FitProblem, parameters, nodes: np.ndarray, least_squares: np.ndarray | None) -> np.ndarray:
+def choose_shares(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squares: np.ndarray | None) -> np.ndarray:
     """Mix candidates so that the control mesh is valid wherever the grid is.
 
     Parameters
     ----------
     problem : FitProblem
         The fit.
-    parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-        Parameters of the nodes of every segment.
+    quasi : QuasiInterpolant
+        The candidates.
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
     least_squares : ndarray, shape (n_control_points, 3), or None
@@ -106,7 +110,7 @@ def choose_shares(problem: FitProblem, parameters, nodes: np.ndarray, least_squa
     ndarray, shape (n_control_points, 6)
         Shares of `CANDIDATES` in each control point; their sum is 1.
     """
-    mesh, quasi = problem.mesh, QuasiInterpolant.of(problem.mesh, problem.sharing, parameters)
+    mesh = problem.mesh
     candidates = [least_squares, *quasi.candidates(nodes)]
     base, shares = candidates[-1], np.zeros((mesh.n_control_points, len(CANDIDATES)))
     shares[:, -1] = 1.0
