@@ -10,6 +10,7 @@ import numpy as np
 from .errors import InputError
 from .evaluation.evaluator import Evaluator
 from .evaluation.family import refine
+from .evaluation.grid_map import GridMap
 from .evaluation.index_scaling import IndexScaling
 from .fit.errors import FitReport
 from .grids.cgns import CgnsDialect
@@ -90,12 +91,15 @@ class FitSettings:
         Of the nodes, before correction: one of `bspline_mdao.fit.parameters.EXPONENTS`, or ``"given"`` for the user's.
     method : str
         One of `bspline_mdao.fit.fitting.METHODS`; what came of it are the shares of the model.
+    wall_layer : bool
+        Whether nodes near walls follow them as a rigid body and the residual turns with its surroundings.
     """
 
     knots: str = "curved"
     corrections: int = 0
     parametrization: str = "chord_length"
     method: str = "valid"
+    wall_layer: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +161,20 @@ class FittedModel:
     def _evaluator(self) -> Evaluator:
         return Evaluator.of_grid(self.topology, self.mesh, self.parameters)
 
+    def grid_map(self) -> GridMap:
+        """Map from the control points to the grid, residual and wall layer included, made once and not pickled."""
+        return self._grid_map
+
+    @cached_property
+    def _grid_map(self) -> GridMap:
+        places = self.topology, self.mesh, self.parameters
+        return GridMap.of(*places, self.control_points, self.residual, self.settings.wall_layer, self.evaluator())
+
     def __getstate__(self) -> dict:
-        return {name: value for name, value in self.__dict__.items() if name != "_evaluator"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_evaluator", "_grid_map")}
 
     def regenerate(self, control_points: np.ndarray | None = None) -> Grid:
-        """Grid of given control points, shape (n_control_points, 3), with the residual where it is carried.
+        """Grid of given control points, see `bspline_mdao.evaluation.grid_map`.
 
         Parameters
         ----------
@@ -177,19 +190,21 @@ class FittedModel:
         ------
         InputError
             If the control points are of another shape, or not finite.
+        MovementError
+            If the surroundings of a point are turned inside out.
         """
-        if control_points is None:
-            control_points = self.control_points
-        what = f"{self.header.source}: control points"
-        points = self.evaluator().forward(checked_points(control_points, self.mesh.n_control_points, what))
-        if self.residual is not None:
-            points = points + self.residual
-        return self.header.grid(self.topology.shapes, points)
+        if control_points is not None:
+            what = f"{self.header.source}: control points"
+            points = checked_points(control_points, self.mesh.n_control_points, what)
+            return self.header.grid(self.topology.shapes, self.grid_map().at(points).nodes)
+        nodes = self.evaluator().forward(self.control_points)
+        return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 
     def member(self, factor: float) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
 
-        The residual of the fit belongs to the nodes of the fitted grid and is not carried over.
+        The residual of the fit belongs to the nodes of the fitted grid and is not carried over; the layer at walls is
+        that of the member's own nodes.
 
         Parameters
         ----------

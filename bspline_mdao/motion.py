@@ -1,7 +1,7 @@
 """Shape control in unsteady flow, section II.E: grids and exact grid velocities of a surface that moves in time.
 
 A motion is a function of time and of the surface points at rest. It gives the surface points and their velocities; the
-mover and the evaluator carry both to the grid: x = A b(s(t)) + r, dx/dt = A (db/ds) ds/dt.
+mover and the map of the model carry both to the grid: x = x(b(s(t))), dx/dt = (dx/db) (db/ds) ds/dt.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from .deformations.deformation import Deformation, planes_of
 from .deformations.frame import surface_frame
 from .deformations.point_maps import Bend, Pitch, PointMap, amount_jvp, jvp
 from .errors import InputError
-from .evaluation.evaluator import Evaluator
 from .model import FittedModel
 from .movement.mesh import MovingMesh
 from .movement.mover import MovementReport, Mover, differentiable
@@ -226,19 +225,13 @@ class UnsteadyGrid:
             )
         movement = self._differentiable_mover.move(initial, surface)
         control_velocities = movement.jvp(np.zeros_like(initial), d_surface)
-        nodes = self._evaluator.forward(movement.points)
-        if self.model.residual is not None:
-            nodes += self.model.residual
-        velocities = self._evaluator.forward(control_velocities)
-        return GridState(time, nodes, velocities, movement.points, control_velocities, movement.report)
+        state = self.model.grid_map().at(movement.points)
+        velocities = state.jvp(control_velocities)
+        return GridState(time, state.nodes, velocities, movement.points, control_velocities, movement.report)
 
     @cached_property
     def _differentiable_mover(self) -> Mover:
         return differentiable(self.mover)
-
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return self.model.evaluator()
 
 
 def _frame(mesh: MovingMesh):

@@ -1,6 +1,6 @@
 """Small fitted grids for the tests of components and command line."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
@@ -33,6 +33,11 @@ def _bent(start: float, stop: float, n: int, bend: np.ndarray) -> np.ndarray:
 def small_model(**options):
     """Fit of `two_blocks` with unequal numbers of control points."""
     return fit_grid(two_blocks(), n_control=[(4, 6, 5), (6, 6, 5)], **options)
+
+
+def plain(model):
+    """The same model with the linear map of Eq. (3)."""
+    return replace(model, settings=replace(model.settings, wall_layer=False))
 
 
 def movable_model(**options):

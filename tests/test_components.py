@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import Heights, Lift, Shear, Swirl, movable_model, small_model, two_blocks
+from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain, small_model, two_blocks
 from differences import extrapolated_difference
 from openmdao.utils.assert_utils import assert_check_partials
 
@@ -26,6 +26,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.grids.multiblock import Block, Grid
+from bspline_mdao.grids.sharing import node_sharing
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.held import Held
@@ -110,7 +111,7 @@ def run_problem(component, model, **options) -> om.Problem:
     problem = om.Problem(reports=False)
     options = {name: option(model) if callable(option) else option for name, option in options.items()}
     if "model" in component().options:
-        options["model"] = model
+        options["model"] = plain(model) if options.get("assembled") else model
     problem.model.add_subsystem("component", component(**options), promotes=["*"])
     problem.setup(force_alloc_complex=True)
     for name in AWAY.get(component, []):
@@ -224,7 +225,7 @@ def test_linear_products_are_those_of_both_parts_under_complex_step(model, case)
 
         def product(part, seed_of=seed_of, result_of=result_of, mode=mode):
             vectors = {seed_of: part, result_of: np.zeros(sizes[result_of], dtype=part.dtype)}
-            problem.model.component.compute_jacvec_product({}, vectors, vectors, mode)
+            problem.model.component.compute_jacvec_product({wrt: problem.get_val(wrt)}, vectors, vectors, mode)
             return vectors[result_of]
 
         np.testing.assert_array_equal(product(seed), product(seed.real) + 1j * product(seed.imag))
@@ -274,11 +275,18 @@ def test_totals_by_complex_steps_with_a_coloring_are_refused_in_one_line(model):
 
 def test_the_assembled_jacobian_is_the_matrix_free_one(model):
     totals = [
-        run_problem(GridEvaluate, model, assembled=assembled).compute_totals([GRID], [CONTROL_POINTS])
+        run_problem(GridEvaluate, plain(model), assembled=assembled).compute_totals([GRID], [CONTROL_POINTS])
         for assembled in (False, True)
     ]
     matrix_free, assembled = (total[GRID, CONTROL_POINTS] for total in totals)
     np.testing.assert_allclose(assembled, matrix_free, atol=1e-15)
+
+
+def test_a_matrix_of_a_map_that_is_not_linear_is_refused(model):
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("evaluate", GridEvaluate(model=model, assembled=True))
+    with pytest.raises(InputError, match=r"assembled=True needs a linear map; fit the grid with wall_layer=False"):
+        problem.setup()
 
 
 @pytest.mark.parametrize("options", [{}, {"corrections": 2}, {"method": "quasi_interpolant"}])
@@ -321,7 +329,7 @@ def chain(model, growth=1.0, **fit_options) -> om.Problem:
 @pytest.mark.parametrize(("mode", "seed_of", "result_of"), [("fwd", GRID_INITIAL, GRID), ("rev", GRID, GRID_INITIAL)])
 def test_the_total_of_the_chain_is_a_projection(model, mode, seed_of, result_of):
     """What the splines can represent is fitted by itself, so that applying the total twice changes nothing."""
-    problem = chain(model)
+    problem = chain(plain(model))
 
     def total(seed):
         return problem.compute_jacvec_product([GRID], [GRID_INITIAL], mode, {seed_of: seed})[result_of]
@@ -385,6 +393,8 @@ def test_live_grid_evaluate_regenerates_the_baseline_it_is_given(model):
     """Not only that of the model: with the control points unmoved, any grid comes back."""
     problem = run_problem(LiveGridEvaluate, model)
     other = problem.get_val(GRID_INITIAL) + np.random.default_rng(8).normal(scale=0.01, size=3 * model.n_nodes)
+    copies = node_sharing(model.topology).copies
+    other.reshape(-1, 3)[copies[:, 0]] = other.reshape(-1, 3)[copies[:, 1]]
     problem.set_val(GRID_INITIAL, other)
     problem.set_val(CONTROL_POINTS, problem.get_val(CONTROL_POINTS_INITIAL))
     problem.run_model()
@@ -406,7 +416,8 @@ def test_live_grid_evaluate_without_a_residual_is_the_mapping_alone():
 
 def test_frozen_components_say_that_they_are_linear(model):
     assert run_problem(Fit, model).model.component.is_linear
-    assert run_problem(GridEvaluate, model).model.component.is_linear
+    assert run_problem(GridEvaluate, plain(model)).model.component.is_linear
+    assert not run_problem(GridEvaluate, model).model.component.is_linear
     assert not run_problem(Fit, model, live=True).model.component.is_linear
 
 

@@ -11,7 +11,7 @@ from bspline_mdao.geometry.surface_map import SurfaceMap
 
 @pytest.fixture(scope="module")
 def surface_map():
-    model = fit_grid(onera_m6_grid((11, 10, 9)))
+    model = fit_grid(onera_m6_grid((11, 10, 9)), wall_layer=False)
     return SurfaceMap.of(model, moving_mesh(model), SurfaceGrid.of(model))
 
 

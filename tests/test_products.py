@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import openmdao.api as om
 import pytest
-from component_cases import Heights, Lift, Shear, Swirl, movable_model
+from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain
 from differences import assert_partials_pass, extrapolated_difference
 from euler_cases import with_guessed_patches
 
@@ -86,7 +86,7 @@ COMPONENTS = {
     "Fit": lambda: Fit(model=model()),
     "Fit, live": lambda: Fit(model=model(), live=True),
     "GridEvaluate": lambda: GridEvaluate(model=model()),
-    "GridEvaluate, assembled": lambda: GridEvaluate(model=model(), assembled=True),
+    "GridEvaluate, assembled": lambda: GridEvaluate(model=plain(model()), assembled=True),
     "LiveGridEvaluate": lambda: LiveGridEvaluate(model=model()),
     **{
         f"ControlMeshMove, {mover.__name__}": lambda mover=mover: ControlMeshMove(mover=mover(moving_mesh(model())))

@@ -121,6 +121,7 @@ def inspect(
     help="Parameters of the nodes along grid lines.",
 )
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
+@click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @json_option
 def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
     """Fit a grid with B-spline volumes and write the model.

@@ -43,6 +43,8 @@ class FitOptions:
         How control points are found, see `bspline_mdao.fit.fitting.fit_grid`.
     no_residual : bool
         Do not carry the residual.
+    no_wall_layer : bool
+        Do not let nodes near walls follow them.
     parametrization : str
         Of the nodes along grid lines.
     """
@@ -53,6 +55,7 @@ class FitOptions:
     patches: Path | None = None
     method: str = "valid"
     no_residual: bool = False
+    no_wall_layer: bool = False
     parametrization: str = "chord_length"
 
 
@@ -85,6 +88,7 @@ def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptio
             order=options.order,
             corrections=options.correct,
             keep_residual=not options.no_residual,
+            wall_layer=not options.no_wall_layer,
             method=options.method,
             parametrization=options.parametrization,
             progress=progress,

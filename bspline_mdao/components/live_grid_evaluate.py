@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..fit.live_mapping import LiveMapping, live_mapping
+from ..fit.live_grid import LiveGridState, live_grid
 from ..model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 from .jacobian import (
@@ -14,16 +14,19 @@ from .jacobian import (
     check_along_directions,
     difference_step,
     direction_in,
+    failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
 )
 
 
 class LiveGridEvaluate(om.ExplicitComponent):
-    """Regenerate the grid where parameters and knots follow the baseline grid x0: ``x = x0 + A(x0) (b - b0)``.
+    """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.fit.live_grid`.
 
-    The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Where the
-    model carries no residual, the grid is ``x = A(x0) b`` and there is no input ``control_points_initial``.
+    The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Residual
+    and wall layer are those of x0; which nodes are near a wall, and how much they follow it, stays as in the model. Of
+    a model without ``wall_layer`` the grid is ``x = x0 + A(x0) (b - b0)``. Where there is no residual either, it is
+    ``x = A(x0) b``, and there is no input ``control_points_initial``.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -46,7 +49,8 @@ class LiveGridEvaluate(om.ExplicitComponent):
         In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own; in a run,
         under complex step.
     om.AnalysisError
-        In a run, if a number is not finite, or if the nodes have no parameters and knots.
+        In a run, if a number is not finite, if the nodes have no parameters and knots, or if the surroundings of a
+        point are turned inside out.
     """
 
     is_linear = False
@@ -61,51 +65,41 @@ class LiveGridEvaluate(om.ExplicitComponent):
         model = self.options["model"]
         grid = model.regenerate()
         baseline = grid.to_vector()
-        self._mapping = live_mapping(model, baseline.reshape(-1, 3))
+        self._grid, self._last = live_grid(model, baseline.reshape(-1, 3)), None
         self.add_input(GRID_INITIAL, val=baseline, units="m")
-        if model.residual is not None:
+        if self._grid.needs_initial:
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self.add_output(GRID, val=baseline, units="m")
         check_along_directions(self, difference_step(block.nodes for block in grid.blocks))
 
     def compute(self, inputs, outputs):
-        """Evaluate the volumes at the nodes."""
-        for name in (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS):
-            if name in inputs:
-                finite_points(inputs[name], name, self.msginfo)
-        outputs[GRID] = self._mapping_at(inputs).evaluate(_displacement(inputs)).ravel()
-        if CONTROL_POINTS_INITIAL in inputs:
-            outputs[GRID] += inputs[GRID_INITIAL]
+        """Evaluate the volumes at the nodes, and let nodes follow walls."""
+        outputs[GRID] = self._state_at(inputs).nodes.ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
         if GRID not in d_outputs:
             return
-        mapping, displacement = self._mapping_at(inputs), _displacement(inputs)
-        carries = float(CONTROL_POINTS_INITIAL in inputs)  # whether the baseline itself is part of the sum
+        state = self._state_at(inputs)
         if mode == "fwd":
-            d_nodes = direction_in(d_inputs, inputs, GRID_INITIAL)
-            d_control = direction_in(d_inputs, inputs, CONTROL_POINTS)
-            d_control = d_control - direction_in(d_inputs, inputs, CONTROL_POINTS_INITIAL)
-            d_outputs[GRID] += (mapping.jvp(displacement, d_nodes, d_control) + carries * d_nodes).ravel()
+            names = GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS
+            d_outputs[GRID] += state.jvp(*(direction_in(d_inputs, inputs, name) for name in names)).ravel()
         else:
-            bar = d_outputs[GRID].reshape(-1, 3)
-            nodes_bar, control_bar = mapping.vjp(displacement, bar)
-            add_bar(d_inputs, GRID_INITIAL, nodes_bar + carries * bar)
+            nodes_bar, initial_bar, control_bar = state.vjp(d_outputs[GRID].reshape(-1, 3))
+            add_bar(d_inputs, GRID_INITIAL, nodes_bar)
             add_bar(d_inputs, CONTROL_POINTS, control_bar)
-            add_bar(d_inputs, CONTROL_POINTS_INITIAL, -control_bar)
+            if initial_bar is not None:
+                add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
 
-    def _mapping_at(self, inputs) -> LiveMapping:
+    def _state_at(self, inputs) -> LiveGridState:
+        """Grid of these inputs: the last one if it was made for them."""
         refuse_complex_step(self)
-        nodes = inputs[GRID_INITIAL]
-        self._mapping = at_baseline(self._mapping, live_mapping, self.options["model"], nodes, self.msginfo)
-        return self._mapping
-
-
-def _displacement(inputs) -> np.ndarray:
-    """Control points that the mapping is applied to, shape (n_control_points, 3): b - b0, or b alone."""
-    control_points = inputs[CONTROL_POINTS]
-    if CONTROL_POINTS_INITIAL in inputs:
-        control_points = control_points - inputs[CONTROL_POINTS_INITIAL]
-    return control_points.reshape(-1, 3)
+        names = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
+        points = {name: finite_points(inputs[name], name, self.msginfo) for name in names if name in inputs}
+        self._grid = at_baseline(self._grid, live_grid, self.options["model"], inputs[GRID_INITIAL], self.msginfo)
+        if self._last is None or not all(np.array_equal(points[name], self._last[0][name]) for name in points):
+            with failures_as_analysis_errors(self):
+                points = {name: array.copy() for name, array in points.items()}
+                self._last = points, self._grid.at(points.get(CONTROL_POINTS_INITIAL), points[CONTROL_POINTS])
+        return self._last[1]

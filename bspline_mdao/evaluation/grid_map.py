@@ -143,10 +143,24 @@ class GridMap:
             nodes = turn.evaluate(control_points, self.residual)
         rim_points = nodes[self.rim_rows]
         if self.layer is not None:
-            normals = np.reshape([rim.normal(rim_points) for rim in self.rims], (-1, 3))
-            rows = self.wall_rows
+            rows, normals = self.wall_rows, self.normals(rim_points)
             layered = self.layer.at(self.nodes, nodes, self.nodes[rows], nodes[rows], normals)
         return GridState(self, nodes, turn, layered, rim_points)
+
+    def normals(self, rim_points: np.ndarray) -> np.ndarray:
+        """Normals, shape (n_rims, 3), of the planes that walls end on, from the points on their rims."""
+        return np.reshape([rim.normal(rim_points) for rim in self.rims], (-1, 3))
+
+    def normals_jvp(self, rim_points: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Change of `normals` with that of the points."""
+        return np.reshape([rim.normal_jvp(rim_points, change) for rim in self.rims], (-1, 3))
+
+    def normals_vjp(self, rim_points: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `normals_jvp`."""
+        rim_bar = np.zeros_like(rim_points)
+        for rim, normal_bar in zip(self.rims, bar):
+            rim.add_normal_vjp(rim_points, normal_bar, rim_bar)
+        return rim_bar
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +195,7 @@ class GridState:
         else:
             change = self.turn.jvp(d_control_points, self.turn.change(d_control_points), of.residual)
         if self.layered is not None:
-            d_rim = change[of.rim_rows]
-            d_normals = np.reshape([rim.normal_jvp(self.rim_points, d_rim) for rim in of.rims], (-1, 3))
+            d_normals = of.normals_jvp(self.rim_points, change[of.rim_rows])
             self.layered.jvp(None, change, None, change[of.wall_rows], d_normals)
         return change
 
@@ -192,10 +205,7 @@ class GridState:
         if self.layered is not None:
             bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar.copy())
             bar[of.wall_rows] += wall_bar
-            rim_bar = np.zeros_like(self.rim_points)
-            for rim, normal_bar in zip(of.rims, normals_bar):
-                rim.add_normal_vjp(self.rim_points, normal_bar, rim_bar)
-            bar[of.rim_rows] += rim_bar
+            bar[of.rim_rows] += of.normals_vjp(self.rim_points, normals_bar)
         if self.turn is None:
             return of.evaluator.adjoint(bar)
         return self.turn.control_vjp(of.residual, bar)

@@ -355,6 +355,17 @@ class Turning:
         rotations = tuple(group.at(initial, moved, matrices) for group in self.groups)
         return Turn(self, initial, moved, rotations, matrices)
 
+    def of_rows(self, rows: Rows) -> Turning:
+        """Only what the rotations of these nodes need."""
+        seen = rows.corners[rows.weights > 0.0]
+        return replace(self, groups=tuple(g for g in self.groups if np.isin(g.ids[g.own], seen).any()))
+
+    def seen_by(self, rows: Rows) -> np.ndarray:
+        """Corners that the rotations of these nodes depend on."""
+        seen = rows.corners[rows.weights > 0.0]
+        parts = [g.ids[g.company[np.flatnonzero(g.own & np.isin(g.ids, seen))].indices] for g in self.groups]
+        return np.unique(np.concatenate(parts))
+
     def rows(self, rows: np.ndarray) -> Rows:
         """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
         at, corners, weights = [], [], []
@@ -439,26 +450,27 @@ class Turn:
         return out
 
     def vjp(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp` with `change`.
+        """Transpose of `jvp` with `change`, in all that ``T v`` depends on.
 
         Parameters
         ----------
         vectors : Vectors
             The vectors.
         bar : ndarray, shape (n_nodes, 3)
-            Derivative of a scalar with respect to the nodes.
+            Derivative of a scalar with respect to the nodes, zero in copies.
 
         Returns
         -------
         control_bar, initial_bar : ndarray, shape (n_control_points, 3)
             Derivatives in the control points, now and at first.
         vectors_bar : ndarray, shape (n_nodes, 3)
-            Derivatives in the vectors.
+            Derivatives in the vectors; those of copies do not count.
         """
-        control_bar, matrices_bar, normals_bar, flat_bar = self._bars(vectors, bar)
+        _, matrices_bar, normals_bar, flat_bar = self._bars(vectors, bar)
         bars = self.of.vectors(bar)
         none = np.zeros((len(self.of.flat.rows), 3))
-        vectors_bar = self._forward(np.zeros_like(control_bar), _transposed(self.matrices), bars, none)
+        zero = np.zeros((self.of.evaluator.n_control_points, 3))
+        vectors_bar = self._forward(zero, _transposed(self.matrices), bars, none)
         vectors_bar[self.of.flat.rows] = flat_bar
         moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
         for group, rotations in zip(self.of.groups, self.rotations):
@@ -469,17 +481,28 @@ class Turn:
             faces.add_normal_vjp(self.moved, now, moved_bar)
             faces.add_normal_vjp(self.initial, first, initial_bar)
         adjoint = self.of.corners.adjoint
-        return control_bar + adjoint(moved_bar), adjoint(initial_bar), vectors_bar
+        return adjoint(moved_bar), adjoint(initial_bar), vectors_bar
 
     def control_vjp(self, vectors: Vectors, bar: np.ndarray) -> np.ndarray:
         """First result of `vjp` alone: what a fixed baseline needs."""
         control_bar, matrices_bar, normals_bar, _ = self._bars(vectors, bar)
         moved_bar = np.zeros_like(self.moved)
+        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
+        return control_bar + self.of.corners.adjoint(moved_bar)
+
+    def rows_vjp(self, rows: Rows, vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Derivative in the control points, shape (n_control_points, 3), of the turned vectors of some nodes alone."""
+        matrices_bar, moved_bar = np.zeros_like(self.matrices), np.zeros_like(self.moved)
+        normals_bar, _ = rows.vjp(self.matrices, self.normals, vectors, bar, matrices_bar)
+        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
+        return self.of.corners.adjoint(moved_bar)
+
+    def _add_corner_bars(self, matrices_bar, normals_bar, moved_bar) -> None:
+        """Add the derivatives in the corners now, of those in rotations and normals."""
         for group, rotations in zip(self.of.groups, self.rotations):
             moved_bar[group.ids] += rotations.moved_vjp(group.own_bar(matrices_bar))
         for faces, now in zip(self.of.planes, normals_bar[0]):
             faces.add_normal_vjp(self.moved, now, moved_bar)
-        return control_bar + self.of.corners.adjoint(moved_bar)
 
     @cached_property
     def normals(self) -> np.ndarray:

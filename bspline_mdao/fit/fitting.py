@@ -49,6 +49,7 @@ def fit_grid(
     knots="curved",
     corrections: int = 0,
     keep_residual: bool = True,
+    wall_layer: bool = True,
     parametrization="chord_length",
     method: str = "valid",
     progress: Progress | None = None,
@@ -74,6 +75,9 @@ def fit_grid(
         Cycles of parameter correction.
     keep_residual : bool
         Carry what the spline misses of the grid, so that the baseline is reproduced.
+    wall_layer : bool
+        Let nodes near walls follow them as a rigid body, and the residual turn with its surroundings, wherever the grid
+        is regenerated, see `bspline_mdao.evaluation.grid_map`. Without, grids are ``A b``, Eq. (3), plus the residual.
     parametrization : str or sequence of ndarray
         Parameters of the nodes along every grid line: ``"chord_length"``; ``"centripetal"``, by square roots of chord
         lengths; ``"uniform"`` or ``"index"``, proportional to the index; or the user's own, an array of shape
@@ -135,7 +139,7 @@ def fit_grid(
         residual=nodes - solution.fitted if keep_residual else None,
         header=GridHeader.of(grid),
         report=report,
-        settings=FitSettings(_kind(knots), corrections, _kind(parametrization), method),
+        settings=FitSettings(_kind(knots), corrections, _kind(parametrization), method, wall_layer),
         shares=solution.shares,
     )
 

@@ -60,7 +60,10 @@ class SurfaceInverse:
         """
         numbers = slice(None) if numbers is None else numbers
         matrix = csr_array(surface_map.matrix[numbers])
-        return _inverse(matrix, surface_map.constant[numbers])
+        constant = (
+            surface_map.constant if surface_map.turned is None else surface_map.constant + surface_map.turned.residual
+        )
+        return _inverse(matrix, constant[numbers])
 
     def apply(self, nodes: np.ndarray) -> np.ndarray:
         """Control points, shape (n_surface, 3), of nodes, shape (n, 3), in metres."""
