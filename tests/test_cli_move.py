@@ -205,7 +205,7 @@ def test_blocks_that_stay_are_told(tmp_path, monkeypatch, capsys):
 
 def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):
     reason = "on patch 'sides', which is held where the surface ends on it: slide or release it"
-    fails_as_expected([*strip, "--fix", "sides"], capsys, "cells inverted", reason)
+    fails_as_expected([*strip[:-1], "pitch=20deg", "--fix", "sides"], capsys, "cells inverted", reason)
     assert run([*strip, "--slide", "si*"]) == 0
     assert numbers("m.json")["after"]["n_inverted"] == 0
     assert run([*strip, "--release", "sides"]) == 0

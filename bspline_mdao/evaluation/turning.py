@@ -6,8 +6,8 @@ mapping itself, interpolated trilinearly within every span. The weights are posi
 rigid motion of the control points turns every vector by its own rotation, to round-off.
 
 - Corners on walls see the wall alone, so that vectors on it depend on the control points of the surface only. Corners
-  on other boundary faces see these alone, so that nothing turns where they are held; corners in planes of symmetry see
-  the plane. All others see their neighbours.
+  on other boundary faces see these alone, so that nothing turns where they are held; corners in planes of symmetry, and
+  in planes that walls end on, which slide as these do, see the plane. All others see their neighbours.
 - On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
   the rest stays in the plane: nodes do not leave a plane whose control points do not. Where corners see the plane alone
   that is so anyway; where they see a wall or another face as well, the part along the normal is put in its place.
@@ -575,11 +575,13 @@ def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSh
             plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
         rank = {"wall": 0, "symmetry": 2}.get(face.kind, 1)
         faces.append(_BoundaryFace(quads, source[rows].ravel(), rank, plane))
-    return faces
+    on_wall = np.unique(np.concatenate([np.zeros(0, int), *(face.quads.ravel() for face in faces if face.rank == 0)]))
+    sliding = {face.plane for face in faces if np.isin(face.quads, on_wall).any()} - {None}
+    return [replace(face, rank=2) if face.plane in sliding else face for face in faces]
 
 
 def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[_Group, ...], np.ndarray]:
-    """Corners on walls, on other boundary faces, in planes of symmetry, and all; and the plane that each sees alone."""
+    """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
     pairs = [
         np.stack([n.take(range(n.shape[d] - 1), d), n.take(range(1, n.shape[d]), d)]) for n in ids for d in range(3)
     ]

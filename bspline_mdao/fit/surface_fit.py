@@ -140,7 +140,7 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     on_surface = tuple(entity for entity in problem.entities if _lies_on(entity, is_surface))
     control_points, is_fitted = np.zeros_like(model.control_points), np.zeros_like(is_surface)
     moves = nodes - model.regenerate().to_vector().reshape(-1, 3)
-    fitted = np.zeros_like(nodes) if model.residual is None else model.residual.copy()
+    fitted = np.zeros_like(nodes)
     with threadpool_limits(1, "blas"):
         steps = list(problem.steps(model.parameters, on_surface))
         for step in steps:
@@ -156,9 +156,25 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
             f"{model.header.source}: control point {missing + 1} belongs to no face of the surface; give whole faces"
         )
     rows = np.concatenate([entity.rows for entity in on_surface])
+    fitted[rows] += _residual(model, problem.sharing.source_rows()[rows], surface_ids, control_points)
     miss = SurfaceMiss.of(model.topology, problem.sharing.source_rows(), rows, fitted[rows], nodes[rows])
     miss.log(f"{model.header.source}: ")
     return SurfaceFit(control_points[surface_ids], miss)
+
+
+def _residual(model: FittedModel, rows: np.ndarray, surface_ids: np.ndarray, control_points: np.ndarray) -> np.ndarray:
+    """Residual of surface nodes by their rows, turned where it turns; 0 where there is none."""
+    if model.residual is None:
+        return np.zeros((len(rows), 3))
+    turning = model.grid_map().turning
+    if turning is None:
+        return model.residual[rows]
+    moved = model.control_points.copy()
+    moved[surface_ids] = control_points[surface_ids]
+    unique, place = np.unique(rows, return_inverse=True)
+    nodes = turning.rows(unique)
+    turn = turning.of_rows(nodes).at(moved)
+    return nodes.turned(turn.matrices, turn.normals, model.residual[unique])[place]
 
 
 def replace_nodes(topology: Topology, nodes: np.ndarray, pieces: Sequence[tuple[Window, np.ndarray]]) -> np.ndarray:
