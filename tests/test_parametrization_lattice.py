@@ -53,7 +53,7 @@ def parent_lattice():
 
 def tip_lattice(**options):
     """A lattice around the outer part of the wing, which the surface enters through one side."""
-    return Lattice.box(np.array([[0.25, -0.12, 0.55], [1.45, 0.12, 1.5]]), n=(4, 3, 5), margin=0.0, **options)
+    return Lattice.box(np.array([[0.25, -0.09, 0.55], [1.45, 0.09, 1.5]]), n=(4, 3, 5), margin=0.0, **options)
 
 
 @dataclass(frozen=True)
