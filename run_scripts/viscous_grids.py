@@ -8,7 +8,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -143,10 +143,14 @@ class Splines:
         return float(np.linalg.norm(off, axis=1).max() / np.ptp(nodes, axis=0).max())
 
 
-DEFAULT = "least squares"
+DEFAULT = "default"
 """The way that is taken without any option."""
 
-WAYS: dict[str, Callable] = {"least squares": Splines.of, "inverse distance": RotatingDistance}
+WAYS: dict[str, Callable] = {
+    "least squares": partial(Splines.of, method="least_squares", wall_layer=False),
+    DEFAULT: Splines.of,
+    "inverse distance": RotatingDistance,
+}
 """Ways to move a grid: each is made of a grid and moves it by a deformation."""
 
 

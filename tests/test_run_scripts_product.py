@@ -67,8 +67,13 @@ def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_pat
     numbers = viscous.main(figures=tmp_path, table=tmp_path / "table.csv")
     assert {row["deformation"] for row in numbers["rows"]} == {"pitch=5deg", "pitch=20deg"}
     assert all(row["q_before"] > 0.05 and not row["failure"] for row in numbers["rows"])
-    assert numbers["summary"]["inverse distance"]["n_valid"] == numbers["summary"]["inverse distance"]["n_cases"]
-    assert numbers["summary"]["least squares"]["n_valid"] == 0
+    assert {way: row["n_valid"] for way, row in numbers["summary"].items()} == {
+        "least squares": 0,
+        "default": 2,
+        "inverse distance": 2,
+    }
+    assert numbers["summary"]["default"]["n_keep_heights"] == 2
+    assert numbers["off_rigid"]["section"] < 1e-11
     lines = (tmp_path / "table.csv").read_text().splitlines()
     assert len(lines) == 3
     assert {line.count(",") for line in lines} == {1 + len(viscous.COLUMNS)}
