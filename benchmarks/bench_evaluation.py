@@ -5,6 +5,9 @@ All get the same parameters and control points. Ours has the curved knots of the
 beforehand, one per block, with columns of that block alone: the best case for them. CPU seconds of the one thread, the
 contenders in turn, ``--repeats`` times; ratios are of the fastest runs, which other work on the machine disturbs least.
 Two threads against one are timed by the wall clock, twenty times as often.
+
+The whole map, with the residual that turns and the layer at walls, is timed beside ``A b`` on the same grid with a
+viscous spacing at the wall.
 """
 
 from __future__ import annotations
@@ -20,10 +23,13 @@ from pathlib import Path
 import numpy as np
 from machine_limits import MultiplyAdds, Triad
 from scipy.interpolate import NdBSpline
+from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao.evaluation.evaluator import Evaluator
+from bspline_mdao.evaluation.grid_map import GridMap
 from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.generators import Spacing
 from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.grids.multiblock import Grid
 from bspline_mdao.model import FittedModel
@@ -36,6 +42,8 @@ except ImportError:
 
 ORDER = 4
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
+OFF_WALL = 1e-5
+MAP = ("map", "map_forward", "map_reverse")
 TARGETS = {
     "csr_forward": 7.0,
     "ndbspline_forward": 15.0,
@@ -85,6 +93,37 @@ def main(shape=SHAPE, n_control=N_CONTROL, repeats: int = 15) -> dict:
         "fractions": fractions(evaluator, best, limits),
         "instructions_per_node": instructions_per_node(),
         "load_average": load_average,
+        "whole_map": whole_map(shape, n_control, repeats),
+    }
+
+
+def whole_map(shape, n_control, repeats: int) -> dict:
+    """Time the whole map of a viscous grid beside the evaluation alone, on one thread."""
+    grid = onera_m6_grid(shape, Spacing(off_wall=OFF_WALL))
+    model = fit_grid(grid, n_control=n_control, order=ORDER)
+    evaluator, random = model.evaluator().with_threads(1), np.random.default_rng(1)
+    arguments = model.topology, model.mesh, model.parameters, model.control_points, model.residual
+    grid_map = GridMap.of(*arguments, True, evaluator)
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.3]).as_matrix()
+    moved = model.control_points @ turn.T
+    state, change, bar = grid_map.at(moved), random.standard_normal(moved.shape), random_nodes(model)
+    contenders = {
+        **our_contenders(model, evaluator),
+        "map": lambda: grid_map.at(moved),
+        "map_forward": lambda: state.jvp(change),
+        "map_reverse": lambda: state.vjp(bar),
+    }
+    with threadpool_limits(1):
+        best = {name: min(times) for name, times in interleaved(contenders, repeats, time.thread_time).items()}
+    found = {f"{name}_by_A": best[name] / best["reverse" if name == "map_reverse" else "forward"] for name in MAP}
+    n_bytes = grid_map.n_bytes / model.n_nodes
+    share = grid_map.layer.n_followers / model.n_nodes
+    return {
+        "seconds": {name: best[name] for name in MAP},
+        "ratios": found,
+        "bytes_per_node": n_bytes,
+        "with_evaluator": n_bytes + evaluator.bytes_per_node,
+        "share_of_layer": share,
     }
 
 
@@ -246,6 +285,14 @@ def report(numbers: dict) -> None:
         print("instructions per node: not counted (needs perf)")
     else:
         print(f"instructions per node: {counts['forward']:.0f} (target 180), in reverse {counts['reverse']:.0f} (400)")
+    whole = numbers["whole_map"]
+    print(
+        f"\nwhole map: {whole['bytes_per_node']:.0f} bytes per node, {whole['with_evaluator']:.0f} with the "
+        f"evaluator's; {whole['share_of_layer']:.0%} of the nodes follow a wall"
+    )
+    for name in MAP:
+        ratio = whole["ratios"][f"{name}_by_A"]
+        print(f"{name:24}{whole['seconds'][name] * 1e3:9.2f} ms, {ratio:.2f} times A b or its transpose (target: 3)")
     if splinepy is None:
         print("splinepy: not installed, skipped")
 
