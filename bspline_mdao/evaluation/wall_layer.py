@@ -30,8 +30,8 @@ from .wall_frames import Frames, WallFrames
 
 __all__ = ["Layered", "Wall", "WallLayer"]
 
-CHUNK_NODES = 2**13
-"""Nodes per piece of work."""
+CHUNK_NODES = 2**12
+"""Nodes per piece of work: the corners of their triangles have numbers of two bytes."""
 
 REACH = (20.0, 3.0)
 """A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
@@ -123,11 +123,11 @@ class _Piece:
         Where the feet of each begin.
     planes : ndarray of int16, shape (n,)
         Number of the projector of each.
-    corners : ndarray of int32, shape (n_feet, 3)
+    corners : ndarray of uint16, shape (n_feet, 3)
         Corners of the triangle of each foot, among the piece's nodes of the wall.
-    weights : ndarray, shape (n_feet, 2)
-        Weights of the first two corners.
-    shares : ndarray, shape (n_feet,)
+    weights : ndarray of float32, shape (n_feet, 2)
+        Weights of the first two corners. A foot that is a little beside the closest place does as well.
+    shares : ndarray of float32, shape (n_feet,)
         How much the node follows the foot.
     wall_ids : ndarray of int, shape (n_corners,)
         The piece's nodes of the wall, ascending.
@@ -492,9 +492,9 @@ def _cut(rows, counts, places, planes, corners, weights, shares) -> tuple[_Piece
                 rows[nodes].astype(np.int32),
                 np.concatenate([[0], ends]).astype(np.int32),
                 planes[nodes],
-                local.reshape(-1, 3).astype(np.int32),
-                weights[feet],
-                shares[feet],
+                local.reshape(-1, 3).astype(np.uint16),
+                weights[feet].astype(np.float32),
+                shares[feet].astype(np.float32),
                 wall_ids,
             )
         )
@@ -520,7 +520,7 @@ def _corners(corners, weights, k):
     """Corners of a foot and their weights."""
     # unsigned, so that no number is checked for being negative
     a, b, c = np.uint64(corners[k, 0]), np.uint64(corners[k, 1]), np.uint64(corners[k, 2])
-    u, v = weights[k, 0], weights[k, 1]
+    u, v = np.float64(weights[k, 0]), np.float64(weights[k, 1])
     return (a, b, c), (u, v, 1.0 - u - v)
 
 
@@ -552,13 +552,14 @@ def _follow(rows, starts, planes, corners, weights, shares, projectors, initial,
         x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
             at, at_weights = _corners(corners, weights, k)
+            share = np.float64(shares[k])
             d, e, f = _from_foot(initial, row, frames, at, at_weights)
             for n, weight in zip(at, at_weights):
-                s = shares[k] * weight
+                s = share * weight
                 x += s * (frames[n, 0] + frames[n, 3] * d + frames[n, 4] * e + frames[n, 5] * f)
                 y += s * (frames[n, 1] + frames[n, 6] * d + frames[n, 7] * e + frames[n, 8] * f)
                 z += s * (frames[n, 2] + frames[n, 9] * d + frames[n, 10] * e + frames[n, 11] * f)
-            total += shares[k]
+            total += share
         if planes[i] == 0:
             mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
             mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
@@ -582,9 +583,10 @@ def _follow_back(rows, starts, planes, corners, weights, shares, projectors, ini
             x, y, z = _projected(projectors[planes[i]], x, y, z)
         for k in range(starts[i], starts[i + 1]):
             at, at_weights = _corners(corners, weights, k)
+            share = np.float64(shares[k])
             d, e, f = _from_foot(initial, row, frames, at, at_weights)
             for n, weight in zip(at, at_weights):
-                s = shares[k] * weight
+                s = share * weight
                 sums[n, 0] += s * x
                 sums[n, 1] += s * y
                 sums[n, 2] += s * z
@@ -597,7 +599,7 @@ def _follow_back(rows, starts, planes, corners, weights, shares, projectors, ini
                 sums[n, 9] += s * z * d
                 sums[n, 10] += s * z * e
                 sums[n, 11] += s * z * f
-            total += shares[k]
+            total += share
         bar[row, 0] -= total * x
         bar[row, 1] -= total * y
         bar[row, 2] -= total * z
@@ -615,9 +617,10 @@ def _turned_back(rows, starts, planes, corners, weights, shares, projectors, fra
             x, y, z = _projected(projectors[planes[i]], x, y, z)
         for k in range(starts[i], starts[i + 1]):
             at, at_weights = _corners(corners, weights, k)
+            share = np.float64(shares[k])
             d, e, f = 0.0, 0.0, 0.0
             for n, weight in zip(at, at_weights):
-                s = shares[k] * weight
+                s = share * weight
                 d += s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
                 e += s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
                 f += s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)
