@@ -148,7 +148,7 @@ class Morph:
         control_points : ndarray, shape (n_control_points, 3)
             Moved control points (m).
         """
-        self.model.evaluator()  # the spans and basis values of the nodes are found once per model
+        self.model.grid_map()  # what the nodes depend on is found once per model
         start = time.process_time()
         movement = elastic_move(self.mesh, self.surface, settings)
         after = self.model.regenerate(movement.points)

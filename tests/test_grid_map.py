@@ -140,22 +140,35 @@ def test_results_do_not_depend_on_the_number_of_threads(wing):
         np.testing.assert_array_equal(one, two)
 
 
-def test_first_cells_keep_their_heights_where_a_section_pitches():
-    """A C-grid with cells of 1e-4 at the wall, by 20 degrees; sheared by more than a tenth without the layer."""
+@pytest.fixture(scope="module")
+def section():
+    """A C-grid with cells of 1e-4 at the wall, and its control points after a pitch by 20 degrees."""
     thin = np.unique(np.rint(200 * np.linspace(0.0, 1.0, 19) ** 2)).astype(int)
     nodes = c_grid(n_wake=8, n_wing=16, n_off=201, n_span=2)[:, :, thin]
     whole = Window.whole(0, nodes.shape[:3])
-    section = Patch("section", "wall", (Window(0, (8, 0, 0), (40, 1, 0)),))
+    wall = Patch("section", "wall", (Window(0, (8, 0, 0), (40, 1, 0)),))
     rim = Patch("rim", "farfield", (whole.face(5), whole.face(0), whole.face(1)))
     sides = Patch("sides", "symmetry", (whole.face(2), whole.face(3)))
-    model = fit_grid(Grid((Block(nodes, "block 1"),), (section, rim, sides)))
+    model = fit_grid(Grid((Block(nodes, "block 1"),), (wall, rim, sides)))
     mesh = moving_mesh(model)
     surface = parse_deformation(("pitch=20deg",), model, mesh).apply(model.control_points[mesh.surface_ids])
     moved = LinearElasticity(mesh, n_increments=5).move(model.control_points, surface).points
+    return model, moved
+
+
+def test_first_cells_keep_their_heights_where_a_section_pitches(section):
+    model, moved = section
     cells = FirstCells.of_baseline(model.regenerate())
     ratios, fixed = (cells.ratios(map_of(model, layer).at(moved).nodes) for layer in (True, False))
     assert 0.998 < ratios.min() <= ratios.max() < 1.002
     assert np.abs(fixed - 1.0).max() > 0.01
+
+
+def test_first_cells_of_family_members_keep_their_heights_as_well(section):
+    model, moved = section
+    member = model.member(0.5)
+    ratios = FirstCells.of_baseline(member.regenerate()).ratios(member.grid_map().at(moved).nodes)
+    assert 0.998 < ratios.min() <= ratios.max() < 1.002
 
 
 def test_surroundings_that_turn_inside_out_are_an_error(wing):
