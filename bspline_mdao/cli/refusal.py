@@ -52,7 +52,8 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
     missed = None if model.residual is None else np.linalg.norm(model.residual, axis=1).max()
     if missed and _is_the_residual(model, moved):
         cause = f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m, is in the way"
-        return cause, "fit with more control points (--n-control)"
+        more = [f"take {option}" for option in _more(report)]
+        return cause, " or ".join(["fit with more control points (--n-control)", *more, "deform it less"])
     first = report.first_tangled()
     if not first:
         return "the splines fold between control points, whose mesh stays valid", "take a smaller deformation"
@@ -71,7 +72,17 @@ def _cure_of_tangling(report: MovementReport, options: MoverOptions) -> str:
     if options.increments not in (None, AUTO):
         return "take --increments auto, a smaller deformation or --mover torsional"
     tried = ", ".join(str(trial.n_increments) for trial in report.tried)
-    return f"take a smaller deformation (tried with {tried} increments) or --mover torsional"
+    smaller = f"a smaller deformation (tried with {tried} increments)"
+    return "take " + " or ".join([*_more(report), smaller, "--mover torsional"])
+
+
+def _more(report: MovementReport) -> list[str]:
+    """The most increments that were tried, where elements tangle with each number and fewer were taken.
+
+    They tangle fewer elements as a rule, though the worst of them may be worse.
+    """
+    most = report.tried[-1].n_increments if report.tried else 0
+    return [f"--increments {most}"] if report.first_tangled() and most > report.n_increments else []
 
 
 def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
