@@ -1,12 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bspline_mdao import read_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.wall_feet import FARTHEST, TriangleTree
 from bspline_mdao.evaluation.wall_frames import WallFrames
 from bspline_mdao.evaluation.wall_layer import CHUNK_NODES, Wall, WallLayer
 from bspline_mdao.grids.face_quads import corners_in_turn, quads_in_turn
+from bspline_mdao.grids.face_sheet import FaceSheet
+from bspline_mdao.grids.patch_guess import guess_patches
+from bspline_mdao.grids.sharing import node_sharing
+from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.quality.first_cells import FirstCells
 
 ROWS = np.arange(7 * 6 * 9).reshape(7, 6, 9)
 """Rows of a block: its wall is k = 0, and j = 0 lies in a plane of symmetry."""
@@ -51,7 +59,7 @@ def random_move(rng, nodes, wall_rows, size=0.02):
     return mapped, mapped[wall_rows] + size * rng.standard_normal((len(wall_rows), 3))
 
 
-def brute_feet(points, triangles, p, n=400):
+def brute_feet(points, triangles, p, n=40):
     """Distance from p to samples of triangles, shape (n_triangles,)."""
     u, v = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
     w = np.stack([u, (1 - u) * v, (1 - u) * (1 - v)], axis=-1).reshape(-1, 3)
@@ -68,8 +76,10 @@ def test_the_first_foot_is_the_closest_place_of_the_wall():
     np.testing.assert_array_equal(feet.points, np.arange(25))
     first = feet.starts[:-1]
     found = np.einsum("nc,ncd->nd", feet.weights[first], points[tree.triangles[feet.triangles[first]]])
+    assert feet.weights.min() >= 0.0
     for p, foot in zip(at, found):
-        assert np.linalg.norm(foot - p) == pytest.approx(brute_feet(points, tree.triangles, p).min(), rel=2e-3)
+        nearest = brute_feet(points, tree.triangles, p).min()
+        assert nearest - 0.02 < np.linalg.norm(foot - p) <= nearest + 1e-12
 
 
 def test_points_between_two_walls_share_their_feet_smoothly():
@@ -294,6 +304,25 @@ def test_walls_of_inviscid_grids_have_no_layer():
         wall = Wall.of(nodes[wall_rows], quads, np.full(42, height))
         found.append(WallLayer.of(wall, nodes, wall_rows).n_followers)
     assert found[0] == 42 < found[1]
+
+
+def test_first_cells_of_a_real_grid_keep_their_heights(real_grids):
+    grid = read_grid(real_grids / "aither_rae2822.xyz")
+    faces = [face.window for face in find_topology(grid).boundary if face.patch is None]
+    grid = replace(grid, patches=(*grid.patches, *guess_patches(grid, faces)))
+    topology, cells = find_topology(grid), FirstCells.of_baseline(grid)
+    nodes = grid.to_vector().reshape(-1, 3)[node_sharing(topology).source_rows()]
+    sheet = FaceSheet.of(topology, nodes, [face for face in topology.boundary if face.kind == "wall"])
+    points = nodes[sheet.rows]
+    wall = Wall.of(points, sheet.quads, sheet.heights, sheets=sheet.quad_faces)
+    layer = WallLayer.of(wall, nodes, sheet.rows, copies=node_sharing(topology).copies)
+    # the section is made thinner and bent, and the cells with it
+    mapped = nodes * [1.0, 0.8, 1.0] + 0.05 * np.sin(2.0 * nodes[:, :1]) * [0.0, 1.0, 0.0]
+    found = layer.at(nodes, mapped.copy(), points, mapped[sheet.rows]).nodes
+    before, after = cells.ratios(mapped), cells.ratios(found)
+    assert np.quantile(np.abs(before - 1.0), 0.5) > 0.1
+    assert np.quantile(np.abs(after - 1.0), 0.99) < 2e-3
+    assert np.abs(after - 1.0).max() < 3e-2
 
 
 def test_wrong_arrays_are_refused():
