@@ -68,6 +68,7 @@ _HOMES = {
     "Span": "parametrization.planform",
     "SurfaceArea": "geometry.area",
     "SurfaceControl": "components.surface_control",
+    "SurfaceControlFit": "components.surface_control_fit",
     "SurfaceEvaluate": "components.surface_evaluate",
     "SurfaceGeometry": "mphys.geometry",
     "SurfaceGrid": "geometry.surface",

@@ -20,6 +20,7 @@ from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.components.monotonic import Monotonic
 from bspline_mdao.components.quality import Quality
 from bspline_mdao.components.surface_control import SurfaceControl
+from bspline_mdao.components.surface_control_fit import SurfaceControlFit
 from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.components.surface_measure import SurfaceMeasure
 from bspline_mdao.errors import InputError
@@ -53,6 +54,12 @@ def parametrization(model):
     return Parametrization(moving_mesh(model), [Swirl("swirl", 5), Lift("lift")])
 
 
+def most_nodes(model):
+    """Numbers of most nodes of the surface, in disorder."""
+    n = SurfaceGrid.of(model).n_points
+    return np.random.default_rng(3).permutation(n)[n // 10 :]
+
+
 def heights(model):
     return Heights(SurfaceGrid.of(model))
 
@@ -81,6 +88,19 @@ PARTIALS = {
         SURFACE,
         SURFACE_CONTROL_POINTS,
     ),
+    **{
+        f"SurfaceControlFit, {name}": (
+            SurfaceControlFit,
+            {"mesh": moving_mesh, "surface": SurfaceGrid.of, **options},
+            SURFACE_CONTROL_POINTS,
+            SURFACE,
+        )
+        for name, options in {"all nodes": {}, "some nodes": {"numbers": most_nodes}}.items()
+    },
+    **{
+        f"GridEvaluate, asked for the wall, {wrt}": (GridEvaluate, {"surface": SurfaceGrid.of, **options}, GRID, wrt)
+        for wrt, options in {SURFACE: {}, CONTROL_POINTS: {"numbers": most_nodes}}.items()
+    },
     "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),
     "Monotonic": (Monotonic, {"variable": "twist", "size": 6}, "twist_differences", "twist"),
     "Monotonic decreasing": (

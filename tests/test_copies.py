@@ -113,11 +113,12 @@ def forced(forces):
 
 
 def inverted(inverse):
-    return [inverse.apply(noise(inverse.constant.shape)), inverse.vjp(noise((inverse.matrix.shape[1], 3)))]
+    fitted = inverse.at(inverse.surface_map.constant + noise((inverse.matrix.shape[0], 3)))
+    return [fitted.control_points, fitted.vjp(noise(fitted.control_points.shape))]
 
 
 def inverse():
-    return SurfaceInverse.of(SurfaceMap.of(wing_model(), mesh(), SurfaceGrid.of(wing_model())))
+    return SurfaceInverse.of(SurfaceMap.of(wing_model(), mesh(), SurfaceGrid.of(wing_model())), mesh())
 
 
 def parametrized(variables, constraints=()):

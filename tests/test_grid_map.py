@@ -10,6 +10,7 @@ from topology_cases import c_grid
 from bspline_mdao import MovementError, fit_grid, flat_plate_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.deformations import parse_deformation
 from bspline_mdao.evaluation.grid_map import GridMap
+from bspline_mdao.evaluation.miss_spread import MissSpread
 from bspline_mdao.grids.entities import BoundaryFace
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Block, Grid, Patch
@@ -127,6 +128,53 @@ def test_jvp_is_the_derivative_and_vjp_its_transpose(model, wall_layer):
     bar = rng.standard_normal(found.shape)
     terms = bar * found
     assert abs(terms.sum() - np.vdot(state.vjp(bar.copy()), v)) < 1e-13 * np.abs(terms).sum()
+
+
+def asked_of(model, rng):
+    """Spread of all wall nodes but some, and a map."""
+    grid_map = map_of(model)
+    rows = np.sort(rng.permutation(grid_map.wall_rows)[len(grid_map.wall_rows) // 10 :])
+    return grid_map, MissSpread.of(model.topology, grid_map.nodes, rows)
+
+
+def test_wall_nodes_are_where_they_are_asked_to_be(wing):
+    rng = np.random.default_rng(7)
+    grid_map, spread = asked_of(wing, rng)
+    b = moved(wing, rng)
+    wall = grid_map.at(b).nodes[spread.rows] + 0.003 * rng.standard_normal((len(spread.rows), 3))
+    state = grid_map.at(b, spread, wall)
+    np.testing.assert_allclose(state.nodes[spread.rows], wall, rtol=0, atol=1e-14 * np.ptp(wall))
+    np.testing.assert_array_equal(state.nodes, state.nodes[node_sharing(wing.topology).source_rows()])
+    np.testing.assert_allclose(state.miss, wall - grid_map.at(b).nodes[spread.rows], rtol=0, atol=1e-14)
+
+
+def test_wall_nodes_that_are_asked_to_be_where_they_are_change_nothing(wing):
+    rng = np.random.default_rng(8)
+    grid_map, spread = asked_of(wing, rng)
+    b = moved(wing, rng)
+    nodes = grid_map.at(b).nodes
+    np.testing.assert_allclose(grid_map.at(b, spread, nodes[spread.rows]).nodes, nodes, rtol=0, atol=1e-13)
+
+
+def test_products_with_asked_wall_nodes_are_exact_and_transposed(wing):
+    rng = np.random.default_rng(9)
+    grid_map, spread = asked_of(wing, rng)
+    b = moved(wing, rng)
+    wall = grid_map.at(b).nodes[spread.rows] + 0.003 * rng.standard_normal((len(spread.rows), 3))
+    v, w = rng.standard_normal(b.shape), rng.standard_normal(wall.shape)
+    state, h = grid_map.at(b, spread, wall), 1e-5
+    found = state.jvp(v, w)
+
+    def difference(h):
+        ends = (grid_map.at(b + s * v, spread, wall + s * w).nodes for s in (h, -h))
+        return np.subtract(*ends) / (2 * h)
+
+    slope = (4 * difference(h / 2) - difference(h)) / 3
+    np.testing.assert_allclose(slope, found, rtol=0, atol=1e-8 * np.abs(found).max())
+    bar = rng.standard_normal(found.shape)
+    b_bar, wall_bar = state.asked_vjp(bar.copy())
+    terms = bar * found
+    assert abs(terms.sum() - np.vdot(b_bar, v) - np.vdot(wall_bar, w)) < 1e-13 * np.abs(terms).sum()
 
 
 def test_results_do_not_depend_on_the_number_of_threads(wing):

@@ -4,6 +4,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import Heights, Shear, Swirl, movable_model, small_model
+from differences import extrapolated_difference
 
 from bspline_mdao import fit_grid, flat_plate_grid
 from bspline_mdao.components.grid_movement import GridMovement
@@ -11,6 +12,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.geometry.surface import SurfaceGrid
 from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
+from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.names import (
     CONTROL_POINTS,
     CONTROL_POINTS_INITIAL,
@@ -20,6 +22,7 @@ from bspline_mdao.names import (
     SURFACE_CONTROL_POINTS,
 )
 from bspline_mdao.parametrization.composition import Parametrization
+from bspline_mdao.quality.grid_quality import GridQuality
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +99,68 @@ def test_the_surface_is_that_of_the_grid(plate):
     moved = problem.get_val(GRID).reshape(-1, 3)[surface.rows]
     assert np.abs(moved - surface.points).max() > 0.05
     np.testing.assert_allclose(problem.get_val(SURFACE).reshape(-1, 3), moved, atol=1e-14)
+
+
+def waved(surface):
+    """Nodes of a surface that no control points have, those on the symmetry plane in it."""
+    nodes = surface.points.copy()
+    nodes[:, 1] += 0.1 * nodes[:, 2] ** 2 + 0.004 * np.sin(9.0 * nodes[:, 0]) * np.cos(7.0 * nodes[:, 2])
+    return nodes
+
+
+def test_the_chain_of_given_nodes_measures_them_and_meets_them(plate):
+    surface = SurfaceGrid.of(plate)
+    problem = problem_of(plate, surface=surface, measures=[Heights(surface)])
+    group = problem.model.grid_movement
+    names = [system.name for system in group.system_iter(recurse=False)]
+    assert names == ["fit", "fit_surface", "measure_heights", "move", "evaluate", "quality"]
+    np.testing.assert_allclose(problem.get_val(GRID, units="m"), plate.regenerate().to_vector(), atol=1e-13)
+    nodes = waved(surface)
+    problem.set_val(SURFACE, nodes.ravel())
+    problem.run_model()
+    grid = problem.get_val(GRID).reshape(-1, 3)
+    np.testing.assert_allclose(grid[surface.rows], nodes, rtol=0, atol=1e-12)
+    assert 1e-3 < group.fit_surface.miss.largest < 0.05
+    quality = GridQuality.of_baseline(plate.regenerate())
+    assert all(cells.is_valid.all() for cells in quality.cells(grid))
+
+
+@pytest.mark.parametrize("mode", ["fwd", "rev"])
+def test_totals_of_given_nodes_are_those_of_differences(plate, mode):
+    surface = SurfaceGrid.of(plate)
+    mover = InverseDistance(moving_mesh(plate))
+    problem = problem_of(plate, surface=surface, measures=[Heights(surface)], mover=mover)
+    rng, nodes = np.random.default_rng(3), waved(surface)
+    direction = rng.normal(size=nodes.shape)
+    for ids, normal in surface.on_planes(plate):
+        direction[ids] -= np.outer(direction[ids] @ normal, normal)
+    of = ["quality_ks", "heights", "size.f"]
+
+    def outputs(step):
+        problem.set_val(SURFACE, (nodes + step * direction).ravel())
+        problem.run_model()
+        return np.concatenate([problem.get_val(name).ravel() for name in of])
+
+    expected = extrapolated_difference(outputs, 1e-4, levels=3)
+    outputs(0.0)
+    totals = problem.compute_totals(of, [SURFACE])
+    exact = np.concatenate([totals[name, SURFACE] @ direction.ravel() for name in of])
+    np.testing.assert_allclose(exact, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"parametrization": lambda plate: Parametrization(moving_mesh(plate), [Swirl("swirl", 2)])}, "give one"),
+        ({"live": lambda plate: True}, "live=True does not follow nodes of a surface"),
+        ({"measures": lambda plate: [Heights(SurfaceGrid.of(plate))]}, "of another surface than the nodes"),
+        ({"numbers": lambda plate: [0, 99_999]}, "'numbers' are not numbers of nodes"),
+        ({"numbers": lambda plate: [0, 1, 2]}, "its 3 nodes do not determine"),
+    ],
+)
+def test_what_does_not_go_with_given_nodes_is_refused(plate, options, message):
+    with pytest.raises(InputError, match=message):
+        problem_of(plate, surface=SurfaceGrid.of(plate), **{name: make(plate) for name, make in options.items()})
 
 
 def test_a_parametrization_of_another_design_surface_is_refused(plate):

@@ -69,7 +69,7 @@ def spread_of(grid):
     nodes = grid.to_vector().reshape(-1, 3)
     rows = np.unique(node_sharing(topology).source_rows()[np.concatenate(faces(topology, "wall"))])
     planes = [(members, plane_normal(nodes[members], "plane")) for members in faces(topology, "symmetry")]
-    return topology, nodes, planes, MissSpread.of(topology, nodes, rows, planes)
+    return topology, nodes, planes, MissSpread.of(topology, nodes, rows)
 
 
 def in_planes(spread, planes, miss):
@@ -162,3 +162,16 @@ def test_cuts_are_the_same_from_both_ends(n_cells):
     np.testing.assert_array_equal(n_cells - cuts[::-1], cuts)
     assert cuts[0] == 0
     assert 0 < np.diff(cuts).min() <= np.diff(cuts).max() <= PIECE + 1
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_wall_is_met_exactly_on_all_sides_of_shared_nodes(name):
+    topology, nodes, _, spread = spread_of(CASES[name]())
+    source = node_sharing(topology).source_rows()
+    before, moved = nodes[source], nodes[source]
+    wall = before[spread.rows] + 0.01 * np.random.default_rng(5).normal(size=(len(spread.rows), 3))
+    miss = spread.meet(moved, wall)
+    np.testing.assert_array_equal(miss, wall - before[spread.rows])
+    np.testing.assert_array_equal(moved[spread.rows], wall)
+    np.testing.assert_array_equal(moved, moved[source])
+    np.testing.assert_allclose(moved, before + spread.forward(miss), atol=1e-14)

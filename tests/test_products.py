@@ -23,6 +23,7 @@ from bspline_mdao.components.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.components.monotonic import Monotonic
 from bspline_mdao.components.quality import Quality
 from bspline_mdao.components.surface_control import SurfaceControl
+from bspline_mdao.components.surface_control_fit import SurfaceControlFit
 from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.components.surface_measure import SurfaceMeasure
 from bspline_mdao.errors import InputError
@@ -33,7 +34,6 @@ from bspline_mdao.flow.lattice_flow import UnfoldedLattice
 from bspline_mdao.flow.lattice_forces import LatticeForces
 from bspline_mdao.flow.wake_forces import WakeForces
 from bspline_mdao.geometry.surface import SurfaceGrid
-from bspline_mdao.geometry.surface_map import SurfaceMap
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.held import Held
 from bspline_mdao.movement.inverse_distance import InverseDistance
@@ -77,16 +77,15 @@ def flow_of(kind, **options):
     return kind(flow=FlowGrid.of(wing().topology, nodes, **settings), nodes=nodes, **options)
 
 
-def surface_fit():
-    surface_map = SurfaceMap.of(model(), moving_mesh(model()), surface())
-    return warper._SurfaceFit(model=model(), surface=surface(), surface_map=surface_map)
-
-
 COMPONENTS = {
     "Fit": lambda: Fit(model=model()),
     "Fit, live": lambda: Fit(model=model(), live=True),
     "GridEvaluate": lambda: GridEvaluate(model=model()),
     "GridEvaluate, assembled": lambda: GridEvaluate(model=plain(model()), assembled=True),
+    "GridEvaluate, asked for the wall": lambda: GridEvaluate(model=model(), surface=surface()),
+    "GridEvaluate, asked for nodes": lambda: GridEvaluate(
+        model=model(), surface=surface(), numbers=np.unique(some_nodes())
+    ),
     "LiveGridEvaluate": lambda: LiveGridEvaluate(model=model()),
     **{
         f"ControlMeshMove, {mover.__name__}": lambda mover=mover: ControlMeshMove(mover=mover(moving_mesh(model())))
@@ -107,7 +106,8 @@ COMPONENTS = {
     "UnfoldedLattice": lambda: UnfoldedLattice(measure=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5)),
     "WakeForces": lambda: WakeForces(n_chord=4, n_span=7),
     "Displaced": lambda: geometry._Displaced(surface=surface(), numbers=some_nodes()),
-    "SurfaceFit": surface_fit,
+    "SurfaceControlFit": lambda: SurfaceControlFit(model=model(), mesh=moving_mesh(model()), surface=surface()),
+    "SolverSurface": lambda: warper._SolverSurface(surface=surface(), numbers=some_nodes()),
     "SolverNodes": lambda: warper._SolverNodes(n_nodes=len(surface().points), rows=some_nodes(), name="nodes"),
     "Renamed": lambda: flow_group._Renamed(pairs=flow_group._conditions(12)),
 }

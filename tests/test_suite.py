@@ -256,6 +256,7 @@ def test_openmdao_lists_the_components():
         "bspline_mdao.components.monotonic:Monotonic",
         "bspline_mdao.components.quality:Quality",
         "bspline_mdao.components.surface_control:SurfaceControl",
+        "bspline_mdao.components.surface_control_fit:SurfaceControlFit",
         "bspline_mdao.components.surface_evaluate:SurfaceEvaluate",
         "bspline_mdao.components.surface_measure:SurfaceMeasure",
     }

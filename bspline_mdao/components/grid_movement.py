@@ -8,6 +8,7 @@ import openmdao.api as om
 from ..errors import InputError
 from ..geometry.given import given_list
 from ..geometry.measure import MEMBERS
+from ..geometry.surface import SurfaceGrid
 from ..model import FittedModel
 from ..movement.boundary import moving_mesh, require_mesh_of
 from ..movement.elasticity import LinearElasticity
@@ -21,6 +22,7 @@ from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
 from .quality import Quality
 from .surface_control import SurfaceControl
+from .surface_control_fit import SurfaceControlFit
 from .surface_evaluate import SurfaceEvaluate
 from .surface_measure import SurfaceMeasure
 
@@ -33,7 +35,8 @@ class GridMovement(om.Group):
     =================  =================================================================  ============================
     fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              unless ``fit=False``
     control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
-    evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures``
+    evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures`` alone
+    fit_surface        `SurfaceControlFit`: ``surface`` -> ``surface_control_points``     with ``surface``
     ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
     move               `ControlMeshMove`: -> ``control_points``                           always
     evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
@@ -41,7 +44,8 @@ class GridMovement(om.Group):
     =================  =================================================================  ============================
 
     All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
-    parametrization ``surface_control_points`` is an input.
+    parametrization ``surface_control_points`` is an input. With a ``surface`` it is the nodes of this surface that are
+    given: the control points are fitted to them, and the wall of the grid is exactly where they are.
 
     Options
     -------
@@ -54,6 +58,10 @@ class GridMovement(om.Group):
     mover : Mover, optional
         Moves the control mesh of the model; by default linear elasticity, on the mesh of the parametrization or with
         all walls as the design surface.
+    surface : SurfaceGrid, optional
+        Surface whose nodes are given: ``surface`` is an input.
+    numbers : sequence of int, optional
+        Which of these nodes are given; all by default.
     require_valid, keep_increments : bool
         Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
     fit : bool
@@ -67,8 +75,9 @@ class GridMovement(om.Group):
     ------
     InputError
         In ``setup``, if the mover or the parametrization is that of another model, if the two have different design
-        surfaces, if measures are of different surfaces, if the model does not say what moves, or if ``live`` is asked
-        for without ``fit``.
+        surfaces, if measures are of different surfaces, if the model does not say what moves, if ``live`` is asked
+        for without ``fit``, or a ``surface`` together with a parametrization, with ``live``, or with measures of
+        another one.
     """
 
     def initialize(self):
@@ -78,6 +87,8 @@ class GridMovement(om.Group):
         self.options.declare("parametrization", types=types, default=None, recordable=False, desc="design variables")
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
+        self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
@@ -87,20 +98,37 @@ class GridMovement(om.Group):
     def setup(self):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
+        surface = self.options["surface"]
         if is_live and not self.options["fit"]:
             raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
+        if surface is not None:
+            self._require_alone(surface)
         if self.options["fit"]:
             self._add("fit", Fit(model=model, live=is_live))
+        asked = {"surface": surface, "numbers": self.options["numbers"]} if surface is not None else {}
         if self.options["parametrization"] is not None:
             self._add("control", SurfaceControl(parametrization=self.options["parametrization"]))
+        elif surface is not None:
+            self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
         if self.options["measures"]:
             self._add_measures(mover.mesh)
         settings = {name: self.options[name] for name in ("require_valid", "keep_increments")}
         self._add("move", ControlMeshMove(mover=mover, **settings))
-        self._add("evaluate", (LiveGridEvaluate if is_live else GridEvaluate)(model=model))
+        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(model=model, **asked))
         quality = self.options["quality"]
         if quality:
             self._add("quality", Quality(model=model, **({} if quality is True else {"aggregates": quality})))
+
+    def _require_alone(self, surface: SurfaceGrid) -> None:
+        """Refuse what does not go together with nodes of a surface that are given."""
+        if self.options["parametrization"] is not None:
+            raise InputError(
+                f"{self.msginfo}: both a parametrization and the nodes of a surface would move the surface; give one"
+            )
+        if self.options["live"]:
+            raise InputError(f"{self.msginfo}: live=True does not follow nodes of a surface; leave one out")
+        if self.options["measures"] and self.options["numbers"] is not None:
+            raise InputError(f"{self.msginfo}: measures need all nodes of the surface; leave out 'numbers'")
 
     def _add(self, name: str, component: om.ExplicitComponent):
         self.add_subsystem(name, component, promotes=["*"])
@@ -115,7 +143,10 @@ class GridMovement(om.Group):
                     f"{self.msginfo}: measure '{measure.name}' is of another SurfaceGrid; make all with the same one"
                 )
         self._require_names([measure.name for measure in measures])
-        self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
+        if self.options["surface"] is None:
+            self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
+        elif self.options["surface"] is not surface:
+            raise InputError(f"{self.msginfo}: the measures are of another surface than the nodes; make them with it")
         for measure in measures:
             self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
 

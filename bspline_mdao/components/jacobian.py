@@ -50,6 +50,20 @@ def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
     return points
 
 
+def numbers_given(numbers, n: int, name: str, pathname: str) -> np.ndarray:
+    """Give the numbers of nodes that are asked for; all ``n`` of them where none are.
+
+    Raises
+    ------
+    InputError
+        If one of them does not exist.
+    """
+    numbers = np.arange(n) if numbers is None else np.asarray(numbers)
+    if numbers.ndim != 1 or numbers.dtype.kind != "i" or not len(numbers) or numbers.min() < 0 or numbers.max() >= n:
+        raise InputError(f"{pathname}: '{name}' are not numbers of nodes; give a list of integers from 0 to {n - 1}")
+    return numbers
+
+
 def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
     """Give an input back after a look for numbers that are none.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -56,6 +58,26 @@ class Deformation:
         for point_map in self.maps:
             moved = point_map.apply(moved)
         return self._keep_in_planes(points, moved)
+
+    def apply_to_nodes(self, nodes: np.ndarray, planes: Sequence[tuple[np.ndarray, np.ndarray]] = ()) -> np.ndarray:
+        """Move nodes of the surface as its control points are moved.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n, 3)
+            Nodes of the surface (m), such as those of a `bspline_mdao.SurfaceGrid`.
+        planes : sequence of (ndarray of int, ndarray of shape (3,))
+            Nodes on planes of symmetry, and the planes' unit normals.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Moved nodes (m). Those on the planes stay exactly in them.
+        """
+        displacement = reduce(lambda points, point_map: point_map.apply(points), self.maps, nodes) - nodes
+        for ids, normal in planes:
+            displacement[ids] -= np.outer(displacement[ids] @ normal, normal)
+        return nodes + displacement
 
     def jvp(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
         """Differentiate `apply` along a direction in the points, shape (n_surface, 3)."""

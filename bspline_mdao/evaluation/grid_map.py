@@ -1,7 +1,7 @@
 """The whole map from control points, and where asked from wall nodes, to the grid.
 
     y = A b + T(b) r                    r: residual of the fit, turned with its surroundings (`.turning`)
-    y <- y + spread(w - y_wall)         w: wall nodes, where they are asked; the miss fades over the blocks
+    y <- y + E (w - y_wall)             w: wall nodes, where they are asked; the miss fades (`.miss_spread`)
     x = layer(y; x0, w)                 nodes near walls follow them as a rigid body (`.wall_layer`)
 
 At the control points of the baseline it gives the baseline, and a rigid motion of all control points moves all nodes
@@ -23,6 +23,7 @@ from ..grids.sharing import block_rows, node_sharing
 from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
 from .evaluator import Evaluator
+from .miss_spread import MissSpread
 from .turning import Turn, Turning, Vectors
 from .wall_layer import Layered, Wall, WallLayer
 
@@ -125,8 +126,19 @@ class GridMap:
         packed = self.residual.n_bytes if self.turning else 0
         return packed + sum(part.n_bytes for part in (self.turning, self.layer) if part is not None) + self.nodes.nbytes
 
-    def at(self, control_points: np.ndarray) -> GridState:
-        """Nodes and their derivative at control points, shape (n_control_points, 3).
+    def at(
+        self, control_points: np.ndarray, spread: MissSpread | None = None, wall: np.ndarray | None = None
+    ) -> GridState:
+        """Nodes and their derivative.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points (m).
+        spread : MissSpread, optional
+            Which nodes are asked to be somewhere, made for the baseline `nodes`, and how what is missed of them fades.
+        wall : ndarray, shape (n_wall, 3), optional
+            Where these nodes are asked to be (m).
 
         Raises
         ------
@@ -141,11 +153,12 @@ class GridMap:
         else:
             turn = self.turning.at(control_points)
             nodes = turn.evaluate(control_points, self.residual)
+        miss = None if spread is None else spread.meet(nodes, wall)
         rim_points = nodes[self.rim_rows]
         if self.layer is not None:
             rows, normals = self.wall_rows, self.normals(rim_points)
             layered = self.layer.at(self.nodes, nodes, self.nodes[rows], nodes[rows], normals)
-        return GridState(self, nodes, turn, layered, rim_points)
+        return GridState(self, nodes, turn, layered, rim_points, spread, miss)
 
     def normals(self, rim_points: np.ndarray) -> np.ndarray:
         """Normals, shape (n_rims, 3), of the planes that walls end on, from the points on their rims."""
@@ -179,6 +192,10 @@ class GridState:
         Nodes that followed walls.
     rim_points : ndarray, shape (n_rim, 3)
         Nodes on the rims of planes before that (m).
+    spread : MissSpread or None
+        Which nodes were asked to be somewhere.
+    miss : ndarray, shape (n_wall, 3), or None
+        How far the control points alone would have missed that (m).
     """
 
     of: GridMap
@@ -186,29 +203,66 @@ class GridState:
     turn: Turn | None
     layered: Layered | None
     rim_points: np.ndarray
+    spread: MissSpread | None = None
+    miss: np.ndarray | None = None
 
-    def jvp(self, d_control_points: np.ndarray) -> np.ndarray:
-        """Change of the nodes, shape (n_nodes, 3), with that of the control points, shape (n_control_points, 3)."""
+    def jvp(self, d_control_points: np.ndarray, d_wall: np.ndarray | None = None) -> np.ndarray:
+        """Change of the nodes.
+
+        Parameters
+        ----------
+        d_control_points : ndarray, shape (n_control_points, 3)
+            Change of the control points.
+        d_wall : ndarray, shape (n_wall, 3), optional
+            Change of where nodes are asked to be; needed where they are.
+
+        Returns
+        -------
+        ndarray, shape (n_nodes, 3)
+        """
         of = self.of
         if self.turn is None:
             change = of.evaluator.forward(d_control_points)
         else:
             change = self.turn.jvp(d_control_points, self.turn.change(d_control_points), of.residual)
+        if self.spread is not None:
+            change += self.spread.forward(d_wall - change[self.spread.rows])
         if self.layered is not None:
             d_normals = of.normals_jvp(self.rim_points, change[of.rim_rows])
             self.layered.jvp(None, change, None, change[of.wall_rows], d_normals)
         return change
 
     def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`: (n_nodes, 3) to (n_control_points, 3)."""
+        """Transpose of `jvp` where nothing is asked of nodes: (n_nodes, 3) to (n_control_points, 3)."""
+        return self.asked_vjp(bar)[0]
+
+    def asked_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_nodes, 3)
+            Derivative of a scalar with respect to the nodes.
+
+        Returns
+        -------
+        control_points_bar : ndarray, shape (n_control_points, 3)
+        wall_bar : ndarray, shape (n_wall, 3), or None
+            With respect to where nodes are asked to be; None where none are.
+        """
         of = self.of
         if self.layered is not None:
             bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar.copy())
             bar[of.wall_rows] += wall_bar
             bar[of.rim_rows] += of.normals_vjp(self.rim_points, normals_bar)
+        asked_bar = None
+        if self.spread is not None:
+            asked_bar = self.spread.adjoint(bar)
+            bar = bar.copy() if self.layered is None else bar
+            bar[self.spread.rows] -= asked_bar
         if self.turn is None:
-            return of.evaluator.adjoint(bar)
-        return self.turn.control_vjp(of.residual, bar)
+            return of.evaluator.adjoint(bar), asked_bar
+        return self.turn.control_vjp(of.residual, bar), asked_bar
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ International Journal for Numerical Methods in Engineering 7, 1973.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise, product
 
@@ -21,6 +21,7 @@ from numba import njit
 from scipy import sparse
 
 from ..grids.index_space import Window
+from ..grids.planes import nearest_plane
 from ..grids.sections import sections_of, whole_slices
 from ..grids.sharing import block_rows, direction_classes, node_sharing
 from ..grids.topology import Topology
@@ -69,13 +70,7 @@ class MissSpread:
     n_nodes: int
 
     @classmethod
-    def of(
-        cls,
-        topology: Topology,
-        nodes: np.ndarray,
-        rows: np.ndarray,
-        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-    ) -> MissSpread:
+    def of(cls, topology: Topology, nodes: np.ndarray, rows: np.ndarray) -> MissSpread:
         """Prepare the map of a baseline grid.
 
         Parameters
@@ -86,8 +81,6 @@ class MissSpread:
             The baseline (m).
         rows : ndarray of int, shape (n_wall,)
             Rows in the grid vector of the nodes whose displacement is known, each shared node once.
-        planes : sequence of (ndarray of int, ndarray of shape (3,))
-            Rows of the nodes in planes of symmetry, with the unit normals of the planes.
 
         Returns
         -------
@@ -103,7 +96,8 @@ class MissSpread:
         pieces = [(source[whole[w.block][w.slices]], nodes[whole[w.block][w.slices]]) for w in windows]
         corners = np.unique(np.concatenate([ids[_CORNERS].ravel() for ids, _ in pieces]))
         is_held = np.isin(corners, _held_rows(topology, source)) & (place[corners] < 0)
-        normals = [(np.isin(corners, source[members]), normal) for members, normal in planes]
+        flat = [whole[f.window.block][f.window.slices].ravel() for f in topology.boundary if f.kind == "symmetry"]
+        normals = [(np.isin(corners, source[members]), nearest_plane(nodes[members])[0]) for members in flat]
         network = SpringNetwork.of(
             len(corners),
             _edge_lengths(pieces, corners),
@@ -120,6 +114,28 @@ class MissSpread:
     def n_bytes(self) -> int:
         """Memory held (B)."""
         return sum(level.n_bytes for level in self.levels) + self.rows.nbytes + self.copies.nbytes
+
+    def meet(self, nodes: np.ndarray, wall: np.ndarray) -> np.ndarray:
+        """Let nodes, shape (n_nodes, 3), meet a wall in place.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes (m), overwritten by those whose wall is exactly where it is asked to be.
+        wall : ndarray, shape (n_wall, 3)
+            Where it is asked to be (m).
+
+        Returns
+        -------
+        ndarray, shape (n_wall, 3)
+            What was missed (m).
+        """
+        miss = wall - nodes[self.rows]
+        if miss.any():
+            nodes += self.forward(miss)
+            nodes[self.rows] = wall  # rounding aside, it is there already
+            nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
+        return miss
 
     def forward(self, miss: np.ndarray) -> np.ndarray:
         """Displacements of all nodes, shape (n_nodes, 3), of that of the wall nodes, shape (n_wall, 3), in metres."""

@@ -12,7 +12,8 @@ from ..deformations.frame import Plane
 from ..errors import InputError, require_kind
 from ..grids.face_quads import quads_in_turn
 from ..grids.face_sheet import FaceSheet
-from ..grids.sharing import block_rows
+from ..grids.planes import nearest_plane
+from ..grids.sharing import block_rows, node_sharing
 from ..grids.topology import Topology, describe
 from ..model import FittedModel
 from ..movement.boundary import matching_names, matching_patches, wall_patches
@@ -83,6 +84,23 @@ class SurfaceGrid:
     def n_points(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    def on_planes(self, model: FittedModel) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Find its nodes on planes of symmetry of its model.
+
+        Returns
+        -------
+        list of (ndarray of int, ndarray of shape (3,))
+            For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
+        """
+        topology, nodes = model.topology, model.regenerate().to_vector().reshape(-1, 3)
+        source, blocks, found = node_sharing(topology).source_rows(), block_rows(topology.shapes), []
+        for face in topology.boundary:
+            if face.kind == "symmetry":
+                rows = blocks[face.window.block][face.window.slices].ravel()
+                ids = np.flatnonzero(np.isin(self.rows, source[rows]))
+                found += [(ids, nearest_plane(nodes[rows])[0])] if len(ids) else []
+        return found
 
     @cached_property
     def size(self) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from mphys import MPhysVariables
 
 from ..errors import InputError
@@ -45,17 +44,3 @@ def require_one_process(comm, pathname: str) -> None:
     """
     if comm.size > 1:
         raise InputError(f"{pathname}: {comm.size} processes; give it one, in a group of its own communicator")
-
-
-def numbers_given(numbers, n: int, name: str, pathname: str) -> np.ndarray:
-    """Give the numbers of nodes that a solver asks for; all ``n`` of them where it does not.
-
-    Raises
-    ------
-    InputError
-        If one of them does not exist.
-    """
-    numbers = np.arange(n) if numbers is None else np.asarray(numbers)
-    if numbers.ndim != 1 or numbers.dtype.kind != "i" or not len(numbers) or numbers.min() < 0 or numbers.max() >= n:
-        raise InputError(f"{pathname}: '{name}' are not numbers of nodes; give a list of integers from 0 to {n - 1}")
-    return numbers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..components.jacobian import LINEAR_STEP, SparseComponent, check_along_directions
+from ..components.jacobian import LINEAR_STEP, SparseComponent, check_along_directions, numbers_given
 from ..components.surface_control import SurfaceControl
 from ..components.surface_evaluate import SurfaceEvaluate
 from ..components.surface_measure import SurfaceMeasure
@@ -13,7 +13,7 @@ from ..geometry.surface import SurfaceGrid
 from ..model import FittedModel
 from ..names import SURFACE
 from ..parametrization.composition import Parametrization
-from .conventions import COORDINATES, X_INPUT, X_OUTPUT, numbers_given, require_one_process
+from .conventions import COORDINATES, X_INPUT, X_OUTPUT, require_one_process
 
 __all__ = ["SurfaceGeometry"]
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..components.control_mesh_move import mesh_of
 from ..components.grid_movement import GridMovement
-from ..components.jacobian import LINEAR_STEP, SparseComponent, add_product, check_along_directions, finite_points
+from ..components.jacobian import (
+    LINEAR_STEP,
+    SparseComponent,
+    check_along_directions,
+    finite_points,
+    numbers_given,
+)
 from ..fit.surface_fit import SurfaceMiss
 from ..geometry.surface import SurfaceGrid
-from ..geometry.surface_inverse import SurfaceInverse
-from ..geometry.surface_map import SurfaceMap
-from ..grids.sharing import node_sharing
 from ..model import FittedModel
-from ..movement.boundary import moving_mesh
-from ..movement.elasticity import LinearElasticity
-from ..names import GRID, SURFACE_CONTROL_POINTS
-from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG, numbers_given, require_one_process
+from ..names import GRID, SURFACE
+from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG, require_one_process
 
 __all__ = ["VolumeWarper"]
 
@@ -25,7 +25,8 @@ __all__ = ["VolumeWarper"]
 class VolumeWarper(om.Group):
     """Move the volume behind the surface, as IDWarp does for ADflow and DAFoam.
 
-    The surface control points are fitted to the nodes, the mover moves the control mesh, and the grid is regenerated.
+    The surface control points are fitted to the nodes, the mover moves the control mesh, and the grid is regenerated,
+    with the nodes of its wall exactly where the solver has them.
 
     ===================  ======  ============  ==============================================================
     name                 role    shape         meaning
@@ -44,7 +45,8 @@ class VolumeWarper(om.Group):
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     numbers : sequence of int, optional
-        The node of the surface that each of the solver's surface points is; all in their order by default.
+        The node of the surface that each of the solver's surface points is; all in their order by default. Of a node
+        that is given more than once the mean counts.
     rows : sequence of int, optional
         The row of the grid that each of the solver's volume nodes is, see `bspline_mdao.grids.lookup`; by default all,
         blocks in file order, each in C order of (i, j, k).
@@ -61,9 +63,10 @@ class VolumeWarper(om.Group):
 
     Notes
     -----
-    Surfaces from `SurfaceGeometry` are met to round-off. Of others, such as an elastic wing's, the grid's wall keeps
-    what the control points can represent; the rest, a residual of the fit, stays behind. How much that is, and where,
-    is told in every run: in the log, as a warning beyond a thousandth of the surface's size, and by `miss`.
+    Every node that the solver gives is met to round-off, whatever the surface: one from `SurfaceGeometry`, which gives
+    the grid of `GridMovement`, or an elastic wing's, of which control points alone would miss a part. That part fades
+    over the blocks, see :doc:`/theory/asked_walls`; `miss` tells how much it is, and where, and so does the log to
+    those who ask for information. Nodes of the surface that the solver does not give follow the control points.
     """
 
     def initialize(self):
@@ -80,57 +83,47 @@ class VolumeWarper(om.Group):
         """Add the components in the order of the chain."""
         require_one_process(self.comm, self.msginfo)
         model = self.options["model"]
-        mover = self.options["mover"] or LinearElasticity(moving_mesh(model))
         surface = self.options["surface"] or SurfaceGrid.of(model)
-        surface_map = SurfaceMap.of(model, mesh_of(mover, self.msginfo), surface)
-        names = {"numbers": self.options["numbers"], "model": model, "surface": surface, "surface_map": surface_map}
-        valid = self.options["require_valid"]
-        movement = GridMovement(model=model, mover=mover, require_valid=valid, fit=False, quality=False)
+        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        valid, given = self.options["require_valid"], np.unique(numbers)
+        options = {"model": model, "mover": self.options["mover"], "surface": surface, "numbers": given}
+        movement = GridMovement(**options, require_valid=valid, fit=False, quality=False)
         nodes = _SolverNodes(n_nodes=model.n_nodes, rows=self.options["rows"], name=self.options["volume_name"])
-        self.add_subsystem("fit_surface", _SurfaceFit(**names), promotes=["*"])
-        self.add_subsystem("movement", movement, promotes_inputs=[SURFACE_CONTROL_POINTS], promotes_outputs=[GRID])
+        self.add_subsystem("surface", _SolverSurface(surface=surface, numbers=numbers), promotes=["*"])
+        self.add_subsystem("movement", movement, promotes_inputs=[SURFACE], promotes_outputs=[GRID])
         self.add_subsystem("nodes", nodes, promotes=["*"])
 
     @property
     def miss(self) -> SurfaceMiss | None:
-        """How far the wall misses the solver's nodes after the last run; None before any."""
-        return self.fit_surface.miss
+        """How far control points alone would have missed the solver's nodes in the last run; None before any."""
+        return self.movement.fit_surface.miss
 
 
-class _SurfaceFit(om.ExplicitComponent):
-    """Fit the surface control points to a solver's surface nodes."""
+class _SolverSurface(SparseComponent):
+    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once."""
 
     def initialize(self):
-        self.options.declare("model", types=FittedModel, recordable=False)
         self.options.declare("surface", types=SurfaceGrid, recordable=False)
-        self.options.declare("surface_map", types=SurfaceMap, recordable=False)
-        self.options.declare("numbers", default=None, recordable=False)
-        self.miss: SurfaceMiss | None = None
+        self.options.declare("numbers", recordable=False)
 
     def setup(self):
-        surface, topology = self.options["surface"], self.options["model"].topology
-        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
-        self._inverse = SurfaceInverse.of(self.options["surface_map"], numbers)
-        self._places = topology, node_sharing(topology).source_rows(), surface.rows[numbers]
-        nodes = surface.points[numbers]
-        self.add_input(X_AERO, val=nodes.ravel(), tags=COUPLING)
-        self.add_input(X_JIG, val=nodes.ravel(), tags=COORDINATES)
-        self.add_output(SURFACE_CONTROL_POINTS, val=self._inverse.apply(nodes).ravel(), units="m")
+        numbers, surface = self.options["numbers"], self.options["surface"]
+        given, self._places, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+        self._shares = 1.0 / counts[self._places]
+        self.add_input(X_AERO, val=surface.points[numbers].ravel(), tags=COUPLING)
+        self.add_input(X_JIG, val=surface.points[numbers].ravel(), tags=COORDINATES)
+        self.add_output(SURFACE, val=surface.points[given].ravel(), units="m")
         check_along_directions(self, LINEAR_STEP)
 
-    def compute(self, inputs, outputs):
-        nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo)
-        points = self._inverse.apply(nodes.real)
-        outputs[SURFACE_CONTROL_POINTS] = points.ravel()
-        if self.under_complex_step:
-            outputs[SURFACE_CONTROL_POINTS] += 1j * self._inverse.jvp(nodes.imag).ravel()
-        if not self.under_approx:
-            self.miss = SurfaceMiss.of(*self._places, self._inverse.nodes(points), nodes)
-            self.miss.log(f"{self.msginfo}: ")
+    def setup_partials(self):
+        rows = (3 * self._places[:, None] + [0, 1, 2]).ravel()
+        self.declare_sparse(SURFACE, X_AERO, rows, np.arange(len(rows)), np.repeat(self._shares, 3))
 
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        jvp, vjp = self._inverse.jvp, self._inverse.vjp
-        add_product(jvp, vjp, d_inputs, d_outputs, mode, of=SURFACE_CONTROL_POINTS, wrt=X_AERO)
+    def compute(self, inputs, outputs):
+        nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo) * self._shares[:, None]
+        means = np.zeros_like(outputs[SURFACE].reshape(-1, 3))
+        np.add.at(means, self._places, nodes)
+        outputs[SURFACE] = means.ravel()
 
 
 class _SolverNodes(SparseComponent):
