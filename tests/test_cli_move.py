@@ -62,7 +62,7 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     assert (found["n_control_points"], found["n_surface_control_points"]) == (mesh.n_points, len(surface))
     assert found["largest_displacement"] == pytest.approx(0.02, rel=0.5)
     assert [set(row) for row in found["increments"]] == [
-        {"solver", "iterations", "residual", "seconds", "n_tangled", "place", "min_corner", "corner_ratio"}
+        {"solver", "iterations", "residual", "seconds", "digits", "n_tangled", "place", "min_corner", "corner_ratio"}
     ]
     assert found["n_increments"] == 1
     (tried,) = found["tried"]
@@ -70,6 +70,8 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     assert 0.1 < tried["corner_ratio"] == found["increments"][-1]["corner_ratio"] < 1.0
     assert "1 increment, chosen by what the worst corner of the control mesh keeps of its baseline: " in table
     assert all(row["residual"] < 1e-12 for row in found["increments"])
+    assert found["digits"] == min(row["digits"] for row in found["increments"]) > 12.0
+    assert "digits of the displacements" not in table
     assert found["before"]["q_min"] != found["after"]["q_min"] > 0.0
     assert (found["newly_inverted"], found["after"]["n_inverted"]) == ([], 0)
     assert all(text in table for text in ("residual", "mean Q", found["increments"][0]["solver"], "moved.xyz written"))

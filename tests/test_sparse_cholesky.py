@@ -46,6 +46,21 @@ def factor_of(matrix, points, solver=None):
     return (solver or Cholesky()).analyze(matrix.pattern, points).factorize(matrix)
 
 
+@pytest.mark.parametrize("single", [False, True])
+def test_cancellation_is_what_elimination_leaves_of_the_diagonal_whatever_the_scale(single):
+    matrix, points = box_matrix((4, 3, 3))
+    stretch = 10.0 ** np.random.default_rng(5).uniform(-6.0, 6.0, points.shape)
+    pattern, scaled = matrix.pattern, matrix.data.copy()
+    rows = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    scaled *= stretch[rows][:, :, None] * stretch[pattern.indices][:, None, :]
+    factor = factor_of(BlockMatrix(pattern, scaled), points, Cholesky(single=single))
+    order = (3 * factor.analysis.supernodes.order[:, None] + np.arange(3)).ravel()
+    full = dense(matrix)[np.ix_(order, order)]
+    expected = np.max(np.diag(full) / np.diag(np.linalg.cholesky(full)) ** 2)
+    assert factor.cancellation == pytest.approx(expected, rel=1e-4 if single else 1e-10)
+    assert expected > 1.02
+
+
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
 def test_solution_is_that_of_scipy(solver):
     matrix, points = box_matrix()

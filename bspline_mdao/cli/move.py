@@ -42,8 +42,11 @@ QUALITY = {
 }
 """Labels of what is shown of the quality."""
 
-INCREMENT_COLUMNS = ("increment", "inverted", "smallest corner", "time (s)", "residual", "iterations")
+INCREMENT_COLUMNS = ("increment", "inverted", "smallest corner", "time (s)", "residual", "iterations", "digits")
 """Columns of the table of increments."""
+
+FEW_DIGITS = 8.0
+"""A warning is due where fewer digits of the displacements are right."""
 
 
 @dataclass(frozen=True)
@@ -228,6 +231,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
             for increment in report.increments
         ],
         "n_increments": report.n_increments,
+        "digits": report.digits,
         "tried": [vars(trial) for trial in report.tried],
         "seconds": report.seconds,
         "miss": vars(moved.miss) if moved.miss else None,
@@ -274,7 +278,7 @@ def _row(number: int, increment: IncrementReport) -> tuple:
     """Row of the table of increments: the solver only where there is one."""
     row = number, increment.n_tangled, increment.min_corner
     solve = increment.solve
-    return (*row, solve.seconds, solve.residual, solve.iterations) if solve else row
+    return (*row, solve.seconds, solve.residual, solve.iterations, f"{solve.digits:.0f}") if solve else row
 
 
 def _warnings(moved: Moved) -> list[str]:
@@ -292,6 +296,12 @@ def _warnings(moved: Moved) -> list[str]:
         worst = moved.newly_inverted[0]
         warnings.append(f"warning: {moved.after.n_inverted:,} cells are inverted now, the worst {worst}")
     warnings += [f"warning: {text}" for text in height_warnings(moved.after.heights)]
+    digits = moved.movement.report.digits
+    if digits < FEW_DIGITS:
+        warnings.append(
+            f"warning: about {digits:.0f} digits of the displacements are right: elements are too thin for their "
+            f"length; derivatives are no better. Fit with more control points along them, or take another --mover"
+        )
     last = moved.movement.report.increments[-1]
     if last.n_tangled:
         warnings.append(

@@ -87,13 +87,13 @@ class ElasticElements:
         """Force on all points."""
         return element.force(*self._arguments, displacement)
 
-    def force_jvp(self, displacement, d_initial, d_points, d_displacement):
-        """Change of the force."""
+    def force_jvp(self, displacement, d_initial, d_points):
+        """Change of the force of a given displacement."""
         d_modulus = self.law.modulus_jvp(self.mesh, self.initial, self.points, d_initial, d_points)
-        return element.force_jvp(*self._arguments, displacement, d_points, d_modulus, d_displacement)
+        return element.force_jvp(*self._arguments, displacement, d_points, d_modulus)
 
     def force_vjp(self, displacement, bar):
-        """Transpose of `force_jvp`."""
+        """Transpose of `force_jvp` and of `force`."""
         points_bar, modulus_bar, displacement_bar = element.force_vjp(*self._arguments, displacement, bar)
         initial_bar, by_modulus = self.law.modulus_vjp(self.mesh, self.initial, self.points, modulus_bar)
         return initial_bar, points_bar + by_modulus, displacement_bar

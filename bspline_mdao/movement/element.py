@@ -21,6 +21,7 @@ from numba import njit
 from .gauss_points import (
     FAST,
     add_slopes_transposed,
+    add_slopes_transposed_to_sum,
     adjugate,
     adjugate_jvp,
     adjugate_vjp,
@@ -29,6 +30,7 @@ from .gauss_points import (
     divisor_of,
     put_at_point,
     slopes_of,
+    slopes_of_sum,
 )
 from .vectors import add, dot, scaled
 
@@ -102,8 +104,8 @@ def _element_force(f_s, u_s, sign, weight, lame, out):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def _element_force_jvp(f_s, u_s, df_s, du_s, sign, weight, d_weight, lame, out):
-    """Change of the fluxes of u."""
+def _element_force_jvp(f_s, u_s, df_s, sign, weight, d_weight, lame, out):
+    """Change of the fluxes of a given u."""
     for g in range(8):
         f, u, df = at_point(f_s, g), at_point(u_s, g), at_point(df_s, g)
         a, da = adjugate(f), adjugate_jvp(f, df)
@@ -112,13 +114,12 @@ def _element_force_jvp(f_s, u_s, df_s, du_s, sign, weight, d_weight, lame, out):
         factor, stress = weight / divisor, _stress(u, a, lame)
         changes = (
             _fluxes(stress, a, (d_weight - factor * d_divisor) / divisor),
-            _fluxes(_stress(at_point(du_s, g), a, lame), a, factor),
             _fluxes(_stress(u, da, lame), a, factor),
             _fluxes(stress, da, factor),
         )
         for i in range(3):
             for d in range(3):
-                out[i, d, g] = changes[0][i][d] + changes[1][i][d] + changes[2][i][d] + changes[3][i][d]
+                out[i, d, g] = changes[0][i][d] + changes[1][i][d] + changes[2][i][d]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -157,14 +158,16 @@ def force(points, elements, signs, modulus, lame, displacement):
         Young's modulus, positive.
     lame : tuple of float
         From `lame_constants`.
-    displacement : ndarray, shape (n_points, 3)
-        The field u (m).
+    displacement : ndarray, shape (n_parts, n_points, 3)
+        The field u as a sum of parts (m). Two are what an element needs whose corners lie closer together than the
+        digits of one can tell: the second holds what rounding left of the first.
 
     Returns
     -------
-    ndarray, shape (n_points, 3)
+    ndarray, shape (n_parts, n_points, 3)
+        As a sum of as many parts.
     """
-    total = np.zeros_like(points)
+    total = np.zeros_like(displacement)
     x, u, fluxes = (
         np.empty((3, 3, 8), points.dtype),
         np.empty((3, 3, 8), points.dtype),
@@ -173,37 +176,46 @@ def force(points, elements, signs, modulus, lame, displacement):
     for e in range(len(elements)):
         corners = elements[e]
         slopes_of(points, corners, x)
-        slopes_of(displacement, corners, u)
+        slopes_of_sum(displacement, corners, u)
         _element_force(x, u, float(signs[e]), 0.125 * modulus[e], lame, fluxes)
-        add_slopes_transposed(fluxes, corners, total)
+        add_slopes_transposed_to_sum(fluxes, corners, total)
     return total
 
 
 @njit(cache=True)
-def force_jvp(points, elements, signs, modulus, lame, displacement, d_points, d_modulus, d_displacement):
-    """Change of `force` for changes of the points, the modulus and the displacement, each of its shape."""
-    total = np.zeros_like(points)
+def force_jvp(points, elements, signs, modulus, lame, displacement, d_points, d_modulus):
+    """Change of `force` for changes of the points and the modulus; in the displacement, `force` is linear.
+
+    It is a sum of as many parts as the displacement.
+    """
+    total = np.zeros_like(displacement)
     x, u, fluxes = (
         np.empty((3, 3, 8), points.dtype),
         np.empty((3, 3, 8), points.dtype),
         np.empty((3, 3, 8), points.dtype),
     )
-    dx, du = np.empty((3, 3, 8), points.dtype), np.empty((3, 3, 8), points.dtype)
+    dx = np.empty((3, 3, 8), points.dtype)
     for e in range(len(elements)):
         corners = elements[e]
         slopes_of(points, corners, x)
-        slopes_of(displacement, corners, u)
+        slopes_of_sum(displacement, corners, u)
         slopes_of(d_points, corners, dx)
-        slopes_of(d_displacement, corners, du)
         weight, d_weight = 0.125 * modulus[e], 0.125 * d_modulus[e]
-        _element_force_jvp(x, u, dx, du, float(signs[e]), weight, d_weight, lame, fluxes)
-        add_slopes_transposed(fluxes, corners, total)
+        _element_force_jvp(x, u, dx, float(signs[e]), weight, d_weight, lame, fluxes)
+        add_slopes_transposed_to_sum(fluxes, corners, total)
     return total
 
 
 @njit(cache=True)
 def force_vjp(points, elements, signs, modulus, lame, displacement, bar):
-    """Transpose of `force_jvp`.
+    """Transpose of `force_jvp` and of `force`.
+
+    Parameters
+    ----------
+    points, elements, signs, modulus, lame, displacement
+        As for `force`.
+    bar : ndarray, shape (n_parts, n_points, 3)
+        Derivative of a scalar by the force, as a sum of parts.
 
     Returns
     -------
@@ -220,8 +232,8 @@ def force_vjp(points, elements, signs, modulus, lame, displacement, bar):
     for e in range(len(elements)):
         corners = elements[e]
         slopes_of(points, corners, x)
-        slopes_of(displacement, corners, u)
-        slopes_of(bar, corners, v)
+        slopes_of_sum(displacement, corners, u)
+        slopes_of_sum(bar, corners, v)
         modulus_bar[e] = 0.125 * _element_force_vjp(x, u, v, float(signs[e]), 0.125 * modulus[e], lame, x_bar, u_bar)
         add_slopes_transposed(x_bar, corners, points_bar)
         add_slopes_transposed(u_bar, corners, displacement_bar)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["add_at_corners", "add_element", "contract"]
+__all__ = ["add_at_corners", "add_element", "add_exactly", "contract"]
 
 
 @njit(cache=True)
@@ -23,6 +23,19 @@ def add_at_corners(elements, values, n_points):
 def contract(gradients: np.ndarray, elements: np.ndarray, d_points: np.ndarray) -> np.ndarray:
     """Sum gradients by the corners, shape (n_elements, 8, 3), times the change of the points: shape (n_elements,)."""
     return np.einsum("ecd,ecd->e", gradients, d_points[elements])
+
+
+@njit(cache=True)
+def add_exactly(parts, point, d, value):
+    """Add a number to a component of a point, a sum of two parts: what rounding takes of the first goes to the second.
+
+    Parts are of shape (2, n_points, 3). Compiled without leave to change the order of the sums.
+    """
+    before = parts[0, point, d]
+    total = before + value
+    of_value = total - before
+    parts[0, point, d] = total
+    parts[1, point, d] += (before - (total - of_value)) + (value - of_value)
 
 
 @njit(cache=True)

@@ -6,6 +6,12 @@ of the elements, the free components of F(u) vanish. Differentiated,
     K du_free = - (change of F with the points, at fixed u) - K du_known,
 
 and the transpose takes one solution with the same factor and the transposed derivative of F.
+
+Elements that are a million times as long as they are high, as in boundary layers and wakes, make K so stiff against a
+change of their height, and so soft against rotations, that rounding of K and of u leaves few digits or none. Where the
+factor tells of that, solutions are refined: u is a sum of two parts, the second of which holds what rounding leaves of
+the first [Wilkinson, Rounding Errors in Algebraic Processes (1963)], and F(u) comes from the elements, whose strains
+are differences of neighbours, and not from a matrix.
 """
 
 from __future__ import annotations
@@ -22,9 +28,12 @@ from ..sparse.blocks import BlockMatrix
 from .assembly import Unknowns
 from .increments import IncrementalMover
 from .mesh import MovingMesh
-from .mover import SolveReport
+from .mover import SolveReport, digits_of
 
-__all__ = ["Elements", "Equilibrium", "EquilibriumMover", "EquilibriumStep"]
+__all__ = ["Balance", "Elements", "Equilibrium", "EquilibriumMover", "EquilibriumStep"]
+
+
+EPSILON = float(np.finfo(float).eps)
 
 
 class Elements(Protocol):
@@ -34,15 +43,51 @@ class Elements(Protocol):
         """Add the stiffness to blocks, see `bspline_mdao.movement.element_stiffness.add_stiffness`."""
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
-        """Force on all points, shape (n_points, 3)."""
+        """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
 
-    def force_jvp(
-        self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray, d_displacement: np.ndarray
-    ) -> np.ndarray:
-        """Change of the force with the initial points of the move, the points and the displacement."""
+    def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
+        """Change of the force of a given displacement with the initial points and the points; sums as `force`."""
 
     def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `force_jvp`: by the initial points, the points, and the displacement."""
+        """Transpose of both: by the initial points, the points and the displacement, shape (n_points, 3) each."""
+
+
+REFINE_ABOVE = 1e-11
+"""Relative error, as the factor estimates it, above which a move is refined."""
+
+REFINE_PRODUCTS_ABOVE = 1e-13
+"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
+
+TOLERANCE = 1e-14
+"""Relative error to refine to."""
+
+MAX_CORRECTIONS = 30
+"""Corrections after which to stop."""
+
+LEAST_GAIN = 0.5
+"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A displacement that balances a load on the free points.
+
+    Parameters
+    ----------
+    parts : ndarray, shape (n_parts, n_points, 3)
+        The displacement (m) as a sum of parts: one, or two where it was refined.
+    n_steps : int
+        Iterations of the solver, or corrections.
+    residual : float
+        Relative residual of the system that was solved first.
+    error : float
+        Estimate of its error relative to the largest displacement.
+    """
+
+    parts: np.ndarray
+    n_steps: int
+    residual: float
+    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +140,45 @@ class Equilibrium:
     def _analysis(self):
         return self.solver.analyze(self.unknowns.pattern, self.mesh.points[self.unknowns.point_ids])
 
+    def balance(
+        self, elements: Elements, factored: Factored, known: np.ndarray, load: np.ndarray, above: float
+    ) -> Balance:
+        """Find the displacement u that is known on the surface and has ``F(u) = load`` at the free points.
+
+        Parameters
+        ----------
+        elements : Elements
+            Their forces are F.
+        factored : Factored
+            Their matrix.
+        known : ndarray, shape (n_points, 3)
+            Displacement of the surface (m), 0 elsewhere.
+        load : ndarray, shape (n_parts, n_points, 3)
+            Load on the points, as a sum of parts.
+        above : float
+            Estimate of the relative error above which the displacement is refined.
+        """
+        gather, scatter = self.unknowns.gather, self.unknowns.scatter
+        solution = factored.solve(gather(_less(load, elements.force(known[None]))))
+        parts, error = (known + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
+        size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
+        if size == 0.0 or not np.isfinite(size):
+            return Balance(parts, n_steps, solution.residual, 0.0)
+        if error <= above:
+            return Balance(parts, n_steps, solution.residual, error)
+        parts = _in_two(parts)
+        for n_corrections in range(1, MAX_CORRECTIONS + 1):
+            correction = scatter(factored.solve(gather(_less(load, elements.force(parts)))).x)
+            change = np.abs(correction).max() / size
+            if not change < LEAST_GAIN * last:
+                error = change
+                break
+            parts, n_steps = _corrected(parts, correction), n_corrections
+            error, last = change * change / last, change
+            if error <= TOLERANCE:
+                break
+        return Balance(parts, n_steps, solution.residual, error)
+
     def factorized(self, elements: Elements) -> Factored:
         """Assemble and factorise the stiffness of elements."""
         matrix = self.unknowns.matrix(elements.add_stiffness)
@@ -121,16 +205,15 @@ class Equilibrium:
         factored = self._of_baseline(elements, initial) if is_first else self.factorized(elements)
         known = np.zeros_like(before)
         known[self.mesh.surface_ids] = surface - before[self.mesh.surface_ids]
-        solution = factored.solve(self.unknowns.gather(-elements.force(known)))
-        displacement = known + self.unknowns.scatter(solution.x)
-        if not np.isfinite(displacement).all():
+        balance = self.balance(elements, factored, known, np.zeros((1, 1, 1)), REFINE_ABOVE)
+        if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
-        points = before + displacement
+        points = before + balance.parts[0]
         points[self.mesh.surface_ids] = surface
         seconds = time.perf_counter() - start
-        report = SolveReport(self.solver.name, solution.iterations, solution.residual, seconds)
+        report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
         kept = factored if is_first or self.keep_factors else None
-        return EquilibriumStep(self, elements, displacement, points, report, kept)
+        return EquilibriumStep(self, elements, balance.parts, points, report, kept)
 
     def _of_baseline(self, elements, initial):
         """Factor of the initial points, made when they are new."""
@@ -157,24 +240,50 @@ class EquilibriumStep:
         surface_ids = self.equilibrium.mesh.surface_ids
         d_known = np.zeros_like(d_before)
         d_known[surface_ids] = d_surface - d_before[surface_ids]
-        d_force = self.elements.force_jvp(self.displacement, d_initial, d_before, d_known)
-        d_points = d_before + d_known - self._inverse(d_force)
+        d_force = self.elements.force_jvp(_in_two(self.displacement), d_initial, d_before)
+        d_points = d_before + self._balance(d_known, -d_force)[0]
         d_points[surface_ids] = d_surface
         return d_points
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `jvp`: derivatives by the initial points, the points before, and the surface points."""
         surface_ids = self.equilibrium.mesh.surface_ids
-        initial_bar, before_bar, known_bar = self.elements.force_vjp(self.displacement, -self._inverse(bar))
+        initial_bar, before_bar, known_bar = self.elements.force_vjp(
+            self.displacement, self._balance(np.zeros_like(bar), -bar[None])
+        )
         surface_bar = bar[surface_ids] + known_bar[surface_ids]
         before_bar += bar
         before_bar[surface_ids] -= surface_bar
         return initial_bar, before_bar, surface_bar
 
-    def _inverse(self, force):
-        """Displacement of the free points under a force; symmetric."""
+    def _balance(self, known, load):
+        """Parts of the displacement that is known on the surface and balances a load on the free points."""
         factored = self.factored or self.equilibrium.factorized(self.elements)
-        return self.equilibrium.unknowns.scatter(factored.solve(self.equilibrium.unknowns.gather(force)).x)
+        return self.equilibrium.balance(self.elements, factored, known, load, REFINE_PRODUCTS_ABOVE).parts
+
+
+def _in_two(parts: np.ndarray) -> np.ndarray:
+    """The same sum of parts, as one of two."""
+    return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
+
+
+def _corrected(parts: np.ndarray, correction: np.ndarray) -> np.ndarray:
+    """Add a correction to a sum of two parts: two again, the second below the last digit of the first."""
+    first, lost = _sum(parts[0], correction)
+    return np.stack(_sum(first, lost + parts[1]))
+
+
+def _less(load: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Difference of two sums of parts, exact until it is rounded once, shape (n_points, 3)."""
+    first, lost = _sum(load[0], -force[0])
+    return first + (lost + (load[1:].sum(axis=0) - force[1:].sum(axis=0)))
+
+
+def _sum(a, b):
+    """Sum, and exactly what its rounding leaves [Knuth, The Art of Computer Programming 2, 4.2.2]."""
+    total = a + b
+    of_b = total - a
+    return total, (a - (total - of_b)) + (b - of_b)
 
 
 class EquilibriumMover(IncrementalMover):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .element_corners import add_exactly
 from .floors import FLAT_ELEMENT, floored
 from .vectors import add, cross, dot, less, scaled
 
@@ -19,6 +20,7 @@ __all__ = [
     "FAST",
     "SLOPES",
     "add_slopes_transposed",
+    "add_slopes_transposed_to_sum",
     "adjugate",
     "adjugate_jvp",
     "adjugate_vjp",
@@ -27,6 +29,7 @@ __all__ = [
     "divisor_of",
     "put_at_point",
     "slopes_of",
+    "slopes_of_sum",
 ]
 
 _AT = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
@@ -135,19 +138,44 @@ def slopes_of(values, element, slopes):
     """Slopes of the corner values at all Gauss points, shape (3 directions, 3 components, 8)."""
     for i in range(3):
         for d in range(3):
-            along = slopes[i, d]
-            edges = _EDGES[i]
-            e_0 = values[element[edges[0, 1]], d] - values[element[edges[0, 0]], d]
-            e_1 = values[element[edges[1, 1]], d] - values[element[edges[1, 0]], d]
-            e_2 = values[element[edges[2, 1]], d] - values[element[edges[2, 0]], d]
-            e_3 = values[element[edges[3, 1]], d] - values[element[edges[3, 0]], d]
+            along, edges = slopes[i, d], _edges(values, element, i, d)
             for g in range(8):
-                along[g] = (
-                    _WEIGHTS[i, 0, g] * e_0
-                    + _WEIGHTS[i, 1, g] * e_1
-                    + _WEIGHTS[i, 2, g] * e_2
-                    + _WEIGHTS[i, 3, g] * e_3
-                )
+                along[g] = _slope(edges, i, g)
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def slopes_of_sum(parts, element, slopes):
+    """Slopes of the sum of fields, shape (n_parts, n_points, 3): each is as exact as the differences of its parts."""
+    slopes_of(parts[0], element, slopes)
+    for part in range(1, len(parts)):
+        for i in range(3):
+            for d in range(3):
+                along, edges = slopes[i, d], _edges(parts[part], element, i, d)
+                for g in range(8):
+                    along[g] += _slope(edges, i, g)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
+def _edges(values, element, i, d):
+    """Component of the four edges along a direction."""
+    ends = _EDGES[i]
+    return (
+        values[element[ends[0, 1]], d] - values[element[ends[0, 0]], d],
+        values[element[ends[1, 1]], d] - values[element[ends[1, 0]], d],
+        values[element[ends[2, 1]], d] - values[element[ends[2, 0]], d],
+        values[element[ends[3, 1]], d] - values[element[ends[3, 0]], d],
+    )
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
+def _slope(edges, i, g):
+    """Slope along a direction at a Gauss point, from the edges."""
+    return (
+        _WEIGHTS[i, 0, g] * edges[0]
+        + _WEIGHTS[i, 1, g] * edges[1]
+        + _WEIGHTS[i, 2, g] * edges[2]
+        + _WEIGHTS[i, 3, g] * edges[3]
+    )
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -157,8 +185,33 @@ def add_slopes_transposed(slopes, element, values):
         for edge in range(4):
             low, high = element[_EDGES[i, edge, 0]], element[_EDGES[i, edge, 1]]
             for d in range(3):
-                total = slopes[i, d, 0] * _WEIGHTS[i, edge, 0]
-                for g in range(1, 8):
-                    total += slopes[i, d, g] * _WEIGHTS[i, edge, g]
+                total = _pull(slopes, i, edge, d)
                 values[high, d] += total
                 values[low, d] -= total
+
+
+@njit(cache=True)
+def add_slopes_transposed_to_sum(slopes, element, parts):
+    """Transpose of `slopes_of`, added to a sum of parts, shape (n_parts, n_points, 3).
+
+    To two parts it is added without rounding: the pulls of an edge on its ends cancel however large they are.
+    """
+    if len(parts) == 1:
+        add_slopes_transposed(slopes, element, parts[0])
+        return
+    for i in range(3):
+        for edge in range(4):
+            low, high = element[_EDGES[i, edge, 0]], element[_EDGES[i, edge, 1]]
+            for d in range(3):
+                total = _pull(slopes, i, edge, d)
+                add_exactly(parts, high, d, total)
+                add_exactly(parts, low, d, -total)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
+def _pull(slopes, i, edge, d):
+    """Component of the transposed slopes that an edge along direction i has at its far end."""
+    total = slopes[i, d, 0] * _WEIGHTS[i, edge, 0]
+    for g in range(1, 8):
+        total += slopes[i, d, g] * _WEIGHTS[i, edge, g]
+    return total

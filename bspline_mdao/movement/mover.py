@@ -26,6 +26,7 @@ __all__ = [
     "Trial",
     "check_reach",
     "check_request",
+    "digits_of",
 ]
 
 PLANE_TOLERANCE = 1e-5
@@ -56,17 +57,20 @@ class SolveReport:
     solver : str
         Name of the solver.
     iterations : int
-        0 where it is direct.
+        0 where it is direct; corrections, where those of a direct solver were needed.
     residual : float
         2-norm of the residual by that of the right-hand side.
     seconds : float
         Wall clock of factor and solution.
+    digits : float
+        Estimate of the correct decimal digits of the displacement relative to the largest, from 0 to 16.
     """
 
     solver: str
     iterations: int
     residual: float
     seconds: float
+    digits: float
 
 
 @dataclass(frozen=True)
@@ -142,6 +146,11 @@ class MovementReport:
         """Number of increments that the move was made in."""
         return len(self.increments)
 
+    @property
+    def digits(self) -> float:
+        """Estimate of the correct decimal digits of the worst increment; 16 for a mover that solves nothing."""
+        return min((increment.solve.digits for increment in self.increments if increment.solve), default=16.0)
+
     def first_tangled(self) -> tuple[int, IncrementReport] | None:
         """Number, from 1, and report of the first increment that tangles; None where none does."""
         tangled = ((n, report) for n, report in enumerate(self.increments, start=1) if report.n_tangled)
@@ -209,6 +218,11 @@ class Mover(Protocol):
 
         Surface points end exactly on ``surface``, held ones stay, and sliding ones stay in their planes.
         """
+
+
+def digits_of(error: float) -> float:
+    """Correct decimal digits, from 0 to 16, of a number with a relative error."""
+    return float(np.clip(-np.log10(max(error, 1e-16)), 0.0, 16.0))
 
 
 def differentiable(mover: Mover) -> Mover:

@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dormqr
 from threadpoolctl import threadpool_limits
 
 from ..errors import MovementError
-from .mover import SolveReport
+from .mover import SolveReport, digits_of
 from .radial_functions import COMPACT, GLOBAL, radial_matrix, radial_sums, radial_sums_jvp, radial_sums_vjp
 
 __all__ = ["RadialInterpolation", "RadialSystem", "radial_interpolation"]
@@ -130,7 +130,7 @@ def radial_interpolation(
     if not residual < LARGEST_RESIDUAL:
         raise MovementError(_singular(kernel, f"leaves a residual of {residual:.2g}"))
     values = radial_sums(*function, targets, centres, strengths) + _polynomials(targets, coefficients)
-    report = SolveReport("dense Cholesky", 0, residual, time.perf_counter() - start)
+    report = SolveReport("dense Cholesky", 0, residual, time.perf_counter() - start, digits_of(residual))
     return RadialInterpolation(function, targets, centres, strengths, coefficients, system, values, report)
 
 

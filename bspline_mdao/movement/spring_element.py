@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .element_corners import add_element
+from .element_corners import add_element, add_exactly
 from .spring_gradients import COUNTS, N_LINEAL, N_SPRINGS, POINTS, gradient, gradient_change
 from .vectors import add_to, dot, row, scaled
 
@@ -25,11 +25,22 @@ __all__ = ["N_LINEAL", "N_SPRINGS", "add_stiffness", "force", "force_jvp", "forc
 
 
 @njit(cache=True)
+def _lead(u, n, c):
+    """How far corner c of spring n is displaced beyond its first corner; u is a sum of two parts."""
+    start, end = POINTS[n, 0], POINTS[n, c]
+    return (  # in this order, which the vectors of `.vectors` would be free to change
+        (u[0, end, 0] - u[0, start, 0]) + (u[1, end, 0] - u[1, start, 0]),
+        (u[0, end, 1] - u[0, start, 1]) + (u[1, end, 1] - u[1, start, 1]),
+        (u[0, end, 2] - u[0, start, 2]) + (u[1, end, 2] - u[1, start, 2]),
+    )
+
+
+@njit(cache=True)
 def _stretch(g, n, u):
-    """Product g . u of spring n."""
+    """Product g . u of spring n. The rows of g add up to nothing, and leads are small numbers where u itself is not."""
     total = 0.0
-    for c in range(COUNTS[n]):
-        total += dot(row(g, c), row(u, POINTS[n, c]))
+    for c in range(1, COUNTS[n]):
+        total += dot(row(g, c), _lead(u, n, c))
     return total
 
 
@@ -41,11 +52,24 @@ def _add_force(g, n, factor, f):
 
 
 @njit(cache=True)
-def _combine(n, a, u, b, v, w):
-    """Set w to a u + b v at the corners of spring n."""
-    for corner in POINTS[n, : COUNTS[n]]:
+def _add_force_to_sum(g, n, factor, n_parts, f):
+    """Add factor times g to the corners of spring n, a sum of two parts if asked: they add up to nothing exactly."""
+    if n_parts == 1:
+        _add_force(g, n, factor, f[0])
+        return
+    for c in range(1, COUNTS[n]):
         for d in range(3):
-            w[corner, d] = a * u[corner, d] + b * v[corner, d]
+            add_exactly(f, POINTS[n, c], d, factor * g[c, d])
+            add_exactly(f, POINTS[n, 0], d, -factor * g[c, d])
+
+
+@njit(cache=True)
+def _combine(n, a, u, b, v, w):
+    """Set w to a u + b v at the corners of spring n, beyond its first corner."""
+    for c in range(COUNTS[n]):
+        p, q = _lead(u, n, c), _lead(v, n, c)
+        for d in range(3):
+            w[POINTS[n, c], d] = a * p[d] + b * q[d]
 
 
 @njit(cache=True)
@@ -62,10 +86,30 @@ def _gather(values, corners, local):
 
 
 @njit(cache=True)
+def _gather_sum(parts, corners, local):
+    """Gather a sum of one or two parts as two."""
+    for part in range(len(parts)):
+        _gather(parts[part], corners, local[part])
+    local[len(parts) :] = 0.0
+
+
+@njit(cache=True)
 def _scatter(local, corners, values):
     for c in range(8):
         for d in range(3):
             values[corners[c], d] += local[c, d]
+
+
+@njit(cache=True)
+def _scatter_sum(local, corners, parts):
+    """Add what is at the corners, two parts, to a sum of one or two."""
+    if len(parts) == 1:
+        _scatter(local[0], corners, parts[0])
+        return
+    for c in range(8):
+        for d in range(3):
+            add_exactly(parts, corners[c], d, local[0, c, d])
+            parts[1, corners[c], d] += local[1, c, d]
 
 
 @njit(cache=True)
@@ -86,62 +130,65 @@ def force(points, elements, signs, left_out, n_springs, settings, displacement):
         `N_LINEAL`, or `N_SPRINGS` with torsion.
     settings : tuple of float
         Power of the lineal stiffness, and factor of dQ of the torsional springs.
-    displacement : ndarray, shape (n_points, 3)
-        The field u (m).
+    displacement : ndarray, shape (n_parts, n_points, 3)
+        The field u as a sum of parts (m), see `bspline_mdao.movement.element.force`.
 
     Returns
     -------
-    ndarray, shape (n_points, 3)
+    ndarray, shape (n_parts, n_points, 3)
+        As a sum of as many parts.
     """
-    total = np.zeros_like(points)
-    x, u, f, g = np.empty((8, 3)), np.empty((8, 3)), np.empty((8, 3)), np.empty((4, 3))
+    total, n_parts = np.zeros_like(displacement), len(displacement)
+    x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
     for e in range(len(elements)):
         _gather(points, elements[e], x)
-        _gather(displacement, elements[e], u)
+        _gather_sum(displacement, elements[e], u)
         f[:] = 0.0
         for n in range(n_springs):
             if not _is_left_out(n, left_out[e]):
                 gradient(x, n, float(signs[e]), settings, g)
-                _add_force(g, n, _stretch(g, n, u), f)
-        _scatter(f, elements[e], total)
+                _add_force_to_sum(g, n, _stretch(g, n, u), n_parts, f)
+        _scatter_sum(f, elements[e], total)
     return total
 
 
 @njit(cache=True)
-def force_jvp(points, elements, signs, left_out, n_springs, settings, displacement, d_points, d_displacement):
-    """Change of `force` for changes of the points and the displacement."""
-    total = np.zeros_like(points)
-    x, u, f, g = np.empty((8, 3)), np.empty((8, 3)), np.empty((8, 3)), np.empty((4, 3))
-    dx, du, dg = np.empty((8, 3)), np.empty((8, 3)), np.empty((4, 3))
+def force_jvp(points, elements, signs, left_out, n_springs, settings, displacement, d_points):
+    """Change of `force` for a change of the points, of as many parts; in the displacement, `force` is linear."""
+    total, n_parts = np.zeros_like(displacement), len(displacement)
+    x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
+    dx, dg = np.empty((8, 3)), np.empty((4, 3))
     for e in range(len(elements)):
         sign = float(signs[e])
         _gather(points, elements[e], x)
-        _gather(displacement, elements[e], u)
+        _gather_sum(displacement, elements[e], u)
         _gather(d_points, elements[e], dx)
-        _gather(d_displacement, elements[e], du)
         f[:] = 0.0
         for n in range(n_springs):
             if not _is_left_out(n, left_out[e]):
                 gradient(x, n, sign, settings, g)
                 gradient_change(x, dx, n, sign, settings, dg)
-                _add_force(dg, n, _stretch(g, n, u), f)
-                _add_force(g, n, _stretch(dg, n, u) + _stretch(g, n, du), f)
-        _scatter(f, elements[e], total)
+                _add_force_to_sum(dg, n, _stretch(g, n, u), n_parts, f)
+                _add_force_to_sum(g, n, _stretch(dg, n, u), n_parts, f)
+        _scatter_sum(f, elements[e], total)
     return total
 
 
 @njit(cache=True)
 def force_vjp(points, elements, signs, left_out, n_springs, settings, displacement, bar):
-    """Transpose of `force_jvp`: derivatives by the points and the displacement."""
+    """Transpose of `force_jvp` and of `force`: derivatives by the points and the displacement.
+
+    Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar by the force, as a sum of parts.
+    """
     points_bar, displacement_bar = np.zeros_like(points), np.zeros_like(points)
-    x, u, v, w = np.empty((8, 3)), np.empty((8, 3)), np.empty((8, 3)), np.empty((8, 3))
+    x, w, u, v = np.empty((8, 3)), np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3))
     x_bar, u_bar = np.empty((8, 3)), np.empty((8, 3))
     g, dg = np.empty((4, 3)), np.empty((4, 3))
     for e in range(len(elements)):
         sign = float(signs[e])
         _gather(points, elements[e], x)
-        _gather(displacement, elements[e], u)
-        _gather(bar, elements[e], v)
+        _gather_sum(displacement, elements[e], u)
+        _gather_sum(bar, elements[e], v)
         x_bar[:] = 0.0
         u_bar[:] = 0.0
         for n in range(n_springs):

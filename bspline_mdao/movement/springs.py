@@ -107,11 +107,11 @@ class SpringElements:
         """Force on all points."""
         return spring_element.force(*self._arguments, displacement)
 
-    def force_jvp(self, displacement, d_initial, d_points, d_displacement):
-        """Change of the force."""
-        return spring_element.force_jvp(*self._arguments, displacement, d_points, d_displacement)
+    def force_jvp(self, displacement, d_initial, d_points):
+        """Change of the force of a given displacement."""
+        return spring_element.force_jvp(*self._arguments, displacement, d_points)
 
     def force_vjp(self, displacement, bar):
-        """Transpose of `force_jvp`."""
+        """Transpose of `force_jvp` and of `force`."""
         points_bar, displacement_bar = spring_element.force_vjp(*self._arguments, displacement, bar)
         return np.zeros_like(self.points), points_bar, displacement_bar

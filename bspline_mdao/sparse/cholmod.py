@@ -83,6 +83,11 @@ class CholmodFactor:
         """Memory of the factor; counts a copy of it, so that asking takes time."""
         return self.factor.L().data.nbytes
 
+    @property
+    def cancellation(self) -> float:
+        """Not known: infinite, see `CholeskyFactor.cancellation`."""
+        return np.inf
+
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Solve with the factor, shape (n, 3) or (n, 3, m)."""
         columns = np.asfortranarray(right.reshape(3 * len(right), -1))

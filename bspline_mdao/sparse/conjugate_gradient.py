@@ -120,6 +120,11 @@ class PreconditionedMatrix:
         """Memory of the preconditioner."""
         return self.preconditioner.n_bytes
 
+    @property
+    def cancellation(self) -> float:
+        """Not known: infinite, see `CholeskyFactor.cancellation`."""
+        return np.inf
+
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Apply the preconditioner to a right-hand side, shape (n, 3)."""
         return self.preconditioner.apply(right)

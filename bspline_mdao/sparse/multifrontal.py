@@ -12,7 +12,7 @@ from numba import njit
 
 from .lapack import LOWER, NOT_TRANSPOSED, NOT_UNIT, RIGHT, TRANSPOSED, call
 
-__all__ = ["assemble", "factorize", "first_unusable", "solve_backward", "solve_forward", "update_of"]
+__all__ = ["assemble", "factorize", "first_unusable", "pivots", "solve_backward", "solve_forward", "update_of"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -113,6 +113,19 @@ def first_unusable(panel, n, n_own):
         if not 0.0 < panel[column * n + column] < np.inf:
             return column
     return -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pivots(supernodes, fronts, factor):
+    """What elimination leaves of the diagonal, in the order of elimination: squares of the factor's, shape (n, 3)."""
+    squares = np.empty((supernodes.firsts[-1], 3))
+    for s in range(len(supernodes.parents)):
+        n_own, n_rest = _extents(s, supernodes)
+        n, panel = n_own + n_rest, factor[fronts.panel_starts[s] : fronts.panel_starts[s + 1]]
+        for column in range(n_own):
+            root = np.float64(panel[column * n + column])
+            squares[supernodes.firsts[s] + column // 3, column % 3] = root * root
+    return squares
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -96,6 +96,11 @@ class PardisoFactor:
         """Memory of the factor."""
         return 1024 * int(self.solver.get_iparm(N_KILOBYTES))
 
+    @property
+    def cancellation(self) -> float:
+        """Not known: infinite, see `CholeskyFactor.cancellation`."""
+        return np.inf
+
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Solve with the factor, shape (n, 3) or (n, 3, m)."""
         columns = np.asfortranarray(right.reshape(3 * len(right), -1))
