@@ -41,9 +41,13 @@ def test_the_python_examples_of_the_quickstart_run(folder, monkeypatch):
 
 
 def test_the_python_examples_of_the_components_run():
-    chain, movers, own = code_blocks("components.rst", "python")
-    for example in (chain, movers, own):
-        exec(example, {"__name__": __name__})
+    chain, nodes, movers, own = code_blocks("components.rst", "python")
+    for example in (chain + nodes, movers, own):
+        contents = {"__name__": __name__}
+        exec(example, contents)
+        if "wing" in contents:
+            walls = contents["problem"].get_val("grid").reshape(-1, 3)[contents["wing"].rows]
+            np.testing.assert_allclose(walls, contents["nodes"], rtol=0, atol=1e-12)
 
 
 def test_the_python_examples_of_design_run():
