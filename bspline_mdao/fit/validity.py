@@ -27,6 +27,9 @@ MARGIN = 0.3
 LEAST_MARGIN = 1e-3
 """The same where the base is the coarse grid, which is far from the grid itself."""
 
+LARGEST_MARGIN = 0.85
+"""The same where least squares move: next to their folds they are uneven, which a mover turns into flat cells."""
+
 FLAT = 1e-9
 """A cell of the grid with a corner triple product up to this is flat: its sign is round-off."""
 
@@ -115,7 +118,7 @@ def choose_shares(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squ
     base, shares = candidates[-1], np.zeros((mesh.n_control_points, len(CANDIDATES)))
     shares[:, -1] = 1.0
     for number in range(len(CANDIDATES) - 2, -1 if least_squares is not None else 0, -1):
-        margin = MARGIN if number < len(CANDIDATES) - 2 else LEAST_MARGIN
+        margin = LEAST_MARGIN if number == len(CANDIDATES) - 2 else MARGIN if number else LARGEST_MARGIN
         least = [np.where(m > 0.0, margin * m, m - MARGIN) for m in corner_measures(mesh.nets(base))]
         if number == len(CANDIDATES) - 2:  # no coarse grid mends what is folded in the grid itself
             for bound, held in zip(least, elements_with(quasi.places, folded_cells(problem, nodes))):
