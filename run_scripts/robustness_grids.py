@@ -90,7 +90,7 @@ class Body:
     def of(cls, name: str, grid: Grid, n_control=None, target: Shape | None = None) -> Body:
         """Fit a grid."""
         grid = with_patches(grid)
-        model = fit_grid(grid, n_control=n_control, keep_residual=False)
+        model = fit_grid(grid, n_control=n_control, keep_residual=False, wall_layer=False)
         mesh = moving_mesh(model)
         if not mesh.is_free.any():
             raise InputError("no control point is free")
