@@ -44,7 +44,7 @@ name = "ducts"
 kind = "farfield"
 faces = [{ block = 2, face = "imin" }, { block = 2, face = "imax" }]
 """
-"""Patches of the turbine: hub and casing stay where they are."""
+"""Patches of the turbine."""
 
 
 def pyhyp(folder: Path) -> list[str]:
@@ -70,12 +70,12 @@ def hh_wing(folder: Path, shape=(65, 97, 65)) -> list[str]:
 
 
 CASES = {
-    "pyhyp": (pyhyp, "twist=5deg"),
-    "turbine": (turbine, "twist=1deg"),
-    "hh_wing": (hh_wing, "twist=5deg"),
-    "small": (lambda folder: hh_wing(folder, (11, 17, 9)), "twist=1deg"),
+    "pyhyp": (pyhyp, ["twist=5deg"]),
+    "turbine": (turbine, ["twist=1deg", "--release", "ends", "--release", "periodic"]),
+    "hh_wing": (hh_wing, ["twist=5deg"]),
+    "small": (lambda folder: hh_wing(folder, (11, 17, 9)), ["twist=1deg"]),
 }
-"""Grids, and how each is moved."""
+"""Grids, and how each is moved. Hub, casing and periodic planes of the turbine go along with its blade."""
 
 
 def main(cases=("pyhyp", "turbine", "hh_wing"), n_control: int | None = None) -> dict:
@@ -103,7 +103,7 @@ def main(cases=("pyhyp", "turbine", "hh_wing"), n_control: int | None = None) ->
             counts = ["--n-control", *[n_control] * 3] if n_control else []
             results[name] = {
                 "fit": call("fit", *make(folder), *counts, "-o", model, numbers=numbers),
-                "move": call("move", model, "--deform", deformation, "--allow-invalid", "-o", moved, numbers=numbers),
+                "move": call("move", model, "--deform", *deformation, "--allow-invalid", "-o", moved, numbers=numbers),
                 "quality": call("quality", moved, numbers=numbers),
             }
         show(name, results[name])

@@ -74,7 +74,7 @@ class Body:
     name : str
         Name for the table.
     model : FittedModel
-        Its fit, without the residual: what inverts is then the mover's work.
+        Its fit, with the residual: the grid that is judged is the user's.
     mesh : MovingMesh
         The control mesh.
     target : Shape, optional
@@ -88,9 +88,8 @@ class Body:
 
     @classmethod
     def of(cls, name: str, grid: Grid, n_control=None, target: Shape | None = None) -> Body:
-        """Fit a grid."""
-        grid = with_patches(grid)
-        model = fit_grid(grid, n_control=n_control, keep_residual=False, wall_layer=False)
+        """Fit a grid as it is done without any option."""
+        model = fit_grid(with_patches(grid), n_control=n_control)
         mesh = moving_mesh(model)
         if not mesh.is_free.any():
             raise InputError("no control point is free")
@@ -98,7 +97,7 @@ class Body:
 
     @cached_property
     def quality(self) -> GridQuality:
-        """Cells of the regenerated grid before any move."""
+        """Cells of the grid before any move."""
         return GridQuality.of_baseline(self.model.regenerate())
 
     @property

@@ -167,9 +167,9 @@ def attempt(body: Body, text: str, surface: np.ndarray, name: str, make_mover: C
     try:
         with threadpool_limits(1):
             points = make_mover(body.mesh).move(body.mesh.points, surface).points
+            n_inverted, q_min = body.judge(points)
     except (InputError, MovementError) as error:
         return replace(case, failure=str(error))
-    n_inverted, q_min = body.judge(points)
     return replace(case, n_inverted=n_inverted, q_min=q_min, n_tangled=body.mesh.tangled(points).n_tangled)
 
 

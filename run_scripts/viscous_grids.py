@@ -19,8 +19,18 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 from viscous_pictures import draw_edges, draw_heights
 
-from bspline_mdao import FittedModel, Grid, InputError, MovementError, fit_grid, onera_m6_grid, read_grid
+from bspline_mdao import (
+    FittedModel,
+    Grid,
+    InputError,
+    MovementError,
+    SurfaceGrid,
+    fit_grid,
+    onera_m6_grid,
+    read_grid,
+)
 from bspline_mdao.deformations import parse_deformation
+from bspline_mdao.evaluation.miss_spread import MissSpread
 from bspline_mdao.generators import Spacing, brick_grid, infinite_wing_grid, naca_section
 from bspline_mdao.grids.index_space import Window
 from bspline_mdao.grids.multiblock import Patch
@@ -129,11 +139,18 @@ class Splines:
         return cls(model, moving_mesh(model))
 
     def move(self, deformation: str) -> np.ndarray:
-        """Nodes of the moved grid, shape (n_nodes, 3), in metres."""
-        points = self.model.control_points
-        surface = parse_deformation(deformation, self.model, self.mesh).apply(points[self.mesh.surface_ids])
-        moved = LinearElasticity(self.mesh).move(points, surface).points
-        return self.model.regenerate(moved).to_vector().reshape(-1, 3)
+        """Nodes of the moved grid, shape (n_nodes, 3), in metres.
+
+        With a wall layer the nodes of the walls are where the deformation puts them, as by the command ``move``.
+        """
+        model, points = self.model, self.model.control_points
+        asked = parse_deformation(deformation, model, self.mesh)
+        moved = LinearElasticity(self.mesh).move(points, asked.apply(points[self.mesh.surface_ids])).points
+        if not model.settings.wall_layer:
+            return model.regenerate(moved).to_vector().reshape(-1, 3)
+        surface, grid_map = SurfaceGrid.of(model), model.grid_map()
+        wall = asked.apply_to_nodes(surface.points, surface.on_planes(model))
+        return grid_map.at(moved, MissSpread.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
 
     def off_rigid(self) -> float:
         """Turn all control points by 90 degrees; largest distance from the grid turned alike, by the grid's size."""
@@ -299,11 +316,11 @@ class Baseline:
 def draw(folder, grids: dict[str, Grid], ways: Sequence[str]) -> None:
     """Draw the edges of grids before and after a move, and the heights of their first cells."""
     ratios = {}
-    for name in PICTURED.keys() & grids.keys():
+    for name in filter(PICTURED.get, grids):
         grid, cells = grids[name], FirstCells.of_baseline(grids[name])
         for deformation in PICTURED[name]:
             moved = {way: WAYS[way](grid).move(deformation) for way in ways}
-            ratios[f"{Path(name).stem}, {deformation}"] = {way: cells.ratios(nodes) for way, nodes in moved.items()}
+            ratios[f"{Path(name).stem}\n{deformation}"] = {way: cells.ratios(nodes) for way, nodes in moved.items()}
             before = {"before": grid.to_vector().reshape(-1, 3)}
             draw_edges(folder, f"viscous_{re.sub(r'[^a-z0-9]', '_', Path(name).stem.lower())}", grid, before | moved)
     draw_heights(folder, "viscous_heights", ratios)
