@@ -36,9 +36,9 @@ CHUNK_NODES = 2**12
 REACH = (20.0, 3.0)
 """A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
 
-VISCOUS = (12.0, 36.0)
+VISCOUS = (24.0, 36.0)
 """Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
-no layer, and from which on it has its whole reach. Grids have 1 to 12, or 36 to 16,000."""
+no layer, and from which on it has its whole reach. Grids have 1 to 24, or 36 to 16,000."""
 
 N_SMOOTHINGS = 3
 """Times that the reach of a wall is averaged with that of the neighbours."""
