@@ -12,6 +12,7 @@ from .evaluation.evaluator import Evaluator
 from .evaluation.family import refine
 from .evaluation.grid_map import GridMap
 from .evaluation.index_scaling import IndexScaling
+from .evaluation.riders import Riders
 from .fit.errors import FitReport
 from .grids.cgns import CgnsDialect
 from .grids.multiblock import Block, Grid, Patch, as_array
@@ -199,6 +200,27 @@ class FittedModel:
             return self.header.grid(self.topology.shapes, self.grid_map().at(points).nodes)
         nodes = self.evaluator().forward(self.control_points)
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
+
+    def riders(self, points: np.ndarray, tolerance: float | None = None) -> Riders:
+        """Let points that were not fitted ride along, those near walls in the layer there.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            The points on the baseline (m).
+        tolerance : float, optional
+            Distance (m) up to which a point counts as inside the volumes; 1e-9 of their size by default.
+
+        Returns
+        -------
+        Riders
+
+        Raises
+        ------
+        InputError
+            If the points cannot be used, or one is outside all volumes.
+        """
+        return Riders.of(self.grid_map(), self.mesh, self.control_points, points, tolerance)
 
     def member(self, factor: float) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
