@@ -115,7 +115,9 @@ class Turn:
     @classmethod
     def of(cls, n_nodes: int, n_control: int, n_increments: int) -> Turn:
         """Make one with so many nodes and control points along its edges."""
-        model = fit_grid(brick_grid((n_nodes, n_nodes, n_nodes, 7), far=FAR), n_control=(n_control, n_control, 5))
+        grid = brick_grid((n_nodes, n_nodes, n_nodes, 7), far=FAR)
+        # without the constraint the grid is turned inside out: Eq. (3) alone goes on there, to show it
+        model = fit_grid(grid, n_control=(n_control, n_control, 5), wall_layer=False)
         mesh, surface = moving_mesh(model), SurfaceGrid.of(model)
         centres = np.array([surface.points[ids].mean(axis=(0, 1)) for ids in surface.faces])
         measure = DistanceFromPlanes.of(surface, turned(2.0 * centres), np.full(6, 0.5))

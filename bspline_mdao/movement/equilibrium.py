@@ -167,13 +167,14 @@ class Equilibrium:
         if error <= above:
             return Balance(parts, n_steps, solution.residual, error)
         parts = _in_two(parts)
-        for n_corrections in range(1, MAX_CORRECTIONS + 1):
-            correction = scatter(factored.solve(gather(_less(load, elements.force(parts)))).x)
+        for _ in range(MAX_CORRECTIONS):
+            solved = factored.solve(gather(_less(load, elements.force(parts))))
+            correction = scatter(solved.x)
             change = np.abs(correction).max() / size
             if not change < LEAST_GAIN * last:
                 error = change
                 break
-            parts, n_steps = _corrected(parts, correction), n_corrections
+            parts, n_steps = _corrected(parts, correction), n_steps + max(solved.iterations, 1)
             error, last = change * change / last, change
             if error <= TOLERANCE:
                 break

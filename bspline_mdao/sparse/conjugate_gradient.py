@@ -122,8 +122,8 @@ class PreconditionedMatrix:
 
     @property
     def cancellation(self) -> float:
-        """Not known: infinite, see `CholeskyFactor.cancellation`."""
-        return np.inf
+        """What `CholeskyFactor.cancellation` would be for the tolerance: more digits take a smaller one."""
+        return self.tolerance / np.finfo(float).eps
 
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Apply the preconditioner to a right-hand side, shape (n, 3)."""
