@@ -42,7 +42,7 @@ QUALITY = {
 }
 """Labels of what is shown of the quality."""
 
-INCREMENT_COLUMNS = ("increment", "inverted", "smallest corner", "time (s)", "residual", "iterations", "digits")
+INCREMENT_COLUMNS = ("number", "inverted", "worst corner", "time (s)", "residual", "iterations", "digits")
 """Columns of the table of increments."""
 
 FEW_DIGITS = 8.0
