@@ -1,14 +1,14 @@
 """How the surroundings of every point of a set turn when the points move: a smooth rotation per point.
 
-Point i sees the vectors e to its neighbours and the areas a of the quads around it, before and (primed) after a move:
+Point i sees the vectors e to its neighbours and the areas a of the quads around it, before and (primed) after a move::
 
     M_i = sum_e e' (x) e / |e|^2 + sum_q a'_q (x) a_q / |a_q|^2,        M_i = R_i S_i, S_i symmetric,
 
 and R_i, the rotation nearest to M_i, is its rotation. A rigid motion of the points gives M = R A with the symmetric
 matrix A of the points at rest, so its own rotation to round-off. Each edge counts the same however long it is, so that
 spacings of 1e-3 by 1 do not matter. Quads tell where a surface looks to: both sides of a thin plate, whose areas cancel
-as vectors, add up as products. The scales |e|^2 and |a|^2 are those of the baseline and stay, so that M is linear in
-the points before and in the edges and areas after the move.
+as vectors, add up as products. The scales ``|e|^2`` and ``|a|^2`` are those of the baseline and stay, so that M is
+linear in the points before and in the edges and areas after the move.
 
 With w the rotation vector of a change, dR = R [w]x, equation M = R S gives (tr(S) I - S) w = the axial vector of
 R^T dM - dM^T R: a symmetric system of three, which serves the reverse product as well.

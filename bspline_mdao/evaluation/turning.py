@@ -37,7 +37,7 @@ from .lanes import LANES
 from .rotations import LocalRotations, Rotations
 from .runs import Runs, store_groups
 
-__all__ = ["Rows", "Turn", "Turning", "Vectors"]
+__all__ = ["FaceNodes", "Turn", "Turning", "Vectors"]
 
 PLANAR = 1e-5
 """A face is planar where its corners leave the plane by less than this part of its size."""
@@ -170,7 +170,7 @@ class _Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class FaceNodes:
     """Nodes on boundary faces with the weights of their corners, and the planes that their vectors keep to.
 
     Parameters
@@ -188,9 +188,9 @@ class Rows:
     weights: np.ndarray
     planes: np.ndarray
 
-    def part(self, which: np.ndarray) -> Rows:
+    def part(self, which: np.ndarray) -> FaceNodes:
         """Some of the nodes."""
-        return Rows(self.rows[which], self.corners[which], self.weights[which], self.planes[which])
+        return FaceNodes(self.rows[which], self.corners[which], self.weights[which], self.planes[which])
 
     def turned(self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Turn the vectors, shape (n, 3), of these nodes.
@@ -265,7 +265,7 @@ class Turning:
         The nodes of every volume.
     evaluator : Evaluator
         Of the nodes; it gives the pieces of work and the number of threads.
-    flat : Rows
+    flat : FaceNodes
         The nodes in planes.
     flat_copies : ndarray of int, shape (n_copies, 2)
         Rows that are copies of these, and the rows that they copy.
@@ -279,7 +279,7 @@ class Turning:
     plane_of_corner: np.ndarray
     cells: tuple[_Cells, ...]
     evaluator: Evaluator
-    flat: Rows
+    flat: FaceNodes
     flat_copies: np.ndarray
 
     @classmethod
@@ -355,18 +355,18 @@ class Turning:
         rotations = tuple(group.at(initial, moved, matrices) for group in self.groups)
         return Turn(self, initial, moved, rotations, matrices)
 
-    def of_rows(self, rows: Rows) -> Turning:
+    def of_rows(self, rows: FaceNodes) -> Turning:
         """Only what the rotations of these nodes need."""
         seen = rows.corners[rows.weights > 0.0]
         return replace(self, groups=tuple(g for g in self.groups if np.isin(g.ids[g.own], seen).any()))
 
-    def seen_by(self, rows: Rows) -> np.ndarray:
+    def seen_by(self, rows: FaceNodes) -> np.ndarray:
         """Corners that the rotations of these nodes depend on."""
         seen = rows.corners[rows.weights > 0.0]
         parts = [g.ids[g.company[np.flatnonzero(g.own & np.isin(g.ids, seen))].indices] for g in self.groups]
         return np.unique(np.concatenate(parts))
 
-    def rows(self, rows: np.ndarray) -> Rows:
+    def rows(self, rows: np.ndarray) -> FaceNodes:
         """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
         at, corners, weights = [], [], []
         for cell in self.cells:
@@ -384,7 +384,7 @@ class Turning:
             at = np.flatnonzero(is_in & sees_more & (count < 3))
             planes[at, count[at]] = k
             count[at] += 1
-        return Rows(rows, corners, weights, planes)
+        return FaceNodes(rows, corners, weights, planes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -490,7 +490,7 @@ class Turn:
         self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
         return control_bar + self.of.corners.adjoint(moved_bar)
 
-    def rows_vjp(self, rows: Rows, vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
+    def rows_vjp(self, rows: FaceNodes, vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
         """Derivative in the control points, shape (n_control_points, 3), of the turned vectors of some nodes alone."""
         matrices_bar, moved_bar = np.zeros_like(self.matrices), np.zeros_like(self.moved)
         normals_bar, _ = rows.vjp(self.matrices, self.normals, vectors, bar, matrices_bar)

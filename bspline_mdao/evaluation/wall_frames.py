@@ -3,7 +3,7 @@
 A rotation keeps the height of a point above a wall if it turns the wall's normal with the wall. It cannot where the
 normal may not turn freely, in a plane of symmetry that the wall meets at another angle after the move, or where there
 are two, on an edge whose angle changes. So the matrix G of a point is the one next to its rotation R that takes the
-unit normals n' of its sheets back to those on the baseline, n:
+unit normals n' of its sheets back to those on the baseline, n::
 
     G minimises  sum_s w_s |G^T n'_s - n_s|^2 + E |G - R|^2,  or
     (sum_s w_s n'_s (x) n'_s + E I) G = sum_s w_s n'_s (x) n_s + E R,

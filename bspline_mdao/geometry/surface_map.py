@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
-from ..evaluation.turning import Rows, Turn, Turning
+from ..evaluation.turning import FaceNodes, Turn, Turning
 from ..grids.sharing import node_sharing
 from ..model import FittedModel
 from ..movement.boundary import require_mesh_of
@@ -130,7 +130,7 @@ class _TurnedRows:
     ----------
     turning : Turning
         Rotations of the corners that these nodes need.
-    rows : Rows
+    rows : FaceNodes
         The nodes.
     residual : ndarray, shape (n, 3)
         Their residual (m).
@@ -141,7 +141,7 @@ class _TurnedRows:
     """
 
     turning: Turning
-    rows: Rows
+    rows: FaceNodes
     residual: np.ndarray
     surface_ids: np.ndarray
     control_points: np.ndarray
