@@ -478,6 +478,7 @@ def between(points, i, j):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def set_half_cross(out, n, u, v):
+    """Write half the cross product of two vectors to row n."""
     out[n, 0] = 0.5 * (u[1] * v[2] - u[2] * v[1])
     out[n, 1] = 0.5 * (u[2] * v[0] - u[0] * v[2])
     out[n, 2] = 0.5 * (u[0] * v[1] - u[1] * v[0])
@@ -548,6 +549,7 @@ def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cofactors(m, c):
+    """Write the cofactors of a matrix of three rows to ``c`` and return its determinant."""
     c[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
     c[0, 1] = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
     c[0, 2] = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
