@@ -23,11 +23,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators.canonical import onera_m6_grid
+from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.assembly import Unknowns
-from bspline_mdao.movement.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import ElasticElements
 from bspline_mdao.movement.element import lame_constants
-from bspline_mdao.movement.stiffness import OrthogonalityLaw
+from bspline_mdao.movement.young_modulus import OrthogonalityLaw
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.cholmod import Cholmod
 from bspline_mdao.sparse.pardiso import Pardiso

@@ -31,7 +31,7 @@ from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.flow.euler.stencil import INNER
 from bspline_mdao.generators import rectangular_wing
 from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.topology.topology import find_topology
 
 SHAPES = {36_864: (17, 17, 13), 117_504: (25, 25, 18)}
 """Nodes of each of the twelve blocks by the number of cells."""

@@ -27,13 +27,13 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao.evaluation.evaluator import Evaluator
-from bspline_mdao.evaluation.grid_map import GridMap
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import Spacing
 from bspline_mdao.generators.canonical import onera_m6_grid
-from bspline_mdao.grids.multiblock import Grid
-from bspline_mdao.model import FittedModel
+from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.splines.mesh import BSplineMesh
+from bspline_mdao.topology.multiblock import Grid
+from bspline_mdao.walls.grid_map import GridMap
 
 try:
     import splinepy

@@ -33,8 +33,8 @@ from bspline_mdao.fit.parameters import chord_length_parameters
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.generators import Spacing
 from bspline_mdao.generators.canonical import onera_m6_grid
-from bspline_mdao.grids.multiblock import Grid
-from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.topology.multiblock import Grid
+from bspline_mdao.topology.topology import find_topology
 
 ORDERS = (4, 4, 4)
 

@@ -37,15 +37,15 @@ from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import fit_shape, rectangular_wing
 from bspline_mdao.generators.canonical import onera_m6_grid
-from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.mesh.boundary import moving_mesh
+from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.centres import find_centres
 from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity
 from bspline_mdao.movement.element import lame_constants
 from bspline_mdao.movement.equilibrium import Equilibrium
-from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
-from bspline_mdao.movement.stiffness import OrthogonalityLaw
+from bspline_mdao.movement.young_modulus import OrthogonalityLaw
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.cholmod import Cholmod
 from bspline_mdao.sparse.pardiso import Pardiso

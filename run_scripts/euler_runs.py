@@ -11,8 +11,8 @@ import openmdao.api as om
 from openfoam import openfoam_forces
 
 from bspline_mdao import EulerFlow, FittedModel, InputError
+from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.flow.euler.newton import FlowSolution
-from bspline_mdao.grids.cell_faces import CellFaces
 from bspline_mdao.names import GRID
 
 OPTIONS = {

@@ -23,13 +23,13 @@ from bspline_mdao import (
     SurfaceGrid,
     moving_mesh,
 )
+from bspline_mdao.design.axis import ReferenceAxis
+from bspline_mdao.design.selection_algebra import Selection
+from bspline_mdao.design.variable import Variable
 from bspline_mdao.flow.span_strips import SpanStrips
-from bspline_mdao.geometry.measure import Measure
-from bspline_mdao.movement.mesh import MovingMesh
+from bspline_mdao.measures.measure import Measure
+from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.names import GRID
-from bspline_mdao.parametrization.axis import ReferenceAxis
-from bspline_mdao.parametrization.selection_algebra import Selection
-from bspline_mdao.parametrization.variable import Variable
 
 
 class Flow(NamedTuple):

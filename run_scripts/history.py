@@ -10,9 +10,9 @@ import numpy as np
 import openmdao.api as om
 from common import BLUE, ORANGE
 
-from bspline_mdao.drivers.nlopt_problem import Point, Statement
-from bspline_mdao.drivers.optimality import optimality
-from bspline_mdao.drivers.scaled_model import ScaledModel
+from bspline_mdao.om.drivers.nlopt_problem import Point, Statement
+from bspline_mdao.om.drivers.optimality import optimality
+from bspline_mdao.om.drivers.scaled_model import ScaledModel
 
 COLORS = {"SciPy SLSQP": ORANGE, "NLopt LD_SLSQP": BLUE, "NLopt LD_LBFGS": BLUE}
 """Of the drivers."""

@@ -20,10 +20,10 @@ from totals import check_totals
 from wing_drawings import section_of
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.local import Local
+from bspline_mdao.design.selection import NearPlane
 from bspline_mdao.names import GRID
-from bspline_mdao.parametrization.composition import Parametrization
-from bspline_mdao.parametrization.local import Local
-from bspline_mdao.parametrization.selection import NearPlane
 
 AMPLITUDE = 0.2
 """Largest displacement of a control point along each axis, by the distance to its nearest neighbour."""

@@ -9,14 +9,14 @@ from functools import cached_property
 import openmdao.api as om
 
 from bspline_mdao import CamberSurface, FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh
+from bspline_mdao.design.axis import ReferenceAxis
+from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.variable import Variable
 from bspline_mdao.generators import rectangular_wing
 from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.geometry.measure import Measure
-from bspline_mdao.geometry.surface import SurfaceGrid
-from bspline_mdao.movement.mesh import MovingMesh
-from bspline_mdao.parametrization.axis import ReferenceAxis
-from bspline_mdao.parametrization.composition import Parametrization
-from bspline_mdao.parametrization.variable import Variable
+from bspline_mdao.measures.measure import Measure
+from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.surface import SurfaceGrid
 
 WORST_CORNER = 0.1
 """What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""

@@ -20,9 +20,9 @@ from bspline_mdao import (
     fit_grid,
     onera_m6_grid,
 )
+from bspline_mdao.design.variable import Variable
 from bspline_mdao.generators import onera_m6_planform
-from bspline_mdao.geometry.measure import Measure
-from bspline_mdao.parametrization.variable import Variable
+from bspline_mdao.measures.measure import Measure
 
 LIFT = 0.25
 ALPHA = 3.0

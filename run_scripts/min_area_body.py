@@ -17,15 +17,15 @@ from optimisation import DRIVERS, Run, optimise, set_up, write_n2
 from totals import check_totals, move_at_random
 
 from bspline_mdao import FittedModel, GridMovement, fit_grid, moving_mesh
-from bspline_mdao.components.surface_control import SurfaceControl
-from bspline_mdao.components.surface_evaluate import SurfaceEvaluate
-from bspline_mdao.components.surface_measure import SurfaceMeasure
+from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.local import Local
 from bspline_mdao.generators import brick_grid
-from bspline_mdao.geometry.area import SurfaceArea
-from bspline_mdao.geometry.surface import SurfaceGrid
-from bspline_mdao.geometry.volume import EnclosedVolume
-from bspline_mdao.parametrization.composition import Parametrization
-from bspline_mdao.parametrization.local import Local
+from bspline_mdao.measures.area import SurfaceArea
+from bspline_mdao.measures.volume import EnclosedVolume
+from bspline_mdao.mesh.surface import SurfaceGrid
+from bspline_mdao.om.surface_control import SurfaceControl
+from bspline_mdao.om.surface_evaluate import SurfaceEvaluate
+from bspline_mdao.om.surface_measure import SurfaceMeasure
 
 AREA = (36.0 * np.pi) ** (1.0 / 3.0)
 """Area of the ball of unit volume (m^2)."""

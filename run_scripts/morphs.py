@@ -10,13 +10,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import FittedModel, Grid, family_member, find_topology, fit_grid, flat_plate_grid, onera_m6_grid
+from bspline_mdao.cells.grid_quality import GridQuality
+from bspline_mdao.cells.report import QualityReport, report_quality
 from bspline_mdao.generators import Shape, fit_shape, generic_blended_wing_body, rectangular_wing
-from bspline_mdao.movement.boundary import moving_grid, moving_mesh
+from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
+from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.mesh import MovingMesh
 from bspline_mdao.movement.mover import MovementReport
-from bspline_mdao.quality.grid_quality import GridQuality
-from bspline_mdao.quality.report import QualityReport, report_quality
 from bspline_mdao.sparse.cholesky import Cholesky
 
 COARSE = 0.5

@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
+from bspline_mdao.cells.cell_faces import CellFaces
+from bspline_mdao.cells.quads import area_vectors
+from bspline_mdao.checks import given_axes
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.stream import stream_axes
-from bspline_mdao.geometry.given import given_axes
-from bspline_mdao.geometry.quads import area_vectors
-from bspline_mdao.grids.cell_faces import CellFaces
-from bspline_mdao.grids.openfoam import PolyMesh
-from bspline_mdao.grids.topology import Topology
+from bspline_mdao.io.openfoam import PolyMesh
+from bspline_mdao.topology.topology import Topology
 
 HOME = "/usr/share/openfoam"
 """Where Debian puts what OpenFOAM looks for in ``WM_PROJECT_DIR``."""

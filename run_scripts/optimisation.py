@@ -17,8 +17,8 @@ from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import NLoptDriver
-from bspline_mdao.drivers.optimality import optimality
-from bspline_mdao.drivers.scaled_model import ScaledModel
+from bspline_mdao.om.drivers.optimality import optimality
+from bspline_mdao.om.drivers.scaled_model import ScaledModel
 
 TIMED = ("compute", "compute_partials", "compute_jacvec_product")
 TIMED += ("solve_nonlinear", "linearize", "apply_linear", "solve_linear")

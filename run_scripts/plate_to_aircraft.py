@@ -24,7 +24,7 @@ from bspline_mdao import (
     fit_grid,
     flat_plate_grid,
 )
-from bspline_mdao.parametrization.variable import Variable
+from bspline_mdao.design.variable import Variable
 
 MACH = 0.3
 LIFT = 0.3

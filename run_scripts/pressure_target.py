@@ -21,7 +21,7 @@ from totals import check_totals
 from wall_sections import faces_around
 
 from bspline_mdao import Local, fit_grid, onera_m6_grid
-from bspline_mdao.geometry.quads import area_vectors
+from bspline_mdao.cells.quads import area_vectors
 from bspline_mdao.names import GRID
 
 MACH = 0.3

@@ -11,12 +11,12 @@ import numpy as np
 from morphs import BLENDED_WING_BODY, ONERA_M6
 
 from bspline_mdao import FittedModel, Grid, InputError, find_topology, fit_grid, read_grid
-from bspline_mdao.deformations import parse_deformation
+from bspline_mdao.cells.grid_quality import GridQuality
+from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.generators import Shape, fit_shape
-from bspline_mdao.grids.patch_guess import guess_patches
-from bspline_mdao.movement.boundary import moving_mesh
-from bspline_mdao.movement.mesh import MovingMesh
-from bspline_mdao.quality.grid_quality import GridQuality
+from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.mesh.boundary import moving_mesh
+from bspline_mdao.mesh.mesh import MovingMesh
 
 MORPHS = {"plate": BLENDED_WING_BODY, "M6": ONERA_M6}
 """The canonical grids, each with the shape that section IV gives it."""

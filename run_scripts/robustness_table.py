@@ -20,8 +20,8 @@ from bspline_mdao.movement.held import Held
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
-from bspline_mdao.movement.stiffness import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
 from bspline_mdao.movement.transfinite import Transfinite
+from bspline_mdao.movement.young_modulus import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
 
 DEFORMATIONS = ("twist=90deg", "stretch=2", "bend=120deg@0.7", "chord=0.5", "bumps=20cells")
 """What is asked of every grid."""
@@ -129,7 +129,7 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
     study : {"movers", "elasticity", "one increment", "increments"}
         All movers; settings of elasticity; all movers in a single increment; numbers of increments, and the choice.
     deformations : sequence of str
-        What is asked of every grid, as for `bspline_mdao.deformations.parse_deformation`.
+        What is asked of every grid, as for `bspline_mdao.design.named_deformations.parse_deformation`.
 
     Returns
     -------

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from bspline_mdao import Grid, SurfaceGrid, fit_grid
-from bspline_mdao.deformations import parse_deformation
-from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.design.named_deformations import parse_deformation
+from bspline_mdao.mesh.boundary import moving_mesh
 
 REACH = 0.25
 """Part of the size of the walls within which they hold the nodes to them; IDWarp's default."""

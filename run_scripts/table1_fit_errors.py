@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from common import BLUE, GRAY, ORANGE, figure, run
 
+from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
-from bspline_mdao.grids.hexahedron import cell_quality
-from bspline_mdao.grids.multiblock import Grid
-from bspline_mdao.model import FittedModel
+from bspline_mdao.model.fitted_model import FittedModel
+from bspline_mdao.topology.multiblock import Grid
 
 CORRECTIONS = 3
 """Rounds of parameter correction (Hoschek) of the corrected fits."""

@@ -6,8 +6,8 @@ import numpy as np
 from common import BLUE, GRAY, ORANGE, figure, run
 
 from bspline_mdao import LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
-from bspline_mdao.grids.hexahedron import cell_quality
-from bspline_mdao.motion import UnsteadyGrid, flapping, pitching
+from bspline_mdao.cells.hexahedron import cell_quality
+from bspline_mdao.design.motion import UnsteadyGrid, flapping, pitching
 
 PERIOD = 1.0
 """Period of both motions (s)."""

@@ -29,16 +29,16 @@ from bspline_mdao import (
     onera_m6_grid,
     read_grid,
 )
-from bspline_mdao.deformations import parse_deformation
-from bspline_mdao.evaluation.miss_spread import MissSpread
+from bspline_mdao.cells.first_cells import FirstCells
+from bspline_mdao.cells.grid_quality import GridQuality
+from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.generators import Spacing, brick_grid, infinite_wing_grid, naca_section
-from bspline_mdao.grids.index_space import Window
-from bspline_mdao.grids.multiblock import Patch
-from bspline_mdao.movement.boundary import moving_mesh
+from bspline_mdao.mesh.boundary import moving_mesh
+from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.mesh import MovingMesh
-from bspline_mdao.quality.first_cells import FirstCells
-from bspline_mdao.quality.grid_quality import GridQuality
+from bspline_mdao.topology.index_space import Window
+from bspline_mdao.topology.multiblock import Patch
+from bspline_mdao.walls.miss_spread import MissSpread
 
 WINGS = (
     *(f"twist={angle}deg" for angle in (5, 20, 45)),

@@ -11,8 +11,8 @@ from matplotlib.collections import PolyCollection
 from PIL import Image
 
 from bspline_mdao import Grid
-from bspline_mdao.grids.index_space import Window
-from bspline_mdao.quality.first_cells import FirstCells
+from bspline_mdao.cells.first_cells import FirstCells
+from bspline_mdao.topology.index_space import Window
 
 REACH = {"leading edge": 30.0, "trailing edge": 40.0, "tip": 40.0}
 """Half the width of what is shown of each edge, by the median height of the first cells."""

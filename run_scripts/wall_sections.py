@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bspline_mdao.geometry.quads import area_vectors
+from bspline_mdao.cells.quads import area_vectors
 
 
 def faces_around(quads: np.ndarray, place: float) -> np.ndarray:

@@ -10,9 +10,9 @@ from lattice_wing import LINES, RectangularWing, started
 from optimisation import DRIVERS, flow_in_one, optimise, write_n2
 from totals import check_totals
 
-from bspline_mdao.flow.aerostructure import Aerostructure, Spar
-from bspline_mdao.parametrization.axis import ReferenceAxis
-from bspline_mdao.parametrization.planform import Twist
+from bspline_mdao.design.axis import ReferenceAxis
+from bspline_mdao.design.planform import Twist
+from bspline_mdao.om.flow.aerostructure import Aerostructure, Spar
 
 STATIONS = 4
 """Of the twist; its spline is too smooth to make use of what the panel forces leave out."""

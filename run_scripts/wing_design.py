@@ -14,9 +14,9 @@ from optimisation import Drivers, Run, flow_in_one, set_up, write_n2
 from totals import check_totals, move_at_random
 from wing_drawings import draw_ellipse, draw_load, draw_planform, draw_sections, draw_twist
 
+from bspline_mdao.cells.grid_quality import GridQuality
+from bspline_mdao.cells.report import report_quality
 from bspline_mdao.names import GRID
-from bspline_mdao.quality.grid_quality import GridQuality
-from bspline_mdao.quality.report import report_quality
 
 TOLD = ("CL", "CD", "CD_induced", "CD_entropy", "drag", "volume", "projected_area")
 """Outputs that are told of a wing where there are any."""

@@ -16,7 +16,7 @@ from wall_sections import draw_pressures
 
 from bspline_mdao import FittedModel, InputError, LatticeFlow, find_topology, fit_grid, onera_m6_grid, read_grid
 from bspline_mdao.generators import onera_m6_planform
-from bspline_mdao.grids.patch_guess import guess_patches
+from bspline_mdao.io.patch_guess import guess_patches
 
 COLORS = {"EulerFlow": BLUE, "LatticeFlow": GREEN, "OpenFOAM": ORANGE, "ADflow": RED, "vortex lattice": PURPLE}
 """Of the codes."""

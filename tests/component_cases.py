@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
+from bspline_mdao.design.variable import Layout, MapPartials, block_diagonal, pointwise_jacobian
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.geometry.surface import SurfaceGrid
-from bspline_mdao.grids.index_space import Window
-from bspline_mdao.grids.multiblock import Block, Grid, Patch
+from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.increments import in_increments
 from bspline_mdao.movement.interpolation import interpolated_step
-from bspline_mdao.movement.mesh import MovingMesh
-from bspline_mdao.parametrization.variable import Layout, MapPartials, block_diagonal, pointwise_jacobian
+from bspline_mdao.topology.index_space import Window
+from bspline_mdao.topology.multiblock import Block, Grid, Patch
 
 
 def two_blocks(seed: int = 0) -> Grid:

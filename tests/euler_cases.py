@@ -17,6 +17,7 @@ from topology_cases import (
     two_block_plate,
 )
 
+from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.flow.euler.areas import area_vectors
 from bspline_mdao.flow.euler.discretization import Discretization, Linearization
 from bspline_mdao.flow.euler.face_states import OPEN, SHUT
@@ -25,11 +26,10 @@ from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import factor_pattern
 from bspline_mdao.flow.euler.stencil import FARFIELD, FIRST, MEAN, SLIP
 from bspline_mdao.generators import ball_grid
-from bspline_mdao.grids.cell_faces import CellFaces
-from bspline_mdao.grids.index_space import Window
-from bspline_mdao.grids.multiblock import Grid
-from bspline_mdao.grids.patch_guess import guess_patches
-from bspline_mdao.grids.topology import find_topology
+from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.topology.index_space import Window
+from bspline_mdao.topology.multiblock import Grid
+from bspline_mdao.topology.topology import find_topology
 
 AXES = np.eye(3)[[0, 2, 1]]
 """Downstream, along the span and up of the project's wing grids."""

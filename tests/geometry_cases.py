@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 from mover_cases import rotation
 
-from bspline_mdao.deformations.frame import Plane
 from bspline_mdao.generators.section import naca_section
-from bspline_mdao.geometry.area import ProjectedArea, SurfaceArea
-from bspline_mdao.geometry.camber_surface import CamberSurface
-from bspline_mdao.geometry.clearance import Clearance
-from bspline_mdao.geometry.curvature import Curvature
-from bspline_mdao.geometry.leading_edge import LeadingEdgeRadius
-from bspline_mdao.geometry.plane_clearance import PlaneClearance
-from bspline_mdao.geometry.sections import SectionThickness
-from bspline_mdao.geometry.surface import SurfaceGrid
-from bspline_mdao.geometry.thickness import Thickness
-from bspline_mdao.geometry.trailing_edge import TrailingEdgeAngle
-from bspline_mdao.geometry.volume import EnclosedVolume
+from bspline_mdao.measures.area import ProjectedArea, SurfaceArea
+from bspline_mdao.measures.camber_surface import CamberSurface
+from bspline_mdao.measures.clearance import Clearance
+from bspline_mdao.measures.curvature import Curvature
+from bspline_mdao.measures.leading_edge import LeadingEdgeRadius
+from bspline_mdao.measures.plane_clearance import PlaneClearance
+from bspline_mdao.measures.sections import SectionThickness
+from bspline_mdao.measures.thickness import Thickness
+from bspline_mdao.measures.trailing_edge import TrailingEdgeAngle
+from bspline_mdao.measures.volume import EnclosedVolume
+from bspline_mdao.mesh.frame import Plane
+from bspline_mdao.mesh.surface import SurfaceGrid
 
 
 def surface_of(*sheets, planes=()):

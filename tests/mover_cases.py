@@ -7,9 +7,9 @@ from topology_cases import box, grid_of, patch
 
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
-from bspline_mdao.grids.index_space import Orientation, Window
-from bspline_mdao.grids.topology import find_topology
-from bspline_mdao.movement.boundary import moving_grid, moving_mesh
+from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
+from bspline_mdao.topology.index_space import Orientation, Window
+from bspline_mdao.topology.topology import find_topology
 
 
 def rotation(seed=3):

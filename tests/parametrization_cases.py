@@ -4,18 +4,18 @@ from functools import cache
 
 import numpy as np
 
+from bspline_mdao.design.axis import ReferenceAxis
+from bspline_mdao.design.collinear import Collinear
+from bspline_mdao.design.free_form import FreeForm
+from bspline_mdao.design.lattice import Lattice
+from bspline_mdao.design.linear_constraints import InPlane, Linked, Opposite, Pinned, Together
+from bspline_mdao.design.local import Local
+from bspline_mdao.design.mirrored import Mirrored
+from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
+from bspline_mdao.design.selection import NearPlane
+from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators.canonical import onera_m6_grid
-from bspline_mdao.parametrization.axis import ReferenceAxis
-from bspline_mdao.parametrization.collinear import Collinear
-from bspline_mdao.parametrization.free_form import FreeForm
-from bspline_mdao.parametrization.lattice import Lattice
-from bspline_mdao.parametrization.linear_constraints import InPlane, Linked, Opposite, Pinned, Together
-from bspline_mdao.parametrization.local import Local
-from bspline_mdao.parametrization.mirrored import Mirrored
-from bspline_mdao.parametrization.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
-from bspline_mdao.parametrization.selection import NearPlane
-from bspline_mdao.parametrization.user_defined import UserVariable
 
 
 @cache

@@ -8,11 +8,11 @@ import pytest
 from topology_cases import ORIENTATIONS, box
 
 from bspline_mdao.cli.main import run
-from bspline_mdao.grids.files import read_grid, write_grid
-from bspline_mdao.grids.multiblock import Block, Grid
-from bspline_mdao.grids.plot3d import write_plot3d
-from bspline_mdao.grids.plot3d_dialect import Plot3dDialect
-from bspline_mdao.model import FittedModel
+from bspline_mdao.io.files import read_grid, write_grid
+from bspline_mdao.io.plot3d import write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
+from bspline_mdao.model.fitted_model import FittedModel
+from bspline_mdao.topology.multiblock import Block, Grid
 
 
 def line(n, end=1.0, power=1.0):

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import FitWarning, InputError
-from ..fit.errors import Fallback, FitReport
 from ..fit.fitting import fit_grid
-from ..fit.quasi_interpolant import CANDIDATES
-from ..model import FittedModel
+from ..model.fitted_model import FittedModel
+from ..model.report import CANDIDATES, Fallback, FitReport
 from .output import (
     check_outputs,
     counts_text,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ..grids.atomic import replaced_file
-from ..grids.entities import NearMiss
-from ..grids.index_space import FACE_NAMES, Window
-from ..grids.multiblock import Grid, Patch
-from ..grids.patch_guess import draft_patches, guess_patches
-from ..grids.periodic import PeriodicPair, find_periodic
-from ..grids.topology import Topology, find_topology
-from ..quality.wall_report import wall_spacings
+from ..cells.wall_report import wall_spacings
+from ..io.atomic import replaced_file
+from ..io.patch_guess import draft_patches, guess_patches
+from ..topology.entities import NearMiss
+from ..topology.index_space import FACE_NAMES, Window
+from ..topology.multiblock import Grid, Patch
+from ..topology.periodic import PeriodicPair, find_periodic
+from ..topology.topology import Topology, find_topology
 from .output import (
     check_outputs,
     counts_text,

@@ -11,23 +11,24 @@ from pathlib import Path
 
 import numpy as np
 
-from ..deformations import Deformation, parse_deformation
-from ..deformations.points_file import GivenPoints
+from ..cells.grid_quality import GridQuality
+from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
+from ..design.deformation import Deformation
+from ..design.named_deformations import parse_deformation
+from ..design.points_file import GivenPoints
 from ..errors import InputError, MovementError
-from ..evaluation.miss_spread import MissSpread
 from ..fit.surface_fit import SurfaceMiss
-from ..geometry.surface import SurfaceGrid
-from ..grids.atomic import replaced_file
-from ..grids.files import check_grid_name, write_grid
-from ..grids.multiblock import Grid
-from ..grids.sharing import node_sharing
-from ..model import FittedModel
-from ..movement.boundary import moving_mesh
+from ..io.atomic import replaced_file
+from ..io.files import check_grid_name, write_grid
+from ..mesh.boundary import moving_mesh
+from ..mesh.mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..model.fitted_model import FittedModel
 from ..movement.increments import LOGGER
-from ..movement.mesh import MovingMesh
 from ..movement.mover import IncrementReport, Movement, MovementReport
-from ..quality.grid_quality import GridQuality
-from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
+from ..topology.multiblock import Grid
+from ..topology.sharing import node_sharing
+from ..walls.miss_spread import MissSpread
 from .movers import MoverOptions
 from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
 from .refusal import complaint

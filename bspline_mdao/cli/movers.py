@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from ..errors import InputError
+from ..mesh.mesh import MovingMesh
 from ..movement.delaunay import DelaunayGraph
 from ..movement.elasticity import LinearElasticity
 from ..movement.held import Held
 from ..movement.inverse_distance import InverseDistance
-from ..movement.mesh import MovingMesh
 from ..movement.mover import Mover
 from ..movement.radial_basis import RadialBasis
 from ..movement.springs import LinealSprings, TorsionalSprings
-from ..movement.stiffness import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
 from ..movement.transfinite import Transfinite
+from ..movement.young_modulus import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
 from ..sparse.cholesky import Cholesky
 from ..sparse.cholmod import Cholmod
 from ..sparse.conjugate_gradient import ConjugateGradients

@@ -17,8 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import InputError
-from ..grids.atomic import replaced_file
-from ..grids.openfoam import FOLDER
+from ..io.atomic import replaced_file
+from ..io.openfoam import FOLDER
 
 COMPILING = "compiling, once"
 """Shown while numba compiles kernels, which it does when they are first needed on a machine."""

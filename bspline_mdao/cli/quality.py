@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..cells.grid_quality import GridQuality
+from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from ..errors import InputError
-from ..grids.multiblock import Grid
-from ..grids.patches import merge_patches, read_patches
-from ..grids.topology import find_topology
-from ..model import FittedModel
-from ..quality.grid_quality import GridQuality
-from ..quality.report import InvertedCell, QualityReport, inverted_cells, report_quality
+from ..io.patches import merge_patches, read_patches
+from ..model.fitted_model import FittedModel
+from ..topology.multiblock import Grid
+from ..topology.topology import find_topology
 from .output import (
     check_outputs,
     counts_text,

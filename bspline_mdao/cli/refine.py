@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..evaluation.index_scaling import refined_topology
-from ..grids.files import check_grid_name, write_grid
-from ..model import FittedModel, family_member
+from ..io.files import check_grid_name, write_grid
+from ..model.fitted_model import FittedModel, family_member
 from .output import (
     check_outputs,
     counts_text,

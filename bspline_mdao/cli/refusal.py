@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model import FittedModel
+from ..cells.grid_quality import GridQuality
+from ..model.fitted_model import FittedModel
 from ..movement.increments import AUTO
 from ..movement.mover import MEND, MovementReport
-from ..quality.grid_quality import GridQuality
 from .movers import MoverOptions
 
 if TYPE_CHECKING:

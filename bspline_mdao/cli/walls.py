@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..quality.first_cells import WallNode
-from ..quality.wall_report import KEPT, PatchHeights, WallSpacing, flat_plate_y_plus
+from ..cells.first_cells import WallNode
+from ..cells.wall_report import KEPT, PatchHeights, WallSpacing, flat_plate_y_plus
 from .output import print_lines, print_table
 
 HEIGHTS = ("height_min", "height_median", "height_max")

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse
 from numba import njit
 
+from ..numerics.lanes import LANES
 from .kernels import control_point_steps
-from .lanes import LANES
 from .runs import Runs
 
 

@@ -29,8 +29,8 @@ from numba.core import cgutils
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
 
-from . import lanes
-from .lanes import INT, LANES, ZERO, Emitter, constant
+from ..numerics import lanes
+from ..numerics.lanes import INT, LANES, ZERO, Emitter, constant
 
 EMITTER_SOURCE = zlib.crc32(b"".join(Path(file).read_bytes() for file in (__file__, lanes.__file__)))
 """Checksum of what emits the code. numba looks for changes of a kernel's own file alone before it takes it from the

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..numerics.threads import run_tasks
 from ..splines.volume import Volume, evaluate, evaluate_gradients
 from .closest_point import advance, column_norm, is_collapsed, start
 from .point_mapping import bilinear_corners, map_point, map_point_scratch
-from .threads import run_tasks
 
 __all__ = ["descend"]
 

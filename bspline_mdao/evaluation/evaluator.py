@@ -16,14 +16,14 @@ import scipy.sparse
 from numba import njit
 
 from ..errors import InputError
-from ..grids.sharing import node_sharing
-from ..grids.topology import Topology
+from ..numerics.threads import run_tasks, thread_count
 from ..splines.mesh import BSplineMesh
+from ..topology.sharing import node_sharing
+from ..topology.topology import Topology
 from .assembly import assemble
 from .kernels import forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
 from .rows import check_rows, copies_by_volume
 from .runs import Runs, sort_nodes
-from .threads import run_tasks, thread_count
 
 CHUNK_NODES = 2**15
 """Nodes per chunk, at least: some 0.2 ms of work, against some 10 us to start it."""

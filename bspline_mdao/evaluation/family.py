@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..grids.topology import Topology
 from ..splines.mesh import BSplineMesh
+from ..topology.topology import Topology
 from .evaluator import Evaluator
 from .index_scaling import refined_topology
 

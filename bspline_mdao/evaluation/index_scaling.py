@@ -13,9 +13,9 @@ from numbers import Real
 import numpy as np
 
 from ..errors import InputError
-from ..grids.entities import NearMiss
-from ..grids.index_space import Window
-from ..grids.topology import Topology
+from ..topology.entities import NearMiss
+from ..topology.index_space import Window
+from ..topology.topology import Topology
 
 MOST_NODES = 1e11
 """Nodes of a member beyond which no memory takes their indices."""

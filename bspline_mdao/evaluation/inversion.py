@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..numerics.threads import thread_count
 from ..splines.mesh import BSplineMesh
 from .descent import descend
 from .evaluator import Evaluator
 from .search import VolumeSamples, nearest_samples, sample_mesh
 from .shared_sections import section_codes, shared_with_lower
-from .threads import thread_count
 
 __all__ = ["PointInversion", "invert_points", "require_inside", "ride"]
 

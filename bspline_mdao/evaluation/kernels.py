@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
+from ..numerics.lanes import LANES
 from .contraction import (
     EMITTER_SOURCE,
     TILE,
@@ -23,7 +24,6 @@ from .contraction import (
     sum_over_nodes,
     sum_turns,
 )
-from .lanes import LANES
 
 
 @cache

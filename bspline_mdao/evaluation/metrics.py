@@ -14,10 +14,10 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
+from ..numerics.threads import run_tasks, thread_count
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from .basis_gradients import gradient_jets
-from .threads import run_tasks, thread_count
 
 CHUNK_NODES = 2**13
 """Nodes per chunk, at least."""

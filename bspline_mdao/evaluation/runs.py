@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ..numerics.lanes import LANES
 from ..splines.basis import basis_values, find_span
 from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots
 from ..splines.volume import Volume
 from .contraction import MARGIN
-from .lanes import LANES
 
 _CHUNK = 4096  # points at a time where the knots are a user's functions
 

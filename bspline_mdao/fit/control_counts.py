@@ -1,7 +1,7 @@
 """How many control points, and of which order, each direction of each segment gets.
 
-Directions that interfaces join form a class (`bspline_mdao.grids.sharing.direction_classes`); a class has one number of
-control points and one order.
+Directions that interfaces join form a class (`bspline_mdao.topology.sharing.direction_classes`); a class has one
+number of control points and one order.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..grids.index_space import FACE_NAMES
-from ..grids.sharing import direction_classes
-from ..grids.topology import Topology
+from ..topology.index_space import FACE_NAMES
+from ..topology.sharing import direction_classes
+from ..topology.topology import Topology
 
 NODES_PER_SPAN = 4
 """Cells along a knot span where the number of control points is chosen from the grid."""

@@ -13,9 +13,9 @@ from itertools import permutations, product
 
 import numpy as np
 
-from ..grids.entities import Section
-from ..grids.index_space import Orientation
-from ..grids.sections import inner_slices, sections_of, whole_slices
+from ..topology.entities import Section
+from ..topology.index_space import Orientation
+from ..topology.sections import inner_slices, sections_of, whole_slices
 from .entities import Entity
 from .problem import FitProblem, Progress, Solution, part_of, solve_fit
 from .projection import project

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..model import FittedModel
+from ..model.fitted_model import FittedModel
 from .least_squares import FitStep
 from .live_mapping import Change, LiveMapping, live_mapping, live_problem, sum_apply
 from .parameters import EXPONENTS

@@ -7,9 +7,9 @@ from collections import defaultdict
 import numpy as np
 
 from ..errors import InputError
-from ..grids.sharing import directed_classes
-from ..grids.topology import Topology
 from ..splines.knots import BilinearKnots, ConstantKnots, Knots
+from ..topology.sharing import directed_classes
+from ..topology.topology import Topology
 
 KNOT_KINDS = ("curved", "constant")
 """Blend the knots of four parallel edges bilinearly, Eq. (5), or take the mean of all edges that interfaces join."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..grids.entities import Section
-from ..grids.index_space import FACE_NAMES
-from ..grids.sections import inner_slices, sections_of, whole_slices
-from ..grids.sharing import NodeSharing
+from ..topology.entities import Section
+from ..topology.index_space import FACE_NAMES
+from ..topology.sections import inner_slices, sections_of, whole_slices
+from ..topology.sharing import NodeSharing
 
 _KINDS = ("corner", "edge", "face", "interior")
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..grids.sharing import shared_ids
-from ..grids.topology import Topology
+from ..mesh.boundary import boundary_points
+from ..mesh.mesh import MovingMesh
 from ..movement.assembly import Unknowns
-from ..movement.boundary import boundary_points
-from ..movement.mesh import MovingMesh
 from ..sparse.solvers import default_solver
+from ..topology.sharing import shared_ids
+from ..topology.topology import Topology
 from .control_counts import NODES_PER_SPAN, ControlCounts, choose_counts
 
 LARGEST_FACTOR = 2**30

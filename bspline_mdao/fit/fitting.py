@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FitWarning, InputError
-from ..grids.multiblock import Grid
-from ..grids.sharing import node_sharing, shared_ids
-from ..grids.topology import Topology, find_topology
-from ..model import FitSettings, FittedModel, GridHeader
+from ..model.fitted_model import FitSettings, FittedModel, GridHeader
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
+from ..topology.multiblock import Grid
+from ..topology.sharing import node_sharing, shared_ids
+from ..topology.topology import Topology, find_topology
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments
 from .errors import report_errors
@@ -77,7 +77,7 @@ def fit_grid(
         Carry what the spline misses of the grid, so that the baseline is reproduced.
     wall_layer : bool
         Let nodes near walls follow them as a rigid body, and the residual turn with its surroundings, wherever the grid
-        is regenerated, see `bspline_mdao.evaluation.grid_map`. Without, grids are ``A b``, Eq. (3), plus the residual.
+        is regenerated, see `bspline_mdao.walls.grid_map`. Without, grids are ``A b``, Eq. (3), plus the residual.
     parametrization : str or sequence of ndarray
         Parameters of the nodes along every grid line: ``"chord_length"``; ``"centripetal"``, by square roots of chord
         lengths; ``"uniform"`` or ``"index"``, proportional to the index; or the user's own, an array of shape

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError
-from ..grids.entities import Link
-from ..grids.index_space import FACE_NAMES
-from ..grids.topology import Topology
 from ..splines.volume import Volume
+from ..topology.entities import Link
+from ..topology.index_space import FACE_NAMES
+from ..topology.topology import Topology
 
 LARGEST_DIFFERENCE = 1e-6
 """Knots may differ by so much, as those do that follow the 4-byte coordinates of two blocks."""

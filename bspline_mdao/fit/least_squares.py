@@ -17,8 +17,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
-from ..grids.sections import whole_slices
 from ..splines.volume import Volume
+from ..topology.sections import whole_slices
 from .cholesky import Cholesky, factorize
 from .design_matrix import DesignMatrix, build_design_matrix
 from .entities import Entity

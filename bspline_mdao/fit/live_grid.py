@@ -2,7 +2,7 @@
 
     y = A(x0) b + T(b, b0) r,    r = x0 - A(x0) b0,         x = layer(y; x0)
 
-with x0 the baseline and b0 the control points fitted to it; see `bspline_mdao.evaluation.grid_map`. Without a residual
+with x0 the baseline and b0 the control points fitted to it; see `bspline_mdao.walls.grid_map`. Without a residual
 r is nothing, and the layer is that of A(x0) b0. What is near which wall, how much it follows, and where in its span a
 node is, stays that of the model.
 """
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..evaluation.grid_map import GridMap
-from ..evaluation.turning import Turn, Vectors
-from ..evaluation.wall_layer import Layered
-from ..model import FittedModel
+from ..model.fitted_model import FittedModel
+from ..walls.grid_map import GridMap
+from ..walls.layer import Layered
+from ..walls.turning import Turn, Vectors
 from .live_mapping import LiveMapping, live_mapping
 
 __all__ = ["LiveGrid", "LiveGridState", "live_grid"]

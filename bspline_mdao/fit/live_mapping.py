@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..model import FittedModel
+from ..model.fitted_model import FittedModel
 from ..splines.volume import Volume
 from .design_matrix import DesignMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments

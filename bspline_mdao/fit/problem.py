@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..evaluation.threads import map_tasks, thread_count
-from ..grids.sharing import NodeSharing, node_sharing
-from ..grids.topology import Topology
+from ..numerics.threads import map_tasks, thread_count
 from ..splines.mesh import BSplineMesh
+from ..topology.sharing import NodeSharing, node_sharing
+from ..topology.topology import Topology
 from .entities import Entity, entities_in_order
 from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step
 from .prior import edge_blends

@@ -22,21 +22,12 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from ..evaluation.evaluator import Evaluator
-from ..grids.sharing import NodeSharing
+from ..model.report import ITERATIONS
 from ..splines.greville import greville_abscissae
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
+from ..topology.sharing import NodeSharing
 from .prior import greville_places
-
-ITERATIONS = (8, 4, 2, 0)
-"""How often the quasi-interpolant is iterated, from the closest candidate to the most robust one."""
-
-CANDIDATES = (
-    "least_squares",
-    *(f"quasi_interpolant_{n}" if n else "quasi_interpolant" for n in ITERATIONS),
-    "coarse_grid",
-)
-"""Where a control point may be, the closest to the grid first, the most robust last."""
 
 CONVERGED = 1e-10
 """Largest change, in cells, of a place in its last round."""
@@ -49,8 +40,8 @@ MOST_ROUNDS = 100
 class QuasiInterpolant:
     """Linear maps from the nodes of a grid to control points, for given parameters and knots.
 
-    There is one map for each of `CANDIDATES` but the first: Q with 8, 4, 2 and no iterations, and the grid at its
-    Greville nodes.
+    There is one map for each of `bspline_mdao.model.report.CANDIDATES` but the first: Q with 8, 4, 2 and no
+    iterations, and the grid at its Greville nodes.
 
     Parameters
     ----------
@@ -106,7 +97,8 @@ class QuasiInterpolant:
         nodes : ndarray, shape (n_nodes, 3)
             The grid (m).
         shares : ndarray, shape (n_control_points, 6)
-            Share of each of `CANDIDATES` in each control point; that of least squares is not looked at.
+            Share of each of `bspline_mdao.model.report.CANDIDATES` in each control point; that of least
+            squares is not looked at.
 
         Returns
         -------
@@ -150,7 +142,7 @@ class Mixture:
     Parameters
     ----------
     shares : ndarray, shape (n_control_points, 6), optional
-        Share of each of `CANDIDATES` in each control point.
+        Share of each of `bspline_mdao.model.report.CANDIDATES` in each control point.
     quasi : QuasiInterpolant, optional
         The candidates; needed where there are shares.
     """

@@ -10,10 +10,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
-from ..grids.index_space import Window
-from ..grids.sharing import block_rows
-from ..grids.topology import Topology
-from ..model import FittedModel
+from ..model.fitted_model import FittedModel
+from ..topology.index_space import Window
+from ..topology.sharing import block_rows
+from ..topology.topology import Topology
 from .entities import Entity
 from .problem import problem_of_mesh
 
@@ -63,7 +63,8 @@ class SurfaceMiss:
         topology : Topology
             Topology of the grid.
         source : ndarray of int, shape (n_nodes,)
-            Row that stands for each row of the grid vector, see `bspline_mdao.grids.sharing.NodeSharing.source_rows`.
+            Row that stands for each row of the grid vector, see
+        `bspline_mdao.topology.sharing.NodeSharing.source_rows`.
         rows : ndarray of int, shape (n,)
             Row of each node in the grid vector.
         nodes, target : ndarray, shape (n, 3)

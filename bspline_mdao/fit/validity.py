@@ -1,6 +1,6 @@
 """Valid control meshes: where least squares fold, control points fall back on the quasi-interpolant, smoothly.
 
-The candidates of `bspline_mdao.fit.quasi_interpolant.CANDIDATES` form a ladder: each is less close to the grid than the
+The candidates of `bspline_mdao.model.report.CANDIDATES` form a ladder: each is less close to the grid than the
 one before, and folds less. It is climbed from its foot. The control mesh found on one rung is the *base* of the next,
 whose points are moved to it where elements are invalid, or much worse than in the base; the move fades out over the
 neighbours. A mesh that has moved to its base everywhere is as valid as that base, so that this ends. The *shares* of
@@ -15,11 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from ..cells.hexahedron import cell_quality
 from ..evaluation.evaluator import Evaluator
-from ..grids.hexahedron import cell_quality
+from ..model.report import CANDIDATES
 from ..splines.mesh import BSplineMesh
 from .problem import FitProblem, Solution
-from .quasi_interpolant import CANDIDATES, Mixture, QuasiInterpolant
+from .quasi_interpolant import Mixture, QuasiInterpolant
 
 MARGIN = 0.3
 """An element moves where its smallest corner triple product is below this fraction of that in the base."""

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from ..errors import InputError
-from ..geometry.edge_cuts import cut_edges, edges_of_quads
+from ..measures.edge_cuts import cut_edges, edges_of_quads
 
 __all__ = ["SpanStrips"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..grids.multiblock import Grid
+from ..topology.multiblock import Grid
 from .hh_wing import FarField, Spacing, hh_wing_grid
 from .onera_m6 import onera_d_section, onera_m6_planform
 from .planform import Planform

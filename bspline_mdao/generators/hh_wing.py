@@ -23,8 +23,8 @@ from itertools import product
 import numpy as np
 
 from ..errors import InputError
-from ..grids.index_space import Window
-from ..grids.multiblock import Block, Grid, Patch
+from ..topology.index_space import Window
+from ..topology.multiblock import Block, Grid, Patch
 from .hh_sheets import FarField, Layout, Sheet, Spacing, distance_from, edges, sheets
 from .stretching import geometric_last, stretch
 from .wing_surface import Wing

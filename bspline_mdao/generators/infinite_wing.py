@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..grids.index_space import Window
-from ..grids.multiblock import Block, Grid
+from ..topology.index_space import Window
+from ..topology.multiblock import Block, Grid
 from .hh_sheets import FarField, Spacing
 from .hh_wing import hh_wing_grid
 from .planform import Planform

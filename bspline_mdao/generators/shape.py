@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
-from ..grids.index_space import Window
-from ..grids.multiblock import Grid
+from ..topology.index_space import Window
+from ..topology.multiblock import Grid
 
 __all__ = ["Shape", "lay_nodes", "lay_walls"]
 

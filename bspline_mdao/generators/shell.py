@@ -19,8 +19,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError
-from ..grids.index_space import Window
-from ..grids.multiblock import Block, Grid, Patch
+from ..topology.index_space import Window
+from ..topology.multiblock import Block, Grid, Patch
 from .stretching import geometric_last, stretch
 
 __all__ = ["ball_grid", "brick_grid"]

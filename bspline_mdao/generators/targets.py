@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..fit.surface_fit import fit_surface, replace_nodes
-from ..model import FittedModel
+from ..model.fitted_model import FittedModel
 from .shape import Shape, lay_walls
 
 __all__ = ["fit_shape", "nodes_on_shape"]
@@ -38,7 +38,7 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.n
     --------
     >>> from bspline_mdao import fit_grid, flat_plate_grid
     >>> from bspline_mdao.generators import generic_blended_wing_body
-    >>> from bspline_mdao.movement.boundary import moving_mesh
+    >>> from bspline_mdao.mesh.boundary import moving_mesh
     >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
     >>> mesh = moving_mesh(model)
     >>> surface = fit_shape(model, mesh.surface_ids, generic_blended_wing_body())

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..mesh.mesh import MovingMesh
 from ..sparse.blocks import BlockMatrix, BlockPattern
 from ..sparse.element_pattern import slots
-from .mesh import MovingMesh
 
 __all__ = ["Unknowns"]
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import KDTree
 
-from .mesh import MovingMesh
+from ..mesh.mesh import MovingMesh
 
 __all__ = ["APART", "COINCIDENT", "CentredInterpolation", "Centres", "Scattered", "find_centres"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from ..evaluation.spring_network import SpringNetwork
-from ..grids.sections import sections_of, whole_slices
-from .mesh import MovingMesh
+from ..mesh.mesh import MovingMesh
+from ..sparse.spring_network import SpringNetwork
+from ..topology.sections import sections_of, whole_slices
 
 __all__ = ["free_corners"]
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy import sparse
 
 from ..errors import MovementError
+from ..mesh.mesh import MovingMesh
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
-from .mesh import MovingMesh
 from .tetrahedra import signed_volumes, tetrahedra
 
 __all__ = ["DelaunayGraph"]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.mesh import MovingMesh
 from ..sparse.solvers import default_solver
 from . import element, element_stiffness
 from .equilibrium import EquilibriumMover
 from .increments import AUTO
-from .mesh import MovingMesh
-from .stiffness import OrthogonalityLaw, StiffnessLaw
+from .young_modulus import OrthogonalityLaw, StiffnessLaw
 
 __all__ = ["LinearElasticity"]
 

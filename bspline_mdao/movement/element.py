@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..numerics.vectors import add, dot, scaled
 from .gauss_points import (
     FAST,
     add_slopes_transposed,
@@ -32,7 +33,6 @@ from .gauss_points import (
     slopes_of,
     slopes_of_sum,
 )
-from .vectors import add, dot, scaled
 
 __all__ = ["force", "force_jvp", "force_vjp", "lame_constants"]
 
@@ -151,7 +151,7 @@ def force(points, elements, signs, modulus, lame, displacement):
     points : ndarray, shape (n_points, 3)
         Coordinates (m).
     elements : ndarray of int32, shape (n_elements, 8)
-        Points at the corners, see `bspline_mdao.movement.mesh.MovingMesh.elements`.
+        Points at the corners, see `bspline_mdao.mesh.mesh.MovingMesh.elements`.
     signs : ndarray of int8, shape (n_elements,)
         Handedness.
     modulus : ndarray, shape (n_elements,)

@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from ..grids.hexahedron_elements import ElementMeasures, element_measures, element_measures_vjp
-from .floors import FLAT_CORNER, FLAT_ELEMENT, floored_array
-from .mesh import MovingMesh
+from ..cells.hexahedron_elements import ElementMeasures, element_measures, element_measures_vjp
+from ..mesh.mesh import MovingMesh
+from .regularization import FLAT_CORNER, FLAT_ELEMENT, floored_array
 
 __all__ = ["FlooredMeasures"]
 

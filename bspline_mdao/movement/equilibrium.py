@@ -24,10 +24,10 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import MovementError
+from ..mesh.mesh import MovingMesh
 from ..sparse.blocks import BlockMatrix
 from .assembly import Unknowns
 from .increments import IncrementalMover
-from .mesh import MovingMesh
 from .mover import SolveReport, digits_of
 
 __all__ = ["Balance", "Elements", "Equilibrium", "EquilibriumMover", "EquilibriumStep"]

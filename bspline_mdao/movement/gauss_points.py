@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..numerics.vectors import add, cross, dot, less, scaled
 from .element_corners import add_exactly
-from .floors import FLAT_ELEMENT, floored
-from .vectors import add, cross, dot, less, scaled
+from .regularization import FLAT_ELEMENT, floored
 
 __all__ = [
     "FAST",

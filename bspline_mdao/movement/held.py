@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..mesh.mesh import MovingMesh
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
-from .mesh import MovingMesh
 
 __all__ = ["Held"]
 

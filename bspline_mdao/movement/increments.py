@@ -12,8 +12,8 @@ from numbers import Integral
 import numpy as np
 
 from ..errors import InputError, MovementError
-from ..grids.multiblock import as_array
-from .mesh import MovingMesh
+from ..mesh.mesh import MovingMesh
+from ..topology.multiblock import as_array
 from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
 __all__ = ["AUTO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]

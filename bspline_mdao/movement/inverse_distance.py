@@ -9,12 +9,12 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from ..grids.face_quads import quads_in_turn
+from ..mesh.mesh import MovingMesh
+from ..numerics.vectors import add, add_to, dot, less, row, scaled
+from ..topology.face_quads import quads_in_turn
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
-from .mesh import MovingMesh
-from .vectors import add, add_to, dot, less, row, scaled
 
 __all__ = ["InverseDistance"]
 

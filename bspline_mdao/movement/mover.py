@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, MovementError
-from .mesh import MovingMesh
+from ..mesh.mesh import MovingMesh
 
 __all__ = [
     "IncrementReport",

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.mesh import MovingMesh
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
-from .mesh import MovingMesh
 from .radial_functions import COMPACT, GLOBAL, NEEDS_LINEAR
 from .radial_interpolation import radial_interpolation
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .vectors import add, add_to, dot, less, row, scaled
+from ..numerics.vectors import add, add_to, dot, less, row, scaled
 
 __all__ = [
     "COMPACT",

@@ -8,8 +8,8 @@ from itertools import combinations, product
 import numpy as np
 from scipy import sparse
 
-from ..grids.entities import Section
-from ..grids.sections import inner_slices, sections_of
+from ..topology.entities import Section
+from ..topology.sections import inner_slices, sections_of
 
 __all__ = ["arc_lengths", "transfinite_weights"]
 

@@ -7,9 +7,9 @@ is (g . u)^2 / 2 with g the gradient of Q by the corners. How stiff it is in the
 - between two edges at a corner with angle theta, dQ = d theta / sin(theta): stiffness 1 / sin(theta)^2;
 - at a corner with triple product t of unit edges, dQ = dt / t.
 
-The last two are floored (`bspline_mdao.movement.floors`). An edge counts a quarter and a face diagonal a half, since as
-many elements share it. The second derivatives of Q are symmetric, so that the change of g along a field gives the
-derivatives of the force in both directions.
+The last two are floored (`bspline_mdao.movement.regularization`). An edge counts a quarter and a face diagonal a half,
+since as many elements share it. The second derivatives of Q are symmetric, so that the change of g along a field gives
+the derivatives of the force in both directions.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..numerics.vectors import add_to, dot, row, scaled
 from .element_corners import add_element, add_exactly
 from .spring_gradients import COUNTS, N_LINEAL, N_SPRINGS, POINTS, gradient, gradient_change
-from .vectors import add_to, dot, row, scaled
 
 __all__ = ["N_LINEAL", "N_SPRINGS", "add_stiffness", "force", "force_jvp", "force_vjp"]
 

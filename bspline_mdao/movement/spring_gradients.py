@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .floors import FLAT_CORNER, floored
+from ..numerics.vectors import add, cross, dot, less, row, scaled
 from .gauss_points import FAST
-from .vectors import add, cross, dot, less, row, scaled
+from .regularization import FLAT_CORNER, floored
 
 __all__ = ["COUNTS", "N_LINEAL", "N_SPRINGS", "POINTS", "gradient", "gradient_change"]
 

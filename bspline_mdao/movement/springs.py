@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..mesh.mesh import MovingMesh
 from ..sparse.solvers import default_solver
 from . import spring_element
 from .equilibrium import EquilibriumMover
 from .increments import AUTO
-from .mesh import MovingMesh
 
 __all__ = ["LinealSprings", "TorsionalSprings"]
 

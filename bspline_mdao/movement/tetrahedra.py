@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay, QhullError
 from threadpoolctl import threadpool_limits
 
 from ..errors import MovementError
-from .vectors import dot, less, row
+from ..numerics.vectors import dot, less, row
 
 __all__ = ["Tetrahedra", "signed_volumes", "tetrahedra"]
 

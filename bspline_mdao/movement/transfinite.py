@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ..evaluation.spring_network import SpringNetwork
+from ..mesh.mesh import MovingMesh
+from ..sparse.spring_network import SpringNetwork
 from .corners import free_corners
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
-from .mesh import MovingMesh
 from .section_weights import arc_lengths, transfinite_weights
 
 __all__ = ["Transfinite"]

@@ -10,7 +10,7 @@ from itertools import zip_longest
 import numpy as np
 
 from ..errors import InputError, MovementError
-from ..evaluation.threads import Crew, thread_count
+from ..numerics.threads import Crew, thread_count
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern
 from .conjugate_gradient import preconditioned_solve

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...geometry import quads
+from ...cells import quads
 
 
 def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:

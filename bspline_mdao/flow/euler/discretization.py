@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...grids.cell_faces import CellFaces
+from ...cells.cell_faces import CellFaces
 from .face_ranges import sum_over_faces, visit_faces
 from .gas import N_STATES
 from .linearization import face_jacobians, state_jvp, state_vjp

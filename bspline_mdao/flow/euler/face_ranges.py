@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...evaluation.threads import run_tasks, thread_count
+from ...numerics.threads import run_tasks, thread_count
 
 FACES_PER_THREAD = 10_000
 """Faces below which a thread is not worth its start."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry.given import given_axes
-from ...grids.cell_faces import CellFaces
-from ...grids.topology import Topology
+from ...cells.cell_faces import CellFaces
+from ...checks import given_axes
+from ...topology.topology import Topology
 from .areas import area_vectors, area_vectors_jvp, area_vectors_vjp
 from .block_ilu import FactorPattern
 from .discretization import Discretization

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...evaluation.index_scaling import IndexScaling, refined_topology
-from ...grids.sharing import block_rows
-from ...grids.topology import Topology
+from ...topology.sharing import block_rows
+from ...topology.topology import Topology
 from .flow_grid import FlowGrid
 from .newton import solve_flow
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...cells.cell_faces import NONE, CellFaces
 from ...errors import InputError
-from ...grids.cell_faces import NONE, CellFaces
 
 MEAN, FIRST, THIRD = 0, 1, 2
 """Rows of the weights of a face: of its mean state, its first and its third difference."""

@@ -1,0 +1,229 @@
+"""Surface control points from design variables: maps one after the other, then the linear constraints.
+
+With the maps ``M_k`` in the declared order and the elimination E of the constraints, surface control points s become
+``s + E (M_n(... M_1(s, v_1) ..., v_n) - s)``. All derivatives are products of sparse matrices of constant pattern.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array, eye_array, vstack
+
+from ..checks import given_list
+from ..errors import InputError
+from ..mesh.mesh import MovingMesh, require_mesh
+from ..names import ALL_NAMES
+from .elimination import Elimination, eliminate
+from .pattern import ones_like
+from .variable import Carried, DesignMap, Layout, MapPartials, Variable
+
+__all__ = ["Parametrization", "SurfacePartials"]
+
+Values = Mapping[str, np.ndarray]
+"""Values of the variables by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePartials:
+    """Derivatives of the surface control points, xyz interleaved.
+
+    Parameters
+    ----------
+    initial : csr_array, shape (3 n_surface, 3 n_surface)
+        With respect to the surface control points of the baseline.
+    values : dict of csr_array, each of shape (3 n_surface, n_values)
+        With respect to the values of each variable.
+    """
+
+    initial: csr_array
+    values: dict[str, csr_array]
+
+
+@dataclass(frozen=True, eq=False)
+class Parametrization:
+    """Design variables of a surface and the linear constraints among its control points.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        The control mesh whose surface is designed.
+    variables : sequence of Variable
+        Applied in this order.
+    constraints : sequence of LinearConstraint
+        Handled by elimination. The symmetry planes of the mesh are always kept.
+
+    Raises
+    ------
+    InputError
+        If two variables have one name or one that is taken, a variable does not fit the surface, a constraint cannot be
+        satisfied, or the constraints leave a value of a variable without effect.
+    """
+
+    mesh: MovingMesh
+    variables: Sequence[Variable]
+    constraints: Sequence = ()
+
+    def __post_init__(self):
+        given_list(self.variables, "variable", ("name", "units", "carried", "bind"), "parametrization")
+        given_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
+        require_mesh(self.mesh, "parametrization")
+        self._require_names()
+        self._require_effect()
+
+    def _require_names(self):
+        """Refuse names that are taken."""
+        names = [variable.name for variable in self.variables]
+        twice = [name for n, name in enumerate(names) if name in names[:n]]
+        if twice:
+            raise InputError(f"parametrization: two variables are called '{twice[0]}'; give each its own name")
+        taken = [name for name in names if not name or name in ALL_NAMES]
+        if taken:
+            raise InputError(f"parametrization: a variable is called '{taken[0]}', which is taken; choose another name")
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The rows that the variables move."""
+        carried: list[Carried] = []
+        for item in (item for variable in self.variables for item in variable.carried):
+            if not any(item is known for known in carried):
+                carried.append(item)
+        return Layout(self.mesh, tuple(carried))
+
+    @cached_property
+    def maps(self) -> dict[str, DesignMap]:
+        """Every variable bound to the rows."""
+        return {variable.name: variable.bind(self.layout) for variable in self.variables}
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """The constraints on the displacements of the surface control points."""
+        return eliminate(self.mesh, self.layout.points[self.layout.rows()], self.constraints)
+
+    @property
+    def initial(self) -> dict[str, np.ndarray]:
+        """Values at which nothing moves."""
+        return {name: design_map.initial for name, design_map in self.maps.items()}
+
+    @cached_property
+    def pattern(self) -> SurfacePartials:
+        """Ones wherever a derivative may differ from zero."""
+        surface, matrix = self.layout.points[self.layout.rows()], ones_like(self._matrix)
+        steps = [
+            MapPartials(ones_like(step.points), ones_like(step.values)) for step in self._steps(surface, self.initial)
+        ]
+        return self._chain(steps, matrix, self._identity + matrix)
+
+    def apply(self, initial: np.ndarray, values: Values) -> np.ndarray:
+        """Move the surface control points.
+
+        Parameters
+        ----------
+        initial : ndarray, shape (n_surface, 3)
+            Those of the baseline (m); real or complex.
+        values : mapping of ndarray
+            Values of every variable by name.
+
+        Returns
+        -------
+        ndarray, shape (n_surface, 3)
+            Moved ones (m).
+
+        Raises
+        ------
+        InputError
+            If points or values are missing, too many or too few.
+        """
+        initial, values = self._checked(initial, values)
+        rows = self._rows(initial)
+        for name, design_map in self.maps.items():
+            rows = design_map.apply(rows, values[name])
+        displacement = rows[self.layout.rows()] - initial
+        return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
+
+    def partials(self, initial: np.ndarray, values: Values) -> SurfacePartials:
+        """Differentiate `apply`.
+
+        Parameters
+        ----------
+        initial, values
+            As for `apply`, real.
+
+        Returns
+        -------
+        SurfacePartials
+            Within `pattern`.
+
+        Raises
+        ------
+        InputError
+            As `apply`.
+        """
+        initial, values = self._checked(initial, values)
+        return self._chain(self._steps(initial, values), self._matrix, self._identity - self._matrix)
+
+    def _checked(self, initial, values) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Points and values as arrays of the right shapes."""
+        shape = (self.layout.n_surface, 3)
+        if np.shape(initial) != shape:
+            raise InputError(f"parametrization: initial points of shape {np.shape(initial)}; give shape {shape}")
+        unknown = sorted(set(values) - set(self.maps))
+        if unknown:
+            raise InputError(f"parametrization: no variable is called '{unknown[0]}'; there are {', '.join(self.maps)}")
+        for name, expected in self.initial.items():
+            if name not in values or np.shape(values[name]) != expected.shape:
+                found = f"of shape {np.shape(values[name])}" if name in values else "missing"
+                raise InputError(f"parametrization: the values of '{name}' are {found}; give shape {expected.shape}")
+        return np.asarray(initial), {name: np.asarray(value) for name, value in values.items()}
+
+    @property
+    def _matrix(self) -> csr_array:
+        return self.elimination.matrix
+
+    @property
+    def _identity(self) -> csr_array:
+        return eye_array(3 * self.layout.n_surface, format="csr")
+
+    def _rows(self, surface):
+        """All rows, those that are carried on the baseline."""
+        return np.concatenate([surface, self.layout.points[self.layout.n_surface :]])
+
+    def _steps(self, surface, values) -> Iterator[MapPartials]:
+        """Derivatives of every map where its turn comes."""
+        rows = self._rows(surface)
+        for name, design_map in self.maps.items():
+            yield design_map.partials(rows, values[name])
+            rows = design_map.apply(rows, values[name])
+
+    def _chain(self, steps: Iterable[MapPartials], matrix: csr_array, rest: csr_array) -> SurfacePartials:
+        """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""
+        n = 3 * self.layout.n_surface
+        carried = csr_array((3 * len(self.layout.points) - n, n))
+        initial, values = vstack([self._identity, carried], format="csr"), []
+        for step in steps:
+            initial, values = step.points @ initial, [step.points @ value for value in values] + [step.values]
+        return SurfacePartials(
+            rest + matrix @ initial[:n], {name: matrix @ value[:n] for name, value in zip(self.maps, values)}
+        )
+
+    def _require_effect(self):
+        """Refuse values that move nothing."""
+        for name, pattern in self.pattern.values.items():
+            is_idle = np.diff(pattern.tocsc().indptr) == 0
+            if is_idle.any():
+                value = int(np.argmax(is_idle))
+                reason = self._what_holds(name, value) or "no point of the surface"
+                idle = f"value {value + 1} of '{name}' moves nothing ({reason})"
+                rest = np.count_nonzero(is_idle) - 1
+                more = f", nor do {rest} more of its {len(is_idle)}" if rest else ""
+                raise InputError(f"parametrization: {idle}{more}; select and direct it so as to leave them out")
+
+    def _what_holds(self, name: str, value: int) -> str:
+        """The constraint that takes its effect from a value; empty where it never had one."""
+        partials = self.maps[name].partials(self.layout.points, self.maps[name].initial)
+        coordinates = partials.values.tocsc()[:, [value]].indices
+        on_surface = coordinates[coordinates < 3 * self.layout.n_surface]
+        return self.elimination.reason(on_surface[0]) if len(on_surface) else ""

@@ -1,0 +1,307 @@
+"""Lattices: B-spline volumes around the surface control points, which go where their own points go.
+
+Each embedded point has lattice coordinates, found once on the baseline, and moves by ``B (L_new - L_old)``, B being the
+basis functions there and L the points of the lattice. So nothing moves while the lattice does not, and what holds for
+the lattice as a whole, such as an affine motion, holds for what is embedded to round-off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..checks import given_numbers
+from ..errors import InputError
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.inversion import INSIDE, invert_points
+from ..mesh.mesh import MovingMesh
+from ..splines.greville import greville_abscissae
+from ..splines.knots import ConstantKnots
+from ..splines.mesh import BSplineMesh
+from ..splines.volume import Volume, evaluate
+from .embedding import Embedding, Led
+from .selection import Selection
+from .variable import DesignMap, Layout
+
+__all__ = ["Lattice"]
+
+BOX = 1e-12
+"""Distance, relative to the diagonal, up to which control points count as those of a box."""
+
+CUBIC = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """A B-spline volume that moves what is in it.
+
+    Embedded are the surface control points inside, or those of ``moves``; the points of reference axes inside; and the
+    points of its child lattices. What is outside stays.
+
+    Parameters
+    ----------
+    control_points : array_like, shape (n0, n1, n2, 3)
+        Points of the lattice on the baseline (m), two at least in each direction.
+    orders : int or sequence of three int, optional
+        Order p (degree plus one) in each direction, of knots that are evenly spaced. By default 4, or the number of
+        points where that is less. A Bezier volume has as many as it has points.
+    parent : Lattice, optional
+        The lattice that this one is in, and moves with.
+    moves : Selection, optional
+        The surface control points that are embedded; all of them have to be inside.
+    continuity : int
+        Where the surface leaves the lattice through a side, its displacement ends with this many continuous
+        derivatives: the lattice's own variables leave that side and as many layers behind it alone. -1 holds nothing.
+
+    Raises
+    ------
+    InputError
+        If the points do not make a lattice, the orders do not suit their number, or points lie outside the parent.
+
+    Examples
+    --------
+    >>> lattice = Lattice.box([[0.0, 0.0, 0.0], [1.0, 0.2, 2.0]], n=(4, 2, 3), margin=0.0)
+    >>> lattice.control_points.shape, lattice.orders
+    ((4, 2, 3, 3), (4, 2, 3))
+    >>> lattice.points[-1].tolist()
+    [1.0, 0.2, 2.0]
+    """
+
+    control_points: np.ndarray
+    orders: int | Sequence[int] | None = None
+    parent: Lattice | None = None
+    moves: Selection | None = None
+    continuity: int = 1
+
+    def __post_init__(self):
+        points = np.array(self.control_points, dtype=float)
+        if points.ndim != 4 or points.shape[3] != 3 or min(points.shape) < 2:
+            raise InputError(f"lattice: points of shape {points.shape}; give (n0, n1, n2, 3) with two or more each way")
+        if not np.isfinite(points).all():
+            index = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(points).all(axis=-1))[0])
+            raise InputError(f"lattice: point {index} is not finite; correct it")
+        object.__setattr__(self, "control_points", points)
+        object.__setattr__(self, "orders", _orders(points.shape[:3], self.orders))
+        _volume(points.shape[:3], self.orders)  # refuses orders that do not suit the number of points
+        if self.parent is not None:
+            self._require_inside(self.parent)
+
+    @classmethod
+    def box(
+        cls,
+        around: MovingMesh | np.ndarray,
+        n: Sequence[int] = (4, 3, 3),
+        orders: int | Sequence[int] | None = None,
+        margin: float = 0.05,
+        axes: np.ndarray | None = None,
+        **options,
+    ) -> Lattice:
+        """Make a lattice in the form of a box, in which coordinates are proportional to lengths.
+
+        Parameters
+        ----------
+        around : MovingMesh or array_like, shape (n_points, 3)
+            What it surrounds: the surface of a mesh, or points (m), of which two opposite corners will do.
+        n : sequence of three int
+            Points in each direction.
+        orders : int or sequence of three int, optional
+            As for `Lattice`.
+        margin : float
+            Part of each extent by which the box is larger at both ends.
+        axes : array_like, shape (3, 3), optional
+            Its directions, one per row, of any length; the coordinate axes by default. They may be oblique.
+        **options
+            ``parent``, ``moves`` and ``continuity`` of the lattice.
+
+        Returns
+        -------
+        Lattice
+
+        Raises
+        ------
+        InputError
+            If the directions lie in one plane, or the box has no extent in one of them.
+        """
+        points = _corners(around)
+        axes = np.eye(3) if axes is None else _box_axes(axes)
+        local = points @ np.linalg.inv(axes)
+        low, extent = local.min(axis=0), np.ptp(local, axis=0)
+        if not extent.min() > INSIDE * extent.max():
+            thin = np.argmin(extent) + 1
+            raise InputError(f"lattice: no extent along axis {thin}; give two opposite corners of the box instead")
+        ends = (1.0 + 2.0 * margin) * np.moveaxis(np.indices((2, 2, 2)), 0, -1) - margin
+        return cls.hexahedron((low + extent * ends) @ axes, n, orders, **options)
+
+    @classmethod
+    def hexahedron(
+        cls, corners: np.ndarray, n: Sequence[int] = (4, 3, 3), orders: int | Sequence[int] | None = None, **options
+    ) -> Lattice:
+        """Make a lattice between eight corners, in which coordinates are trilinear: around a swept and tapered wing.
+
+        Parameters
+        ----------
+        corners : array_like, shape (2, 2, 2, 3)
+            Corner ``[a, b, c]`` is at the low (0) or high (1) end of each direction (m).
+        n, orders, **options
+            As for `box`.
+
+        Returns
+        -------
+        Lattice
+        """
+        orders = _orders(n, orders)
+        places = greville_abscissae(_volume(n, orders))
+        linear, corners = _volume((2, 2, 2), 2), given_numbers(corners, "lattice: corners")
+        if corners.shape != (2, 2, 2, 3):
+            raise InputError(f"lattice: corners of shape {corners.shape}; give shape (2, 2, 2, 3)")
+        points = evaluate(linear, corners, places.reshape(-1, 3))
+        return cls(points.reshape(places.shape), orders, **options)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Its points on the baseline (m), shape (n0 n1 n2, 3), in C order."""
+        return self.control_points.reshape(-1, 3)
+
+    @cached_property
+    def volume(self) -> Volume:
+        """Orders and knots."""
+        return _volume(self.control_points.shape[:3], self.orders)
+
+    @property
+    def carried(self) -> tuple[Lattice, ...]:
+        """The lattice, its parent, the parent of that and so on: what a variable that uses the lattice has to list."""
+        return (self,) if self.parent is None else (self, *self.parent.carried)
+
+    def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find the lattice coordinates of points on the baseline.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+
+        Returns
+        -------
+        parameters : ndarray, shape (n, 3)
+            In [0, 1]; those of points outside belong to a nearby point of the boundary.
+        is_inside : ndarray of bool, shape (n,)
+            Whether the points are inside, up to 1e-9 of the lattice's diagonal.
+        """
+        if self._box is None:
+            found = invert_points(self._mesh, self.points, points)
+            return found.parameters, found.is_inside
+        origin, inverse = self._box
+        exact = (points - origin) @ inverse
+        parameters = exact.clip(0.0, 1.0)
+        distance = np.linalg.norm((exact - parameters) @ np.linalg.inv(inverse), axis=1)
+        return parameters, distance <= INSIDE * self._diagonal
+
+    def weights(self, points: np.ndarray, mask: np.ndarray) -> csr_array:
+        """Basis functions at points inside the lattice on the baseline.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points (m).
+        mask : ndarray of bool, shape (n,)
+            Which of them matter; the rows of the others are empty.
+
+        Returns
+        -------
+        csr_array, shape (n, n0 n1 n2)
+            Rows that sum to one.
+        """
+        rows = np.flatnonzero(mask)
+        if not len(rows):
+            return csr_array((len(points), len(self.points)))
+        parameters = np.ascontiguousarray(self.locate(points[rows])[0])
+        return Evaluator.build(self._mesh, [parameters], [rows], len(points)).matrix()
+
+    def lead(self, layout: Layout, design_map: DesignMap) -> DesignMap:
+        """Let a map of all rows act on the points of the lattice alone, and what is embedded follow.
+
+        Parameters
+        ----------
+        layout : Layout
+            The rows, `carried` among them.
+        design_map : DesignMap
+            The map, of which only what it does to the rows of the lattice counts.
+
+        Returns
+        -------
+        DesignMap
+            Points of the lattice that are held for continuity stay.
+        """
+        return Led(layout.rows(self), Embedding.of(self, layout).transfer, design_map)
+
+    @cached_property
+    def _mesh(self) -> BSplineMesh:
+        """The volume as a mesh, to which the evaluation and the inversion of fitted grids apply."""
+        ids = np.arange(len(self.points)).reshape(self.volume.n_control)
+        return BSplineMesh((self.volume,), (ids,), len(self.points))
+
+    @property
+    def _diagonal(self) -> float:
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def _box(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Origin, and matrix from lengths to coordinates, where the lattice is a box, upright or oblique."""
+        points = self.control_points
+        edges = np.array([points[-1, 0, 0], points[0, -1, 0], points[0, 0, -1]]) - points[0, 0, 0]
+        places = greville_abscissae(self.volume)
+        is_box = np.abs(points[0, 0, 0] + places @ edges - points).max() <= BOX * self._diagonal
+        is_flat = abs(np.linalg.det(edges)) <= INSIDE**2 * self._diagonal**3
+        return (points[0, 0, 0], np.linalg.inv(edges)) if is_box and not is_flat else None
+
+    def _require_inside(self, parent: Lattice):
+        """Refuse points outside of the parent."""
+        _, is_inside = parent.locate(self.points)
+        if not is_inside.all():
+            index = tuple(int(i) + 1 for i in np.unravel_index(np.argmin(is_inside), self.control_points.shape[:3]))
+            raise InputError(
+                f"lattice: {np.count_nonzero(~is_inside)} points lie outside the parent, the first is point {index}; "
+                f"make the child smaller"
+            )
+
+
+def _corners(around) -> np.ndarray:
+    """Points that a box surrounds."""
+    if isinstance(around, MovingMesh):
+        return around.points[around.surface_ids]
+    points = given_numbers(around, "lattice: around")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"lattice: around points of shape {points.shape}; give a mesh, or finite ones of shape (n, 3)")
+    return points
+
+
+def _box_axes(axes) -> np.ndarray:
+    """Unit vectors along the edges of a box."""
+    axes = given_numbers(axes, "lattice: axes")
+    lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
+    if axes.shape != (3, 3) or not (lengths > 0.0).all() or not abs(np.linalg.det(axes / lengths)) > INSIDE:
+        raise InputError(f"lattice: axes {axes.tolist()}; give three directions that do not lie in one plane")
+    return axes / lengths
+
+
+def _orders(n: Sequence[int], orders: int | Sequence[int] | None) -> tuple[int, int, int]:
+    """Orders of the three directions."""
+    orders = [min(m, CUBIC) for m in n] if orders is None else orders
+    if np.shape(n) != (3,) or np.shape(orders) not in ((), (3,)):
+        raise InputError(f"lattice: {n} points and orders {orders}; give numbers for three directions")
+    if min(n) < 2:
+        raise InputError(f"lattice: {n} points; give two or more in each direction")
+    orders = np.broadcast_to(orders, 3)
+    return tuple(int(order) for order in orders)
+
+
+def _volume(n: Sequence[int], orders: int | Sequence[int]) -> Volume:
+    """Volume with evenly spaced knots."""
+    orders = _orders(n, orders)
+    if min(orders) < 2:
+        raise InputError(f"lattice: orders {orders}; give 2 (linear) at least")
+    return Volume.of(*(ConstantKnots.uniform(int(m), order) for m, order in zip(n, orders)))

@@ -1,0 +1,255 @@
+"""Selections of surface control points: by patch, box, block, nearness, plane or number, and their combinations.
+
+A selection is a small object that is resolved on the baseline of a mesh. Selections combine with ``&``, ``|`` and
+``~``::
+
+    where = OnPatch(model, "wing*") & ~InBox(high=(None, None, 0.1))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..checks import given_direction, given_numbers, given_vector
+from ..errors import InputError
+from ..mesh.boundary import boundary_points, matching_patches
+from ..mesh.mesh import MovingMesh
+from ..model.fitted_model import FittedModel
+from .selection_algebra import Selection
+
+__all__ = ["Beyond", "InBlock", "InBox", "NearPlane", "Nearest", "OnPatch", "Selection", "SurfaceRows"]
+
+TOUCHING = 1e-9
+"""Distance, relative to the size of the mesh, up to which a point counts as on a limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnPatch(Selection):
+    """Control points of patches.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model that the mesh was made of.
+    patches : str or sequence of str
+        Patches by name or pattern (``"wing*"``).
+    """
+
+    model: FittedModel
+    patches: str | Sequence[str]
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is on one of the patches."""
+        topology, blocks = self.model.topology, self.model.mesh.control_ids
+        if [ids.shape for ids in blocks] != [ids.shape for ids in mesh.blocks]:
+            raise InputError(f"selection: the mesh is not of {topology.source}; give OnPatch the model of the mesh")
+        wanted = matching_patches(topology, self.patches)
+        found = [ids for face, ids in boundary_points(topology, blocks) if face.patch in wanted]
+        return np.isin(mesh.surface_ids, np.concatenate([np.zeros(0, dtype=int), *found]))
+
+    def __str__(self) -> str:
+        names = (self.patches,) if isinstance(self.patches, str) else self.patches
+        return f"on patch {' or '.join(names) or '(none is named)'}"
+
+
+@dataclass(frozen=True)
+class InBox(Selection):
+    """Points in a box along the coordinate axes, its sides included.
+
+    Parameters
+    ----------
+    low, high : sequence of three (float or None)
+        Its ends in x, y and z (m); None where it has none.
+    """
+
+    low: Sequence[float | None] = (None, None, None)
+    high: Sequence[float | None] = (None, None, None)
+
+    def __post_init__(self):
+        ends = (_limits(self.low, -np.inf), _limits(self.high, np.inf))
+        if {end.shape for end in ends} != {(3,)}:
+            raise InputError(f"selection: {self}; give three numbers (or None) for either end")
+        if not (ends[0] <= ends[1]).all():
+            raise InputError(f"selection: {self} has a low end above its high end, or one that is no number")
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is in the box."""
+        points, margin = _surface(mesh), TOUCHING * mesh.size
+        is_above = points >= _limits(self.low, -np.inf) - margin
+        return (is_above & (points <= _limits(self.high, np.inf) + margin)).all(axis=1)
+
+    def __str__(self) -> str:
+        return f"in the box from {tuple(self.low)} to {tuple(self.high)}"
+
+
+@dataclass(frozen=True, eq=False)
+class InBlock(Selection):
+    """Points of one block by their indices.
+
+    Parameters
+    ----------
+    block : int
+        Block of the mesh, from 0.
+    index : index expression
+        What of the block's control points, as numpy indexes an array: ``np.s_[:, 0, 2:5]``. Indices are from 0.
+    """
+
+    block: int
+    index: object = ...
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is in this part of the block."""
+        if self.block not in range(len(mesh.blocks)):
+            raise InputError(
+                f"selection: no block has the number {self.block}; give one from 0 to {len(mesh.blocks) - 1}"
+            )
+        try:
+            ids = mesh.blocks[self.block][self.index]
+        except IndexError as error:
+            shape = mesh.blocks[self.block].shape
+            raise InputError(f"selection: {self}; the block has {shape} control points ({error})") from None
+        return np.isin(mesh.surface_ids, ids)
+
+    def __str__(self) -> str:
+        parts = self.index if isinstance(self.index, tuple) else (self.index,)
+        return f"in block {self.block + 1} at [{', '.join(map(_indices, parts))}]"
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest(Selection):
+    """Points nearest to given places. Points that coincide with one of these, such as across a thin plate, come along.
+
+    Parameters
+    ----------
+    places : array_like, shape (3,) or (n_places, 3)
+        Places (m).
+    n : int
+        How many points for each place.
+    """
+
+    places: np.ndarray
+    n: int = 1
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is near enough."""
+        tree, places = cKDTree(_surface(mesh)), _vectors(self.places, str(self))
+        if self.n not in range(1, tree.n + 1):
+            raise InputError(f"selection: {self}; give a whole number from 1 to {tree.n}, all surface control points")
+        farthest = tree.query(places, k=[self.n])[0][:, 0]
+        found = tree.query_ball_point(places, farthest + TOUCHING * mesh.size)
+        mask = np.zeros(tree.n, dtype=bool)
+        mask[np.concatenate(found).astype(int)] = True
+        return mask
+
+    def __str__(self) -> str:
+        return f"among the {self.n} nearest to {np.asarray(self.places).tolist()}"
+
+
+@dataclass(frozen=True, eq=False)
+class Beyond(Selection):
+    """Points on the side of a plane that its normal points to, the plane included.
+
+    Parameters
+    ----------
+    point, normal : sequence of three float
+        A point of the plane (m), and the normal, of any length.
+    """
+
+    point: Sequence[float]
+    normal: Sequence[float]
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is on that side."""
+        return _heights(mesh, self.point, self.normal) >= -TOUCHING * mesh.size
+
+    def __str__(self) -> str:
+        return f"beyond the plane through {tuple(self.point)} with the normal {tuple(self.normal)}"
+
+
+@dataclass(frozen=True, eq=False)
+class NearPlane(Selection):
+    """Points within a distance of a plane.
+
+    Parameters
+    ----------
+    point, normal : sequence of three float
+        A point of the plane (m), and the normal, of any length.
+    distance : float
+        Largest distance (m).
+    """
+
+    point: Sequence[float]
+    normal: Sequence[float]
+    distance: float = 0.0
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is near the plane."""
+        heights = _heights(mesh, self.point, self.normal)
+        return np.abs(heights) <= self.distance + TOUCHING * mesh.size
+
+    def __str__(self) -> str:
+        return (
+            f"within {self.distance:g} m of the plane through {tuple(self.point)} with the normal {tuple(self.normal)}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRows(Selection):
+    """Points by number.
+
+    Parameters
+    ----------
+    numbers : array_like of int
+        Rows of ``mesh.surface_ids``, from 0.
+    """
+
+    numbers: Sequence[int]
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is one of them."""
+        rows, n = np.ravel(self.numbers), len(mesh.surface_ids)
+        if rows.size and (not np.issubdtype(rows.dtype, np.integer) or rows.min() < 0 or rows.max() >= n):
+            raise InputError(f"selection: rows {rows.min()} to {rows.max()}; give whole numbers from 0 to {n - 1}")
+        mask = np.zeros(n, dtype=bool)
+        mask[rows.astype(int)] = True
+        return mask
+
+    def __str__(self) -> str:
+        return f"one of {np.size(self.numbers)} given rows"
+
+
+def _surface(mesh: MovingMesh) -> np.ndarray:
+    return mesh.points[mesh.surface_ids]
+
+
+def _limits(ends, without: float) -> np.ndarray:
+    """Ends of a box, None replaced."""
+    return np.array([without if end is None else end for end in ends], dtype=float)
+
+
+def _indices(part) -> str:
+    """An index as it is written."""
+    if part is ...:
+        return "..."
+    if not isinstance(part, slice):
+        return str(part)
+    ends = ["" if end is None else str(end) for end in (part.start, part.stop, part.step)]
+    return ":".join(ends if ends[2] else ends[:2])
+
+
+def _vectors(values, what: str) -> np.ndarray:
+    """Finite vectors, shape (n, 3)."""
+    vectors = np.atleast_2d(given_numbers(values, f"selection: {what}"))
+    if vectors.ndim != 2 or vectors.shape[1] != 3 or not np.isfinite(vectors).all():
+        raise InputError(f"selection: {what}; give finite points of three coordinates")
+    return vectors
+
+
+def _heights(mesh: MovingMesh, point, normal) -> np.ndarray:
+    """Distance of every surface control point from a plane, along its normal."""
+    point = given_vector(point, "selection: the point of a plane")
+    return (_surface(mesh) - point) @ given_direction(normal, "selection: the normal of a plane")

@@ -1,0 +1,156 @@
+"""What every design variable is: a map of points with values.
+
+All points that design variables move are rows of one array: first the surface control points, then the points of
+everything that is carried along, such as reference axes and lattices. A variable is a small object of settings; bound
+to a `Layout` of rows it is a `DesignMap`. A user's own variable is any object with the four members of `Variable`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array
+
+from ..mesh.mesh import MovingMesh
+
+__all__ = [
+    "Carried",
+    "DesignMap",
+    "Layout",
+    "MapPartials",
+    "Variable",
+    "block_diagonal",
+    "pointwise_jacobian",
+    "rates_of",
+]
+
+_STEP = 1e-40
+"""Complex step, as small as one likes: nothing is subtracted."""
+
+
+class Carried(Protocol):
+    """Something whose points go along when variables move the surface."""
+
+    points: np.ndarray
+    """Its points on the baseline, shape (n, 3), in metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The rows that variables move.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        Its surface points are the first rows, in the order of ``mesh.surface_ids``.
+    carried : tuple of Carried
+        Their points follow, in this order.
+    """
+
+    mesh: MovingMesh
+    carried: tuple[Carried, ...] = ()
+
+    @property
+    def n_surface(self) -> int:
+        """Number of surface control points."""
+        return len(self.mesh.surface_ids)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """All rows on the baseline (m), shape (n_rows, 3); what is decided once and for all is decided on them."""
+        return np.concatenate([self.mesh.points[self.mesh.surface_ids], *(item.points for item in self.carried)])
+
+    def rows(self, carried: Carried | None = None) -> slice:
+        """Rows of something that is carried; those of the surface by default."""
+        if carried is None:
+            return slice(0, self.n_surface)
+        start = self.n_surface
+        for item in self.carried:
+            if item is carried:
+                return slice(start, start + len(item.points))
+            start += len(item.points)
+        raise KeyError(f"{carried!r} is not carried; a variable lists what it needs in 'carried'")
+
+
+@dataclass(frozen=True, eq=False)
+class MapPartials:
+    """Derivatives of the moved rows, xyz interleaved. Their patterns do not depend on where they are taken.
+
+    Parameters
+    ----------
+    points : csr_array, shape (3 n_rows, 3 n_rows)
+        With respect to the rows before.
+    values : csr_array, shape (3 n_rows, n_values)
+        With respect to the values of the variable.
+    """
+
+    points: csr_array
+    values: csr_array
+
+
+class DesignMap(Protocol):
+    """A variable that is bound to rows."""
+
+    initial: np.ndarray
+    """Values at which nothing moves, shape (n_values,)."""
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres; real or complex."""
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+
+
+class Variable(Protocol):
+    """A design variable, or several of one kind."""
+
+    name: str
+    """Name of the input of `SurfaceControl`."""
+
+    units: str | None
+    """Units of its values."""
+
+    carried: tuple[Carried, ...]
+    """The axes and lattices that it works with."""
+
+    def bind(self, layout: Layout) -> DesignMap:
+        """Decide what depends on the baseline alone.
+
+        Raises
+        ------
+        InputError
+            If the surface cannot be moved that way.
+        """
+
+
+def block_diagonal(blocks: np.ndarray) -> csr_array:
+    """Sparse matrix of one block per row of points, shape (n, 3, m): (3 n, m n), explicit zeros kept."""
+    n = len(blocks)
+    return bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, blocks.shape[2] * n)).tocsr()
+
+
+def rates_of(function: Callable[[np.ndarray], np.ndarray], amounts: np.ndarray) -> np.ndarray:
+    """Derivatives of a function of single amounts, shape (n,), by a complex step; of the shape that it returns."""
+    return function(amounts + 1j * _STEP).imag / _STEP
+
+
+def pointwise_jacobian(function: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
+    """Differentiate a map that moves every point by itself, by complex steps, which subtract nothing and are exact.
+
+    Parameters
+    ----------
+    function : callable
+        Moved points, shape (n, 3), of points, shape (n, 3); complex-safe.
+    points : ndarray, shape (n, 3)
+        Where (m).
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        Entry ``[q, d, e]`` is the derivative of coordinate d of moved point q in coordinate e of the point.
+    """
+    return np.stack([function(points + 1j * _STEP * axis).imag / _STEP for axis in np.eye(3)], axis=-1)

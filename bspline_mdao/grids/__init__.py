@@ -1,1 +1,0 @@
-"""Multi-block structured grids: files, patches, topology and cells."""

@@ -1,0 +1,1 @@
+"""Grid files: every format that is read or written, and patches declared beside a grid."""

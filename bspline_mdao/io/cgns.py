@@ -1,0 +1,277 @@
+"""CGNS grids with structured zones, in HDF5 files."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..errors import InputError
+from ..topology.multiblock import Block, Grid
+from ..topology.topology import Topology, find_topology
+from .atomic import replaced_file
+from .cgns_boundaries import add_boundaries, read_patches_of_zones
+from .cgns_connectivity import add_connections, read_connections
+from .cgns_nodes import (
+    add_node,
+    children,
+    damaged_is_input_error,
+    first_child,
+    follow_link,
+    free_name,
+    is_link,
+    label,
+    set_attributes,
+    value,
+    word,
+)
+from .hdf5 import held_interrupts, replaced_hdf5_file
+from .node_check import find_fault
+
+__all__ = ["CgnsDialect", "read_cgns", "write_cgns"]
+
+LIBRARY_VERSION = 3.4
+"""Version written into new files; older tools refuse 4.0."""
+
+_DATA_CLASS = "NormalizedByUnknownDimensional"
+"""What is said of the units: nothing, because most grid files that are converted do not tell theirs."""
+
+_AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+
+
+@dataclass(frozen=True)
+class CgnsDialect:
+    """Where a CGNS grid came from.
+
+    Parameters
+    ----------
+    path : str
+        Absolute path of the file; writing back starts from a copy of it.
+    ignored : tuple of str
+        Boundary conditions that could not be taken over as patches, and connections that fit no zone, one line each.
+    """
+
+    path: str
+    ignored: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Name the format."""
+        return "CGNS (HDF5)"
+
+
+def read_cgns(path: str | os.PathLike) -> Grid:
+    """Read the structured zones of a CGNS/HDF5 file.
+
+    Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
+    their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases of
+    a lower cell dimension than the highest (surfaces of a volume grid) are left out. Boundary conditions become
+    patches, named after their family where they have one; their kind is that of the condition or, where it says
+    nothing, of the name. One-to-one connections become those of the grid. Linked nodes are followed.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Grid
+        Its ``dialect`` is a `CgnsDialect`.
+
+    Raises
+    ------
+    InputError
+        When the file is not CGNS in HDF5, is damaged, holds an unstructured zone, or a node is not finite.
+    """
+    source = str(path)
+    with damaged_is_input_error(source), h5py.File(path, "r") as file:
+        zones = _find_zones(file, source)
+        blocks = tuple(Block(_read_nodes(base, zone, name, source), name) for name, base, zone in zones)
+        shapes = [block.shape for block in blocks]
+        patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
+        connections, unfit = read_connections([zone for _, _, zone in zones], [name for name, _, _ in zones], shapes)
+    fault = find_fault(blocks)
+    if fault:
+        raise InputError(f"{source}: {fault}")
+    return Grid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections)
+
+
+def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
+    """Name, base and zone of every block, in block order."""
+    bases = children(file, "CGNSBase_t")
+    if not bases:
+        raise InputError(f"{source}: is an HDF5 file without a CGNS base; give a CGNS or PLOT3D grid")
+    cell_dimensions = [int(value(base)[0]) for _, base in bases]
+    chosen = [item for item, cells in zip(bases, cell_dimensions) if cells == max(cell_dimensions)]
+    zones = [
+        (name if len(chosen) == 1 else f"{base_name}/{name}", base, zone)
+        for base_name, base in chosen
+        for name, zone in children(base, "Zone_t")
+    ]
+    if not zones:
+        raise InputError(f"{source}: has no zones; give a CGNS file with a grid")
+    for name, _, zone in zones:
+        zone_type = first_child(zone, "ZoneType_t")
+        if zone_type is not None and word(zone_type) != "Structured":
+            raise InputError(f"{source}: zone '{name}' is not structured; only structured grids can be fitted")
+    return zones
+
+
+def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> np.ndarray:
+    """Nodes of a zone, shape (ni, nj, nk, 3)."""
+    shape = _zone_shape(zone, name, source)
+    n_axes = int(value(base)[1])
+    nodes = np.zeros(shape + (3,))
+    for axis, data in enumerate(_coordinates(zone, n_axes, name, source)):
+        array = np.asarray(value(data))
+        if array.T.shape + (1,) * (3 - array.ndim) != shape or array.dtype.kind != "f":
+            raise InputError(
+                f"{source}: zone '{name}': {_AXES[axis]} is no array of {shape} reals; write it without rind planes"
+            )
+        with np.errstate(invalid="ignore"):  # a NaN is named later
+            nodes[..., axis] = array.T.reshape(shape)
+    return nodes
+
+
+def _zone_shape(zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
+    sizes = np.asarray(value(zone))
+    if sizes.ndim != 2 or sizes.shape[0] != 3 or not 1 <= sizes.shape[1] <= 3 or sizes[0].min() < 1:
+        raise InputError(f"{source}: zone '{name}' has no node counts of a structured zone; write it again")
+    # only arrays that are really in the file are as large as this, so that nothing is reserved for a damaged count
+    held = sum(data.size for _, data in _datasets(zone))
+    if float(np.prod(sizes[0].astype(float))) > held:
+        raise InputError(f"{source}: zone '{name}' announces {sizes[0].tolist()} nodes and holds fewer; write it again")
+    return tuple(int(n) for n in sizes[0]) + (1,) * (3 - sizes.shape[1])
+
+
+def _datasets(zone: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
+    return [(name, node[" data"]) for name, node in children(_grid_coordinates(zone), "DataArray_t")]
+
+
+def _grid_coordinates(zone: h5py.Group) -> h5py.Group:
+    """Give the original grid: the node named GridCoordinates, or the first of its kind."""
+    found = children(zone, "GridCoordinates_t")
+    if not found:
+        raise KeyError(f"zone {zone.name} has no coordinates")
+    return dict(found).get("GridCoordinates", found[0][1])
+
+
+def _coordinates(zone: h5py.Group, n_axes: int, name: str, source: str) -> list[h5py.Group]:
+    arrays = dict(children(_grid_coordinates(zone), "DataArray_t"))
+    missing = [axis for axis in _AXES[: min(max(n_axes, 1), 3)] if axis not in arrays]
+    if missing:
+        raise InputError(f"{source}: zone '{name}' has no {missing[0]}; only Cartesian coordinates can be read")
+    return [arrays[axis] for axis in _AXES if axis in arrays]
+
+
+def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
+    """Write a CGNS/HDF5 file, whole or not at all.
+
+    A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
+    that the file lacks: everything else in the file stays. Links in it are replaced by what they stand for, so that no
+    other file is touched. Any other grid makes a new file with one base, a zone for every block, its patches as
+    families, its interfaces as one-to-one connections and collapsed faces as degenerate boundary conditions.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to make or replace.
+    grid : Grid
+        The grid.
+    topology : Topology, optional
+        How its blocks hang together, found from its nodes by default. Give that of the baseline for a grid that was
+        moved.
+
+    Raises
+    ------
+    InputError
+        When the file that the grid was read from is gone or changed, or the new one cannot be written.
+    """
+    fault = find_fault(grid.blocks)
+    if fault:
+        raise InputError(f"{grid.source}: {fault}; nothing was written")
+    topology = topology or find_topology(grid)
+    (_write_copy if isinstance(grid.dialect, CgnsDialect) else _write_new)(path, grid, topology)
+
+
+def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
+    source = grid.dialect.path
+    if not os.path.isfile(source):
+        raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
+    with replaced_file(path) as temporary:
+        shutil.copyfile(source, temporary)
+        with damaged_is_input_error(source), held_interrupts():
+            _replace_coordinates(temporary, source, grid, topology)
+
+
+def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology) -> None:
+    """Put the nodes of a grid into a copy of the file that it was read from, and add the connections that it lacks."""
+    with h5py.File(path, "r+") as file, h5py.File(source, "r") as original:
+        _resolve_links(file, original)
+        zones = _find_zones(file, source)
+        names = [name for name, _, _ in zones]
+        if names != [block.name for block in grid.blocks]:
+            raise InputError(f"{source}: has changed since the grid was read (zones {names[:3]}...); read it again")
+        for block, (name, base, zone) in zip(grid.blocks, zones):
+            if _zone_shape(zone, name, source) != block.shape:
+                raise InputError(f"{source}: zone '{name}' has changed since the grid was read; read it again")
+            for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
+                data = node[" data"]
+                data[...] = block.nodes[..., axis].T.reshape(data.shape)
+        nodes = [zone for _, _, zone in zones]
+        told = [side for item in read_connections(nodes, names, grid.shapes)[0] for side in (item.a, item.b)]
+        lacking = [item for item in topology.interfaces if not any(item.a.overlaps(side) for side in told)]
+        add_connections(nodes, lacking)
+
+
+def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
+    """Replace links below ``group`` by copies of what they stand for; ``original`` is the same node of the source."""
+    for name in list(group):
+        if group.get(name, getclass=True) is not h5py.Group:
+            continue
+        target = follow_link(original[name])
+        if is_link(original[name]):
+            del group[name]
+            original.file.copy(target, group, name)
+            kind = target.attrs["type"]
+            set_attributes(group[name], name, label(target), kind.decode() if isinstance(kind, bytes) else str(kind))
+        _resolve_links(group[name], target)
+
+
+def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
+    with replaced_hdf5_file(path) as file, held_interrupts():
+        _write_root(file)
+        is_flat = all(block.shape[2] == 1 for block in grid.blocks)
+        n_indices = 2 if is_flat else 3
+        base = add_node(file, "Base", "CGNSBase_t", np.array([n_indices, 3], np.int32))
+        add_node(base, "DataClass", "DataClass_t", _DATA_CLASS)
+        zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
+        add_boundaries(base, zones, grid, [w for w in topology.collapsed if w.is_on_face(topology.shapes[w.block])])
+        add_connections(zones, topology.interfaces)
+
+
+def _write_root(file: h5py.File) -> None:
+    """Write what the CGNS library puts at the root of an HDF5 file."""
+    set_attributes(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
+    del file.attrs["flags"]
+    file[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", np.int8)
+    version = "HDF5 Version " + h5py.version.hdf5_version
+    file[" hdf5version"] = np.frombuffer(version.encode().ljust(33, b"\0"), np.int8)
+    add_node(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([LIBRARY_VERSION], np.float32))
+
+
+def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
+    n_nodes = np.array(block.shape[:n_indices], np.int32)
+    sizes = np.array([n_nodes, n_nodes - 1, np.zeros_like(n_nodes)])
+    zone = add_node(base, free_name(base, block.name), "Zone_t", sizes)
+    add_node(zone, "ZoneType", "ZoneType_t", "Structured")
+    coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+    for axis, name in enumerate(_AXES):
+        nodes = block.nodes[..., axis].reshape(block.shape[:n_indices])
+        array = add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes.T, np.float64))
+        add_node(array, "DimensionalExponents", "DimensionalExponents_t", np.array([0, 1, 0, 0, 0], np.float32))
+    return zone

@@ -1,0 +1,175 @@
+"""Boundary conditions of CGNS zones and the patches that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import h5py
+import numpy as np
+
+from ..topology.index_space import Window
+from ..topology.multiblock import Grid, Patch
+from .cgns_nodes import add_node, children, first_child, free_name, value, word
+from .patch_guess import kind_of_name
+
+__all__ = ["add_boundaries", "read_patches_of_zones"]
+
+_KIND_OF_PREFIX = (
+    ("BCWall", "wall"),
+    ("BCSymmetryPlane", "symmetry"),
+    ("BCFarfield", "farfield"),
+    ("BCInflow", "farfield"),
+    ("BCOutflow", "farfield"),
+    ("BCTunnel", "farfield"),
+)
+_TYPE_OF_KIND = {
+    "wall": "BCWall",
+    "symmetry": "BCSymmetryPlane",
+    "farfield": "BCFarfield",
+    "other": "UserDefined",
+}
+_TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
+_NO_KIND = "BCGeneral"
+"""Type of a patch of kind other whose name would be taken for another kind."""
+
+
+def kind_of(bc_type: str, name: str) -> str:
+    """Patch kind of a CGNS boundary condition; what fluid passes through counts as far field.
+
+    Where the type says nothing, as ICEM writes it, the name of the family or of the condition does.
+    """
+    if bc_type in _TYPES_THAT_SAY_NOTHING:
+        return kind_of_name(name)
+    return next((kind for prefix, kind in _KIND_OF_PREFIX if bc_type.startswith(prefix)), "other")
+
+
+def read_patches_of_zones(
+    zones: list[tuple[h5py.Group, h5py.Group]], shapes: list[tuple[int, int, int]]
+) -> tuple[tuple[Patch, ...], tuple[str, ...]]:
+    """Collect the patches of all zones: one for every family, or for every name where there is no family.
+
+    Parameters
+    ----------
+    zones : list of (base, zone) nodes
+        The zones in block order.
+    shapes : list of (int, int, int)
+        Node counts of the blocks.
+
+    Returns
+    -------
+    patches : tuple of Patch
+        Patches in order of their families, then of appearance. Degenerate lines and points are none.
+    ignored : tuple of str
+        What could not be taken over, and why, and conditions that do not go with the names.
+    """
+    windows, ignored = {}, []
+    for block, ((base, zone), shape) in enumerate(zip(zones, shapes)):
+        for name, condition in _conditions(zone):
+            patch_name, bc_type = _meaning(base, name, condition)
+            if bc_type.startswith("BCDegenerate"):
+                continue
+            window = _window(block, shape, condition)
+            if window is None:
+                ignored.append(
+                    f"{zone.name}: boundary condition '{name}' is no rectangle of a face; its patch was left out"
+                )
+            else:
+                windows.setdefault((patch_name, kind_of(bc_type, patch_name)), []).append(window)
+    bases = {base.name: base for base, _ in zones}.values()
+    families = [name for base in bases for name, _ in children(base, "Family_t")]
+    ignored += [
+        f"patch '{name}' is of kind {kind} by its condition, though its name says {kind_of_name(name)}"
+        for name, kind in windows
+        if kind_of_name(name) not in (kind, "other")
+    ]
+    order = sorted(windows, key=lambda key: families.index(key[0]) if key[0] in families else len(families))
+    return tuple(Patch(*key, tuple(windows[key])) for key in order), tuple(ignored)
+
+
+def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
+    return [bc for _, zone_bc in children(zone, "ZoneBC_t") for bc in children(zone_bc, "BC_t")]
+
+
+def _meaning(base: h5py.Group, name: str, condition: h5py.Group) -> tuple[str, str]:
+    """Name of the patch and type of its boundary condition, through the family where there is one."""
+    bc_type = word(condition)
+    family_name = first_child(condition, "FamilyName_t")
+    family = word(family_name).split("/")[-1] if family_name is not None else ""
+    if bc_type == "FamilySpecified":
+        node = dict(children(base, "Family_t")).get(family)
+        family_bc = first_child(node, "FamilyBC_t") if node is not None else None
+        bc_type = word(family_bc) if family_bc is not None else ""
+    return family or name, bc_type
+
+
+def _window(block: int, shape: tuple[int, int, int], condition: h5py.Group) -> Window | None:
+    """Face window that a condition covers; None where it is not one."""
+    points = first_child(condition, "IndexRange_t")
+    is_range = points is not None
+    points = points if is_range else first_child(condition, "IndexArray_t")
+    if points is None:
+        return None
+    location = first_child(condition, "GridLocation_t")
+    is_vertex = location is None or word(location) in ("", "Vertex")
+    indices = np.atleast_2d(value(points)).astype(np.int64)
+    n_listed = len(indices)
+    lo, hi = indices.min(axis=0) - 1, indices.max(axis=0) - 1
+    if not is_vertex:
+        lo, hi = _to_nodes(word(location), lo, hi)
+    lo, hi = (np.append(end, np.zeros(3 - len(end), np.int64)) for end in (lo, hi))
+    window = Window(block, tuple(lo.tolist()), tuple(hi.tolist()))
+    n_faces = np.prod([max(n - (0 if is_vertex else 1), 1) for n in window.shape])
+    if not is_range and (n_listed != n_faces or len(np.unique(indices, axis=0)) != n_listed):
+        return None
+    return window if window.is_on_face(shape) else None
+
+
+def _to_nodes(location: str, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Node range of a range of cell faces: one more along the face, the same across it."""
+    normal = {"IFaceCenter": 0, "JFaceCenter": 1, "KFaceCenter": 2}.get(location)
+    across = np.arange(len(lo)) == normal if normal is not None else lo == hi
+    return lo, np.where(across, hi, hi + 1)
+
+
+def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collapsed: Sequence[Window]) -> None:
+    """Write the patches of a grid as families and boundary conditions, and its collapsed faces as degenerate ones.
+
+    Parameters
+    ----------
+    base : h5py.Group
+        The base; it gets a family for every patch.
+    zones : list of h5py.Group
+        The zone of every block.
+    grid : Grid
+        The grid with its patches.
+    collapsed : sequence of Window
+        Windows of faces that have collapsed to lines or points; those that a patch covers are left to it.
+    """
+    for patch in grid.patches:
+        name = free_name(base, patch.name)
+        family = add_node(base, name, "Family_t")
+        is_misleading = patch.kind == "other" != kind_of_name(name)
+        add_node(family, "FamilyBC", "FamilyBC_t", _NO_KIND if is_misleading else _TYPE_OF_KIND[patch.kind])
+        for window in patch.windows:
+            condition = _add_condition(zones[window.block], "FamilySpecified", window)
+            add_node(condition, "FamilyName", "FamilyName_t", name)
+    declared = [window for patch in grid.patches for window in patch.windows]
+    for window in collapsed:
+        if not any(window.overlaps(other) for other in declared):
+            nodes = grid.blocks[window.block].nodes[window.slices]
+            _add_condition(zones[window.block], _degenerate_type(nodes), window)
+
+
+def _degenerate_type(nodes: np.ndarray) -> str:
+    """Type of the condition on a face that has collapsed, from its nodes, shape (ni, nj, nk, 3)."""
+    sizes = [np.linalg.norm(np.ptp(nodes, axis=d), axis=-1).max() for d in range(3) if nodes.shape[d] > 1]
+    return "BCDegeneratePoint" if max(sizes) <= 1e-9 * np.abs(nodes).max() else "BCDegenerateLine"
+
+
+def _add_condition(zone: h5py.Group, bc_type: str, window: Window) -> h5py.Group:
+    zone_bc = zone["ZoneBC"] if "ZoneBC" in zone else add_node(zone, "ZoneBC", "ZoneBC_t")
+    condition = add_node(zone_bc, f"BC{len(children(zone_bc, 'BC_t')) + 1}", "BC_t", bc_type)
+    n_dimensions = zone[" data"].shape[1]
+    ends = np.array([window.lo, window.hi], np.int32)[:, :n_dimensions] + 1
+    add_node(condition, "PointRange", "IndexRange_t", ends)
+    return condition

@@ -1,0 +1,249 @@
+"""PLOT3D grids, in every dialect in circulation."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..topology.multiblock import Block, Grid
+from .atomic import replaced_file
+from .compression import read_bytes
+from .fortran_records import join_records
+from .node_check import find_fault
+from .plot3d_dialect import Plot3dDialect, Reading, exact_readings
+from .plot3d_text import format_numbers
+
+__all__ = ["read_plot3d", "write_plot3d"]
+
+_CLEARLY_SMOOTHER = 0.5
+_NODES_JUDGED = 200_000
+_SMOOTHEST = 1e-3  # mean change of an edge, below which cells are all equally smooth
+_FLATTEST = 1e-6  # mean volume of unit edges, below which cells are all equally flat
+
+
+def read_plot3d(path: str | os.PathLike) -> Grid:
+    """Read a PLOT3D grid; the dialect is detected from the file.
+
+    ASCII, Fortran records and raw binary, either byte order, 4- or 8-byte reals, one block with or without the block
+    count or many, 2-D or 3-D, with or without IBLANK, whole or plane-wise, compressed with gzip or not. A 2-D block has
+    one node in k and z = 0.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Grid
+        Its ``dialect`` is the `Plot3dDialect` read.
+
+    Raises
+    ------
+    InputError
+        When no dialect, or more than one, makes sense of the file, or a node is not finite.
+    """
+    data, is_gzipped, ignored = read_bytes(path)
+    readings = exact_readings(data, str(path))
+    dialect, blocks = _most_plausible(readings, str(path))
+    return Grid(blocks, source=str(path), dialect=replace(dialect, is_gzipped=is_gzipped, ignored=ignored))
+
+
+def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect, tuple[Block, ...]]:
+    """Choose the one reading that gives a grid: finite, of sane size, and clearly sounder than any other."""
+    grids = [(reading, _read_blocks(reading)) for reading in readings]
+    sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
+    if not sane:
+        raise InputError(f"{source}: {find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect}); repair it")
+    if len(sane) == 1:
+        return sane[0][0].dialect, sane[0][1]
+    roughness = [_roughness(blocks) for _, blocks in sane]
+    order = np.argsort(roughness, kind="stable")
+    first, second = order[0], order[1]
+    if roughness[first] <= _CLEARLY_SMOOTHER * roughness[second]:
+        return sane[first][0].dialect, sane[first][1]
+    rivals = _by_blanking([sane[i] for i in order if roughness[i] * _CLEARLY_SMOOTHER < roughness[first]])
+    if len({replace(reading.dialect, layout="whole", records="block") for reading, _ in rivals}) == 1:
+        preferred = min(rivals, key=lambda rival: rival[0].dialect.layout != "whole")
+        return preferred[0].dialect, preferred[1]
+    raise InputError(
+        f"{source}: can be read as PLOT3D ({rivals[0][0].dialect}) or ({rivals[1][0].dialect}); "
+        "write it again with a block count"
+    )
+
+
+def _by_blanking(rivals: list) -> list:
+    """Keep the readings in which whole numbers that are not all 0 are IBLANK rather than z; all 0 are rather z."""
+    is_blanked = [any(block.iblank is not None and block.iblank.any() for block in blocks) for _, blocks in rivals]
+    has_iblank = [reading.dialect.has_iblank for reading, _ in rivals]
+    if any(is_blanked) or not all(has_iblank):
+        return [rival for rival, b, has in zip(rivals, is_blanked, has_iblank) if b or not (has or any(is_blanked))]
+    return rivals
+
+
+def _read_blocks(reading: Reading) -> tuple[Block, ...]:
+    start = reading.dialect.header_bytes(len(reading.shapes))
+    blocks = []
+    for number, shape in enumerate(reading.shapes.tolist(), 1):
+        nodes, iblank = _read_block(reading, shape, start)
+        blocks.append(Block(nodes, f"block {number}", iblank))
+        start += int(np.prod(shape)) * reading.dialect.node_bytes
+    return tuple(blocks)
+
+
+def _read_block(reading: Reading, shape: list[int], start: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Nodes and IBLANK of the block whose numbers begin at byte ``start``."""
+    dialect = reading.dialect
+    ni, nj, nk = shape
+    nodes = np.zeros((ni, nj, nk, 3))
+    iblank = np.empty((ni, nj, nk), np.int32) if dialect.has_iblank else None
+    for lo, hi in dialect.pieces(shape):
+        n_nodes = ni * nj * (hi - lo)
+        real = np.frombuffer(reading.content, dialect.real_dtype, dialect.n_dimensions * n_nodes, start)
+        piece = real.reshape(dialect.n_dimensions, hi - lo, nj, ni)
+        with np.errstate(invalid="ignore"):  # a NaN is named later
+            nodes[:, :, lo:hi, : dialect.n_dimensions] = piece.transpose(3, 2, 1, 0)
+        start += real.nbytes
+        if iblank is not None:
+            blank = np.frombuffer(reading.content, dialect.integer_dtype, n_nodes, start)
+            iblank[:, :, lo:hi] = _as_int32(blank).reshape(hi - lo, nj, ni).transpose(2, 1, 0)
+            start += blank.nbytes
+    return nodes, iblank
+
+
+def _as_int32(values: np.ndarray) -> np.ndarray:
+    """Whole numbers; what is none becomes the lowest integer, which `find_fault` reports."""
+    if values.dtype.kind == "i":
+        return values
+    lowest = np.iinfo(np.int32).min
+    is_integer = (np.floor(values) == values) & (np.abs(values) < -float(lowest))
+    return np.where(is_integer, values, lowest).astype(np.int32)
+
+
+def _roughness(blocks: Iterable[Block]) -> float:
+    """Mean change of a cell edge from cell to cell, relative to the edge, by how far cells are from being flat.
+
+    Near 0 for a grid and above 1.5 for noise; large, too, where x, y and z are planes of one and the same coordinate.
+    """
+    total, n_judged = 0.0, 0
+    for block in blocks:
+        n_planes = max(3, _NODES_JUDGED // (block.shape[0] * block.shape[1]))
+        nodes = block.nodes[:, :, :n_planes]
+        n_judged += nodes.size
+        bend = float(np.mean([_bend(nodes, d, e) for d in range(3) for e in range(3)]))
+        total += nodes.size * (bend + _SMOOTHEST) / max(_fullness(nodes), _FLATTEST)
+        if n_judged > 3 * _NODES_JUDGED:
+            break
+    return total / n_judged
+
+
+def _bend(nodes: np.ndarray, d: int, e: int) -> float:
+    """Mean change along direction ``e`` of the edges in direction ``d``; 0 where there are too few nodes for it."""
+    edges = np.diff(nodes, axis=d)
+    changes = np.diff(edges, axis=e)
+    length = np.linalg.norm(edges, axis=-1).sum()
+    if changes.size == 0 or length == 0.0:
+        return 0.0
+    return float(np.linalg.norm(changes, axis=-1).mean() * edges.size / (3.0 * length))
+
+
+def _fullness(nodes: np.ndarray) -> float:
+    """Mean volume of the unit edges of a cell, or their area where there is one node in a direction; 1 for lines."""
+    corner = nodes[tuple(slice(0, max(n - 1, 1)) for n in nodes.shape[:3])]
+    edges = [np.diff(nodes, axis=d)[tuple(map(slice, corner.shape[:3]))] for d in range(3) if nodes.shape[d] > 1]
+    if len(edges) < 2:
+        return 1.0
+    normals = np.cross(edges[0], edges[1])
+    contents = np.einsum("...c,...c", normals, edges[2]) if len(edges) == 3 else np.linalg.norm(normals, axis=-1)
+    lengths = np.prod([np.linalg.norm(edge, axis=-1) for edge in edges], axis=0)
+    return float(np.mean(np.abs(contents[lengths > 0.0]) / lengths[lengths > 0.0])) if lengths.any() else 0.0
+
+
+def write_plot3d(path: str | os.PathLike, grid: Grid, dialect: Plot3dDialect | None = None) -> None:
+    """Write a PLOT3D grid, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to make or replace.
+    grid : Grid
+        The grid. Nodes without IBLANK are written as 1 where the dialect has IBLANK.
+    dialect : Plot3dDialect, optional
+        How to write it; by default as it was read (binary then comes back byte for byte, ASCII number for number), and
+        raw binary of 8-byte reals for a grid that was not read from PLOT3D.
+
+    Raises
+    ------
+    InputError
+        When the dialect cannot hold the grid (several blocks without a block count, z in 2-D) or the file cannot be
+        written.
+    """
+    if dialect is None:
+        dialect = grid.dialect if isinstance(grid.dialect, Plot3dDialect) else Plot3dDialect()
+    _check_fits(grid, dialect)
+    with replaced_file(path) as temporary, open(temporary, "wb") as file:
+        # no name and no time in the gzip header: the same grid gives the same bytes
+        stream = gzip.GzipFile("", "wb", 6, file, mtime=0) if dialect.is_gzipped else nullcontext(file)
+        with stream as sink:
+            for piece in _encode(grid, dialect):
+                sink.write(piece)
+
+
+def _check_fits(grid: Grid, dialect: Plot3dDialect) -> None:
+    if len(grid.blocks) != 1 and not dialect.has_block_count:
+        raise InputError(
+            f"{grid.source}: {len(grid.blocks)} blocks do not fit a PLOT3D file without a block count; "
+            "choose another dialect"
+        )
+    for number, block in enumerate(grid.blocks, 1):
+        if dialect.n_dimensions == 2 and (block.shape[2] != 1 or block.nodes[..., 2].any()):
+            raise InputError(f"{grid.source}: block {number} has a third dimension; write it as 3-D PLOT3D")
+    fault = find_fault(grid.blocks)
+    if fault:
+        raise InputError(f"{grid.source}: {fault}; nothing was written")
+
+
+def _encode(grid: Grid, dialect: Plot3dDialect) -> Iterator[bytes]:
+    """Give the bytes of the file, piece by piece."""
+    records = _records(grid, dialect)
+    if dialect.encoding == "ascii":
+        for record in records:
+            for array in record:
+                yield from format_numbers(array)
+        return
+    payloads = (b"".join(array.tobytes() for array in record) for record in records)
+    if dialect.encoding == "fortran":
+        payloads = join_records(payloads, dialect.byte_order, dialect.marker_bytes)
+    yield from payloads
+
+
+def _records(grid: Grid, dialect: Plot3dDialect) -> Iterator[list[np.ndarray]]:
+    """Arrays of the file in order, those of one record together."""
+    integer = np.dtype(np.int64) if dialect.encoding == "ascii" else dialect.integer_dtype
+    if dialect.has_block_count:
+        yield [np.array([len(grid.blocks)], integer)]
+    yield [np.array([shape[: dialect.n_dimensions] for shape in grid.shapes], integer).reshape(-1)]
+    for block in grid.blocks:
+        pieces = [_piece_arrays(block, lo, hi, dialect, integer) for lo, hi in dialect.pieces(block.shape)]
+        if dialect.records == "array":
+            yield from ([array] for piece in pieces for array in piece)
+        elif dialect.records == "plane":
+            yield from pieces
+        else:
+            yield [array for piece in pieces for array in piece]
+
+
+def _piece_arrays(block: Block, lo: int, hi: int, dialect: Plot3dDialect, integer: np.dtype) -> list[np.ndarray]:
+    """Coordinates and IBLANK of planes ``lo`` to ``hi``, i fastest."""
+    nodes = block.nodes[:, :, lo:hi]
+    arrays = [nodes[..., axis].ravel(order="F").astype(dialect.real_dtype) for axis in range(dialect.n_dimensions)]
+    if dialect.has_iblank:
+        iblank = np.ones(block.shape, np.int32) if block.iblank is None else block.iblank
+        arrays.append(iblank[:, :, lo:hi].ravel(order="F").astype(integer))
+    return arrays

@@ -1,0 +1,215 @@
+"""Distance that patches keep from others and from points: a smooth lower bound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+
+from ..cells.aggregates import KreisselmeierSteinhauser, Part
+from ..errors import InputError
+from ..mesh.surface import SurfaceGrid
+from ..numerics.vectors import add_to, dot, less, row, scaled
+from .scalars import row_at
+
+__all__ = ["Clearance", "nodes_of"]
+
+_NEGLIGIBLE = 60.0
+"""Exponent from which on a term is left out: 1e10 of them together are less than round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Kreisselmeier-Steinhauser bound of the distances between the nodes of a patch and other nodes, or fixed points.
+
+    The bound is below the smallest distance by ln(n) / rho at most, n the number of pairs, and smooth whichever pair is
+    the nearest. Surfaces can be nearer to each other than their nodes, by `reach` on the baseline. Distances are never
+    negative: the clearance cannot tell how far surfaces have passed through each other. Make it by `between` or
+    `from_points`.
+
+    Parameters
+    ----------
+    surface : SurfaceGrid
+        The surface.
+    ids : ndarray of int, shape (n,)
+        Nodes of the patch.
+    other_ids : ndarray of int, shape (m,)
+        Nodes of the other patch.
+    fixed : ndarray, shape (k, 3)
+        Points that do not move (m).
+    rule : KreisselmeierSteinhauser
+        How the smallest is bounded.
+    name : str
+        Name of the output.
+    """
+
+    surface: SurfaceGrid
+    ids: np.ndarray
+    other_ids: np.ndarray
+    fixed: np.ndarray
+    rule: KreisselmeierSteinhauser
+    name: str
+
+    shape = (1,)
+    """One number."""
+
+    units = "m"
+    """Units of the distance."""
+
+    @classmethod
+    def between(
+        cls,
+        surface: SurfaceGrid,
+        patches: str | Sequence[str],
+        others: str | Sequence[str],
+        *,
+        rho: float = 200.0,
+        name: str = "clearance",
+    ) -> Clearance:
+        """Keep patches from others.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        patches, others : str or sequence of str
+            Names of the patches on either side.
+        rho : float
+            Sharpness, in inverse clearances of the baseline: with 1e6 pairs the bound is below the smallest distance by
+            13.8 / rho of it at most.
+        name : str
+            Name of the output.
+
+        Raises
+        ------
+        InputError
+            If a patch does not exist, the two touch, or rho is not positive.
+        """
+        sides = [nodes_of(surface, side) for side in (patches, others)]
+        return cls._of(surface, *sides, np.empty((0, 3)), rho, name)
+
+    @classmethod
+    def from_points(
+        cls,
+        surface: SurfaceGrid,
+        patches: str | Sequence[str],
+        points: np.ndarray,
+        *,
+        rho: float = 200.0,
+        name: str = "clearance",
+    ) -> Clearance:
+        """Keep patches from fixed points.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        patches : str or sequence of str
+            Names of the patches.
+        points : ndarray, shape (k, 3)
+            The points (m).
+        rho : float
+            Sharpness; see `between`.
+        name : str
+            Name of the output.
+
+        Raises
+        ------
+        InputError
+            If a patch does not exist or touches a point, the points have the wrong shape, or rho is not positive.
+        """
+        points = np.atleast_2d(np.asarray(points, dtype=float))
+        if points.shape[-1] != 3 or points.ndim != 2 or not np.isfinite(points).all() or not len(points):
+            raise InputError(f"clearance: points of shape {points.shape}; give finite ones of shape (n, 3)")
+        return cls._of(surface, nodes_of(surface, patches), np.empty(0, dtype=int), points, rho, name)
+
+    @classmethod
+    def _of(cls, surface, ids, other_ids, fixed, rho, name):
+        others = np.concatenate([surface.points[other_ids], fixed])
+        smallest = np.sqrt(_nearest_square(surface.points[ids], others))
+        if not smallest > 1e-9 * surface.size:
+            raise InputError("clearance: the two sides touch on the baseline; leave patches that join out")
+        return cls(surface, ids, other_ids, fixed, KreisselmeierSteinhauser(rho / smallest), name)
+
+    @property
+    def reach(self) -> float:
+        """Distance (m) that a point of the baseline surfaces can have from the nearest node, both sides together.
+
+        Half the longest diagonal of each side's quads; none for fixed points.
+        """
+        return sum(_half_diagonal(self.surface, ids) for ids in (self.ids, self.other_ids))
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Clearance (m), shape (1,), of nodes, shape (n_points, 3); real or complex."""
+        return np.atleast_1d(self._bound(*self._sides(points)))
+
+    def partials(self, points: np.ndarray) -> csr_array:
+        """Differentiate `evaluate`, shape (1, 3 n_points), on the nodes of both sides."""
+        sides = self._sides(points)
+        bars = _bars(*sides, self.rule.rho, self._bound(*sides))
+        gradient = np.concatenate([bars[0], bars[1][: len(self.other_ids)]])
+        return row_at(np.concatenate([self.ids, self.other_ids]), gradient, len(points))
+
+    def _sides(self, points):
+        return points[self.ids], np.concatenate([points[self.other_ids], self.fixed.astype(points.dtype)])
+
+    def _bound(self, side, other):
+        smallest = np.sqrt(_nearest_square(side, other))
+        return self.rule.value(Part(smallest, _total(side, other, self.rule.rho, smallest)))
+
+
+def nodes_of(surface: SurfaceGrid, patches: str | Sequence[str]) -> np.ndarray:
+    """Nodes of patches by name, ascending."""
+    return np.unique(np.concatenate([surface.faces[number].ravel() for number in surface.part(patches)]))
+
+
+def _half_diagonal(surface, ids):
+    """Half the longest diagonal of the quads between given nodes (m); 0 where there is none."""
+    corners = surface.points[surface.quads[np.isin(surface.quads, ids).all(axis=1)]]
+    diagonals = corners[:, 2:] - corners[:, :2]
+    return 0.5 * np.linalg.norm(diagonals, axis=2).max(initial=0.0)
+
+
+@njit(cache=True)
+def _nearest_square(side, other):
+    """Smallest squared distance between two sets of points, by its real part."""
+    smallest = np.inf
+    for i in range(len(side)):
+        for j in range(len(other)):
+            along = less(row(side, i), row(other, j))
+            smallest = min(smallest, dot(along, along).real)
+    return smallest
+
+
+@njit(cache=True)
+def _total(side, other, rho, smallest):
+    """Sum of ``exp(-rho (distance - smallest))`` over all pairs."""
+    total = 0.0 * side[0, 0]
+    farthest = (smallest + _NEGLIGIBLE / rho) ** 2
+    for i in range(len(side)):
+        for j in range(len(other)):
+            along = less(row(side, i), row(other, j))
+            square = dot(along, along)
+            if square.real < farthest:
+                total += np.exp(-rho * (np.sqrt(square) - smallest))
+    return total
+
+
+@njit(cache=True)
+def _bars(side, other, rho, bound):
+    """Derivatives of the bound in the points of both sides."""
+    side_bar, other_bar = np.zeros_like(side), np.zeros_like(other)
+    farthest = (bound + 2.0 * _NEGLIGIBLE / rho) ** 2
+    for i in range(len(side)):
+        for j in range(len(other)):
+            along = less(row(side, i), row(other, j))
+            square = dot(along, along)
+            if 0.0 < square < farthest:
+                distance = np.sqrt(square)
+                pull = scaled(np.exp(-rho * (distance - bound)) / distance, along)
+                add_to(side_bar, i, pull)
+                add_to(other_bar, j, scaled(-1.0, pull))
+    return side_bar, other_bar

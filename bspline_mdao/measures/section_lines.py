@@ -1,0 +1,237 @@
+"""Grid lines of a wing around its leading edge to the trailing edge, and the plane sections that they give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..checks import given_numbers
+from ..errors import InputError
+from ..mesh.frame import Frame, surface_frame
+from ..mesh.surface import SurfaceGrid
+from .grid_lines import GridLines
+from .stencils import polynomial_weights
+
+__all__ = ["SectionLines"]
+
+_LEVEL = 1e-9
+"""Part of the surface's size below which two nodes are at the same place along the stream or the span."""
+
+_ALONG, _ACROSS = 0.9, 0.25
+"""A line that has run along the stream, by its share of a step, ends where it turns across it: at a blunt edge."""
+
+_CUBIC = 4
+"""Neighbouring lines from which a plane section is interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class SectionLines:
+    """Grid lines that cross the leading edge, from there over either side to the trailing edge.
+
+    Grid lines are not plane in general. The point of a plane section between lines is a fixed cubic combination of the
+    nodes at the same place in the order of neighbouring lines, such that it is in the plane on the baseline.
+
+    Parameters
+    ----------
+    frame : Frame
+        Directions along the stream, normal and along the span.
+    points : ndarray, shape (n, 3)
+        Nodes of the surface on the baseline (m).
+    sides : tuple of ndarray of int, each of shape (n_lines, longest)
+        Nodes of the upper and of the lower lines by span; the first is the leading edge, -1 stands behind the last.
+    """
+
+    frame: Frame
+    points: np.ndarray
+    sides: tuple[np.ndarray, np.ndarray]
+
+    @classmethod
+    def of(
+        cls, surface: SurfaceGrid, patches: str | Sequence[str] | None = None, frame: Frame | None = None
+    ) -> SectionLines:
+        """Find the leading edge of a surface on the baseline, and the lines that cross it.
+
+        A node is on the leading edge if a grid line comes from behind it and goes back there on the other side, and
+        ends further along the stream than along the span.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        patches : str or sequence of str, optional
+            Patches of the wing by name; all by default.
+        frame : Frame, optional
+            Directions; found from the box of the wing by default, whose longest side is then the span.
+
+        Raises
+        ------
+        InputError
+            If no grid line crosses a leading edge, or there are two leading edges side by side.
+        """
+        wing = surface if patches is None else _only(surface, patches)
+        ids = np.unique(wing.quads)
+        frame = frame or surface_frame(surface.points[ids], surface.planes)
+        local = frame.to_local(surface.points)
+        level = _LEVEL * np.ptp(local[ids], axis=0).max()
+        sides = _sides(GridLines.of(wing.quads, surface.n_points), local, level)
+        span = local[sides[0][:, 0], 2]
+        if len(span) == 0:
+            raise InputError("leading edge: no grid line of the surface turns round it; name the patches of the wing")
+        if np.diff(span).min(initial=np.inf) <= level:
+            raise InputError("leading edge: there are two at the same place of the span; name the patches of one wing")
+        return cls(frame, surface.points, sides)
+
+    @property
+    def plane(self) -> np.ndarray:
+        """Directions along the stream and normal to it, shape (2, 3)."""
+        return self.frame.axes[:2]
+
+    @cached_property
+    def span(self) -> np.ndarray:
+        """Place of every node of the baseline along the span (m), shape (n,)."""
+        return self.frame.to_local(self.points)[:, 2]
+
+    @cached_property
+    def fractions(self) -> np.ndarray:
+        """Place of every node of the lines along its chord on the baseline, 0 to 1; shape (n,), 0 for other nodes."""
+        stream = self.frame.to_local(self.points)[:, 0]
+        edge = stream[self.sides[0][:, :1]]
+        tail = np.mean([stream[self.trailing(side, 1)] for side in range(2)], axis=0)
+        fractions = np.zeros(len(self.points))
+        for nodes in self.sides:
+            fractions[nodes[nodes >= 0]] = ((stream[nodes] - edge) / (tail - edge))[nodes >= 0]
+        return fractions
+
+    def leading(self, n: int) -> np.ndarray:
+        """Nodes about the leading edge, shape (n_lines, 2 n + 1): n on the lower side, the edge, n on the upper side.
+
+        Raises
+        ------
+        InputError
+            If a line has fewer.
+        """
+        self._require(n + 1)
+        upper, lower = self.sides
+        return np.concatenate([lower[:, n:0:-1], upper[:, : n + 1]], axis=1)
+
+    def trailing(self, side: int, n: int) -> np.ndarray:
+        """Last n nodes of the lines of a side (0 upper, 1 lower) from the trailing edge forward, shape (n_lines, n).
+
+        Raises
+        ------
+        InputError
+            If a line has fewer.
+        """
+        self._require(n)
+        last = (self.sides[side] >= 0).sum(axis=1) - 1
+        return np.take_along_axis(self.sides[side], last[:, None] - np.arange(n), axis=1)
+
+    def stations(self, nodes: np.ndarray, fractions: Sequence[float] | None) -> np.ndarray:
+        """Choose the planes of sections.
+
+        Parameters
+        ----------
+        nodes : ndarray of int, shape (n_lines, k)
+            Nodes of all lines that the sections will need.
+        fractions : sequence of float, optional
+            Fractions of the way from the first to the last line at the leading edge; one section for every line that is
+            not beyond the end of the neighbouring ones by default.
+
+        Returns
+        -------
+        ndarray, shape (n_stations,)
+            Places along the span (m).
+
+        Raises
+        ------
+        InputError
+            If a section would need nodes beyond the last line.
+        """
+        edge, z = self.span[self.sides[0][:, 0]], self.span[nodes]
+        low, high = z[0].max() - 1e-9 * np.ptp(edge), z[-1].min() + 1e-9 * np.ptp(edge)
+        if fractions is None:
+            return edge[(edge >= low) & (edge <= high)]
+        fractions = np.atleast_1d(given_numbers(fractions, "sections: stations"))
+        wanted = edge[0] + fractions * np.ptp(edge)
+        for fraction, position in zip(fractions, wanted):
+            if not low <= position <= high:
+                raise InputError(
+                    f"sections: no grid lines around station {fraction}; take fractions of the span from "
+                    f"{max((low - edge[0]) / np.ptp(edge), 0.0):.4f} to {min((high - edge[0]) / np.ptp(edge), 1.0):.4f}"
+                )
+        return wanted
+
+    def cut(self, nodes: np.ndarray, stations: np.ndarray) -> csr_array:
+        """Matrix of shape (n_stations k, n) that gives k points of every section from the nodes of the surface.
+
+        Parameters
+        ----------
+        nodes : ndarray of int, shape (n_lines, k)
+            Nodes of all lines at k places of their order.
+        stations : ndarray, shape (n_stations,)
+            Places of the sections along the span (m).
+        """
+        n_lines, k = nodes.shape
+        width = min(_CUBIC, n_lines)
+        # the line before the plane, place by place; the middle of the lines that are taken, as far as there are
+        before = (self.span[nodes][:, None] < stations[:, None]).sum(axis=0) - 1
+        first = np.clip(before - (width // 2 - 1), 0, n_lines - width)
+        taken = nodes[first[..., None] + np.arange(width), np.arange(k)[:, None]].reshape(-1, width)
+        offsets = self.span[taken] - np.repeat(stations, k)[:, None]
+        weights = polynomial_weights(offsets, degree=width - 1, derivative=0)
+        rows = np.repeat(np.arange(len(taken)), width)
+        return csr_array((weights.ravel(), (rows, taken.ravel())), shape=(len(taken), len(self.points)))
+
+    def _require(self, n):
+        """Refuse lines of fewer than n nodes."""
+        for side, name in zip(self.sides, ("upper", "lower")):
+            counts = (side >= 0).sum(axis=1)
+            if counts.min() < n:
+                line = int(np.argmin(counts))
+                raise InputError(
+                    f"sections: {name} grid line {line + 1} along the span has {counts[line]} nodes from the leading "
+                    f"to the trailing edge; {n} are needed"
+                )
+
+
+def _only(surface, patches):
+    """The surface with the faces of some patches."""
+    faces, names, of = (
+        tuple(values[number] for number in surface.part(patches))
+        for values in (surface.faces, surface.names, surface.patches)
+    )
+    return replace(surface, faces=faces, names=names, patches=of)
+
+
+def _sides(lines, local, level):
+    """Upper and lower lines from the leading edge, in the order of the span."""
+    below, at, above = lines.behind, lines.at, lines.ahead
+    stream, normal = local[:, 0], local[:, 1]
+    is_front = np.minimum(stream[below], stream[above]) > stream[at] + level
+    found = np.flatnonzero(is_front & (normal[above] > normal[below]))
+    found = found[np.argsort(local[at[found], 2], kind="stable")]
+    sides = [_to_trailing_edge(lines.walk(at[found], second[found]), local) for second in (above, below)]
+    is_section = np.all([_runs_along_stream(side, local) for side in sides], axis=0)
+    return tuple(side[is_section] for side in sides)
+
+
+def _to_trailing_edge(lines, local):
+    """Lines, shape (n, longest), cut off where they no longer run along the stream."""
+    steps = np.diff(local[lines], axis=1)
+    share = steps[..., 0] / np.maximum(np.linalg.norm(steps, axis=2), np.finfo(float).tiny)
+    has_run = np.maximum.accumulate(share > _ALONG, axis=1)
+    has_ended = (lines[:, 1:] < 0) | (share <= 0.0) | (has_run & (share < _ACROSS))
+    kept = lines.copy()
+    kept[:, 1:][np.maximum.accumulate(has_ended, axis=1)] = -1
+    return kept
+
+
+def _runs_along_stream(lines, local):
+    """Whether lines end further along the stream than along the span from where they start."""
+    last = np.take_along_axis(lines, (lines >= 0).sum(axis=1, keepdims=True) - 1, axis=1)[:, 0]
+    way = local[last] - local[lines[:, 0]]
+    return way[:, 0] > np.abs(way[:, 2])

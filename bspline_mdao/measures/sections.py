@@ -1,0 +1,172 @@
+"""Thickness of wing sections by their chord."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..cells.aggregates import KreisselmeierSteinhauser
+from ..errors import InputError
+from ..mesh.surface import SurfaceGrid
+from ..numerics.vector_arrays import lengths, unit_vectors
+from .combinations import Combinations
+from .probes import ROUND_OFF, opposite_probes
+from .section_cuts import Cut, cuts_along_span, section_edges
+
+__all__ = ["SectionThickness"]
+
+_THIN = 0.01
+"""Smallest t/c that scales a bound."""
+
+
+@dataclass(frozen=True, eq=False)
+class SectionThickness:
+    """Largest or smallest thickness of sections by their chord, t/c, bounded smoothly; make it by `at`.
+
+    Parameters
+    ----------
+    surface : SurfaceGrid
+        The wing.
+    vectors : Combinations
+        Of every section: its chord, and n vectors from its lower to its upper side.
+    across : ndarray, shape (n_sections, 3)
+        Unit normals of the chords on the baseline, in the planes of the sections.
+    scales : ndarray, shape (n_sections,)
+        Largest t/c at the probes on the baseline, at least 0.01.
+    rule : KreisselmeierSteinhauser
+        Smooth bound of t/c by the scale.
+    sign : float
+        1 for the largest, -1 for the smallest.
+    name : str
+        Name of the output.
+
+    Notes
+    -----
+    With n probes the largest t/c of a section lies between ``KS - scale ln(n) / rho`` and KS, the smallest between KS
+    and ``KS + scale ln(n) / rho``. Sections are material: probes and edges stay where they are in the parameters of
+    the surface.
+    """
+
+    surface: SurfaceGrid
+    vectors: Combinations
+    across: np.ndarray
+    scales: np.ndarray
+    rule: KreisselmeierSteinhauser
+    sign: float
+    name: str
+    units = None
+
+    @classmethod
+    def at(
+        cls,
+        surface: SurfaceGrid,
+        stations: Sequence[float] | Sequence[Cut],
+        chordwise: Sequence[float] | int = 19,
+        smallest: bool = False,
+        rho: float = 200.0,
+        name: str = "section_thickness",
+    ) -> SectionThickness:
+        """Measure sections.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The wing.
+        stations : sequence of float or of Cut
+            Fractions of the span (`cuts_along_span`), or planes: a winglet is cut across its own span.
+        chordwise : sequence of float or int
+            Fractions of the chord at which the thickness is measured, across the chord; of a number n, ``1 / (n + 1)``
+            to ``n / (n + 1)``.
+        smallest : bool
+            Whether to bound the smallest t/c instead of the largest.
+        rho : float
+            Sharpness of the bound.
+        name : str
+            Name of the output.
+
+        Returns
+        -------
+        SectionThickness
+            Its output has one number for every station.
+
+        Raises
+        ------
+        InputError
+            If a plane does not cut the surface, or a probe misses it.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 17, 13)), n_control=(9, 8, 7)))
+        >>> SectionThickness.at(surface, [0.2, 0.5, 0.8]).evaluate(surface.points).round(3)
+        array([0.096, 0.096, 0.096])
+        """
+        cuts = [station if isinstance(station, Cut) else cuts_along_span(surface, [station])[0] for station in stations]
+        if not cuts:
+            raise InputError(f"{name}: no station is given; give fractions of the span, or cuts")
+        vectors, across = _section_vectors(surface, cuts, _fractions(chordwise, name), name)
+        scales = np.maximum(_ratios(vectors.vectors(surface.points)).max(axis=1), _THIN)
+        rule = KreisselmeierSteinhauser(rho)
+        return cls(surface, vectors, across, scales, rule, -1.0 if smallest else 1.0, name)
+
+    @property
+    def shape(self) -> tuple[int]:
+        """Shape of the output."""
+        return (len(self.scales),)
+
+    def ratios(self, points: np.ndarray) -> np.ndarray:
+        """Thickness by chord at all probes, shape (n_sections, n), of nodes, shape (n_points, 3)."""
+        return _ratios(self.vectors.vectors(points))
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Bounds, shape (n_sections,), of nodes, shape (n_points, 3)."""
+        return self._bounds(self._scaled(self.ratios(points))) * -self.sign * self.scales
+
+    def partials(self, points: np.ndarray) -> csr_array:
+        """Derivatives of the bounds, shape (n_sections, 3 n_points)."""
+        vectors = self.vectors.vectors(points)
+        ratios, chord = _ratios(vectors), lengths(vectors[0])[:, None]
+        scaled = self._scaled(ratios)
+        weights = np.stack([self.rule.weights(x, bound) for x, bound in zip(scaled, self._bounds(scaled))]) / chord
+        along = unit_vectors(vectors[1:], self.across, ROUND_OFF * self.surface.size)
+        of_chord = -(weights * ratios).sum(axis=1)[:, None] * vectors[0] / chord
+        return self.vectors.chain([of_chord, *(weights.T[..., None] * along)])
+
+    def _scaled(self, ratios):
+        """What the rule bounds from below."""
+        return -self.sign * ratios / self.scales[:, None]
+
+    def _bounds(self, scaled):
+        return np.array([self.rule.value(self.rule.part(x)) for x in scaled])
+
+
+def _section_vectors(surface, cuts, fractions, what):
+    """Chords and vectors from the lower to the upper side, and unit normals of the chords."""
+    leading, trailing = section_edges(surface, cuts, what)
+    start, chord = leading.at(surface.points), trailing.at(surface.points) - leading.at(surface.points)
+    across = np.cross([cut.normal for cut in cuts], chord)
+    across /= lengths(across)[:, None]
+    points = start[:, None] + fractions[:, None] * chord[:, None]
+    directions = np.repeat(across, len(fractions), axis=0)
+    lower, upper = opposite_probes(surface, points.reshape(-1, 3), directions, what)
+    columns = [slice(n, None, len(fractions)) for n in range(len(fractions))]
+    pairs = [(trailing, leading), *((upper.take(column), lower.take(column)) for column in columns)]
+    matrices = [end.matrix(surface.n_points) - begin.matrix(surface.n_points) for end, begin in pairs]
+    return Combinations.of(matrices), across
+
+
+def _ratios(vectors):
+    """Lengths of all vectors but the first by that of the first, shape (n_sections, n)."""
+    return (lengths(vectors[1:]) / lengths(vectors[0])).T
+
+
+def _fractions(chordwise, name):
+    """Fractions of the chord, between its ends."""
+    n = chordwise if np.ndim(chordwise) == 0 else None
+    fractions = np.asarray(chordwise, dtype=float) if n is None else np.arange(1, n + 1) / (n + 1)
+    if not (fractions.ndim == 1 and len(fractions) and (fractions > 0.0).all() and (fractions < 1.0).all()):
+        raise InputError(f"{name}: fractions of the chord {chordwise}; give numbers between 0 and 1, or how many")
+    return fractions

@@ -1,0 +1,171 @@
+"""Thickness of a body at probes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..checks import given_numbers
+from ..errors import InputError
+from ..mesh.surface import SurfaceGrid
+from ..numerics.vector_arrays import lengths, unit_vectors
+from .area import planform_normal
+from .combinations import Combinations
+from .probes import FLAT, ROUND_OFF, checked_points, opposite_probes
+from .sheet import sheet_normals, sheet_points
+
+__all__ = ["Thickness"]
+
+
+@dataclass(frozen=True, eq=False)
+class Thickness:
+    """Distances between opposite probes, in metres or in those of the baseline.
+
+    Make it by `at` or `grid`.
+
+    Parameters
+    ----------
+    surface : SurfaceGrid
+        The surface.
+    across : Combinations
+        From one probe to the opposite one, n of them.
+    directions : ndarray, shape (n, 3)
+        Unit vectors along the lines on the baseline.
+    scales : ndarray, shape (n,)
+        What the distances are divided by (m, or 1).
+    units : str or None
+        Units.
+    shape : tuple of int
+        Shape of the output.
+    name : str
+        Name of the output.
+
+    Notes
+    -----
+    A distance cannot tell a body from one turned inside out. Where it is nil, as on a flat plate, its derivative is
+    that of opening along the line.
+    """
+
+    surface: SurfaceGrid
+    across: Combinations
+    directions: np.ndarray
+    scales: np.ndarray
+    units: str | None
+    shape: tuple[int, ...]
+    name: str
+
+    @classmethod
+    def at(
+        cls,
+        surface: SurfaceGrid,
+        points: np.ndarray,
+        direction: np.ndarray | None = None,
+        relative: bool = False,
+        name: str = "thickness",
+    ) -> Thickness:
+        """Measure along lines through points.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        points : ndarray, shape (..., 3)
+            A point of each line (m), in the body or near it; the output has the shape of all dimensions but the last.
+        direction : ndarray, shape (3,) or (..., 3), optional
+            Of the lines; by default normal to the planform (`planform_normal`).
+        relative : bool
+            Whether to divide by the distances on the baseline.
+        name : str
+            Name of the output.
+
+        Returns
+        -------
+        Thickness
+
+        Raises
+        ------
+        InputError
+            If a line does not cross the surface, or with ``relative`` there is no thickness on the baseline.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+        >>> thickness = Thickness.at(surface, [[0.3, 0.0, 0.1], [0.5, 0.0, 0.3]])
+        >>> thickness.evaluate(surface.points).round(3)
+        array([0.082, 0.08 ])
+        """
+        direction = planform_normal(surface) if direction is None else given_numbers(direction, f"{name}: direction")
+        shape = np.shape(points)[:-1]
+        flat = checked_points(np.reshape(points, (-1, 3)) if shape else points, name)
+        entries, exits = opposite_probes(
+            surface, flat, direction.reshape(-1, 3) if direction.ndim > 1 else direction, name
+        )
+        across = Combinations.of([exits.matrix(surface.n_points) - entries.matrix(surface.n_points)])
+        baseline = lengths(across.vectors(surface.points)[0])
+        if relative:
+            _require_thickness(baseline, surface, flat, name)
+        directions = np.broadcast_to(direction.reshape(-1, 3), flat.shape)
+        directions = directions / lengths(directions)[:, None]
+        scales = baseline if relative else np.ones(len(flat))
+        return cls(surface, across, directions, scales, None if relative else "m", shape or (1,), name)
+
+    @classmethod
+    def grid(
+        cls,
+        surface: SurfaceGrid,
+        leading: np.ndarray,
+        trailing: np.ndarray,
+        n_chord: int,
+        n_span: int,
+        relative: bool = False,
+        name: str = "thickness",
+    ) -> Thickness:
+        """Measure on a grid of lines, at right angles to the sheet between two polylines.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        leading, trailing : ndarray, shape (m, 3)
+            Polylines within the body (m), a little behind the leading and before the trailing edge.
+        n_chord, n_span : int
+            Lines along the chord and along the span, evenly spread from end to end.
+        relative, name
+            As for `at`.
+
+        Returns
+        -------
+        Thickness
+            Its output has the shape (n_span, n_chord).
+
+        Raises
+        ------
+        InputError
+            As `at`; also if a polyline has no length, or fewer than two lines are asked for either way.
+        """
+        points = sheet_points(leading, trailing, n_chord, n_span, name)
+        return cls.at(surface, points, sheet_normals(points), relative, name)
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Distances, shape (n,), of nodes, shape (n_points, 3)."""
+        return lengths(self.across.vectors(points)[0]) / self.scales
+
+    def partials(self, points: np.ndarray) -> csr_array:
+        """Derivatives of the distances, shape (n, 3 n_points)."""
+        along = unit_vectors(self.across.vectors(points)[0], self.directions, ROUND_OFF * self.surface.size)
+        return self.across.chain([along / self.scales[:, None]])
+
+
+def _require_thickness(baseline, surface, points, name):
+    """Refuse probes without thickness."""
+    is_flat = baseline <= FLAT * surface.size
+    if is_flat.any():
+        number = int(np.argmax(is_flat))
+        x, y, z = points[number]
+        raise InputError(
+            f"{name}: no thickness on the baseline at probe {number + 1} of {len(points)}, ({x:g}, {y:g}, {z:g}), "
+            f"to be relative to; leave it out, or take relative=False"
+        )

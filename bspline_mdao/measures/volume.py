@@ -1,0 +1,119 @@
+"""Volume that a surface encloses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..cells.quads import add_to_nodes, area_vectors, area_vectors_vjp
+from ..mesh.surface import SurfaceGrid
+from .rim import apexes_of_caps, open_edges, planes_of_edges
+from .scalars import by_baseline, single_row
+
+__all__ = ["EnclosedVolume"]
+
+_NONE = 1e-14
+"""Volume, relative to the cube of the diagonal of the surface's box, that is round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class EnclosedVolume:
+    """Volume between bilinear quads and the planes of symmetry on which they end; make it by `of`.
+
+    Parameters
+    ----------
+    surface : SurfaceGrid
+        The surface.
+    quads : ndarray of int, shape (n, 4)
+        Its quads, and triangles that close it.
+    apexes : ndarray, shape (n_apexes, 3)
+        Fixed points (m) with the numbers after those of the nodes: apexes of the triangles.
+    origin : ndarray, shape (3,)
+        Point that the cones of all quads have in common (m).
+    scale : float
+        What the sum is divided by: the volume on the baseline (m^3), or 1; negative where normals point inwards.
+    units : str or None
+        Units.
+    name : str
+        Name of the output.
+
+    Notes
+    -----
+    By the divergence theorem the volume is the sum of the cones on all quads, a third of the mean corner times the area
+    vector each, exactly. With the origin in a plane of symmetry the opening there contributes nothing; between parallel
+    planes the openings are closed by triangles. Nodes in these planes are taken to stay there.
+    """
+
+    surface: SurfaceGrid
+    quads: np.ndarray
+    apexes: np.ndarray
+    origin: np.ndarray
+    scale: float
+    units: str | None
+    name: str
+    shape = (1,)
+
+    @classmethod
+    def of(cls, surface: SurfaceGrid, relative: bool = False, name: str = "volume") -> EnclosedVolume:
+        """Measure a closed surface, or one that ends on planes of symmetry.
+
+        Parameters
+        ----------
+        surface : SurfaceGrid
+            The surface.
+        relative : bool
+            Whether to divide by the volume of the baseline.
+        name : str
+            Name of the output.
+
+        Returns
+        -------
+        EnclosedVolume
+            Positive on the baseline, for bodies in a flow and for ducts around it.
+
+        Raises
+        ------
+        InputError
+            If the surface is open elsewhere (the edge is named), or with ``relative`` there is no volume yet.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 17, 13)), n_control=(9, 8, 7)))
+        >>> EnclosedVolume.of(surface).evaluate(surface.points).round(4)
+        array([0.0623])
+        """
+        edges, middle = open_edges(surface), surface.points.mean(axis=0)
+        planes, numbers = planes_of_edges(surface, edges, name)
+        apexes = apexes_of_caps(planes, middle, surface.size, name) if planes else middle[None]
+        ids = surface.n_points + numbers
+        caps = np.column_stack([edges[:, ::-1], ids, ids])
+        quads = np.concatenate([surface.quads, caps]) if np.ptp(apexes, axis=0).any() else surface.quads
+        measure = cls(surface, quads, apexes, apexes[0], 1.0, None if relative else "m**3", name)
+        return _directed(measure, relative)
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Volume, shape (1,), of nodes, shape (n_points, 3)."""
+        corners = self._corners(points)
+        return np.array([np.sum(corners.mean(axis=1) * area_vectors(corners)) / (3.0 * self.scale)])
+
+    def partials(self, points: np.ndarray) -> csr_array:
+        """Derivatives of the volume, shape (1, 3 n_points)."""
+        corners = self._corners(points)
+        bar = area_vectors(corners)[:, None] / 4.0 + area_vectors_vjp(corners, corners.mean(axis=1))
+        gradient = add_to_nodes(self.quads, bar, self.surface.n_points + len(self.apexes))
+        return single_row(gradient[: self.surface.n_points] / (3.0 * self.scale))
+
+    def _corners(self, points):
+        return np.concatenate([points - self.origin, self.apexes - self.origin])[self.quads]
+
+
+def _directed(measure: EnclosedVolume, relative: bool) -> EnclosedVolume:
+    """Take the side of the surface on which there is a volume."""
+    least = _NONE * measure.surface.size**3
+    if relative:
+        return by_baseline(measure, least)
+    is_inward = measure.evaluate(measure.surface.points)[0] < -least
+    return replace(measure, scale=-1.0) if is_inward else measure

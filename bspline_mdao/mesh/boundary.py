@@ -1,0 +1,288 @@
+"""What the points of a mesh may do, from the patches of its grid.
+
+The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
+that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise. All others on
+the boundary are held, wherever they are not released; walls are, planar or not. Where patches meet, the surface goes
+before the held and those before the sliding. The surface itself may leave planes that slide by default, but not those
+of symmetry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import combinations
+
+import numpy as np
+
+from ..errors import InputError, require_kind
+from ..model.fitted_model import FittedModel
+from ..splines.greville import greville_abscissae
+from ..topology.entities import BoundaryFace
+from ..topology.multiblock import as_array
+from ..topology.sharing import boundary_sections
+from ..topology.topology import Topology, describe
+from .freedom import Freedom, plane_normal, sliding_planes
+from .mesh import MovingMesh
+
+__all__ = [
+    "boundary_points",
+    "matching_names",
+    "matching_patches",
+    "moving_grid",
+    "moving_mesh",
+    "require_mesh_of",
+    "wall_patches",
+]
+
+Selection = str | np.ndarray
+"""Patches by name or pattern, or points by number."""
+
+
+def moving_mesh(
+    model: FittedModel,
+    design: str | Sequence[str] | None = None,
+    pinned: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
+) -> MovingMesh:
+    """Make the control mesh of a model ready to move.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    design : str or sequence of str, optional
+        Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
+    pinned : str, ndarray of int, or sequence of them
+        Patches, or numbers of control points (from 0), that are held where they are.
+    released : str or sequence of str
+        Patches whose control points are free.
+    sliding : str or sequence of str
+        Planar patches whose control points slide in their planes. Symmetry planes do in any case, and planar patches
+        that the design surface ends on unless they are walls, pinned or released.
+
+    Returns
+    -------
+    MovingMesh
+
+    Raises
+    ------
+    InputError
+        If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
+        design surface, or a block is planar.
+    """
+    require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
+    parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
+    asked = _Asked.of(model.topology, len(model.control_points), design, pinned, released, sliding)
+    return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
+
+
+def require_mesh_of(model: FittedModel, mesh: MovingMesh, what: str) -> None:
+    """Refuse the control mesh of another model; ``what`` names the mesh.
+
+    Raises
+    ------
+    InputError
+        If its control points are not numbered as those of the model.
+    """
+    ids = model.mesh.control_ids
+    if len(mesh.blocks) != len(ids) or not all(map(np.array_equal, mesh.blocks, ids)):
+        raise InputError(f"{what} is not the control mesh of {model.header.source}; make it with moving_mesh(model)")
+
+
+def moving_grid(
+    topology: Topology,
+    nodes: np.ndarray,
+    design: str | Sequence[str] | None = None,
+    pinned: Selection | Sequence[Selection] = (),
+    released: str | Sequence[str] = (),
+    sliding: str | Sequence[str] = (),
+) -> tuple[MovingMesh, np.ndarray]:
+    """Make a grid ready to move node by node, as the paper's comparator does.
+
+    Parameters
+    ----------
+    topology : Topology
+        Topology of the grid.
+    nodes : ndarray, shape (n_nodes, 3)
+        All nodes of the grid (m), blocks in order, each in C order.
+    design, pinned, released, sliding
+        As for `moving_mesh`; numbers are those of the points of the mesh.
+
+    Returns
+    -------
+    mesh : MovingMesh
+        Every node of the grid once.
+    point_ids : ndarray of int32, shape (n_nodes,)
+        The point of each node: ``nodes = points[point_ids]``.
+
+    Raises
+    ------
+    InputError
+        As `moving_mesh`; also if the nodes are of another shape.
+    """
+    nodes = as_array(nodes, "moving grid: nodes")
+    if nodes.shape != (topology.n_nodes, 3):
+        raise InputError(f"moving grid: nodes of shape {nodes.shape}; give shape ({topology.n_nodes}, 3)")
+    blocks = topology.node_ids()
+    rows = np.split(np.arange(topology.n_nodes), np.cumsum([np.prod(shape) for shape in topology.shapes])[:-1])
+    rows = [block.reshape(shape) for block, shape in zip(rows, topology.shapes)]
+    point_ids = np.empty(topology.n_nodes, dtype=np.int32)
+    for segment, ids in zip(topology.segments, blocks):
+        point_ids[rows[segment.block][segment.slices]] = ids
+    points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
+    points[point_ids] = nodes
+    asked = _Asked.of(topology, len(points), design, pinned, released, sliding)
+    return _mesh(topology, blocks, points, asked), point_ids
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked of the patches, by name, and of single points."""
+
+    design: frozenset[str]
+    pinned: frozenset[str]
+    released: frozenset[str]
+    sliding: frozenset[str]
+    pinned_ids: np.ndarray
+
+    @classmethod
+    def of(cls, topology: Topology, n_points: int, design, pinned, released, sliding) -> _Asked:
+        for name, segment in zip(topology.segment_names, topology.segments):
+            if 1 in segment.shape:
+                raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
+        pins, pinned_ids = _split(pinned, n_points)
+        design = wall_patches(topology) if design is None else design
+        asked = {"pinned": pins, "released": released, "sliding": sliding}
+        found = {what: matching_patches(topology, patterns) for what, patterns in asked.items()}
+        for (what, names), (other, others) in combinations(found.items(), 2):
+            if names & others:
+                raise InputError(
+                    f"{topology.source}: patch '{min(names & others)}' is to be both {what} and {other}; choose one"
+                )
+        return cls(matching_patches(topology, design), **found, pinned_ids=pinned_ids)
+
+
+def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Asked, parameters=None) -> MovingMesh:
+    """Sort the boundary faces of all blocks by what is asked of them."""
+    freedom, others = Freedom.of(len(points)), []
+    freedom.hold(asked.pinned_ids)
+    for face, ids in boundary_points(topology, blocks):
+        if face.patch in asked.design:
+            freedom.surface[ids] = True
+        elif face.patch in asked.pinned or face.patch not in asked.released:
+            others.append((face, ids))
+    held, undecided = [], []
+    for face, ids in others:
+        normal = _normal(face, points[ids], asked, topology.source)
+        if normal is not None:
+            freedom.keep_in_plane(ids, normal)
+        else:
+            (undecided if _may_slide(face, asked) else held).append((face, ids))
+    planes = sliding_planes([ids for _, ids in undecided], points, freedom.surface)
+    for (face, ids), plane in zip(undecided, planes):
+        if plane is None:
+            held.append((face, ids))
+        else:
+            freedom.keep_in_plane(ids[~freedom.surface[ids]], plane[0])
+    for _, ids in held:
+        freedom.hold(ids)
+    return MovingMesh(
+        tuple(blocks),
+        topology.segment_names,
+        points,
+        **freedom.fields(),
+        parameters=parameters,
+        planes=tuple(plane for (face, _), plane in zip(undecided, planes) if plane and face.kind != "farfield"),
+        obstacles=_obstacles(held, freedom.surface),
+    )
+
+
+def _normal(face: BoundaryFace, points: np.ndarray, asked: _Asked, source: str) -> np.ndarray | None:
+    """Normal of the plane of a face that has to slide; None for others."""
+    what = f"{source}: patch {face.patch}"
+    if face.patch in asked.sliding:
+        return plane_normal(points, what, "is to slide", "fix or release it")
+    if face.kind == "symmetry" and face.patch not in asked.pinned:
+        return plane_normal(points, what)
+    return None
+
+
+def _may_slide(face: BoundaryFace, asked: _Asked) -> bool:
+    """Whether a face slides where it is planar and the design surface ends on it."""
+    return face.kind in ("other", "farfield", None) and face.patch not in asked.pinned
+
+
+def _obstacles(held, surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+    """Gather the held faces that the design surface ends on by patch: what to call it, and its points."""
+    found: dict[str, list[np.ndarray]] = {}
+    for face, ids in held:
+        if surface[ids].any():
+            what = f"patch '{face.patch}'" if face.patch else f"the undeclared face {describe(face.window)}"
+            found.setdefault(what, []).append(ids)
+    return tuple((what, np.unique(np.concatenate(parts))) for what, parts in found.items())
+
+
+def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
+    """Boundary faces, each with the points of every face of a segment that is on it; see `boundary_sections`."""
+    for face, ids in boundary_sections(topology, blocks):
+        yield face, np.unique(ids)
+
+
+def wall_patches(topology: Topology) -> tuple[str, ...]:
+    """Names of all patches that are walls.
+
+    Raises
+    ------
+    InputError
+        If none is.
+    """
+    walls = tuple(sorted({face.patch for face in topology.boundary if face.kind == "wall"}))
+    if not walls:
+        raise InputError(
+            f"{topology.source}: no patch is a wall, so there is no design surface; name the patches in 'design'"
+        )
+    return walls
+
+
+def matching_patches(topology: Topology, patterns: str | Sequence[str]) -> frozenset[str]:
+    """Names of all patches that match any of the patterns (``"wing*"``).
+
+    Raises
+    ------
+    InputError
+        If a pattern matches none.
+    """
+    names = {face.patch for face in topology.boundary if face.patch is not None}
+    return matching_names(names, patterns, topology.source)
+
+
+def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: str) -> frozenset[str]:
+    """Names of patches that match any of the patterns (``"wing*"``); ``what`` has the patches, for messages.
+
+    Raises
+    ------
+    InputError
+        If a pattern matches none.
+    """
+    found: set[str] = set()
+    for pattern in (patterns,) if isinstance(patterns, str) else patterns:
+        matches = {name for name in names if fnmatchcase(name, pattern)}
+        if not matches:
+            known = ", ".join(sorted(names)) or "none"
+            raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {known}")
+        found |= matches
+    return frozenset(found)
+
+
+def _split(pinned, n_points: int) -> tuple[list[str], np.ndarray]:
+    """Names and numbers of what is pinned."""
+    items = [pinned] if isinstance(pinned, np.ndarray) or np.isscalar(pinned) else list(pinned)
+    ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]
+    ids = [numbers for numbers in ids if len(numbers)]
+    for numbers in ids:
+        if not np.issubdtype(numbers.dtype, np.integer) or numbers.min() < 0 or numbers.max() >= n_points:
+            raise InputError(f"pinned points: give numbers from 0 to {n_points - 1}")
+    return [item for item in items if isinstance(item, str)], np.concatenate([np.zeros(0, dtype=int), *ids])

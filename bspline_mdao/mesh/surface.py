@@ -1,0 +1,133 @@
+"""The regenerated surface: nodes of patches, each once, and the quads between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError, require_kind
+from ..model.fitted_model import FittedModel
+from ..numerics.planes import nearest_plane
+from ..topology.face_quads import quads_in_turn
+from ..topology.face_sheet import FaceSheet
+from ..topology.sharing import block_rows, node_sharing
+from ..topology.topology import Topology, describe
+from .boundary import matching_names, matching_patches, wall_patches
+from .frame import Plane
+from .freedom import plane_normal
+
+__all__ = ["SurfaceGrid"]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGrid:
+    """Nodes of some patches of a grid.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        The nodes on the baseline (m), each once, in the order of their rows in the grid.
+    rows : ndarray of int, shape (n,)
+        Row of each node in the grid vector.
+    faces : tuple of ndarray of int, each of shape (ni, nj)
+        Numbers of the nodes of every structured face, such that direction i x direction j points into the fluid.
+    names, patches : tuple of str
+        Name of every face for messages, and the patch that it belongs to.
+    planes : tuple of Plane
+        Planes of symmetry of the grid.
+    """
+
+    points: np.ndarray
+    rows: np.ndarray
+    faces: tuple[np.ndarray, ...]
+    names: tuple[str, ...]
+    patches: tuple[str, ...]
+    planes: tuple[Plane, ...] = ()
+
+    @classmethod
+    def of(cls, model: FittedModel, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Take the surface of a fitted grid.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The fitted grid.
+        patches : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+
+        Returns
+        -------
+        SurfaceGrid
+
+        Raises
+        ------
+        InputError
+            If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
+        """
+        require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
+        topology = model.topology
+        wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
+        found = [face for face in topology.boundary if face.patch in wanted]
+        if not found:
+            raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
+        nodes = model.regenerate().to_vector().reshape(-1, 3)
+        blocks = block_rows(topology.shapes)
+        sheet = FaceSheet.of(topology, nodes, found)
+        names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
+        patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, blocks, nodes)
+        return cls(nodes[sheet.rows], sheet.rows, sheet.faces, names, patches, planes)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    def on_planes(self, model: FittedModel) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Find its nodes on planes of symmetry of its model.
+
+        Returns
+        -------
+        list of (ndarray of int, ndarray of shape (3,))
+            For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
+        """
+        topology, nodes = model.topology, model.regenerate().to_vector().reshape(-1, 3)
+        source, blocks, found = node_sharing(topology).source_rows(), block_rows(topology.shapes), []
+        for face in topology.boundary:
+            if face.kind == "symmetry":
+                rows = blocks[face.window.block][face.window.slices].ravel()
+                ids = np.flatnonzero(np.isin(self.rows, source[rows]))
+                found += [(ids, nearest_plane(nodes[rows])[0])] if len(ids) else []
+        return found
+
+    @cached_property
+    def size(self) -> float:
+        """Diagonal of the baseline's box (m)."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def quads(self) -> np.ndarray:
+        """Corners of the quads, shape (n_quads, 4), face by face in C order, around the normal into the fluid."""
+        return np.concatenate([quads_in_turn(ids) for ids in self.faces])
+
+    def part(self, patches: str | Sequence[str]) -> tuple[int, ...]:
+        """Numbers of the faces of some patches, by name or pattern (``"wing*"``)."""
+        wanted = matching_names(set(self.patches), patches, "surface")
+        if not wanted:
+            raise InputError(f"surface: no patch is named; the patches are {', '.join(sorted(set(self.patches)))}")
+        return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
+
+
+def _symmetry_planes(topology: Topology, blocks: list[np.ndarray], nodes: np.ndarray) -> tuple[Plane, ...]:
+    """Planes of the symmetry patches, each once."""
+    planes = {}
+    for face in topology.boundary:
+        if face.kind == "symmetry":
+            x = nodes[blocks[face.window.block][face.window.slices].ravel()]
+            normal = plane_normal(x, f"{topology.source}: patch {face.patch}")
+            normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
+            offset = float(normal @ x.mean(axis=0))
+            planes.setdefault(tuple(np.round([*normal, offset / np.ptp(x, axis=0).max()], 5)), Plane(normal, offset))
+    return tuple(planes.values())

@@ -1,0 +1,202 @@
+"""From surface control points to surface nodes: a constant sparse matrix, and the residual of the fit turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..errors import InputError
+from ..evaluation.evaluator import Evaluator
+from ..model.fitted_model import FittedModel
+from ..topology.sharing import node_sharing
+from ..walls.turning import FaceNodes, Turn, Turning
+from .boundary import require_mesh_of
+from .mesh import MovingMesh
+from .surface import SurfaceGrid
+
+__all__ = ["SurfaceMap", "SurfaceState"]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """Nodes of a surface from the control points of the design surface, ``x = A s + c + T(s) r``.
+
+    They are those of the whole map from control points to the grid, `bspline_mdao.walls.grid_map`: nodes on
+    walls are where the residual, turned with the wall alone, puts them.
+
+    Parameters
+    ----------
+    matrix : csr_array, shape (n, n_surface)
+        A, the basis values at the nodes.
+    constant : ndarray, shape (n, 3)
+        c (m): what control points that are held contribute, and the residual of the fit where it does not turn.
+    turned : _TurnedRows or None
+        The residual, where the model carries it and lets it turn.
+    """
+
+    matrix: csr_array
+    constant: np.ndarray
+    turned: _TurnedRows | None
+
+    @classmethod
+    def of(cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+        """Take the rows of the surface's nodes out of the evaluation of the grid.
+
+        Raises
+        ------
+        InputError
+            If a node depends on a control point that is free to move and not on the design surface, none depends on one
+            that is, or the surface or the mesh is of another model.
+        """
+        require_mesh_of(model, mesh, "surface: the mesh")
+        if surface.rows.max() >= model.n_nodes:
+            raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
+        matrix = _evaluator(model, surface).matrix()
+        _require_known(matrix, mesh, surface)
+        is_design = np.zeros(mesh.n_points, dtype=bool)
+        is_design[mesh.surface_ids] = True
+        if not matrix[:, mesh.surface_ids].data.any():
+            raise InputError(
+                f"surface: {surface.names[0]} and the rest do not depend on the design surface; name others"
+            )
+        constant = matrix @ np.where(is_design[:, None], 0.0, model.control_points)
+        turned = None
+        if model.residual is not None and model.settings.wall_layer:
+            turned = _TurnedRows.of(model, mesh, surface)
+        elif model.residual is not None:
+            constant += model.residual[surface.rows]
+        return cls(csr_array(matrix[:, mesh.surface_ids]), constant, turned)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the nodes depend linearly (affinely) on the control points."""
+        return self.turned is None
+
+    def at(self, control_points: np.ndarray) -> SurfaceState:
+        """Nodes and their derivative at surface control points, shape (n_surface, 3), in metres.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a point are turned inside out.
+        """
+        nodes = self.matrix @ control_points + self.constant
+        if self.turned is None:
+            return SurfaceState(self, nodes, None)
+        turn = self.turned.at(control_points)
+        return SurfaceState(self, nodes + self.turned.evaluate(turn), turn)
+
+    def apply(self, control_points: np.ndarray) -> np.ndarray:
+        """Nodes, shape (n, 3), of surface control points, shape (n_surface, 3), in metres."""
+        return self.at(control_points).nodes
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceState:
+    """Nodes of a surface, and their derivative.
+
+    Parameters
+    ----------
+    of : SurfaceMap
+        What gave them.
+    nodes : ndarray, shape (n, 3)
+        The nodes (m).
+    turn : Turn or None
+        Rotations of the residual.
+    """
+
+    of: SurfaceMap
+    nodes: np.ndarray
+    turn: Turn | None
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the nodes, shape (n, 3), with that of the control points, shape (n_surface, 3)."""
+        found = self.of.matrix @ change
+        return found if self.turn is None else found + self.of.turned.jvp(self.turn, change)
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`: (n, 3) to (n_surface, 3)."""
+        found = self.of.matrix.T @ bar
+        return found if self.turn is None else found + self.of.turned.vjp(self.turn, bar)
+
+
+@dataclass(frozen=True, eq=False)
+class _TurnedRows:
+    """The residual of some nodes, and how it turns with the design surface.
+
+    Parameters
+    ----------
+    turning : Turning
+        Rotations of the corners that these nodes need.
+    rows : FaceNodes
+        The nodes.
+    residual : ndarray, shape (n, 3)
+        Their residual (m).
+    surface_ids : ndarray of int, shape (n_surface,)
+        Control points on the design surface.
+    control_points : ndarray, shape (n_control_points, 3)
+        All on the baseline (m). Those that slide in planes do not matter: the planes stay.
+    """
+
+    turning: Turning
+    rows: FaceNodes
+    residual: np.ndarray
+    surface_ids: np.ndarray
+    control_points: np.ndarray
+
+    @classmethod
+    def of(cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid) -> _TurnedRows:
+        turning = model.grid_map().turning
+        rows = turning.rows(surface.rows)
+        seen = turning.seen_by(rows)
+        _require_known(turning.corners.matrix()[seen], mesh, surface, turned=True)
+        residual, ids = model.residual[surface.rows], mesh.surface_ids
+        return cls(turning.of_rows(rows), rows, residual, ids, model.control_points)
+
+    def at(self, control_points: np.ndarray) -> Turn:
+        moved = self.control_points.copy()
+        moved[self.surface_ids] = control_points
+        return self.turning.at(moved)
+
+    def evaluate(self, turn: Turn) -> np.ndarray:
+        return self.rows.turned(turn.matrices, turn.normals, self.residual)
+
+    def jvp(self, turn: Turn, change: np.ndarray) -> np.ndarray:
+        step = np.zeros_like(self.control_points)
+        step[self.surface_ids] = change
+        d = turn.change(step)
+        return self.rows.jvp(turn.matrices, turn.normals, self.residual, d.matrices, d.normals, None)
+
+    def vjp(self, turn: Turn, bar: np.ndarray) -> np.ndarray:
+        return turn.rows_vjp(self.rows, self.residual, bar)[self.surface_ids]
+
+
+def _evaluator(model: FittedModel, surface: SurfaceGrid) -> Evaluator:
+    """Evaluation of the surface's nodes alone, each in the volume that evaluates it in the grid."""
+    number = np.full(model.n_nodes, -1)
+    number[surface.rows] = np.arange(surface.n_points)
+    sharing = node_sharing(model.topology)
+    wanted = [own & (number[rows] >= 0) for rows, own in zip(sharing.rows, sharing.is_evaluated)]
+    parameters = [x[mask] for x, mask in zip(model.parameters, wanted)]
+    rows = [number[rows[mask]] for rows, mask in zip(sharing.rows, wanted)]
+    return Evaluator.build(model.mesh, parameters, rows, surface.n_points)
+
+
+def _require_known(matrix: csr_array, mesh: MovingMesh, surface: SurfaceGrid, turned: bool = False) -> None:
+    """Refuse nodes, or corners of spans that their residual turns with, that depend on what a mover decides."""
+    is_known = ~mesh.is_free.any(axis=1)
+    nodes, points = matrix.nonzero()
+    unknown = ~is_known[points]
+    if unknown.any():
+        node, point = nodes[np.argmax(unknown)], points[np.argmax(unknown)]
+        if turned:
+            name, cure = surface.names[0], "fit with wall_layer=False, so that the residual does not turn, "
+        else:
+            name = next(name for name, ids in zip(surface.names, surface.faces) if (ids == node).any())
+            cure = ""
+        raise InputError(
+            f"surface: {name} depends on {mesh.place_of_point(point)}, which is not on the design surface; {cure}leave "
+            f"the patch out, or make it part of the design surface"
+        )

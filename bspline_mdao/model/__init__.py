@@ -1,0 +1,1 @@
+"""A fitted grid, and the file that holds it."""

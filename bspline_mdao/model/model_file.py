@@ -1,0 +1,322 @@
+"""One HDF5 file for a fitted model.
+
+Layout, version 3 (in version 2 the settings told a smoothing instead of a method; in version 1 there was no
+parametrization either, and the report told no memory of a factor)::
+
+    /                       attributes: format, version, checksum
+    /document               JSON (UTF-8): topology, grid header, report, settings, orders
+    /control_points         (n_control_points, 3)
+    /residual               (n_nodes, 3), where it is carried
+    /control_ids/<s>        ids of the control points of segment s
+    /parameters/<s>         parameters of its nodes
+    /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
+    /iblank/<b>             blanking of block b, where it has one
+    /shares                 (n_control_points, 6) shares of the candidates, where not all are least squares
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from dataclasses import fields, is_dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..errors import InputError
+from ..io.cgns import CgnsDialect
+from ..io.hdf5 import held_interrupts, replaced_hdf5_file
+from ..io.plot3d_dialect import Plot3dDialect
+from ..splines.knots import knots_from_array, knots_to_array
+from ..splines.mesh import BSplineMesh
+from ..splines.volume import Volume
+from ..topology.entities import BoundaryFace, Collapse, Interface, Link, NearMiss
+from ..topology.index_space import Orientation, Window
+from ..topology.multiblock import Patch
+from ..topology.topology import Topology
+from .fitted_model import FitSettings, FittedModel, GridHeader
+from .report import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
+
+FORMAT = "bspline_mdao fitted model"
+VERSION = 3
+
+_LARGEST_RATIO = 2000
+"""More bytes in memory than this for each byte of the file are a sign of damage (gzip reaches about 1000)."""
+
+_RECORDS = {
+    record.__name__: record
+    for record in (
+        *(BlockError, Fallback, FitReport, InvalidElement, WorstNode, FitSettings, GridHeader, Patch, Topology),
+        *(BoundaryFace, Collapse, Interface, Link, NearMiss, Orientation, Window, Plot3dDialect, CgnsDialect),
+    )
+}
+
+
+def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = True) -> None:
+    """Write a model; an existing file is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model.
+    path : path-like
+        The file.
+    compress : bool
+        Compress the arrays.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or the model has knots that are functions of the user's.
+    """
+    arrays = _arrays_of(model)
+    document = json.dumps(_encode(_document_of(model))).encode()
+    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
+    with replaced_hdf5_file(path) as file:
+        attributes = {"format": FORMAT, "version": VERSION, "checksum": _checksum(document, arrays)}
+        with held_interrupts():
+            file.attrs.update(attributes)
+            file["document"] = np.frombuffer(document, np.uint8)
+        for name, array in arrays.items():
+            with held_interrupts():
+                file.create_dataset(name, data=array, **options)
+
+
+def read_model(path: str | os.PathLike) -> FittedModel:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path-like
+        File that `write_model` made.
+
+    Returns
+    -------
+    FittedModel
+
+    Raises
+    ------
+    InputError
+        If the file is missing, foreign, damaged or of a newer version.
+    """
+    if not Path(path).is_file():
+        raise InputError(f"{path}: there is no such file; give a fitted model")
+    try:
+        content, arrays = _read_arrays(path)
+        document = json.loads(content)
+        _bring_up_to_date(path, document, arrays)
+        return _assemble(_decode(document), arrays)
+    except InputError as error:
+        raise error if str(error).startswith(str(path)) else _damaged(path) from error
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
+        raise _damaged(path) from error
+
+
+def _damaged(path) -> InputError:
+    return InputError(f"{path}: the fitted model is damaged; fit the grid again")
+
+
+def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
+    """Document and arrays of a file whose format, version and checksum are right."""
+    if not h5py.is_hdf5(path):
+        raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
+    limit = _LARGEST_RATIO * os.path.getsize(path)
+    with held_interrupts(), h5py.File(path, "r") as file:
+        if file.attrs.get("format") != FORMAT:
+            raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
+        if file.attrs["version"] > VERSION:
+            raise InputError(
+                f"{path}: is of version {file.attrs['version']}, newer than {VERSION}, the newest known here; "
+                f"update the program"
+            )
+        arrays: dict[str, np.ndarray] = {}
+        file.visititems(lambda name, item: _read_into(arrays, name, item, limit))
+        checksum = file.attrs["checksum"]
+    document = arrays.pop("document").tobytes()
+    if checksum != _checksum(document, arrays):
+        raise _damaged(path)
+    return document, arrays
+
+
+def _read_into(arrays: dict, name: str, item, limit: int) -> None:
+    if isinstance(item, h5py.Dataset):
+        if item.nbytes > limit:
+            raise ValueError(name)
+        arrays[name] = item[()]
+
+
+def _checksum(document: bytes, arrays: dict[str, np.ndarray]) -> str:
+    """Checksum of everything in the file, the same on all machines."""
+    digest = hashlib.blake2b(document, digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.shape} {array.dtype.newbyteorder('<').str}".encode())
+        digest.update(array.astype(array.dtype.newbyteorder("<"), copy=False))
+    return digest.hexdigest()
+
+
+def _bring_up_to_date(path, document: dict, arrays: dict[str, np.ndarray]) -> None:
+    """Turn the smoothing of versions 1 and 2 into what it is now: none is least squares, infinity the coarse grid."""
+    settings = document["settings"]
+    if "smoothing" not in settings:
+        return
+    smoothing = settings.pop("smoothing")
+    if 0.0 < smoothing < math.inf:
+        raise InputError(f"{path}: the fitted model is smoothed, which is no longer known; fit the grid again")
+    settings["method"] = "quasi_interpolant" if smoothing else "least_squares"
+    if smoothing:
+        arrays["shares"] = np.eye(len(CANDIDATES))[np.full(len(arrays["control_points"]), len(CANDIDATES) - 1)]
+
+
+def _arrays_of(model: FittedModel) -> dict[str, np.ndarray]:
+    arrays = {"control_points": model.control_points}
+    arrays.update({name: a for name in ("residual", "shares") if (a := getattr(model, name)) is not None})
+    for s, (volume, ids, parameters) in enumerate(zip(model.mesh.volumes, model.mesh.control_ids, model.parameters)):
+        arrays[f"control_ids/{s}"], arrays[f"parameters/{s}"] = ids, parameters
+        arrays.update({f"knots/{s}/{d}": knots_to_array(knots) for d, knots in enumerate(volume.knots)})
+    arrays.update({f"iblank/{b}": a for b, a in enumerate(model.header.iblanks) if a is not None})
+    return arrays
+
+
+def _document_of(model: FittedModel) -> dict:
+    return {
+        "topology": model.topology,
+        "header": replace(model.header, iblanks=()),
+        "report": model.report,
+        "settings": model.settings,
+        "orders": tuple(volume.orders for volume in model.mesh.volumes),
+    }
+
+
+def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
+    volumes = [
+        Volume(tuple(knots_from_array(arrays[f"knots/{s}/{d}"], order) for d, order in enumerate(orders)))
+        for s, orders in enumerate(document["orders"])
+    ]
+    ids, control_points = [arrays[f"control_ids/{s}"] for s in range(len(volumes))], arrays["control_points"]
+    header, topology = document["header"], document["topology"]
+    _check_topology(topology, header)
+    _check_parameters(topology, volumes, arrays)
+    return FittedModel(
+        topology=topology,
+        mesh=BSplineMesh(tuple(volumes), tuple(ids), len(control_points)),
+        parameters=tuple(arrays[f"parameters/{s}"] for s in range(len(volumes))),
+        control_points=control_points,
+        residual=arrays.get("residual"),
+        header=replace(header, iblanks=tuple(arrays.get(f"iblank/{b}") for b in range(len(header.names)))),
+        report=document["report"],
+        settings=document["settings"],
+        shares=_checked_shares(arrays),
+    )
+
+
+def _checked_shares(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Shares of the candidates; ValueError unless each control point has all of them, and they sum to 1."""
+    shares = arrays.get("shares")
+    if shares is not None:
+        if shares.shape != (len(arrays["control_points"]), len(CANDIDATES)):
+            raise ValueError("shares")
+        if not (np.abs(shares.sum(axis=1) - 1.0) <= 1e-9).all():
+            raise ValueError("shares")
+    return shares
+
+
+def _check_topology(topology: Topology, header: GridHeader) -> None:
+    """Raise ValueError unless every index stays within the blocks and segments, and segments fill the blocks."""
+    shapes = topology.shapes
+    if not shapes or len(header.names) != len(shapes):
+        raise ValueError("blocks")
+    names = [header.source, topology.source, *header.names, *(patch.name for patch in header.patches)]
+    declared = [(face.patch, face.kind) for face in topology.boundary if (face.patch, face.kind) != (None, None)]
+    if not all(isinstance(name, str) for name in (*names, *(name for pair in declared for name in pair))):
+        raise ValueError("names")
+    for shape in shapes:
+        _check_numbers(shape, 1, np.iinfo(np.int32).max)
+    sides = [side for interface in topology.interfaces for side in (interface.a, interface.b)]
+    misses = [side for miss in topology.near_misses for side in (miss.window, miss.other) if side is not None]
+    patches = [window for patch in header.patches for window in patch.windows]
+    boundary = [face.window for face in topology.boundary]
+    for window in (*sides, *misses, *patches, *boundary, *topology.collapsed, *topology.segments):
+        _check_window(window, shapes)
+    for block, shape in enumerate(shapes):
+        mine = [segment for segment in topology.segments if segment.block == block]
+        n_cells = [math.prod(max(n - 1, 1) for n in one) for one in (shape, *(segment.shape for segment in mine))]
+        if n_cells[0] != sum(n_cells[1:]) or any(a.overlaps(b) for a, b in combinations(mine, 2)):
+            raise ValueError("segments")
+    for interface in topology.interfaces:
+        _check_orientation(interface.orientation, interface.a.shape, interface.b.shape)
+    for collapse in topology.collapses:
+        _check_numbers((collapse.direction,), 0, 2)
+        _section_shape(topology, collapse.segment, collapse.section)
+    for link in topology.links:
+        shapes = (_section_shape(topology, *end) for end in ((link.a, link.a_section), (link.b, link.b_section)))
+        _check_orientation(link.orientation, *shapes)
+
+
+def _check_window(window: Window, shapes) -> None:
+    _check_numbers((window.block,), 0, len(shapes) - 1)
+    if len(window.lo) != 3 or len(window.hi) != 3:
+        raise ValueError("window")
+    for lo, hi, n in zip(window.lo, window.hi, shapes[window.block]):
+        _check_numbers((lo,), 0, n - 1)
+        _check_numbers((hi,), lo, n - 1)
+
+
+def _section_shape(topology: Topology, number: int, section) -> list[int]:
+    """Number of nodes in each direction of a section of a segment."""
+    _check_numbers((number,), 0, len(topology.segments) - 1)
+    if len(section) != 3 or any(end not in (0, -1, None) for end in section):
+        raise ValueError("section")
+    return [n if end is None else 1 for n, end in zip(topology.segments[number].shape, section)]
+
+
+def _check_orientation(orientation: Orientation, shape, other) -> None:
+    """Raise ValueError unless it carries one shape to the other."""
+    is_permutation = sorted(orientation.perm) == [0, 1, 2] and len(orientation.flip) == 3
+    if not is_permutation or any(n != other[p] for n, p in zip(shape, orientation.perm)):
+        raise ValueError("orientation")
+
+
+def _check_numbers(numbers, least: int, most: int) -> None:
+    """Raise ValueError unless these are whole numbers within limits."""
+    if any(type(number) is not int or not least <= number <= most for number in numbers):
+        raise ValueError("index")
+
+
+def _check_parameters(topology: Topology, volumes: list[Volume], arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError unless each segment has one volume, and parameters of its nodes from 0 to 1."""
+    if len(volumes) != len(topology.segments):
+        raise ValueError("volumes")
+    for s, segment in enumerate(topology.segments):
+        parameters = arrays[f"parameters/{s}"]
+        if parameters.shape != (*segment.shape, 3) or not (np.abs(parameters - 0.5) <= 0.5 + 1e-9).all():
+            raise ValueError("parameters")
+
+
+def _encode(value):
+    """Turn records, tuples and numbers into what JSON holds."""
+    if is_dataclass(value):
+        if type(value).__name__ not in _RECORDS:
+            raise InputError(
+                f"a {type(value).__name__} cannot be stored with a fitted model; read the grid from a file"
+            )
+        return {"record": type(value).__name__} | {f.name: _encode(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, dict):
+        return {name: _encode(item) for name, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_encode(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _decode(value):
+    """Reverse of `_encode`; lists become tuples."""
+    if isinstance(value, list):
+        return tuple(_decode(item) for item in value)
+    if isinstance(value, dict):
+        items = {name: _decode(item) for name, item in value.items() if name != "record"}
+        return _RECORDS[value["record"]](**items) if "record" in value else items
+    return value

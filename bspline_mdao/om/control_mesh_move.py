@@ -1,0 +1,183 @@
+"""The control mesh behind its moved surface, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import openmdao.api as om
+
+from ..errors import InputError
+from ..mesh.mesh import MovingMesh
+from ..movement.increments import AUTO, NUMBERS
+from ..movement.mover import Movement, MovementReport, Mover, differentiable
+from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
+from .jacobian import (
+    add_bar,
+    check_along_directions,
+    difference_step,
+    direction_in,
+    failures_as_analysis_errors,
+    finite_points,
+    refuse_complex_step,
+)
+
+INPUTS = (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
+
+_LOGGER = logging.getLogger(__name__)
+
+
+class ControlMeshMove(om.ExplicitComponent):
+    """Move the control mesh behind its surface, section III, with the exact derivative through all increments.
+
+    The mover is an object: one of `bspline_mdao.movement`, or the user's own, see `bspline_mdao.movement.mover.Mover`.
+    Surface control points end where they are asked for, those on symmetry planes slide in them, held ones stay.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    ``control_points_initial``  input   (3 n_control_points)  m      control points before the move, xyz interleaved
+    ``surface_control_points``  input   (3 n_surface)         m      those on the design surface after the move, in
+                                                                     the order of the mesh's ``surface_ids``
+    ``control_points``          output  (3 n_control_points)  m      control points after the move
+    ``n_increments``            output  discrete                     increments of the move
+    ==========================  ======  ====================  =====  ===============================================
+
+    Options
+    -------
+    mover : Mover
+        Its mesh says what is moved and what each point may do; `bspline_mdao.moving_mesh` makes it from a fitted model.
+        Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a problem
+        that is set up with ``derivatives=False``.
+    require_valid : bool
+        Refuse a control mesh with elements that are inverted now and were not on the baseline.
+    keep_increments : bool
+        Where the mover chooses the number of its increments: never take fewer than the most that a design has needed
+        since ``setup``. Without it each design decides for itself.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the mover is none; in a run, under complex step.
+    om.AnalysisError
+        In a run or a product, if a number is not finite, if the mover cannot go on, or if the control mesh tangles.
+        Inputs that can be followed give the same control mesh afterwards as if nothing had happened.
+
+    Notes
+    -----
+    Another number of increments is another function of the inputs. With ``n_increments="auto"``, the default of linear
+    elasticity and of springs, the first design takes what it needs, a baseline one. A design whose control mesh would
+    not stay good with that makes the number grow, which a warning in the log tells, and from there on all designs take
+    it: the function jumps once, there, and is smooth before and after; earlier designs get the values of the new number
+    when they are evaluated again. A design that is refused does not count, and neither do finite differences, which
+    keep the number of the design that they start from. Derivatives are always those of the number in use, the output
+    ``n_increments``. For values that depend neither on the designs before, as in a restart, nor on which process
+    evaluates them, give the mover a number, such as that which a study ended with; for those of independent designs
+    (DOE), ``keep_increments=False`` will do.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
+        self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
+        self._last: _Move | None = None
+        self._n_increments: int | None = None
+
+    @property
+    def report(self) -> MovementReport | None:
+        """What the last move did, increment by increment; None where there was none, or where it stopped half way."""
+        return self._last and self._last.movement.report
+
+    def setup(self):
+        """Declare the variables, of the sizes of the mover's mesh."""
+        mesh = mesh_of(self.options["mover"], self.msginfo)
+        self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
+        self._last = self._n_increments = None
+        self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
+        self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
+        self.add_discrete_output(N_INCREMENTS, val=0, desc="increments of the move")
+        check_along_directions(self, difference_step(mesh.points[ids] for ids in mesh.blocks))
+
+    def compute(self, inputs, outputs, discrete_inputs=None, discrete_outputs=None):
+        """Make the move."""
+        movement = self._movement_at(inputs)
+        outputs[CONTROL_POINTS] = movement.points.ravel()
+        if discrete_outputs is not None:
+            discrete_outputs[N_INCREMENTS] = movement.report.n_increments
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        if CONTROL_POINTS not in d_outputs:
+            return
+        movement = self._movement_at(inputs)
+        with failures_as_analysis_errors(self):
+            if mode == "fwd":
+                directions = (direction_in(d_inputs, inputs, name) for name in INPUTS)
+                d_outputs[CONTROL_POINTS] += movement.jvp(*directions).ravel()
+            else:
+                initial_bar, surface_bar = movement.vjp(d_outputs[CONTROL_POINTS].reshape(-1, 3))
+                add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
+                add_bar(d_inputs, SURFACE_CONTROL_POINTS, surface_bar)
+
+    def _movement_at(self, inputs) -> Movement:
+        """Movement for these inputs: the last one if it was made for them."""
+        refuse_complex_step(self)
+        initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
+        with failures_as_analysis_errors(self):
+            if self._last is None or not self._last.is_for(initial, surface):
+                self._last = None  # its factors make room for those of the next
+                self._last = _Move(initial.copy(), surface.copy(), self._move(initial, surface))
+            if self.options["require_valid"]:
+                self._last.movement.report.require_valid()
+        self._count(self._last.movement.report)
+        return self._last.movement
+
+    def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
+        """Make a move; where the mover chooses the number of increments, out of those that are not given up yet."""
+        mover, last = self._mover, self._n_increments
+        if getattr(mover, "n_increments", None) != AUTO or last is None:
+            return mover.move(initial, surface)
+        if self.under_finite_difference:
+            return mover.move(initial, surface, numbers=(last,))
+        least = last if self.options["keep_increments"] else NUMBERS[0]
+        return mover.move(initial, surface, numbers=[number for number in NUMBERS if number >= least])
+
+    def _count(self, report: MovementReport) -> None:
+        """Keep the number of increments of a design, and tell where it has grown."""
+        last, self._n_increments = self._n_increments, report.n_increments
+        if self.options["keep_increments"] and last is not None and report.n_increments > last:
+            tried = ", ".join(map(str, report.tried))
+            _LOGGER.warning(
+                "%s: %d increments from this design on, %d before it (smallest corner by the baseline's: %s); the "
+                "control mesh, and all that follows from it, jumps here once",
+                self.msginfo,
+                report.n_increments,
+                last,
+                tried,
+            )
+
+
+def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
+    """Give the mesh of a mover, or raise `InputError` where it is none."""
+    mesh = getattr(mover, "mesh", None)
+    if mesh is None or not callable(getattr(mover, "move", None)):
+        raise InputError(f"{pathname}: {mover!r} is no mover; give an object with mesh and move")
+    return mesh
+
+
+@dataclass(frozen=True, eq=False)
+class _Move:
+    """A movement and the inputs that it was made for."""
+
+    initial: np.ndarray
+    surface: np.ndarray
+    movement: Movement
+
+    def is_for(self, initial: np.ndarray, surface: np.ndarray) -> bool:
+        return np.array_equal(initial, self.initial) and np.array_equal(surface, self.surface)

@@ -1,0 +1,99 @@
+"""The control points that belong to a grid, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ..fit.derivatives import LiveFit, live_fit
+from ..fit.problem import problem_of_mesh
+from ..model.fitted_model import FittedModel
+from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
+from .jacobian import (
+    LINEAR_STEP,
+    add_product,
+    at_baseline,
+    by_parts,
+    check_along_directions,
+    difference_step,
+    finite_points,
+    refuse_complex_step,
+)
+
+
+class Fit(om.ExplicitComponent):
+    """Fit control points to a grid, section II.D: by least squares, or by what keeps the control mesh valid.
+
+    With parameters and knots frozen at those of the model, the component is linear and says so (`is_linear`). Its
+    Jacobian is full, since every node has a say in every control point of its block, and is therefore only applied.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    ``grid_initial``            input   (3 n_nodes)           m      nodes, blocks in file order, each in C order of
+                                                                     (i, j, k), xyz interleaved
+    ``control_points_initial``  output  (3 n_control_points)  m      fitted control points, each shared one once
+    ==========================  ======  ====================  =====  ===============================================
+
+    Options
+    -------
+    model : FittedModel
+        Fit of the baseline grid: topology, orders, numbers of control points, and the parameters and knots to freeze.
+    live : bool
+        Take parameters and edge knots from the input as well, and differentiate through them, so that a
+        grid generator upstream gets the exact total derivative. Where control points fall back on a
+        quasi-interpolant, its weights stay those of the model's own grid.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if ``live`` is asked of a model whose parameters are corrected or given or whose knots are the
+        user's own; in a run, under complex step with ``live``.
+    om.AnalysisError
+        In a run, if a node is not finite, or if the nodes cannot be fitted.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
+        self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly on the inputs."""
+        return not self.options["live"]
+
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        model = self.options["model"]
+        grid = model.regenerate()
+        baseline = grid.to_vector()
+        if self.options["live"]:
+            self._live = live_fit(model, baseline.reshape(-1, 3))
+        else:
+            self._frozen = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.shares)
+        self.add_input(GRID_INITIAL, val=baseline, units="m")
+        self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
+        is_live = self.options["live"]
+        check_along_directions(self, difference_step(block.nodes for block in grid.blocks) if is_live else LINEAR_STEP)
+
+    def compute(self, inputs, outputs):
+        """Solve the least squares."""
+        nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)
+        is_live = self.options["live"]
+        control_points = self._live_at(nodes).control_points if is_live else by_parts(self._frozen.forward, nodes)
+        outputs[CONTROL_POINTS_INITIAL] = control_points.ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        if self.options["live"]:
+            fit = self._live_at(inputs[GRID_INITIAL])
+            jvp, vjp = fit.jvp, fit.vjp
+        else:
+            jvp, vjp = self._frozen.forward, self._frozen.adjoint
+        add_product(jvp, vjp, d_inputs, d_outputs, mode, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
+
+    def _live_at(self, nodes: np.ndarray) -> LiveFit:
+        refuse_complex_step(self)
+        self._live = at_baseline(self._live, live_fit, self.options["model"], nodes, self.msginfo)
+        return self._live

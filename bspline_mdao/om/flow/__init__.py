@@ -1,0 +1,1 @@
+"""Flow about the regenerated shape, as OpenMDAO components and groups."""

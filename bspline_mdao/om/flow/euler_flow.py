@@ -1,0 +1,84 @@
+"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group."""
+
+from __future__ import annotations
+
+import openmdao.api as om
+
+from ...flow.euler.flow_grid import FlowGrid
+from ...flow.euler.sequencing import coarse_levels, useful_levels
+from ...model.fitted_model import FittedModel
+from ...names import GRID
+from .euler_forces import EulerForces
+from .euler_state import SOLVER_OPTIONS, EulerState, declare_solver
+from .references import REFERENCES, declare_references
+
+
+class EulerFlow(om.Group):
+    """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
+
+    Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds
+    must cover the boundary of the grid. A cell with a negative volume is refused with an ``om.AnalysisError``, a folded
+    corner is not noticed: keep these out by constraints of `Quality`. Of a node that blocks share, the first row in the
+    grid counts for all.
+
+    ================  ======  ============  =====  =====================================================================
+    name              role    shape         units  meaning
+    ================  ======  ============  =====  =====================================================================
+    ``grid``          input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``alpha``         input   (1,)          deg    angle of attack; 2 by default
+    ``Mach_number``   input   (1,)                 of the free stream; 0.3 by default
+    ``states``        output  (5 n_cells)          see `EulerState`
+    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
+    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid; with ``axes="xzy"`` a
+                                                   positive third one turns the nose down
+    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces
+    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing, from the tip
+    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
+    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ================  ======  ============  =====  =====================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid, with its patches.
+    reference_area : float
+        Of what the grid shows (m^2): of the half wing, if it shows one half.
+    reference_chord : float
+        For moments (m).
+    moment_reference : sequence of three float
+        Point that moments are about, in the axes of the grid (m).
+    axes : str
+        Axes of the grid that point downstream, along the span, and up.
+    shock_threshold : float
+        Of the sensor of shocks, 0.05 for transonic flow; 0, the default, for none.
+    tolerance, linear_tolerance, max_steps, iprint
+        See `EulerState`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the patches do not tell what the boundary is, or there is no reference area.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_references(self.options)
+        self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
+        self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
+        declare_solver(self.options)
+
+    def setup(self):
+        """Add the solution and what is made of it."""
+        model = self.options["model"]
+        nodes = model.regenerate().to_vector().reshape(-1, 3)
+        shocks = self.options["shock_threshold"]
+        flow = FlowGrid.of(model.topology, nodes, self.options["axes"], shock_threshold=shocks)
+        n_levels = useful_levels(flow.faces.n_cells)
+        levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], shock_threshold=shocks)
+        settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, REFERENCES))
+        self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
+        self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
+        self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
+        self.set_input_defaults("alpha", val=2.0, units="deg")
+        self.set_input_defaults("Mach_number", val=0.3)

@@ -1,0 +1,338 @@
+"""The steady Euler equations as an OpenMDAO component."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+from ...flow.euler.block_ilu import BlockFactor, FactorPattern
+from ...flow.euler.continuation import solve_by_dissipation
+from ...flow.euler.discretization import Linearization
+from ...flow.euler.flow_grid import FlowGrid
+from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
+from ...flow.euler.krylov import LinearSolution, solve_refined
+from ...flow.euler.newton import FlowSolution, NewtonStep, relative_residual, solve_flow
+from ...flow.euler.preconditioner import compact_factor
+from ...flow.euler.sequencing import states_from_coarse
+from ...flow.stream import RADIAN
+from ...names import GRID
+from ..jacobian import (
+    SMOOTH_STEP,
+    add_bar,
+    central_step,
+    check_along_directions,
+    direction_in,
+    finite_points,
+    finite_values,
+    refuse_complex_step,
+)
+
+INPUTS = (GRID, "alpha", "Mach_number")
+
+LARGEST_RESIDUAL = 1e-8
+"""Residual, by that of the uniform stream, up to which a flow that no longer converges is taken."""
+
+
+class EulerState(om.ImplicitComponent):
+    """Solve the steady Euler equations on the cells of a grid.
+
+    ===============  ======  ============  =====  ======================================================================
+    name             role    shape         units  meaning
+    ===============  ======  ============  =====  ======================================================================
+    ``grid``         input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``alpha``        input   (1,)          deg    angle of attack
+    ``Mach_number``  input   (1,)                 of the free stream
+    ``states``       output  (5 n_cells)          density, velocity and pressure of every cell, by density and speed of
+                                                  sound of the free stream; its residual is what flows out of the cells
+    ===============  ======  ============  =====  ======================================================================
+
+    A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
+    they are still those of the last solution, they are carried along with the free stream. If that fails, and in a
+    first run, it starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of
+    flows with more dissipation.
+
+    Options
+    -------
+    flow : FlowGrid
+        The grid's faces, the scheme and the preconditioner.
+    levels : list of CoarseLevel
+        Coarser members of the grid to start on; by default none.
+    nodes : ndarray, shape (n_nodes, 3)
+        Baseline nodes (m).
+    tolerance : float
+        Residual, by that of the uniform stream, at which a run ends.
+    linear_tolerance : float
+        Residual of the linear systems of derivatives, by their right-hand sides; what rounding leaves is taken as well.
+    max_steps : int
+        Newton steps at most.
+    iprint : int
+        0 for no output, 1 for one line a run, 2 for one line a Newton step.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if an input is not finite, the Mach number not positive or the volume of a cell negative, or if the
+        residual does not fall below 1e-8, with its history; with derivatives, if it is not below that, or a linear
+        system cannot be solved.
+    InputError
+        In a run under complex step; products can be checked by complex steps.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces, scheme and preconditioner")
+        self.options.declare("levels", default=[], types=list, recordable=False, desc="coarser members to start on")
+        self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
+        declare_solver(self.options)
+
+    def setup(self):
+        """Declare the variables."""
+        flow, nodes = self.options["flow"], self.options["nodes"]
+        check_on_grid(self, flow, nodes)
+        self._solution = self._converged = self._tangent = None
+        self.add_input(GRID, val=nodes.ravel(), units="m")
+        self.add_input("alpha", units="deg")
+        self.add_input("Mach_number")
+        self.add_output("states", val=flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes)).ravel())
+
+    def apply_nonlinear(self, inputs, outputs, residuals):
+        """Sum what flows out of every cell."""
+        states = outputs["states"].reshape(-1, N_STATES)
+        residuals["states"] = self._discretization.residual(states, *self._at(inputs)).ravel()
+
+    def solve_nonlinear(self, inputs, outputs):
+        """Solve for the states, from those that are there or else afresh."""
+        self._check(inputs)
+        areas, stream = self._at(inputs)
+        for solution in self._attempts(inputs, outputs, areas, stream):
+            self._solution = solution
+            self._tell(solution)
+            if solution.residual <= LARGEST_RESIDUAL:
+                self._converged = solution
+                outputs["states"] = solution.states.ravel()
+                return
+        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}")
+
+    def linearize(self, inputs, outputs, jacobian):
+        """Refuse states that are no solution, and differentiate the residual."""
+        self._tangent_at_solution(inputs, outputs)
+
+    def apply_linear(self, inputs, outputs, d_inputs, d_outputs, d_residuals, mode):
+        """Apply the Jacobian of the residual at these inputs and states, or its transpose."""
+        if "states" not in d_residuals:
+            return
+        linearization = self._tangent_at(inputs, outputs).linearization
+        if mode == "fwd":
+            self._forward(linearization, inputs, d_inputs, d_outputs, d_residuals)
+        else:
+            self._reverse(linearization, inputs, d_inputs, d_outputs, d_residuals)
+
+    def solve_linear(self, d_outputs, d_residuals, mode):
+        """Solve with the Jacobian at the inputs and states that are there, or with its transpose: the adjoint."""
+        with self._unscaled_context(outputs=[self._outputs]):  # OpenMDAO scales them here, and hands none over
+            tangent = self._tangent_at_solution(self._inputs, self._outputs)
+        right, out = (d_residuals, d_outputs) if mode == "fwd" else (d_outputs, d_residuals)
+        solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
+        solution = solve(right["states"].reshape(-1, N_STATES), self.options["linear_tolerance"])
+        if not solution.is_converged:
+            raise om.AnalysisError(
+                f"{self.msginfo}: the linear system of the derivatives is not solved to "
+                f"{self.options['linear_tolerance']:g} by {solution.n_products} products; allow a larger one"
+            )
+        out["states"] = solution.x.ravel()
+
+    @property
+    def solution(self) -> FlowSolution | None:
+        """The last solution, with its history; None before the first run."""
+        return self._solution
+
+    def _forward(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
+        change = np.zeros((self._discretization.faces.n_cells, N_STATES))
+        if "states" in d_outputs:
+            change += linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
+        if GRID in d_inputs:
+            nodes, d_nodes = inputs[GRID].reshape(-1, 3), direction_in(d_inputs, inputs, GRID)
+            change += linearization.area_jvp(self.options["flow"].areas_jvp(nodes, d_nodes))
+        for name, by_name in self._stream_partials(inputs).items():
+            if name in d_inputs:
+                change += linearization.stream_jvp(by_name * d_inputs[name])
+        d_residuals["states"] += change.ravel()
+
+    def _reverse(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
+        bar = d_residuals["states"].reshape(-1, N_STATES)
+        if "states" in d_outputs:
+            d_outputs["states"] += linearization.state_vjp(bar).ravel()
+        if GRID in d_inputs:
+            nodes, areas_bar = inputs[GRID].reshape(-1, 3), linearization.area_vjp(bar)
+            add_bar(d_inputs, GRID, self.options["flow"].areas_vjp(nodes, areas_bar))
+        for name, by_name in self._stream_partials(inputs).items():
+            if name in d_inputs:
+                d_inputs[name] += by_name @ linearization.stream_vjp(bar)
+
+    def _tangent_at_solution(self, inputs, outputs) -> _Tangent:
+        """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
+        states = outputs["states"].reshape(-1, N_STATES)
+        residual = relative_residual(self._discretization, states, *self._at(inputs))
+        if not residual <= LARGEST_RESIDUAL:
+            raise om.AnalysisError(
+                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} by that of the uniform stream; run "
+                f"the model first, to {LARGEST_RESIDUAL:g}"
+            )
+        return self._tangent_at(inputs, outputs)
+
+    def _tangent_at(self, inputs, outputs) -> _Tangent:
+        """Derivatives of the residual: the last ones if they are those at these inputs and states."""
+        point = (outputs["states"], *(inputs[name] for name in INPUTS))
+        if self._tangent is None or not self._tangent.is_at(point):
+            self._tangent = None  # it makes room for the next
+            flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
+            linearization = flow.discretization.linearize(outputs["states"].reshape(-1, N_STATES), *self._at(inputs))
+            sizes = np.maximum(flow.faces.sizes(nodes), np.finfo(float).tiny)[:, None]
+            self._tangent = _Tangent(tuple(map(np.array, point)), linearization, sizes, flow.pattern)
+        return self._tangent
+
+    @property
+    def _discretization(self):
+        return self.options["flow"].discretization
+
+    def _at(self, inputs):
+        """Area vectors and free stream."""
+        flow = self.options["flow"]
+        stream = free_stream(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], flow.axes)
+        return flow.areas(inputs[GRID].reshape(-1, 3)), stream
+
+    def _check(self, inputs):
+        """Refuse what is no flow."""
+        refuse_complex_step(self)
+        nodes = finite_points(inputs[GRID], GRID, self.msginfo)
+        try:
+            self.options["flow"].faces.require_volumes(nodes)
+        except InputError as error:
+            raise om.AnalysisError(
+                f"{self.msginfo}: {error}; take a smaller step, or keep them out by a lower bound of 'corner_ks'"
+            ) from error
+        finite_values(inputs["alpha"], "alpha", self.msginfo)
+        if not 0.0 < inputs["Mach_number"][0] < np.inf:
+            raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
+
+    def _supersonic(self, states) -> str:
+        """Advise a sensor of shocks where there is none and the flow is supersonic."""
+        n_supersonic = np.count_nonzero(mach_numbers(states) > 1.0)
+        is_missing = n_supersonic and not self._discretization.shock_threshold
+        return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
+
+    def _last_states(self, outputs, stream) -> np.ndarray:
+        """States that are there, with the change of the free stream since they were solved for, where that is known."""
+        states, last = outputs["states"].reshape(-1, N_STATES), self._converged
+        is_solved = last is not None and np.array_equal(states, last.states)
+        return states + (stream - last.stream) if is_solved else states.copy()
+
+    def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
+        """Derivatives of the free stream by the inputs."""
+        axes = self.options["flow"].axes
+        by_mach, by_alpha = free_stream_partials(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], axes)
+        return {"Mach_number": by_mach, "alpha": RADIAN * by_alpha}
+
+    def _attempts(self, inputs, outputs, areas, stream):
+        """Yield solutions, each by a surer way than the last."""
+        flow, levels, iprint = (self.options[name] for name in ("flow", "levels", "iprint"))
+        settings = {name: self.options[name] for name in ("tolerance", "max_steps")}
+        settings["progress"] = (lambda step: print(f"{self.pathname}: {_line(step)}")) if iprint > 1 else None
+        field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
+        starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
+        norms = [np.linalg.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
+        if norms[0] < norms[1]:
+            yield solve_flow(*field, states=starts[0], **settings)
+        cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
+        yield solve_flow(*field, states=cold, **settings)
+        yield solve_by_dissipation(*field, **settings)
+
+    def _tell(self, solution: FlowSolution) -> None:
+        """Print a line about a solution."""
+        if self.options["iprint"]:
+            end = f"residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps"
+            print(f"{self.pathname}: {end}{self._supersonic(solution.states)}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Tangent:
+    """Derivatives of the residual, and the states and inputs that they are at.
+
+    What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
+    a force feels of a row of the residual with its inverse. So linear systems are solved for rows by the surfaces of
+    their cells, and the error of a total is that of the system by its right-hand side, times no large number.
+    """
+
+    point: tuple[np.ndarray, ...]
+    linearization: Linearization
+    sizes: np.ndarray
+    pattern: FactorPattern
+
+    @cached_property
+    def factor(self) -> BlockFactor:
+        """Of a neighbour of the Jacobian in the states, for linear systems with it."""
+        still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES))
+        return compact_factor(self.linearization, self.pattern, still)
+
+    def is_at(self, point) -> bool:
+        return all(map(np.array_equal, point, self.point))
+
+    def solve(self, right: np.ndarray, tolerance: float) -> LinearSolution:
+        """Solve with the Jacobian in the states."""
+
+        def product(x):
+            return self.linearization.state_jvp(x) / self.sizes
+
+        def precondition(y):
+            return self.factor.solve(self.sizes * y)
+
+        return solve_refined(product, precondition, right / self.sizes, tolerance)
+
+    def solve_transposed(self, right: np.ndarray, tolerance: float) -> LinearSolution:
+        """Solve with its transpose."""
+
+        def product(x):
+            return self.linearization.state_vjp(x / self.sizes)
+
+        def precondition(y):
+            return self.sizes * self.factor.solve_transposed(y)
+
+        solution = solve_refined(product, precondition, right, tolerance)
+        return replace(solution, x=solution.x / self.sizes)
+
+
+SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
+"""Options of `EulerState` that a group around it hands on."""
+
+
+def declare_solver(options) -> None:
+    """Declare these."""
+    options.declare("tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
+    options.declare("linear_tolerance", default=1e-14, lower=0.0, desc="of the linear systems of derivatives")
+    options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
+    options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
+
+
+def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
+    """Say how the products of a component of the flow are checked: its kernels are exact under complex steps."""
+    step = central_step(float(np.ptp(nodes, axis=0).max()), flow.least_height(nodes))
+    check_along_directions(component, SMOOTH_STEP, is_complex=True)
+    check_along_directions(component, step, GRID, is_complex=True)
+
+
+def _line(step: NewtonStep) -> str:
+    """Tell of a step."""
+    return f"residual {step.residual:.2e}  CFL {step.cfl:.1e}  products {step.n_products}  length {step.length:.2g}"
+
+
+def _complaint(solution: FlowSolution) -> str:
+    """Tell of a solution that did not converge."""
+    residuals = " ".join(f"{step.residual:.1e}" for step in solution.history[-8:])
+    return (
+        f"the flow did not converge: residual {solution.residual:.1e} by that of the uniform stream after "
+        f"{len(solution.history) - 1} steps (the last: {residuals}); take a smaller step, or look for bad cells"
+    )

@@ -1,0 +1,166 @@
+"""The flow about the wing of a grid by a vortex lattice, with the variables of the flow by the Euler equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...measures.camber_surface import CamberSurface
+from ...mesh.surface import SurfaceGrid
+from ...model.fitted_model import FittedModel
+from ...names import GRID, SURFACE
+from ..surface_measure import SurfaceMeasure
+from .lattice_forces import LatticeForces
+from .lattice_states import LatticeStates
+from .references import REFERENCES, declare_references
+
+
+class LatticeFlow(om.Group):
+    """Lift, moments, induced drag and span load of a half wing by OpenAeroStruct's vortex lattice, in seconds.
+
+    Its variables are those of `EulerFlow`, so that a study can begin with this group and change one line.
+
+    ==================  ======  =============  =====  ==================================================================
+    name                role    shape          units  meaning
+    ==================  ======  =============  =====  ==================================================================
+    ``grid``            input   (3 n)          m      nodes of the grid, xyz interleaved
+    ``alpha``           input   (1,)           deg    angle of attack; 2 by default
+    ``Mach_number``     input   (1,)                  Prandtl-Glauert below 1; 0.3 by default
+    ``CL``              output  (1,)                  lift, of the half wing by its reference area
+    ``CD``              output  (1,)                  drag of the forces on the bound vortices
+    ``CM``              output  (3,)                  moments about the axes x, y and z of the grid
+    ``CD_induced``      output  (1,)                  drag of the wake far downstream: optimise with this one
+    ``span_load``       output  (n_span - 1)   m      chord times lift coefficient of every strip, from the tip
+    ==================  ======  =============  =====  ==================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid about one half of a wing, the span 0 in the plane of symmetry.
+    reference_area : float
+        Of the half wing (m^2).
+    reference_chord : float
+        For moments (m).
+    moment_reference : tuple of float
+        Point that moments are taken about, in the axes of the grid (m).
+    n_chord, n_span : int
+        Nodes of the lattice.
+    patches : str or sequence of str, optional
+        Patches of the wing, such as ``"wing*"``; all walls by default.
+    axes : str
+        Axes of the grid that point downstream, along the span and up.
+    ends : tuple of float, optional
+        Ends of the lattice along the span (m), see `CamberSurface.of`; by default it ends a quarter of a strip short of
+        the tip, which makes the drag of an elliptical load right but for 2e-4.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if OpenAeroStruct is not there, or the wall has no camber surface.
+    om.AnalysisError
+        In a run, if panels of the lattice are folded.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_references(self.options)
+        self.options.declare("n_chord", types=int, default=5, lower=2, desc="nodes along the chord")
+        self.options.declare("n_span", types=int, default=17, lower=3, desc="nodes along the span")
+        self.options.declare("patches", default=None, desc="patches of the wing by name or pattern")
+        self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
+        self.options.declare("ends", default=None, desc="ends of the lattice along the span, m")
+
+    def setup(self):
+        """Add the lattice, its solution, and what is made of that."""
+        camber = self._add_camber()
+        self.add_subsystem("stream", _unit_stream())
+        sizes = {"n_chord": self.options["n_chord"], "n_span": self.options["n_span"]}
+        inputs = ["camber_surface", "alpha", "Mach_number"]
+        self.add_subsystem("lattice", LatticeStates(**sizes), promotes_inputs=inputs)
+        references = {name: self.options[name] for name in REFERENCES}
+        self.add_subsystem(
+            "forces",
+            LatticeForces(camber=camber, **references),
+            promotes_inputs=["camber_surface", "alpha"],
+            promotes_outputs=["*"],
+        )
+        self.connect("stream.velocity", "lattice.velocity")
+        self.connect("stream.density", "lattice.density")
+        self.connect("lattice.panel_forces", "forces.panel_forces")
+        self.set_input_defaults("alpha", val=2.0, units="deg")
+        self.set_input_defaults("Mach_number", val=0.3)
+
+    def _add_camber(self) -> CamberSurface:
+        """Add the camber surface of the grid's own nodes, without a copy of them in between."""
+        model = self.options["model"]
+        surface = SurfaceGrid.of(model, self.options["patches"])
+        settings = {name: self.options[name] for name in ("n_chord", "n_span", "axes")}
+        camber = CamberSurface.of(surface, **settings, ends=self.options["ends"] or self._inset(surface))
+        self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
+        rows = (3 * surface.rows[:, None] + np.arange(3)).ravel()
+        self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=rows, src_shape=(3 * model.n_nodes,))
+        self.set_input_defaults(GRID, val=model.regenerate().to_vector(), units="m")
+        return camber
+
+    def _inset(self, surface: SurfaceGrid) -> tuple[float, float]:
+        """Root, and a place a quarter of a strip short of the tip."""
+        span = np.abs(surface.points[:, "xyz".find(self.options["axes"][1:2])])
+        n_strips = self.options["n_span"] - 1
+        return float(span.min()), float(span.min() + np.ptp(span) * n_strips / (n_strips + 0.25))
+
+
+class UnfoldedLattice(SurfaceMeasure):
+    """The camber surface of a wing, as a lattice none of whose panels is folded.
+
+    Variables and options are those of `SurfaceMeasure`, the measure being a `CamberSurface`.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if a node is not finite, or if panels are folded, with their number and the first one.
+    """
+
+    def compute(self, inputs, outputs):
+        """Lay the lattice and look at its panels."""
+        super().compute(inputs, outputs)
+        measure = self.options["measure"]
+        folded = folded_panels(outputs[measure.name].real)
+        if folded.any():
+            i, j = np.argwhere(folded)[0] + 1
+            raise om.AnalysisError(
+                f"{self.msginfo}: {np.count_nonzero(folded)} of {folded.size} panels of the lattice are folded, the "
+                f"first in row {i} from the leading edge and column {j} from the tip; take a smaller step"
+            )
+
+
+def folded_panels(lattice: np.ndarray) -> np.ndarray:
+    """Find panels one of whose corners points the other way than the panel, or than a neighbour of it.
+
+    Parameters
+    ----------
+    lattice : ndarray, shape (n_chord, n_span, 3)
+        Nodes (m).
+
+    Returns
+    -------
+    ndarray of bool, shape (n_chord - 1, n_span - 1)
+    """
+    chordwise, spanwise = np.diff(lattice, axis=0), np.diff(lattice, axis=1)
+    normals = np.cross(lattice[1:, 1:] - lattice[:-1, :-1], lattice[:-1, 1:] - lattice[1:, :-1])
+    folded = np.zeros(normals.shape[:2], dtype=bool)
+    for a in (chordwise[:, :-1], chordwise[:, 1:]):
+        for b in (spanwise[:-1], spanwise[1:]):
+            folded |= np.sum(np.cross(a, b) * normals, axis=2) < 0.0
+    for axis, (low, high) in enumerate([(np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])]):
+        turned = np.sum(normals[low] * normals[high], axis=2) < 0.0
+        folded |= np.insert(turned, 0, False, axis=axis)
+    return folded
+
+
+def _unit_stream() -> om.IndepVarComp:
+    """Speed and density of a dynamic pressure of 1 Pa."""
+    stream = om.IndepVarComp()
+    stream.add_output("velocity", val=1.0, units="m/s")
+    stream.add_output("density", val=2.0, units="kg/m**3")
+    return stream

@@ -1,0 +1,148 @@
+"""The grid that belongs to a set of control points, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import identity, kron
+
+from ..errors import InputError
+from ..mesh.surface import SurfaceGrid
+from ..model.fitted_model import FittedModel
+from ..names import CONTROL_POINTS, GRID, SURFACE
+from ..walls.grid_map import GridState
+from ..walls.miss_spread import MissSpread
+from .jacobian import (
+    LINEAR_STEP,
+    SparseComponent,
+    add_bar,
+    add_product,
+    check_along_directions,
+    difference_step,
+    direction_in,
+    failures_as_analysis_errors,
+    finite_points,
+    numbers_given,
+)
+
+
+class GridEvaluate(SparseComponent):
+    """Regenerate the grid from the control points, Eq. (3), ``x = layer(A b + T(b) r)``.
+
+    A holds the basis values at the parameters and knots of the model. The residual r of the fit turns with its
+    surroundings, and nodes near walls follow them as a rigid body, see `bspline_mdao.walls.grid_map`. What turns
+    with what, and what is near which wall, is that of the model. Of a model without ``wall_layer`` the grid is
+    ``A b + r``, and the component is linear (`is_linear`).
+
+    ==================  ======  ====================  =====  =======================================================
+    name                role    shape                 units  meaning
+    ==================  ======  ====================  =====  =======================================================
+    ``control_points``  input   (3 n_control_points)  m      control points, each shared one once, xyz interleaved
+    ``surface``         input   (3 n)                 m      where the nodes of a ``surface``, or those of ``numbers``,
+                                                             are asked to be
+    ``grid``            output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of (i, j, k)
+    ==================  ======  ====================  =====  =======================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    surface : SurfaceGrid, optional
+        Surface whose nodes are to be exactly where ``surface`` says. What control points miss of them fades over the
+        blocks, see :doc:`/theory/asked_walls`.
+    numbers : sequence of int, optional
+        Which of its nodes, each once; all by default.
+    assembled : bool
+        Declare A as a sparse matrix instead of applying it matrix-free, for solvers that want a matrix. It takes many
+        times the memory and the time, and the map has to be linear, without a ``surface``.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if a matrix is asked of a map that is not linear, or with a ``surface``; if the surface is of
+        another model, or ``numbers`` are not those of its nodes, each once.
+    om.AnalysisError
+        In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
+        self.options.declare("assembled", types=bool, default=False, desc="declare the sparse Jacobian")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly (affinely, with a residual) on the inputs."""
+        return self.options["model"].grid_map().is_linear
+
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        model, surface = self.options["model"], self.options["surface"]
+        self._map, self._spread, self._last = model.grid_map(), None, None
+        if self.options["assembled"] and surface is not None:
+            raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
+        if self.options["assembled"] and not self._map.is_linear:
+            raise InputError(
+                f"{self.msginfo}: assembled=True needs a linear map; fit the grid with wall_layer=False, or leave "
+                f"assembled out"
+            )
+        self.matrix_free = not self.options["assembled"]
+        self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+        if surface is not None:
+            numbers = self._numbers(surface)
+            self._spread = MissSpread.of(model.topology, self._map.nodes, surface.rows[numbers])
+            self.add_input(SURFACE, val=surface.points[numbers].ravel(), units="m")
+        self.add_output(GRID, shape=3 * model.n_nodes, units="m")
+        blocks = (block.nodes for block in model.regenerate().blocks)
+        check_along_directions(self, LINEAR_STEP if self._map.is_linear else difference_step(blocks))
+
+    def setup_partials(self):
+        """Declare the Jacobian once and for all where it is wanted as a matrix."""
+        if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
+            jacobian = kron(self._map.evaluator.matrix(), identity(3), format="coo")
+            self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
+
+    def compute(self, inputs, outputs):
+        """Evaluate the volumes at the nodes, and let nodes follow walls."""
+        state = self._state_at(inputs)
+        outputs[GRID] = state.nodes.ravel()
+        if self.under_complex_step:
+            outputs[GRID] += 1j * state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._names)).ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        if self.options["assembled"]:
+            super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
+            return
+        state = self._state_at(inputs)
+        if self._spread is None:
+            add_product(state.jvp, state.vjp, d_inputs, d_outputs, mode, of=GRID, wrt=CONTROL_POINTS)
+        elif GRID in d_outputs and mode == "fwd":
+            d_outputs[GRID] += state.jvp(*(direction_in(d_inputs, inputs, name) for name in self._names)).ravel()
+        elif GRID in d_outputs:
+            for name, bar in zip(self._names, state.asked_vjp(d_outputs[GRID].reshape(-1, 3))):
+                add_bar(d_inputs, name, bar)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return (CONTROL_POINTS,) if self._spread is None else (CONTROL_POINTS, SURFACE)
+
+    def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
+        """Which nodes of the surface are given."""
+        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        if surface.rows.max() >= self.options["model"].n_nodes:
+            raise InputError(f"{self.msginfo}: the surface is of another model; make it of this one")
+        if len(np.unique(numbers)) < len(numbers):
+            raise InputError(f"{self.msginfo}: 'numbers' has a node twice; give each once")
+        return numbers
+
+    def _state_at(self, inputs) -> GridState:
+        """Grid of these points: the last one if it was made for them."""
+        points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
+        if self._last is None or not all(map(np.array_equal, points, self._last[0])):
+            points = [array.copy() for array in points]
+            with failures_as_analysis_errors(self):
+                self._last = points, self._map.at(points[0], self._spread, *points[1:])
+        return self._last[1]

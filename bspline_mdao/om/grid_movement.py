@@ -1,0 +1,177 @@
+"""The chain from a baseline grid and design variables to the moved grid and its quality, as an OpenMDAO group."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ..checks import given_list
+from ..design.composition import Parametrization
+from ..errors import InputError
+from ..measures.measure import MEMBERS
+from ..mesh.boundary import moving_mesh, require_mesh_of
+from ..mesh.mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..model.fitted_model import FittedModel
+from ..movement.elasticity import LinearElasticity
+from ..movement.mover import Mover
+from ..names import ALL_NAMES
+from .control_mesh_move import ControlMeshMove, mesh_of
+from .fit import Fit
+from .grid_evaluate import GridEvaluate
+from .live_grid_evaluate import LiveGridEvaluate
+from .quality import Quality
+from .surface_control import SurfaceControl
+from .surface_control_fit import SurfaceControlFit
+from .surface_evaluate import SurfaceEvaluate
+from .surface_measure import SurfaceMeasure
+
+
+class GridMovement(om.Group):
+    """Fit, design, move, evaluate, judge: the ordinary chain in one subsystem, named as in `bspline_mdao.names`.
+
+    =================  =================================================================  ============================
+    subsystem          component                                                          is there
+    =================  =================================================================  ============================
+    fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              unless ``fit=False``
+    control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
+    evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures`` alone
+    fit_surface        `SurfaceControlFit`: ``surface`` -> ``surface_control_points``     with ``surface``
+    ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
+    move               `ControlMeshMove`: -> ``control_points``                           always
+    evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
+    quality            `Quality`: ``grid`` -> its outputs                                 unless ``quality=False``
+    =================  =================================================================  ============================
+
+    All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
+    parametrization ``surface_control_points`` is an input. With a ``surface`` it is the nodes of this surface that are
+    given: the control points are fitted to them, and the wall of the grid is exactly where they are.
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    parametrization : Parametrization, optional
+        Design variables of the surface and the linear constraints among its control points.
+    measures : sequence of Measure
+        What is measured of the surface, all on one `SurfaceGrid`.
+    mover : Mover, optional
+        Moves the control mesh of the model; by default linear elasticity, on the mesh of the parametrization or with
+        all walls as the design surface.
+    surface : SurfaceGrid, optional
+        Surface whose nodes are given: ``surface`` is an input.
+    numbers : sequence of int, optional
+        Which of these nodes are given; all by default.
+    require_valid, keep_increments : bool
+        Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
+    fit : bool
+        Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input.
+    live : bool
+        The grid changes upstream: differentiate through parameters and knots as well, see `Fit`.
+    quality : bool or sequence of str
+        Measure the cells of the grid; which bounds are outputs where they are named, see `Quality`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the mover or the parametrization is that of another model, if the two have different design
+        surfaces, if measures are of different surfaces, if the model does not say what moves, if ``live`` is asked
+        for without ``fit``, or a ``surface`` together with a parametrization, with ``live``, or with measures of
+        another one.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        types = (Parametrization, type(None))
+        self.options.declare("parametrization", types=types, default=None, recordable=False, desc="design variables")
+        self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
+        self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
+        self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
+        self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
+        self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
+        self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
+        self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
+
+    def setup(self):
+        """Add the components in the order of the chain."""
+        model, is_live, mover = self.options["model"], self.options["live"], self._mover()
+        surface = self.options["surface"]
+        if is_live and not self.options["fit"]:
+            raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
+        if surface is not None:
+            self._require_alone(surface)
+        if self.options["fit"]:
+            self._add("fit", Fit(model=model, live=is_live))
+        asked = {"surface": surface, "numbers": self.options["numbers"]} if surface is not None else {}
+        if self.options["parametrization"] is not None:
+            self._add("control", SurfaceControl(parametrization=self.options["parametrization"]))
+        elif surface is not None:
+            self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
+        if self.options["measures"]:
+            self._add_measures(mover.mesh)
+        settings = {name: self.options[name] for name in ("require_valid", "keep_increments")}
+        self._add("move", ControlMeshMove(mover=mover, **settings))
+        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(model=model, **asked))
+        quality = self.options["quality"]
+        if quality:
+            self._add("quality", Quality(model=model, **({} if quality is True else {"aggregates": quality})))
+
+    def _require_alone(self, surface: SurfaceGrid) -> None:
+        """Refuse what does not go together with nodes of a surface that are given."""
+        if self.options["parametrization"] is not None:
+            raise InputError(
+                f"{self.msginfo}: both a parametrization and the nodes of a surface would move the surface; give one"
+            )
+        if self.options["live"]:
+            raise InputError(f"{self.msginfo}: live=True does not follow nodes of a surface; leave one out")
+        if self.options["measures"] and self.options["numbers"] is not None:
+            raise InputError(f"{self.msginfo}: measures need all nodes of the surface; leave out 'numbers'")
+
+    def _add(self, name: str, component: om.ExplicitComponent):
+        self.add_subsystem(name, component, promotes=["*"])
+
+    def _add_measures(self, mesh: MovingMesh):
+        """Regenerate the surface and measure it."""
+        measures = given_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
+        surface = measures[0].surface
+        for measure in measures:
+            if measure.surface is not surface:
+                raise InputError(
+                    f"{self.msginfo}: measure '{measure.name}' is of another SurfaceGrid; make all with the same one"
+                )
+        self._require_names([measure.name for measure in measures])
+        if self.options["surface"] is None:
+            self._add("evaluate_surface", SurfaceEvaluate(model=self.options["model"], mesh=mesh, surface=surface))
+        elif self.options["surface"] is not surface:
+            raise InputError(f"{self.msginfo}: the measures are of another surface than the nodes; make them with it")
+        for measure in measures:
+            self._add(f"measure_{measure.name}", SurfaceMeasure(measure=measure))
+
+    def _require_names(self, names: list[str]):
+        """Refuse names of measures that are taken."""
+        parametrization = self.options["parametrization"]
+        variables = [] if parametrization is None else [variable.name for variable in parametrization.variables]
+        twice = [name for n, name in enumerate(names) if name in names[:n] or name in variables or name in ALL_NAMES]
+        if twice:
+            raise InputError(
+                f"{self.msginfo}: the name '{twice[0]}' of a measure is taken; give it another one with name=..."
+            )
+
+    def _mover(self) -> Mover:
+        """The user's mover, or elasticity."""
+        model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
+        if mover is None and parametrization is None:
+            return LinearElasticity(moving_mesh(model))
+        whose = "parametrization" if mover is None else "mover"
+        mover = mover or LinearElasticity(parametrization.mesh)
+        mesh = mesh_of(mover, self.msginfo)
+        require_mesh_of(model, mesh, f"{self.msginfo}: the {whose}'s mesh")
+        if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):
+            raise InputError(
+                f"{self.msginfo}: the mover and the parametrization have different design surfaces; "
+                f"make both with the same moving_mesh(model)"
+            )
+        return mover

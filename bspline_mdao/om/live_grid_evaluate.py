@@ -1,0 +1,105 @@
+"""The grid that belongs to a set of control points and to a baseline grid that changes, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ..fit.live_grid import LiveGridState, live_grid
+from ..model.fitted_model import FittedModel
+from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
+from .jacobian import (
+    add_bar,
+    at_baseline,
+    check_along_directions,
+    difference_step,
+    direction_in,
+    failures_as_analysis_errors,
+    finite_points,
+    refuse_complex_step,
+)
+
+
+class LiveGridEvaluate(om.ExplicitComponent):
+    """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.fit.live_grid`.
+
+    The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Residual
+    and wall layer are those of x0; which nodes are near a wall, and how much they follow it, stays as in the model. Of
+    a model without ``wall_layer`` the grid is ``x = x0 + A(x0) (b - b0)``. Where there is no residual either, it is
+    ``x = A(x0) b``, and there is no input ``control_points_initial``.
+
+    ==========================  ======  ====================  =====  ===============================================
+    name                        role    shape                 units  meaning
+    ==========================  ======  ====================  =====  ===============================================
+    ``grid_initial``            input   (3 n_nodes)           m      nodes of the baseline, as for `Fit`
+    ``control_points_initial``  input   (3 n_control_points)  m      control points fitted to the baseline
+    ``control_points``          input   (3 n_control_points)  m      control points after movement
+    ``grid``                    output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of
+                                                                     (i, j, k), xyz interleaved
+    ==========================  ======  ====================  =====  ===============================================
+
+    Options
+    -------
+    model : FittedModel
+        Fit of a baseline grid: topology, orders and numbers of control points.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own; in a run,
+        under complex step.
+    om.AnalysisError
+        In a run, if a number is not finite, if the nodes have no parameters and knots, or if the surroundings of a
+        point are turned inside out.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
+
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        model = self.options["model"]
+        grid = model.regenerate()
+        baseline = grid.to_vector()
+        self._grid, self._last = live_grid(model, baseline.reshape(-1, 3)), None
+        self.add_input(GRID_INITIAL, val=baseline, units="m")
+        if self._grid.needs_initial:
+            self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
+        self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+        self.add_output(GRID, val=baseline, units="m")
+        check_along_directions(self, difference_step(block.nodes for block in grid.blocks))
+
+    def compute(self, inputs, outputs):
+        """Evaluate the volumes at the nodes, and let nodes follow walls."""
+        outputs[GRID] = self._state_at(inputs).nodes.ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        if GRID not in d_outputs:
+            return
+        state = self._state_at(inputs)
+        if mode == "fwd":
+            names = GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS
+            d_outputs[GRID] += state.jvp(*(direction_in(d_inputs, inputs, name) for name in names)).ravel()
+        else:
+            nodes_bar, initial_bar, control_bar = state.vjp(d_outputs[GRID].reshape(-1, 3))
+            add_bar(d_inputs, GRID_INITIAL, nodes_bar)
+            add_bar(d_inputs, CONTROL_POINTS, control_bar)
+            if initial_bar is not None:
+                add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
+
+    def _state_at(self, inputs) -> LiveGridState:
+        """Grid of these inputs: the last one if it was made for them."""
+        refuse_complex_step(self)
+        names = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
+        points = {name: finite_points(inputs[name], name, self.msginfo) for name in names if name in inputs}
+        self._grid = at_baseline(self._grid, live_grid, self.options["model"], inputs[GRID_INITIAL], self.msginfo)
+        if self._last is None or not all(np.array_equal(points[name], self._last[0][name]) for name in points):
+            with failures_as_analysis_errors(self):
+                points = {name: array.copy() for name, array in points.items()}
+                self._last = points, self._grid.at(points.get(CONTROL_POINTS_INITIAL), points[CONTROL_POINTS])
+        return self._last[1]

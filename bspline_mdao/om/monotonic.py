@@ -1,0 +1,74 @@
+"""Monotonic distributions of a design variable, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..measures.monotonic import neighbour_differences
+from .jacobian import LINEAR_STEP, SparseComponent, check_along_directions, finite_values
+
+
+class Monotonic(SparseComponent):
+    """Subtract neighbouring values of a variable, such as the twist or the chord at stations along the span.
+
+    ``add_constraint(..., lower=0.0, linear=True)`` on the output keeps the variable rising, or falling with
+    ``decreasing``. Connect or promote the input to the design variable.
+
+    ==============================  ======  =======  =========  ====================================================
+    name                            role    shape    units      meaning
+    ==============================  ======  =======  =========  ====================================================
+    the option ``variable``         input   (n,)     ``units``  values at n stations
+    that and ``_differences``       output  (n - 1)  ``units``  each less the one before, or that less it
+    ==============================  ======  =======  =========  ====================================================
+
+    Options
+    -------
+    variable : str
+        Name of the input.
+    size : int
+        Number of values n.
+    units : str, optional
+        Their units.
+    decreasing : bool
+        Take each value less the next one: 0 or more where the variable falls.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if there are fewer than two values.
+    om.AnalysisError
+        In a run, if a value is not finite.
+    """
+
+    is_linear = True
+    """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("variable", types=str, desc="name of the input")
+        self.options.declare("size", types=int, desc="number of its values")
+        self.options.declare("units", types=str, default=None, allow_none=True, desc="their units")
+        self.options.declare("decreasing", types=bool, default=False, desc="whether falling values are positive")
+
+    @property
+    def output(self) -> str:
+        """Name of the output."""
+        return f"{self.options['variable']}_differences"
+
+    def setup(self):
+        """Declare the variables."""
+        size, units = self.options["size"], self.options["units"]
+        self._differences = neighbour_differences(size, self.options["decreasing"])
+        self.add_input(self.options["variable"], val=np.zeros(size), units=units)
+        self.add_output(self.output, val=np.zeros(size - 1), units=units)
+        check_along_directions(self, LINEAR_STEP)
+
+    def setup_partials(self):
+        """Declare the Jacobian once and for all."""
+        rows, cols, values = self._differences
+        self.declare_sparse(self.output, self.options["variable"], rows, cols, values)
+
+    def compute(self, inputs, outputs):
+        """Subtract neighbours."""
+        name = self.options["variable"]
+        outputs[self.output] = self._differences.apply(finite_values(inputs[name], name, self.msginfo))

@@ -1,0 +1,143 @@
+"""The quality of the cells of a grid, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import openmdao.api as om
+
+from ..cells.grid_quality import HEIGHT_SIGNS, GridQuality, GridValues
+from ..cells.report import QualityReport, inverted_cells, report_quality
+from ..errors import InputError
+from ..model.fitted_model import FittedModel
+from ..names import GRID
+from .jacobian import check_along_directions, difference_step, finite_points, refuse_complex_step
+
+CELL_QUALITY = "cell_quality"
+
+
+class Quality(om.ExplicitComponent):
+    """Measure the cells of a grid: smooth bounds for constraints, and on demand Q of every cell, Eq. (9).
+
+    The bounds never exceed the smallest value, so that ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot see
+    a mirrored cell; ``corner_ks > 0`` or ``jacobian_ks > 0`` keeps every cell valid. At walls,
+    ``height_low_ks >= 0.95`` and ``height_high_ks <= 1.05`` keep the heights of all first cells, and with them y+,
+    within 5 % of the baseline's.
+
+    ==================  ======  ===========  =====  ================================================================
+    name                role    shape        units  meaning
+    ==================  ======  ===========  =====  ================================================================
+    ``grid``            input   (3 n_nodes)  m      nodes, blocks in file order, each in C order of (i, j, k)
+    ``quality_ks``      output  (1,)                Kreisselmeier-Steinhauser bound of Q
+    ``quality_pnorm``   output  (1,)                p-norm bound of Q
+    ``corner_ks``       output  (1,)                bound of the corner triple products of unit edges
+    ``corner_pnorm``    output  (1,)                p-norm bound of the same
+    ``jacobian_ks``     output  (1,)                bound of the corner Jacobians by the cell's volume in the baseline
+    ``volume_ks``       output  (1,)                bound of the cell volumes by those of the baseline
+    ``height_low_ks``   output  (1,)                lower bound of the first cells' heights at walls by the baseline's
+    ``height_high_ks``  output  (1,)                upper bound of the same
+    ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
+    ==================  ======  ===========  =====  ================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid. Its baseline decides which sign is right-handed and which corners have collapsed.
+    aggregates : sequence of str
+        Which bounds are outputs. Those of heights, which need patches of kind wall, are none by default.
+    cells : bool
+        Whether ``cell_quality`` is an output.
+    rho : float
+        Sharpness of the Kreisselmeier-Steinhauser bounds: they are below the minimum by at most ln(n) / rho.
+    p : int
+        Power of the p-norms.
+    rho_height : float
+        Sharpness of the bounds of heights: they are off by at most ln(n) / rho_height for n nodes on walls, 0.01 for
+        22,000.
+    n_bins : int
+        Bins of the distribution in `report`.
+    require_valid : bool
+        Refuse grids with inverted cells that were valid on the baseline.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if an option cannot be used; in a run, under complex step.
+    om.AnalysisError
+        In a run, if a node is not finite; with ``require_valid``, if a cell is inverted.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        default = ("quality_ks", "quality_pnorm", "corner_ks", "volume_ks")
+        self.options.declare("aggregates", default=default, desc="bounds that are outputs")
+        self.options.declare("cells", types=bool, default=False, desc="output Q of every cell")
+        self.options.declare("rho", default=100.0, desc="sharpness of Kreisselmeier-Steinhauser bounds")
+        self.options.declare("p", types=int, default=64, desc="power of p-norms")
+        self.options.declare("rho_height", default=1000.0, desc="sharpness of the bounds of heights at walls")
+        self.options.declare("n_bins", types=int, default=50, desc="bins of the distribution of Q")
+        self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
+
+    def setup(self):
+        """Declare the variables, of the sizes of the model."""
+        baseline = self.options["model"].regenerate()
+        settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
+        self._quality = GridQuality.of_baseline(baseline, **settings)
+        try:
+            self._quality.require(self.options["aggregates"])
+        except InputError as error:
+            raise InputError(f"{self.msginfo}: {error}") from error
+        self.add_input(GRID, val=baseline.to_vector(), units="m")
+        for name in self.options["aggregates"]:
+            self.add_output(name)
+        if self.options["cells"]:
+            self.add_output(CELL_QUALITY, shape=self._quality.n_cells)
+        sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst corner of all
+        if HEIGHT_SIGNS.keys() & self.options["aggregates"]:
+            sharpness = max(sharpness, 10.0 * self.options["rho_height"])
+        check_along_directions(self, difference_step((block.nodes for block in baseline.blocks), sharpness))
+
+    def compute(self, inputs, outputs):
+        """Measure the cells."""
+        refuse_complex_step(self)
+        nodes = finite_points(inputs[GRID], GRID, self.msginfo)
+        if self.options["require_valid"]:
+            self._refuse_inverted(nodes)
+        values = self._values(nodes)
+        for name, value in values.aggregates.items():
+            outputs[name] = value
+        if values.q is not None:
+            outputs[CELL_QUALITY] = values.q
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        if GRID not in d_inputs:
+            return
+        refuse_complex_step(self)
+        nodes = inputs[GRID].reshape(-1, 3)
+        values = self._values(nodes)
+        if mode == "fwd":
+            change = self._quality.jvp(nodes, d_inputs[GRID].reshape(-1, 3), values)
+            for name in d_outputs:
+                d_outputs[name] += change.q if name == CELL_QUALITY else change.aggregates[name]
+        else:
+            seeds = {name: d_outputs[name].item() for name in values.aggregates if name in d_outputs}
+            q_bar = d_outputs[CELL_QUALITY] if CELL_QUALITY in d_outputs else None  # noqa: SIM401 - it has no `get`
+            d_inputs[GRID] += self._quality.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
+
+    def report(self) -> QualityReport:
+        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells, heights at walls."""
+        return report_quality(self._quality, self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
+
+    def _values(self, nodes):
+        return self._quality.evaluate(nodes, self.options["aggregates"], self.options["cells"])
+
+    def _refuse_inverted(self, nodes):
+        inverted = inverted_cells(self._quality, self._quality.cells(nodes), newly=True)
+        if inverted:
+            raise om.AnalysisError(
+                f"{self.msginfo}: {inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}; "
+                f"take a smaller step"
+            )

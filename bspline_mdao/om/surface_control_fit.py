@@ -1,0 +1,127 @@
+"""Surface control points fitted to surface nodes, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ..fit.surface_fit import LOGGER, SurfaceMiss
+from ..mesh.mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..mesh.surface_inverse import FittedSurface, SurfaceInverse
+from ..mesh.surface_map import SurfaceMap
+from ..model.fitted_model import FittedModel
+from ..movement.mover import PLANE_TOLERANCE
+from ..names import SURFACE, SURFACE_CONTROL_POINTS
+from ..topology.sharing import node_sharing
+from .jacobian import (
+    add_product,
+    check_along_directions,
+    difference_step,
+    failures_as_analysis_errors,
+    finite_points,
+    numbers_given,
+)
+
+
+class SurfaceControlFit(om.ExplicitComponent):
+    """Fit the surface control points to surface nodes by least squares: the inverse of `SurfaceEvaluate`.
+
+    Nodes of a spline surface give back its control points to round-off. What control points cannot represent of others
+    is left to `GridEvaluate`, which puts the nodes exactly where they are asked to be. Control points on planes of
+    symmetry stay in them.
+
+    ==========================  ======  =============  =====  ======================================================
+    name                        role    shape          units  meaning
+    ==========================  ======  =============  =====  ======================================================
+    ``surface``                 input   (3 n)          m      nodes of the `SurfaceGrid`, or those of ``numbers``, xyz
+                                                              interleaved
+    ``surface_control_points``  output  (3 n_surface)  m      control points on the design surface, in the order of the
+                                                              mesh's ``surface_ids``
+    ==========================  ======  =============  =====  ======================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    mesh : MovingMesh
+        Its control mesh, which says what is the design surface.
+    surface : SurfaceGrid
+        Which nodes.
+    numbers : sequence of int, optional
+        Which of these nodes are given; all by default.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if the nodes do not determine the control points, or depend on others than those.
+    om.AnalysisError
+        In a run, if a node is not finite, or leaves a plane of symmetry.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly (affinely) on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
+        self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
+        self.options.declare("numbers", default=None, recordable=False, desc="which of them are given")
+        self._last: tuple[np.ndarray, FittedSurface] | None = None
+
+    @property
+    def miss(self) -> SurfaceMiss | None:
+        """How far control points alone miss the nodes of the last run; None before any."""
+        if self._last is None:
+            return None
+        nodes, fitted = self._last
+        return SurfaceMiss.of(*self._places, fitted.nodes, nodes)
+
+    def setup(self):
+        """Declare the variables, of the sizes of the mesh and the surface."""
+        model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
+        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        self._last = None
+        self._inverse = SurfaceInverse.of(SurfaceMap.of(model, mesh, surface), mesh, numbers)
+        self._initial = surface.points[numbers]
+        self._planes = [(np.isin(numbers, ids), normal) for ids, normal in surface.on_planes(model)]
+        self._places = model.topology, node_sharing(model.topology).source_rows(), surface.rows[numbers]
+        self.add_input(SURFACE, val=self._initial.ravel(), units="m")
+        self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        check_along_directions(self, difference_step(surface.points[ids] for ids in surface.faces))
+
+    def compute(self, inputs, outputs):
+        """Fit the control points, and tell to those who ask for information what they miss."""
+        fitted = self._fitted(inputs)
+        outputs[SURFACE_CONTROL_POINTS] = fitted.control_points.ravel()
+        if self.under_complex_step:
+            outputs[SURFACE_CONTROL_POINTS] += 1j * fitted.jvp(inputs[SURFACE].imag.reshape(-1, 3)).ravel()
+        if not self.under_approx:
+            LOGGER.info("%s: of control points alone, %s", self.msginfo, self.miss)
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        fitted = self._fitted(inputs)
+        with failures_as_analysis_errors(self):
+            add_product(fitted.jvp, fitted.vjp, d_inputs, d_outputs, mode, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
+
+    def _fitted(self, inputs) -> FittedSurface:
+        """Control points of these nodes: the last ones if they were found for them."""
+        nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo).real
+        if self._last is None or not np.array_equal(nodes, self._last[0]):
+            self._require_in_planes(nodes)
+            with failures_as_analysis_errors(self):
+                self._last = nodes.copy(), self._inverse.at(nodes)
+        return self._last[1]
+
+    def _require_in_planes(self, nodes: np.ndarray) -> None:
+        """Refuse nodes that leave their planes of symmetry."""
+        for is_member, normal in self._planes:
+            off = np.abs((nodes - self._initial)[is_member] @ normal)
+            if off.max(initial=0.0) > PLANE_TOLERANCE * self.options["mesh"].size:
+                number = np.flatnonzero(is_member)[np.argmax(off)]
+                raise om.AnalysisError(
+                    f"{self.msginfo}: point {number + 1} of '{SURFACE}' leaves its plane of symmetry by "
+                    f"{off.max():.3g} m; keep the nodes on planes of symmetry in them"
+                )

@@ -1,0 +1,93 @@
+"""The surface that belongs to a set of surface control points, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ..mesh.mesh import MovingMesh
+from ..mesh.surface import SurfaceGrid
+from ..mesh.surface_map import SurfaceMap, SurfaceState
+from ..model.fitted_model import FittedModel
+from ..names import SURFACE, SURFACE_CONTROL_POINTS
+from .jacobian import (
+    LINEAR_STEP,
+    add_product,
+    check_along_directions,
+    difference_step,
+    failures_as_analysis_errors,
+    finite_points,
+)
+
+
+class SurfaceEvaluate(om.ExplicitComponent):
+    """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
+
+    They are those of `GridEvaluate` to round-off, at a fraction of the cost. The component is linear (`is_linear`)
+    where the residual of the fit does not turn with the surface.
+
+    ==========================  ======  =============  =====  ======================================================
+    name                        role    shape          units  meaning
+    ==========================  ======  =============  =====  ======================================================
+    ``surface_control_points``  input   (3 n_surface)  m      those on the design surface, in the order of the mesh's
+                                                              ``surface_ids``
+    ``surface``                 output  (3 n)          m      nodes of the `SurfaceGrid`, each once, xyz interleaved
+    ==========================  ======  =============  =====  ======================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    mesh : MovingMesh
+        Its control mesh, which says what is the design surface.
+    surface : SurfaceGrid
+        Which nodes.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if nodes depend on control points that a mover may move and that are not on the design surface.
+    om.AnalysisError
+        In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
+        self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly (affinely) on the inputs."""
+        model = self.options["model"]
+        return model.residual is None or not model.settings.wall_layer
+
+    def setup(self):
+        """Declare the variables."""
+        mesh, surface = self.options["mesh"], self.options["surface"]
+        self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), None
+        self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
+        self.add_output(SURFACE, val=surface.points.ravel(), units="m")
+        lines = (surface.points[ids] for ids in surface.faces)
+        check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
+
+    def compute(self, inputs, outputs):
+        """Evaluate the volumes at the nodes."""
+        state = self._state_at(inputs)
+        outputs[SURFACE] = state.nodes.ravel()
+        if self.under_complex_step:
+            outputs[SURFACE] += 1j * state.jvp(inputs[SURFACE_CONTROL_POINTS].imag.reshape(-1, 3)).ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        state = self._state_at(inputs)
+        add_product(state.jvp, state.vjp, d_inputs, d_outputs, mode, of=SURFACE, wrt=SURFACE_CONTROL_POINTS)
+
+    def _state_at(self, inputs) -> SurfaceState:
+        """Nodes of these control points: the last ones if they were found for them."""
+        points = finite_points(inputs[SURFACE_CONTROL_POINTS], SURFACE_CONTROL_POINTS, self.msginfo).real
+        if self._last is None or not np.array_equal(points, self._last[0]):
+            with failures_as_analysis_errors(self):
+                self._last = points.copy(), self._map.at(points)
+        return self._last[1]

@@ -1,0 +1,74 @@
+"""A measure of the regenerated surface, as an OpenMDAO component."""
+
+from __future__ import annotations
+
+from ..measures.measure import Measure
+from ..names import SURFACE
+from .jacobian import (
+    SparseComponent,
+    SparsePattern,
+    check_along_directions,
+    difference_step,
+    finite_points,
+    refuse_complex_step,
+)
+
+
+class SurfaceMeasure(SparseComponent):
+    """Measure the surface: thickness, volume, area, radii, angles and whatever else is a `Measure`.
+
+    ====================  ======  ==========  =====  ===============================================================
+    name                  role    shape       units  meaning
+    ====================  ======  ==========  =====  ===============================================================
+    ``surface``           input   (3 n)       m      nodes of the measure's `SurfaceGrid`, xyz interleaved
+    name of the measure   output  the measure's own  what it measures
+    ====================  ======  =================  ===============================================================
+
+    Options
+    -------
+    measure : Measure
+        What is measured, on which surface.
+
+    Raises
+    ------
+    om.AnalysisError
+        In a run, if a node is not finite.
+    InputError
+        For partial derivatives under complex step.
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("measure", recordable=False, desc="what is measured")
+
+    def setup(self):
+        """Declare the variables."""
+        measure: Measure = self.options["measure"]
+        self.add_input(SURFACE, val=measure.surface.points.ravel(), units="m")
+        self.add_output(measure.name, shape=measure.shape, units=measure.units)
+        step = difference_step(measure.surface.points[ids] for ids in measure.surface.faces)
+        check_along_directions(self, step, is_complex=True)
+
+    def setup_partials(self):
+        """Declare what may differ from zero."""
+        measure = self.options["measure"]
+        self._sparse = SparsePattern.of(measure.partials(measure.surface.points))
+        self.declare_sparse(measure.name, SURFACE, self._sparse.rows, self._sparse.cols)
+
+    def compute(self, inputs, outputs):
+        """Measure the surface."""
+        measure = self.options["measure"]
+        outputs[measure.name] = measure.evaluate(self._points(inputs)).reshape(measure.shape)
+
+    def compute_partials(self, inputs, partials):
+        """Differentiate the measure."""
+        refuse_complex_step(self)
+        measure = self.options["measure"]
+        found = measure.partials(self._points(inputs))
+        partials[measure.name, SURFACE] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")
+
+    def _points(self, inputs):
+        return finite_points(inputs[SURFACE], SURFACE, self.msginfo)

@@ -1,1 +1,0 @@
-"""Design variables and linear constraints of the surface control points."""

@@ -1,1 +1,0 @@
-"""Quality of the cells of a grid: measures, aggregates for optimization, reports."""

@@ -1,0 +1,107 @@
+"""Checks of a variable's derivatives, for those who write their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .design.variable import Layout, Variable
+from .mesh.mesh import MovingMesh
+
+__all__ = ["VariableCheck", "check_variable"]
+
+STEPS = 10.0 ** -np.arange(1, 6)
+"""Steps of the differences; the one that agrees best counts: long and short ones are wrong themselves."""
+
+AWAY = 1e-2
+"""How far from the baseline is checked: points by this part of the size of the mesh, values by this."""
+
+GOOD = 1e-7
+"""Largest relative difference that is put down to the differences."""
+
+
+@dataclass(frozen=True)
+class VariableCheck:
+    """How well derivatives agree with differences.
+
+    Parameters
+    ----------
+    points_error, values_error : float
+        Largest deviation of the derivatives with respect to the points, and to the values, relative to the largest
+        derivative along the same direction. Some 1e-10 is round-off.
+    points_place, values_place : str
+        The point where it is largest.
+    """
+
+    points_error: float
+    values_error: float
+    points_place: str
+    values_place: str
+
+    @property
+    def is_good(self) -> bool:
+        """Whether both are within 1e-7."""
+        return max(self.points_error, self.values_error) <= GOOD
+
+
+def check_variable(variable: Variable, mesh: MovingMesh, n_directions: int = 3, seed: int = 0) -> VariableCheck:
+    """Compare the derivatives of a variable, such as a `UserVariable`, with central differences of fourth order.
+
+    Parameters
+    ----------
+    variable : Variable
+        The variable.
+    mesh : MovingMesh
+        A mesh whose surface it moves.
+    n_directions : int
+        Random directions, each for the points and for the values.
+    seed : int
+        Of the directions, and of the points and values near those of the baseline where the derivatives are taken.
+
+    Returns
+    -------
+    VariableCheck
+
+    Raises
+    ------
+    InputError
+        If the variable does not suit the mesh, or does not return what it should.
+    """
+    layout, random = Layout(mesh, tuple(variable.carried)), np.random.default_rng(seed)
+    design_map = variable.bind(layout)
+    points = layout.points + AWAY * mesh.size * random.uniform(-1.0, 1.0, layout.points.shape)
+    values = design_map.initial + AWAY * random.uniform(-1.0, 1.0, design_map.initial.shape)
+    partials = design_map.partials(points, values)
+    by_points = mesh.size * random.uniform(-1.0, 1.0, (n_directions, *points.shape))
+    by_values = random.uniform(-1.0, 1.0, (n_directions, *values.shape))
+    points_error, points_row = _compare(lambda d: design_map.apply(points + d, values), partials.points, by_points)
+    values_error, values_row = _compare(lambda d: design_map.apply(points, values + d), partials.values, by_values)
+    return VariableCheck(points_error, values_error, _place(layout, points_row), _place(layout, values_row))
+
+
+def _compare(function: Callable, jacobian: csr_array, directions: np.ndarray) -> tuple[float, int]:
+    """Largest relative deviation of a Jacobian along directions, and the row of points where it is."""
+    worst, row = -1.0, 0
+    for direction in directions:
+        given = (jacobian @ direction.ravel()).reshape(-1, 3)
+        off = min((np.abs(given - _difference(function, h * direction) / h) for h in STEPS), key=np.max)
+        error = off.max() / max(np.abs(given).max(), np.finfo(float).tiny)
+        if error > worst:
+            worst, row = float(error), int(np.argmax(off.max(axis=1)))
+    return worst, row
+
+
+def _difference(function: Callable, step: np.ndarray) -> np.ndarray:
+    """Difference of a function along a step, by the rule of fourth order."""
+    near, far = (function(m * step) - function(-m * step) for m in (1, 2))
+    return (8.0 * near - far) / 12.0
+
+
+def _place(layout: Layout, row: int) -> str:
+    """Name a row for a message."""
+    if row < layout.n_surface:
+        return layout.mesh.place_of_point(layout.mesh.surface_ids[row])
+    return f"carried point {row - layout.n_surface + 1}"

@@ -1,0 +1,424 @@
+"""Where points near a wall stand on it: the closest places of a triangulated surface, with smooth shares.
+
+A *foot* of a point is a place of the surface where its distance has a local minimum. There is one beside a smooth or
+convex wall; in a concave corner, a cove or a gap there are several, and the nearest one jumps where two are equally
+near. So a point takes all feet up to `FARTHEST` times as far as the nearest, with shares that come in smoothly.
+
+Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..numerics.threads import run_tasks, thread_count
+
+__all__ = ["MAX_FEET", "Feet", "TriangleTree", "fade"]
+
+MAX_FEET = 4
+"""Feet of a point, at most."""
+
+FARTHEST = 5.0
+"""A foot this many times as far as the nearest one has no share."""
+
+LEAF = 4
+"""Triangles in a box that is not halved, at most."""
+
+CHUNK_POINTS = 2**12
+"""Points per piece of work."""
+
+SAME_DISTANCE = 1e-9
+"""Distances that differ by less than this part of them are the same."""
+
+SAME_FOOT = 1e-4
+"""Feet that are nearer to each other than this part of the distance are the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """Feet of some points; points far from the surface have none.
+
+    Parameters
+    ----------
+    points : ndarray of int, shape (n,)
+        Numbers of the points that have feet.
+    starts : ndarray of int, shape (n + 1,)
+        Where the feet of each begin.
+    triangles : ndarray of int32, shape (m,)
+        Triangle that each foot is in, the nearest foot of a point first.
+    weights : ndarray, shape (m, 3)
+        Weights of the triangle's corners, which sum to one.
+    shares : ndarray, shape (m,)
+        How much the point follows the surface at each foot: those of a point sum to one on the surface, and to zero
+        from the surface's reach on.
+    """
+
+    points: np.ndarray
+    starts: np.ndarray
+    triangles: np.ndarray
+    weights: np.ndarray
+    shares: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleTree:
+    """Triangles of a surface, sorted for searches. Made by `TriangleTree.of`.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Corners (m).
+    triangles : ndarray of int32, shape (n_triangles, 3)
+        Corners of every triangle, in the order of the tree, around the normal into the fluid.
+    reach : ndarray, shape (n,)
+        Distance (m) up to which points follow the surface, at its corners.
+    boxes : ndarray, shape (2 n_leaves, 6)
+        Lower and upper corner of every box; box k holds boxes 2 k and 2 k + 1, the first of all is number 1.
+    far : ndarray, shape (2 n_leaves,)
+        Largest reach in every box.
+    leaf_starts : ndarray of int, shape (n_leaves + 1,)
+        Where the triangles of every leaf begin.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    reach: np.ndarray
+    boxes: np.ndarray
+    far: np.ndarray
+    leaf_starts: np.ndarray
+
+    @classmethod
+    def of(cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray) -> TriangleTree:
+        """Halve the quads of a surface along their shorter diagonals and sort the halves, but for those without area.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Corners (m).
+        quads : ndarray of int, shape (n_quads, 4)
+            Corners of every quad in turn, around the normal into the fluid.
+        reach : ndarray, shape (n,)
+            Distance (m) up to which points follow the surface, at its corners.
+        """
+        triangles = _halves(points, quads)
+        corners = points[triangles]
+        order, starts = _sorted_in_halves(corners.min(axis=1) + corners.max(axis=1))
+        triangles, corners = np.ascontiguousarray(triangles[order], dtype=np.int32), corners[order]
+        lower, upper, far = corners.min(axis=1), corners.max(axis=1), reach[triangles].max(axis=1, initial=0.0)
+        if not len(triangles):  # one box that nothing is near to
+            lower, upper, far = np.full((1, 3), np.inf), np.full((1, 3), -np.inf), np.zeros(1)
+        box = np.concatenate([lower, -upper], axis=1)
+        levels = [(np.minimum.reduceat(box, starts[:-1]), np.maximum.reduceat(far, starts[:-1]))]
+        while len(levels[0][1]) > 1:
+            boxes, far = levels[0]
+            levels.insert(0, (np.minimum(boxes[::2], boxes[1::2]), np.maximum(far[::2], far[1::2])))
+        boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
+        return cls(points, triangles, reach, boxes * np.repeat([1.0, -1.0], 3), far, starts)
+
+    def feet(self, points: np.ndarray, n_threads: int | None = None) -> Feet:
+        """Find the feet of points.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            The points (m).
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``. Results do not depend on it.
+
+        Returns
+        -------
+        Feet
+        """
+        cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
+        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.leaf_starts
+        size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        found: list = [None] * (len(cuts) - 1)
+
+        def search(number: int):
+            part = points[cuts[number] : cuts[number + 1]]
+            counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_FEET), dtype=np.int32)
+            weights, shares = np.empty((len(part), MAX_FEET, 3)), np.empty((len(part), MAX_FEET))
+            _find_feet(part, *tree, size, counts, triangles, weights, shares)
+            is_foot = np.arange(MAX_FEET) < counts[:, None]
+            near = np.flatnonzero(counts)
+            found[number] = cuts[number] + near, counts[near], triangles[is_foot], weights[is_foot], shares[is_foot]
+
+        run_tasks(search, len(found), thread_count(n_threads))
+        empty = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
+        found.append((*empty, np.empty((0, 3)), np.empty(0)))
+        ids, counts, triangles, weights, shares = (np.concatenate(parts) for parts in zip(*found))
+        return Feet(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, weights, shares)
+
+
+def _halves(points, quads):
+    """Triangles of quads, those with area, shape (n_triangles, 3)."""
+    x = points[quads]
+    is_first_shorter = np.linalg.norm(x[:, 2] - x[:, 0], axis=1) <= np.linalg.norm(x[:, 3] - x[:, 1], axis=1)
+    first, second = quads[:, [0, 1, 2, 0, 2, 3]], quads[:, [1, 2, 3, 1, 3, 0]]
+    triangles = np.where(is_first_shorter[:, None], first, second).reshape(-1, 3)
+    x = points[triangles]
+    sides = x - np.roll(x, 1, axis=1)
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return triangles[area > 1e-12 * np.max(np.sum(sides**2, axis=2), axis=1, initial=0.0)]
+
+
+def _sorted_in_halves(centres):
+    """Order of points, shape (n, 3), and where each leaf begins when they are halved again and again."""
+    order, starts = np.arange(len(centres)), np.array([0, len(centres)])
+    while np.diff(starts).max() > LEAF:
+        x = centres[order]
+        width = np.maximum.reduceat(x, starts[:-1]) - np.minimum.reduceat(x, starts[:-1])
+        number = np.repeat(np.arange(len(width)), np.diff(starts))
+        along = np.take_along_axis(x, np.argmax(width, axis=1)[number][:, None], axis=1)[:, 0]
+        order = order[np.lexsort((along, number))]
+        middle = (starts[:-1] + starts[1:]) // 2
+        starts = np.append(np.stack([starts[:-1], middle], axis=1).ravel(), len(order))
+    return order, starts
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fade(s):
+    """Polynomial from 1 at s = 0 to 0 at s = 1, and constant beyond, with two continuous derivatives."""
+    if s >= 1.0:
+        return 0.0
+    if s <= 0.0:
+        return 1.0
+    return (1.0 - s) ** 3 * (1.0 + s * (3.0 + 6.0 * s))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _box_distance_square(box, p):
+    total = 0.0
+    for d in range(3):
+        beyond = max(max(box[d] - p[d], p[d] - box[3 + d]), 0.0)
+        total += beyond * beyond
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _closest(a, b, c, p, weights):
+    """Weights of the place of a triangle that is closest to p, zero for what it does not touch; squared distance.
+
+    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in turn.
+    """
+    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
+    for d in range(3):
+        ab, ac = b[d] - a[d], c[d] - a[d]
+        d1 += ab * (p[d] - a[d])
+        d2 += ac * (p[d] - a[d])
+        d3 += ab * (p[d] - b[d])
+        d4 += ac * (p[d] - b[d])
+        d5 += ab * (p[d] - c[d])
+        d6 += ac * (p[d] - c[d])
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    u, v, w = 0.0, 0.0, 0.0
+    if d1 <= 0.0 and d2 <= 0.0:
+        u = 1.0
+    elif d3 >= 0.0 and d4 <= d3:
+        v = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        v = d1 / (d1 - d3)
+        u = 1.0 - v
+    elif d6 >= 0.0 and d5 <= d6:
+        w = 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w = d2 / (d2 - d6)
+        u = 1.0 - w
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        v = 1.0 - w
+    else:
+        total = va + vb + vc
+        v, w = vb / total, vc / total
+        u = 1.0 - v - w
+    weights[0], weights[1], weights[2] = u, v, w
+    square = 0.0
+    for d in range(3):
+        along = p[d] - (u * a[d] + v * b[d] + w * c[d])
+        square += along * along
+    return square
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _collect(p, points, triangles, reach, boxes, far, leaf_starts, shortest, factor, found, weights, squares):
+    """Triangles that p is within the reach of, not farther than ``factor`` times the nearest; their number.
+
+    Where there is no more room, the number says how many there would be.
+    """
+    n_leaves = len(leaf_starts) - 1
+    stack, place = np.empty(64, dtype=np.int64), np.empty(3)
+    stack[0], n_left, n_found = 1, 1, 0
+    nearest = shortest
+    while n_left > 0:
+        n_left -= 1
+        k = stack[n_left]
+        square = _box_distance_square(boxes[k], p)
+        if square > factor * factor * nearest or square >= far[k] * far[k]:
+            continue
+        if k < n_leaves:
+            one, other = 2 * k, 2 * k + 1
+            if _box_distance_square(boxes[one], p) < _box_distance_square(boxes[other], p):
+                one, other = other, one
+            stack[n_left], stack[n_left + 1] = one, other
+            n_left += 2
+            continue
+        for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            square = _closest(points[a], points[b], points[c], p, place)
+            up_to = place[0] * reach[a] + place[1] * reach[b] + place[2] * reach[c]
+            if square < up_to * up_to and square <= factor * factor * nearest:
+                nearest = min(nearest, square)
+                if n_found < len(found):
+                    found[n_found], squares[n_found] = t, square
+                    for d in range(3):
+                        weights[n_found, d] = place[d]
+                n_found += 1
+    return n_found, nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_feet(
+    part, points, triangles, reach, boxes, far, leaf_starts, size, counts, out_triangles, out_weights, out_shares
+):
+    found, squares, weights = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
+    nothing = np.empty(0, dtype=np.int64)
+    feet, away = np.empty(MAX_FEET, dtype=np.int64), np.empty((MAX_FEET, 3))
+    for i in range(len(part)):
+        p = part[i]
+        # first the nearest alone, then all that may have a share
+        _, nearest = _collect(
+            p, points, triangles, reach, boxes, far, leaf_starts, np.inf, 1.0, nothing, weights, squares
+        )
+        if nearest == np.inf:
+            continue
+        bound = nearest + (1e-13 * size) ** 2
+        while True:
+            n, _ = _collect(
+                p, points, triangles, reach, boxes, far, leaf_starts, bound, FARTHEST, found, weights, squares
+            )
+            if n <= len(found):
+                break
+            found, squares, weights = np.empty(2 * n, dtype=np.int64), np.empty(2 * n), np.empty((2 * n, 3))
+        n_feet = _choose(p, n, found, squares, weights, points, triangles, 1e-13 * size, feet, away)
+        counts[i] = _share(n_feet, feet, away, found, squares, weights, triangles, reach, out_shares[i])
+        for k in range(counts[i]):
+            out_triangles[i, k] = found[feet[k]]
+            for d in range(3):
+                out_weights[i, k, d] = weights[feet[k], d]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _choose(p, n, found, squares, weights, points, triangles, round_off, feet, away):
+    """Choose the feet of p among what was found; the nearest first."""
+    order, distances = np.empty(n, dtype=np.int64), np.empty(n)
+    for k in range(n):
+        distances[k] = np.sqrt(squares[k])
+        place = k
+        while place > 0 and distances[order[place - 1]] > distances[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+    # of coincident surfaces, the one whose fluid p is in; by their order in the tree where both or none are
+    same = distances[order[0]] * (1.0 + SAME_DISTANCE) + round_off
+    for rank in range(n):
+        k = order[rank]
+        if distances[k] > same:
+            break
+        if _is_on_fluid_side(p, found[k], weights[k], points, triangles):
+            for later in range(rank, 0, -1):
+                order[later] = order[later - 1]
+            order[0] = k
+            break
+    n_feet = 0
+    for rank in range(n):
+        k = order[rank]
+        if n_feet == MAX_FEET:
+            break
+        t = found[k]
+        for d in range(3):
+            away[n_feet, d] = p[d]
+            for corner in range(3):
+                away[n_feet, d] -= weights[k, corner] * points[triangles[t, corner], d]
+        if rank == 0 or _is_another_foot(
+            p, k, n, n_feet, found, distances, weights, points, triangles, round_off, away
+        ):
+            feet[n_feet] = k
+            n_feet += 1
+    return n_feet
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_another_foot(p, k, n, n_feet, found, distances, weights, points, triangles, round_off, away):
+    """Whether a place is a local minimum of the distance, seen from the fluid, and not among the feet."""
+    if not distances[k] > round_off or not _is_on_fluid_side(p, found[k], weights[k], points, triangles):
+        return False
+    for foot in range(n_feet):
+        square = 0.0
+        for d in range(3):
+            square += (away[n_feet, d] - away[foot, d]) ** 2
+        if square < (SAME_FOOT * distances[k] + round_off) ** 2:
+            return False
+    if min(weights[k, 0], weights[k, 1], weights[k, 2]) > 0.0:
+        return True
+    # on an edge or a corner: no other triangle there may be nearer
+    for other in range(n):
+        if distances[other] < distances[k] * (1.0 - SAME_DISTANCE) - round_off:
+            is_there = True
+            for corner in range(3):
+                if weights[k, corner] > 0.0:
+                    v, t = triangles[found[k], corner], found[other]
+                    is_there = is_there and (triangles[t, 0] == v or triangles[t, 1] == v or triangles[t, 2] == v)
+            if is_there:
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_on_fluid_side(p, t, weights, points, triangles):
+    """Whether p is on the side of a triangle that its normal points to, seen from a place of the triangle."""
+    a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
+    height = length = area = 0.0
+    for d in range(3):
+        e, f = (d + 1) % 3, (d + 2) % 3
+        normal = (b[e] - a[e]) * (c[f] - a[f]) - (b[f] - a[f]) * (c[e] - a[e])
+        along = p[d] - (weights[0] * a[d] + weights[1] * b[d] + weights[2] * c[d])
+        height += normal * along
+        length += along * along
+        area += normal * normal
+    return height >= -1e-6 * np.sqrt(length * area)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share(n_feet, feet, away, found, squares, weights, triangles, reach, shares):
+    """Set the shares of the feet; return the number of those that have one.
+
+    A foot's share fades with its distance by the nearest one's, and by its reach. Feet in nearly the same direction,
+    as beside the edge between two facets, have one share together.
+    """
+    total, n_shares = 0.0, 0
+    nearest = np.sqrt(squares[feet[0]])
+    fades, sizes = np.empty(MAX_FEET), np.empty(MAX_FEET)
+    for k in range(n_feet):
+        distance, up_to = np.sqrt(squares[feet[k]]), 0.0
+        for corner in range(3):
+            up_to += weights[feet[k], corner] * reach[triangles[found[feet[k]], corner]]
+        fades[k] = sizes[k] = fade(distance / up_to)
+        if k > 0:
+            sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / FARTHEST) / (1.0 - 1.0 / FARTHEST))
+    for k in range(n_feet):
+        crowd = 1.0
+        for other in range(n_feet):
+            cosine = away[k, 0] * away[other, 0] + away[k, 1] * away[other, 1] + away[k, 2] * away[other, 2]
+            if other != k and cosine > 0.0:
+                crowd += sizes[other] * (cosine * cosine / (squares[feet[k]] * squares[feet[other]])) ** 2
+        shares[k] = sizes[k] / crowd
+        total += shares[k]
+    for k in range(n_feet):
+        share = shares[k] / total * fades[k]
+        if share > 0.0:
+            shares[n_shares], feet[n_shares] = share, feet[k]
+            n_shares += 1
+    return n_shares

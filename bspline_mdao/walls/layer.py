@@ -1,0 +1,634 @@
+"""Nodes near walls follow them as a rigid body, blended smoothly into any map of the others.
+
+A node at x0 on the baseline, mapped to y, with the feet f on the wall (see `.wall_feet`), goes to
+
+    x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
+
+where W_f and W'_f are the places of the foot before and after the move and G_f is its rotation (see `.wall_frames`):
+those of the corners of its triangle, at the weights of the foot. The shares beta_f sum to one on the wall and fade to
+zero at its reach. So a wall node goes exactly where it is asked to be, the nodes above it keep their heights, and a
+rigid motion of the wall is one of its layer, wherever the feet are. All this is a matter of places, not of grid lines:
+blocks of any topology, walls that end inside a grid, and points of other grids are treated alike.
+
+Feet and shares are those of the baseline and stay. The map is then linear in y and in the wall's places and rotations,
+and linear in x0 together with W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from ..errors import InputError
+from ..numerics.threads import run_tasks, thread_count
+from .feet import Feet, TriangleTree, fade
+from .frames import Frames, WallFrames
+
+__all__ = ["Layered", "Wall", "WallLayer"]
+
+CHUNK_NODES = 2**12
+"""Nodes per piece of work: the corners of their triangles have numbers of two bytes."""
+
+REACH = (20.0, 3.0)
+"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
+
+VISCOUS = (24.0, 36.0)
+"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
+no layer, and from which on it has its whole reach. Grids have 1 to 24, or 36 to 16,000."""
+
+N_SMOOTHINGS = 3
+"""Times that the reach of a wall is averaged with that of the neighbours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """A wall on the baseline. Made by `Wall.of`.
+
+    Parameters
+    ----------
+    tree : TriangleTree
+        Its triangles and its reach.
+    frames : WallFrames
+        How the layer above it is carried.
+    """
+
+    tree: TriangleTree
+    frames: WallFrames
+
+    @classmethod
+    def of(
+        cls,
+        points: np.ndarray,
+        quads: np.ndarray,
+        heights: np.ndarray,
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        held: np.ndarray | None = None,
+        sheets: np.ndarray | None = None,
+        n_threads: int | None = None,
+    ) -> Wall:
+        """Take a wall.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Its nodes on the baseline (m), each once.
+        quads : ndarray of int, shape (n_quads, 4)
+            Corners of its quads in turn, around the normal into the fluid.
+        heights : ndarray, shape (n,)
+            Heights of the first cells at the nodes (m); 0 where there is none.
+        planes : sequence of (ndarray of int, ndarray of shape (3,))
+            Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
+        held : ndarray of int, optional
+            Nodes that never turn, such as those on a fixed boundary.
+        sheets : ndarray of int, shape (n_quads,), optional
+            Face that each quad belongs to. Heights are kept above each face by itself, where several meet in a node.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        Wall
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        points = np.ascontiguousarray(points, dtype=float)
+        frames = WallFrames.of(points, quads, planes, held, sheets, n_threads)
+        heights = np.asarray(heights, dtype=float)
+        if heights.shape != (len(points),):
+            raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
+        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), frames)
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.tree.points)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Some nodes of the layer, with the wall's nodes that they stand between.
+
+    Parameters
+    ----------
+    rows : ndarray of int32, shape (n,)
+        Rows of the nodes, ascending.
+    starts : ndarray of int32, shape (n + 1,)
+        Where the feet of each begin.
+    planes : ndarray of int16, shape (n,)
+        Number of the projector of each.
+    corners : ndarray of uint16, shape (n_feet, 3)
+        Corners of the triangle of each foot, among the piece's nodes of the wall.
+    weights : ndarray of float32, shape (n_feet, 2)
+        Weights of the first two corners. A foot that is a little beside the closest place does as well.
+    shares : ndarray of float32, shape (n_feet,)
+        How much the node follows the foot.
+    wall_ids : ndarray of int, shape (n_corners,)
+        The piece's nodes of the wall, ascending.
+    """
+
+    rows: np.ndarray
+    starts: np.ndarray
+    planes: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    shares: np.ndarray
+    wall_ids: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What the kernels take."""
+        return self.rows, self.starts, self.planes, self.corners, self.weights, self.shares
+
+
+@dataclass(frozen=True, eq=False)
+class WallLayer:
+    """Points that follow a wall. Made by `WallLayer.of`.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    pieces : tuple
+        The nodes that follow it.
+    projectors : ndarray, shape (n_projectors, 3, 3)
+        What planes leave of the correction; the first is the identity.
+    copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies of nodes of the layer, and the rows that they copy.
+    n_points : int
+        Number of points of which some follow the wall.
+    n_threads : int, optional
+        Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
+    """
+
+    wall: Wall
+    pieces: tuple[_Piece, ...]
+    projectors: np.ndarray
+    copies: np.ndarray
+    n_points: int
+    n_threads: int | None = None
+
+    @classmethod
+    def of(
+        cls,
+        wall: Wall,
+        points: np.ndarray,
+        wall_rows: np.ndarray | None = None,
+        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+        held: np.ndarray | None = None,
+        copies: np.ndarray | None = None,
+        n_threads: int | None = None,
+    ) -> WallLayer:
+        """Find the points that follow a wall.
+
+        Parameters
+        ----------
+        wall : Wall
+            The wall.
+        points : ndarray, shape (n, 3)
+            Nodes of the grid, or points of another one, on the baseline (m).
+        wall_rows : ndarray of int, shape (wall.n_points,), optional
+            Row of every node of the wall among the points; none of another grid.
+        planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
+            Points in planes that they must stay in, and the planes' normals. Planes that share points must be at right
+            angles.
+        held : ndarray of int, optional
+            Points that do not follow the wall, such as those on a fixed boundary.
+        copies : ndarray of int, shape (n_copies, 2), optional
+            Rows that are copies, and the rows that they copy.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+
+        Returns
+        -------
+        WallLayer
+
+        Raises
+        ------
+        InputError
+            If an array has the wrong shape.
+        """
+        points = np.ascontiguousarray(points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"wall layer: points of shape {points.shape}; give shape (n, 3)")
+        wall_rows = np.empty(0, dtype=np.int64) if wall_rows is None else np.asarray(wall_rows)
+        if len(wall_rows) not in (0, wall.n_points):
+            raise InputError(f"wall layer: {len(wall_rows)} rows of {wall.n_points} nodes of the wall; give one each")
+        copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies)
+        is_free = np.ones(len(points), dtype=bool)
+        for rows in (wall_rows, copies[:, 0], held):
+            if rows is not None:
+                is_free[rows] = False
+        free = np.flatnonzero(is_free)
+        feet = wall.tree.feet(points[free], n_threads)
+        rows = np.concatenate([wall_rows, free[feet.points]])
+        counts = np.concatenate([np.ones(len(wall_rows), dtype=np.int64), np.diff(feet.starts)])
+        projectors, plane_of = _projectors(planes, len(points))
+        plane_of[wall_rows] = 0
+        corners, weights, shares, places = _with_wall_nodes(wall.tree, feet, len(wall_rows))
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, weights, shares)
+        is_followed = np.zeros(len(points), dtype=bool)
+        is_followed[rows] = True
+        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
+
+    @property
+    def n_followers(self) -> int:
+        """Number of points that follow the wall, those on it among them."""
+        return sum(len(piece.rows) for piece in self.pieces)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that the nodes of the layer take."""
+        return sum(array.nbytes for piece in self.pieces for array in vars(piece).values()) + self.copies.nbytes
+
+    def at(
+        self,
+        initial: np.ndarray,
+        mapped: np.ndarray,
+        wall_initial: np.ndarray,
+        wall_moved: np.ndarray,
+        normals: np.ndarray | None = None,
+    ) -> Layered:
+        """Let the points follow a move of the wall.
+
+        Parameters
+        ----------
+        initial : ndarray, shape (n, 3)
+            Points before the move (m).
+        mapped : ndarray, shape (n, 3), C order
+            Where a map puts them (m); those that follow the wall are overwritten in place.
+        wall_initial, wall_moved : ndarray, shape (wall.n_points, 3)
+            Nodes of the wall before and after the move (m).
+        normals : ndarray, shape (n_planes, 3), optional
+            Unit normals after the move of the planes that the wall was made with; by default they stay.
+
+        Returns
+        -------
+        Layered
+            With the nodes, and their derivative.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a node of the wall are turned inside out.
+        """
+        frames = self.wall.frames.at(wall_initial, wall_moved, normals)
+        self._follow(initial, _packed(frames.moved, frames.matrices, frames.initial), mapped)
+        return Layered(self, initial, frames, mapped)
+
+    def _follow(self, initial, frames, mapped):
+        """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
+        self._run(lambda piece, ids: _follow(*piece.arrays, self.projectors, initial, frames[ids], mapped))
+        mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
+
+    def _run(self, task) -> list:
+        """Results of a task for every piece, in order."""
+        results: list = [None] * len(self.pieces)
+
+        def run(number: int):
+            results[number] = task(self.pieces[number], self.pieces[number].wall_ids)
+
+        run_tasks(run, len(self.pieces), thread_count(self.n_threads))
+        return results
+
+
+@dataclass(frozen=True, eq=False)
+class Layered:
+    """Points that followed a move of a wall, and their derivative.
+
+    Parameters
+    ----------
+    layer : WallLayer
+        Who follows.
+    initial : ndarray, shape (n, 3)
+        Points before the move (m).
+    frames : Frames
+        The move of the wall, with its nodes before and after.
+    nodes : ndarray, shape (n, 3)
+        Points after it (m).
+    """
+
+    layer: WallLayer
+    initial: np.ndarray
+    frames: Frames
+    nodes: np.ndarray
+
+    def jvp(
+        self, d_initial, d_mapped: np.ndarray, d_wall_initial, d_wall_moved: np.ndarray, d_normals=None
+    ) -> np.ndarray:
+        """Change of the points.
+
+        Parameters
+        ----------
+        d_initial : ndarray, shape (n, 3), or None
+            Change of the points before the move; None for none, also of the wall.
+        d_mapped : ndarray, shape (n, 3), C order
+            Change of the mapped points, overwritten in place by that of the points.
+        d_wall_initial : ndarray, shape (wall.n_points, 3), or None
+            Change of the wall's nodes before the move.
+        d_wall_moved : ndarray, shape (wall.n_points, 3)
+            Change of the wall's nodes after it.
+        d_normals : ndarray, shape (n_planes, 3), or None
+            Change of the normals of its planes after it.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            `d_mapped`.
+        """
+        frames = self.frames
+        d_frames = _packed(d_wall_moved, frames.jvp(d_wall_initial, d_wall_moved, d_normals), frames.initial)
+        self.layer._follow(self.initial, d_frames, d_mapped)
+        if d_initial is not None:
+            change = np.zeros_like(d_mapped)
+            self.layer._follow(d_initial, _packed(0.0 * d_wall_initial, frames.matrices, d_wall_initial), change)
+            d_mapped += change
+        return d_mapped
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3), C order
+            Derivative of a scalar with respect to the points, overwritten in place by that in the mapped ones.
+
+        Returns
+        -------
+        initial_bar, mapped_bar : ndarray, shape (n, 3)
+        wall_initial_bar, wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        normals_bar : ndarray, shape (n_planes, 3)
+        """
+        _move_rows(self.layer.copies, bar)
+        initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.frames.initial.shape)
+        layer, frames = self.layer, self._motion
+        sums = layer._run(
+            lambda piece, ids: _turned_back(*piece.arrays, layer.projectors, frames[ids], bar, initial_bar)
+        )
+        _add_up(layer.pieces, sums, wall_initial_bar)
+        places_bar, matrices_bar = self._frames_vjp(bar)
+        before, after, normals_bar = self.frames.vjp(matrices_bar)
+        return initial_bar, bar, wall_initial_bar + before, places_bar + after, normals_bar
+
+    def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Results of `vjp` for points and wall that do not change before the move.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3), C order
+            Derivative of a scalar with respect to the points, overwritten in place by that in the mapped ones.
+
+        Returns
+        -------
+        mapped_bar : ndarray, shape (n, 3)
+        wall_moved_bar : ndarray, shape (wall.n_points, 3)
+        normals_bar : ndarray, shape (n_planes, 3)
+        """
+        _move_rows(self.layer.copies, bar)
+        places_bar, matrices_bar = self._frames_vjp(bar)
+        after, normals_bar = self.frames.frozen_vjp(matrices_bar)
+        return bar, places_bar + after, normals_bar
+
+    @property
+    def _motion(self) -> np.ndarray:
+        """Places and rotations of the wall's nodes, shape (n, 15)."""
+        return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
+
+    def _frames_vjp(self, bar):
+        """Derivatives in places and rotations of the wall's nodes; overwrites ``bar`` by those in the mapped points."""
+        layer, frames = self.layer, self._motion
+        sums = layer._run(
+            lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, frames[ids], bar)
+        )
+        frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
+        _add_up(layer.pieces, sums, frames_bar)
+        return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
+
+
+def _reach(points, quads, heights) -> np.ndarray:
+    """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
+    x = points[quads]
+    diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
+    area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
+    longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
+    width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
+    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
+    around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
+    beside = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
+    spacing = around @ width
+    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
+    for _ in range(N_SMOOTHINGS):
+        reach = 0.5 * (reach + beside @ reach)
+    return reach * _viscosity(spacing, heights)
+
+
+def _viscosity(spacing, heights) -> float:
+    """How much of its reach a wall has: where cells are as high as wide, no layer is needed, and it costs quality."""
+    is_known = heights > 0.0
+    if not is_known.any():
+        return 0.0
+    flatness = np.quantile(spacing[is_known] / heights[is_known], 0.75)
+    return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
+
+
+def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
+    """Means of the values at the columns that go with each row."""
+    sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
+    return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums
+
+
+def _packed(places, matrices, initial) -> np.ndarray:
+    """Places and rotations after a move and places before it side by side, shape (n, 15)."""
+    return np.concatenate([places, matrices.reshape(-1, 9), initial], axis=1)
+
+
+def _projectors(planes, n):
+    """Different projectors onto planes, shape (m, 3, 3), the first one the identity; which one each point has."""
+    plane_of, found = np.zeros(n, dtype=np.int16), [np.eye(3)]
+    for ids, normal in planes:
+        normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+        for number in np.unique(plane_of[ids]).tolist():
+            plane_of[ids[plane_of[ids] == number]] = len(found)
+            found.append(found[number] - np.outer(normal, normal @ found[number]))
+    return np.array(found), plane_of
+
+
+def _with_wall_nodes(tree: TriangleTree, feet: Feet, n_wall: int):
+    """Corners, weights and shares of all feet, the wall's nodes first, and the triangle of each point's nearest."""
+    corners = np.concatenate(
+        [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[feet.triangles]]
+    )
+    weights = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), feet.weights[:, :2]])
+    first = np.zeros(n_wall, dtype=np.int64)
+    if n_wall:
+        first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
+    return (
+        corners,
+        weights,
+        np.concatenate([np.ones(n_wall), feet.shares]),
+        np.concatenate([first, feet.triangles[feet.starts[:-1]]]),
+    )
+
+
+def _cut(rows, counts, places, planes, corners, weights, shares) -> tuple[_Piece, ...]:
+    """Cut the nodes of a layer into pieces, each over a part of the wall."""
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    order = np.argsort(places, kind="stable")
+    pieces = []
+    for first in range(0, len(rows), CHUNK_NODES):
+        nodes = order[first : first + CHUNK_NODES]
+        nodes = nodes[np.argsort(rows[nodes])]
+        ends = np.cumsum(counts[nodes])
+        feet = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
+        wall_ids, local = np.unique(corners[feet], return_inverse=True)
+        pieces.append(
+            _Piece(
+                rows[nodes].astype(np.int32),
+                np.concatenate([[0], ends]).astype(np.int32),
+                planes[nodes],
+                local.reshape(-1, 3).astype(np.uint16),
+                weights[feet].astype(np.float32),
+                shares[feet].astype(np.float32),
+                wall_ids,
+            )
+        )
+    return tuple(pieces)
+
+
+def _add_up(pieces, sums, out):
+    """Add the sums of all pieces, in their order."""
+    for piece, part in zip(pieces, sums):
+        out[piece.wall_ids] += part
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move_rows(copies, bar):
+    for n in range(len(copies)):
+        for d in range(3):
+            bar[copies[n, 1], d] += bar[copies[n, 0], d]
+            bar[copies[n, 0], d] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _corners(corners, weights, k):
+    """Corners of a foot and their weights."""
+    # unsigned, so that no number is checked for being negative
+    a, b, c = np.uint64(corners[k, 0]), np.uint64(corners[k, 1]), np.uint64(corners[k, 2])
+    u, v = np.float64(weights[k, 0]), np.float64(weights[k, 1])
+    return (a, b, c), (u, v, 1.0 - u - v)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _from_foot(initial, row, frames, at, weights):
+    """Vector from a foot to a point."""
+    (a, b, c), (u, v, w) = at, weights
+    return (
+        initial[row, 0] - (u * frames[a, 12] + v * frames[b, 12] + w * frames[c, 12]),
+        initial[row, 1] - (u * frames[a, 13] + v * frames[b, 13] + w * frames[c, 13]),
+        initial[row, 2] - (u * frames[a, 14] + v * frames[b, 14] + w * frames[c, 14]),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _projected(projector, x, y, z):
+    p = projector
+    return (
+        p[0, 0] * x + p[0, 1] * y + p[0, 2] * z,
+        p[1, 0] * x + p[1, 1] * y + p[1, 2] * z,
+        p[2, 0] * x + p[2, 1] * y + p[2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow(rows, starts, planes, corners, weights, shares, projectors, initial, frames, mapped):
+    for i in range(len(rows)):
+        row, total = np.uint64(rows[i]), 0.0
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, weights, k)
+            share = np.float64(shares[k])
+            d, e, f = _from_foot(initial, row, frames, at, at_weights)
+            for n, weight in zip(at, at_weights):
+                s = share * weight
+                x += s * (frames[n, 0] + frames[n, 3] * d + frames[n, 4] * e + frames[n, 5] * f)
+                y += s * (frames[n, 1] + frames[n, 6] * d + frames[n, 7] * e + frames[n, 8] * f)
+                z += s * (frames[n, 2] + frames[n, 9] * d + frames[n, 10] * e + frames[n, 11] * f)
+            total += share
+        if planes[i] == 0:
+            mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
+            mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
+            mapped[row, 2] = (1.0 - total) * mapped[row, 2] + z
+        else:
+            x, y, z = x - total * mapped[row, 0], y - total * mapped[row, 1], z - total * mapped[row, 2]
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+            mapped[row, 0] += x
+            mapped[row, 1] += y
+            mapped[row, 2] += z
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow_back(rows, starts, planes, corners, weights, shares, projectors, initial, frames, bar):
+    """Transpose of `_follow` in the frames, which it returns, and in the mapped points, in place of ``bar``."""
+    sums = np.zeros((len(frames), 12), dtype=bar.dtype)
+    for i in range(len(rows)):
+        row, total = np.uint64(rows[i]), 0.0
+        x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+        if planes[i] != 0:
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, weights, k)
+            share = np.float64(shares[k])
+            d, e, f = _from_foot(initial, row, frames, at, at_weights)
+            for n, weight in zip(at, at_weights):
+                s = share * weight
+                sums[n, 0] += s * x
+                sums[n, 1] += s * y
+                sums[n, 2] += s * z
+                sums[n, 3] += s * x * d
+                sums[n, 4] += s * x * e
+                sums[n, 5] += s * x * f
+                sums[n, 6] += s * y * d
+                sums[n, 7] += s * y * e
+                sums[n, 8] += s * y * f
+                sums[n, 9] += s * z * d
+                sums[n, 10] += s * z * e
+                sums[n, 11] += s * z * f
+            total += share
+        bar[row, 0] -= total * x
+        bar[row, 1] -= total * y
+        bar[row, 2] -= total * z
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _turned_back(rows, starts, planes, corners, weights, shares, projectors, frames, bar, initial_bar):
+    """Transpose of `_follow` in the points before the move, which it adds to, and in the wall's, which it returns."""
+    sums = np.zeros((len(frames), 3), dtype=bar.dtype)
+    for i in range(len(rows)):
+        row = np.uint64(rows[i])
+        x, y, z = bar[row, 0], bar[row, 1], bar[row, 2]
+        if planes[i] != 0:
+            x, y, z = _projected(projectors[planes[i]], x, y, z)
+        for k in range(starts[i], starts[i + 1]):
+            at, at_weights = _corners(corners, weights, k)
+            share = np.float64(shares[k])
+            d, e, f = 0.0, 0.0, 0.0
+            for n, weight in zip(at, at_weights):
+                s = share * weight
+                d += s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
+                e += s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
+                f += s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)
+            initial_bar[row, 0] += d
+            initial_bar[row, 1] += e
+            initial_bar[row, 2] += f
+            for n, weight in zip(at, at_weights):
+                sums[n, 0] -= weight * d
+                sums[n, 1] -= weight * e
+                sums[n, 2] -= weight * f
+    return sums

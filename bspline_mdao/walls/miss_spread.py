@@ -1,0 +1,474 @@
+"""What control points miss of an asked wall, spread smoothly over the volume.
+
+The displacement is known at wall nodes. All segments are cut into *pieces*, some `PIECE` cells long along walls and as
+long as the segment in all other directions. The corners of the pieces follow a network of springs between the walls and
+the rest of the boundary, which stays; then edges, faces and insides of the pieces follow by transfinite interpolation,
+in proportion to arc lengths of the baseline. So the miss fades over whole blocks, and where blocks are thin beyond
+them.
+
+W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
+International Journal for Numerical Methods in Engineering 7, 1973.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+from numba import njit
+from scipy import sparse
+
+from ..numerics.planes import nearest_plane
+from ..sparse.spring_network import SpringNetwork
+from ..topology.index_space import Window
+from ..topology.sections import sections_of, whole_slices
+from ..topology.sharing import block_rows, direction_classes, node_sharing
+from ..topology.topology import Topology
+
+__all__ = ["MissSpread"]
+
+PIECE = 8
+"""Cells of a piece along walls: what a thin block cannot hold of a miss goes on beyond it at this resolution."""
+
+INDEPENDENT = 1e-3
+"""Normals of planes are as many as have a singular value above this."""
+
+
+@dataclass(frozen=True, eq=False)
+class MissSpread:
+    """The linear map from the displacement of wall nodes to that of all nodes, and its transpose.
+
+    It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
+    ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by `MissSpread.of`.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (n_wall,)
+        Rows of the wall nodes in the grid vector.
+    wall_ids : ndarray of int, shape (n_corners_on_wall,)
+        Which of them are corners of pieces.
+    corner_rows : ndarray of int, shape (n_free,)
+        Rows of the corners that follow the network.
+    network : SpringNetwork
+        Their displacement from that of the wall's corners.
+    levels : tuple of Sections
+        Edges, faces and insides of the pieces.
+    copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies, and the rows that they copy.
+    n_nodes : int
+        Rows of the grid vector.
+    """
+
+    rows: np.ndarray
+    wall_ids: np.ndarray
+    corner_rows: np.ndarray
+    network: SpringNetwork
+    levels: tuple[Sections, ...]
+    copies: np.ndarray
+    n_nodes: int
+
+    @classmethod
+    def of(cls, topology: Topology, nodes: np.ndarray, rows: np.ndarray) -> MissSpread:
+        """Prepare the map of a baseline grid.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        nodes : ndarray, shape (n_nodes, 3)
+            The baseline (m).
+        rows : ndarray of int, shape (n_wall,)
+            Rows in the grid vector of the nodes whose displacement is known, each shared node once.
+
+        Returns
+        -------
+        MissSpread
+        """
+        sharing, whole = node_sharing(topology), block_rows(topology.shapes)
+        source = sharing.source_rows()
+        wall = source[rows]
+        place = np.full(topology.n_nodes, -1)
+        place[wall] = np.arange(len(rows))
+        is_done, is_moving = place >= 0, place >= 0
+        windows = list(_pieces(topology, source, place >= 0))
+        pieces = [(source[whole[w.block][w.slices]], nodes[whole[w.block][w.slices]]) for w in windows]
+        corners = np.unique(np.concatenate([ids[_CORNERS].ravel() for ids, _ in pieces]))
+        is_held = np.isin(corners, _held_rows(topology, source)) & (place[corners] < 0)
+        flat = [whole[f.window.block][f.window.slices].ravel() for f in topology.boundary if f.kind == "symmetry"]
+        normals = [(np.isin(corners, source[members]), nearest_plane(nodes[members])[0]) for members in flat]
+        network = SpringNetwork.of(
+            len(corners),
+            _edge_lengths(pieces, corners),
+            np.flatnonzero(place[corners] >= 0),
+            np.flatnonzero(is_held),
+            lambda ids: _directions(ids, normals),
+        )
+        is_done[corners] = is_moving[corners[network.ids]] = True
+        levels = tuple(Sections.of(pieces, n_free, is_done, is_moving) for n_free in (1, 2, 3))
+        wall_ids = place[corners[place[corners] >= 0]]
+        return cls(wall, wall_ids, corners[network.ids], network, levels, sharing.copies, topology.n_nodes)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory held (B)."""
+        return sum(level.n_bytes for level in self.levels) + self.rows.nbytes + self.copies.nbytes
+
+    def meet(self, nodes: np.ndarray, wall: np.ndarray) -> np.ndarray:
+        """Let nodes, shape (n_nodes, 3), meet a wall in place.
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes (m), overwritten by those whose wall is exactly where it is asked to be.
+        wall : ndarray, shape (n_wall, 3)
+            Where it is asked to be (m).
+
+        Returns
+        -------
+        ndarray, shape (n_wall, 3)
+            What was missed (m).
+        """
+        miss = wall - nodes[self.rows]
+        if miss.any():
+            nodes += self.forward(miss)
+            nodes[self.rows] = wall  # rounding aside, it is there already
+            nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
+        return miss
+
+    def forward(self, miss: np.ndarray) -> np.ndarray:
+        """Displacements of all nodes, shape (n_nodes, 3), of that of the wall nodes, shape (n_wall, 3), in metres."""
+        values = np.zeros((self.n_nodes, 3))
+        values[self.rows] = miss
+        values[self.corner_rows] = self.network.dot(miss[self.wall_ids])
+        for level in self.levels:
+            _fill(*level.arrays, values)
+        values[self.copies[:, 0]] = values[self.copies[:, 1]]
+        return values
+
+    def adjoint(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `forward`: (n_nodes, 3) to (n_wall, 3)."""
+        bars = bar.copy()
+        _add_at(bars, self.copies[:, 1], self.copies[:, 0])
+        for level in self.levels[::-1]:
+            _fill_transpose(*level.arrays, bars)
+        wall_bar = bars[self.rows]
+        wall_bar[self.wall_ids] += self.network.transpose_dot(bars[self.corner_rows])
+        return wall_bar
+
+
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """Edges, faces or insides of pieces, one after the other in flat arrays.
+
+    Parameters
+    ----------
+    shapes : ndarray of int, shape (n, 3)
+        Points of each section by direction.
+    starts : ndarray of int, shape (n, 4)
+        Where its rows start, and its blends of each direction.
+    rows : ndarray of int32
+        Rows in the grid vector of its points in C order; -1 for inner points that have their displacement already.
+    blends : ndarray
+        Where its points stand between the two ends of each direction, from 0 to 1.
+    """
+
+    shapes: np.ndarray
+    starts: np.ndarray
+    rows: np.ndarray
+    blends: np.ndarray
+
+    @classmethod
+    def of(cls, pieces, n_free: int, is_done: np.ndarray, is_moving: np.ndarray) -> Sections:
+        """Gather the sections of some free directions.
+
+        Left out are those without a point that is not done, and those with nothing that moves at their ends. What is
+        gathered is marked as done, and as moving.
+        """
+        gathered, blends, at = [], [], np.zeros(2, dtype=int)
+        for ids, points in pieces:
+            for section in sections_of(ids.shape, n_free):
+                axes = sorted(range(3), key=lambda d: section[d] is None)  # the last direction is free
+                here = ids[whole_slices(section)].transpose(axes).astype(np.int32)
+                inside = tuple(slice(1, -1) if n > 1 else slice(None) for n in here.shape)
+                inner = here[inside].copy()
+                is_fresh = _first_of_each(inner) & ~is_done[inner]
+                if not is_fresh.any():
+                    continue
+                is_done[inner[is_fresh]] = True
+                here[inside] = -1
+                if not is_moving[here[here >= 0]].any():
+                    continue
+                here[inside] = np.where(is_fresh, inner, -1)
+                is_moving[inner[is_fresh]] = True
+                lines = _blends(points[whole_slices(section)].transpose(*axes, 3))
+                starts = (at[0], *(at[1] + np.cumsum([0, *here.shape[:2]])))
+                gathered.append((here.shape, starts, here.ravel()))
+                blends.extend(lines)
+                at += here.size, sum(here.shape)
+        shapes, starts, rows = zip(*gathered) if gathered else ((), (), (np.zeros(0, dtype=np.int32),))
+        return cls(
+            np.array(shapes, dtype=np.int64).reshape(-1, 3),
+            np.array(starts, dtype=np.int64).reshape(-1, 4),
+            np.concatenate(rows),
+            np.concatenate([np.zeros(0), *blends]),
+        )
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What the kernels take."""
+        return self.shapes, self.starts, self.rows, self.blends
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory held (B)."""
+        return sum(array.nbytes for array in self.arrays)
+
+
+_CORNERS = np.ix_(*[(0, -1)] * 3)
+
+
+def _pieces(topology: Topology, source: np.ndarray, is_wall: np.ndarray) -> Iterator[Window]:
+    """Cut all segments into pieces, alike where they are linked: in directions that run along walls and leave none."""
+    classes, whole = direction_classes(topology), block_rows(topology.shapes)
+    along, leaving = set(), set()
+    for segment, (number, side) in zip(np.repeat(topology.segments, 6), np.ndindex(len(classes), 6)):
+        face = segment.face(side)
+        if is_wall[source[whole[face.block][face.slices]]].all():
+            leaving.add(classes[number, side // 2])
+            along.update(np.delete(classes[number], side // 2))
+    for number, segment in enumerate(topology.segments):
+        cuts = [
+            lo + _cuts(hi - lo) if classes[number, d] in along - leaving and lo < hi else [lo, hi]
+            for d, (lo, hi) in enumerate(zip(segment.lo, segment.hi))
+        ]
+        for spans in product(*(list(pairwise(cut)) if cut[0] < cut[-1] else [(cut[0], cut[0])] for cut in cuts)):
+            yield Window(segment.block, *zip(*(tuple(map(int, span)) for span in spans)))
+
+
+def _cuts(n_cells: int) -> np.ndarray:
+    """Cut a number of cells into pieces of about `PIECE`, in the same places from both ends.
+
+    Examples
+    --------
+    >>> _cuts(21)
+    array([ 0,  7, 14, 21])
+    """
+    n = -(-n_cells // PIECE)
+    n += n % 2 == 0 and n_cells % 2 == 1  # else the middle cut would be nearer to one end
+    low = np.arange(n // 2 + 1) * n_cells // n
+    return np.concatenate([low, np.unique(n_cells - low)[n % 2 == 0 :]])
+
+
+def _held_rows(topology: Topology, source: np.ndarray) -> np.ndarray:
+    """Rows of all boundaries but planes of symmetry."""
+    whole = block_rows(topology.shapes)
+    windows = [face.window for face in topology.boundary if face.kind != "symmetry"]
+    return np.unique(np.concatenate([np.zeros(0, int), *(source[whole[w.block][w.slices]].ravel() for w in windows)]))
+
+
+def _edge_lengths(pieces, corners: np.ndarray) -> dict[tuple[int, int], float]:
+    """Lengths of the edges of all pieces (m) by their ends, numbers of corners."""
+    lengths = {}
+    for ids, points in pieces:
+        for section in sections_of(ids.shape, n_free=1):
+            edge = ids[whole_slices(section)].ravel()
+            ends = tuple(np.sort(np.searchsorted(corners, edge[[0, -1]])).tolist())
+            length = np.linalg.norm(np.diff(points[whole_slices(section)].reshape(-1, 3), axis=0), axis=1).sum()
+            if length > 0.0:
+                lengths[ends] = float(length)
+    return lengths
+
+
+def _directions(ids: np.ndarray, planes) -> sparse.csr_array:
+    """Directions in which corners may move as orthonormal columns: all, or those of the planes that they are in."""
+    blocks = [_complement([normal for is_member, normal in planes if is_member[n]]) for n in ids]
+    return sparse.csr_array(sparse.block_diag(blocks, format="csr")) if blocks else sparse.csr_array((0, 0))
+
+
+def _complement(normals: list[np.ndarray]) -> np.ndarray:
+    """Orthonormal columns, shape (3, n), of what is normal to some unit normals; exact for those along axes."""
+    normals = np.reshape(normals, (-1, 3))
+    if (np.abs(normals).max(axis=1) == 1.0).all():
+        return np.eye(3)[:, ~(normals != 0.0).any(axis=0)]
+    _, sizes, rows = np.linalg.svd(normals)
+    return rows[np.count_nonzero(sizes > INDEPENDENT) :].T
+
+
+def _first_of_each(ids: np.ndarray) -> np.ndarray:
+    """Mask of the first occurrence of each number: a folded section holds points twice."""
+    is_first = np.zeros(ids.size, dtype=bool)
+    is_first[np.unique(ids, return_index=True)[1]] = True
+    return is_first.reshape(ids.shape)
+
+
+def _blends(points: np.ndarray) -> list[np.ndarray]:
+    """Where points, shape (n0, n1, n2, 3), stand between the ends of each direction: mean arc lengths of its edges."""
+    blends = []
+    for d in range(3):
+        edges = points[
+            tuple(
+                slice(None) if axis == d else slice(None, None, max(n - 1, 1))
+                for axis, n in enumerate(points.shape[:3])
+            )
+        ]
+        sums = np.cumsum(np.linalg.norm(np.diff(edges, axis=d), axis=-1).sum(axis=tuple(a for a in range(3) if a != d)))
+        n = points.shape[d]
+        is_line = n > 1 and sums[-1] > 0.0
+        blends.append(np.concatenate([[0.0], sums / sums[-1]]) if is_line else np.linspace(0.0, 1.0, n))
+    return blends
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(shapes, starts, rows, blends, values):
+    """Boolean sum I - (I - P0) (I - P1) (I - P2) = P2 + P1 (I - P2) + P0 (I - P1) (I - P2) in every section.
+
+    P_d, the interpolation along direction d, takes part where the direction has more than one point.
+    """
+    for number in range(len(shapes)):
+        ids, (b0, b1, b2), part = _section(number, shapes, starts, rows, blends)
+        e0, e1, e2 = _ends(ids.shape)
+        _gather(ids, b1, b2, part, values, e0, e1, e2)
+        n0, n1, n2 = ids.shape
+        first, stop = part[2], max(n2 - 1, 1)
+        line = np.empty((3, n2))
+        for i in range(part[0], max(n0 - 1, 1)):
+            for j in range(part[1], max(n1 - 1, 1)):
+                s, t = b0[i], b1[j]
+                for c in range(3):
+                    low0, high0, low1, high1 = e0[0, j, c], e0[1, j, c], e1[0, i, c], e1[1, i, c]
+                    low2, high2 = e2[0, i, j, c], e2[1, i, j, c]
+                    for k in range(first, stop):
+                        u = (1.0 - s) * low0[k] + s * high0[k] + ((1.0 - t) * low1[k] + t * high1[k])
+                        line[c, k] = u + ((1.0 - b2[k]) * low2 + b2[k] * high2)
+                at = ids[i, j]
+                for k in range(first, stop):
+                    if at[k] >= 0:
+                        values[at[k], 0] = line[0, k]
+                        values[at[k], 1] = line[1, k]
+                        values[at[k], 2] = line[2, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_transpose(shapes, starts, rows, blends, bars):
+    """Transpose of `_fill`: what the inner points have is added to the boundary of every section."""
+    for number in range(len(shapes)):
+        ids, (b0, b1, b2), part = _section(number, shapes, starts, rows, blends)
+        e0, e1, e2 = _ends(ids.shape)
+        n0, n1, n2 = ids.shape
+        first, stop = part[2], max(n2 - 1, 1)
+        line = np.empty((3, n2))
+        for i in range(part[0], max(n0 - 1, 1)):
+            for j in range(part[1], max(n1 - 1, 1)):
+                at = ids[i, j]
+                for k in range(first, stop):
+                    is_set = at[k] >= 0
+                    for c in range(3):
+                        line[c, k] = bars[at[k], c] if is_set else 0.0
+                s, t = b0[i], b1[j]
+                for c in range(3):
+                    low0, high0, low1, high1 = e0[0, j, c], e0[1, j, c], e1[0, i, c], e1[1, i, c]
+                    for k in range(first, stop):
+                        bar = line[c, k]
+                        low0[k] += (1.0 - s) * bar
+                        high0[k] += s * bar
+                        low1[k] += (1.0 - t) * bar
+                        high1[k] += t * bar
+                for k in range(first, stop):
+                    for c in range(3):
+                        e2[0, i, j, c] += (1.0 - b2[k]) * line[c, k]
+                        e2[1, i, j, c] += b2[k] * line[c, k]
+        _scatter(ids, b1, b2, part, bars, e0, e1, e2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _section(number, shapes, starts, rows, blends):
+    """Rows and blends of a section, and for each direction 1 where it takes part: also its first inner point."""
+    n0, n1, n2 = shapes[number]
+    at, s0, s1, s2 = starts[number]
+    ids = rows[at : at + n0 * n1 * n2].reshape((n0, n1, n2))
+    blend = (blends[s0 : s0 + n0], blends[s1 : s1 + n1], blends[s2 : s2 + n2])
+    return ids, blend, (int(n0 > 1), int(n1 > 1), int(n2 > 1))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ends(shape):
+    """Room for what is interpolated along each direction, at both of its ends."""
+    n0, n1, n2 = shape
+    return np.zeros((2, n1, 3, n2)), np.zeros((2, n0, 3, n2)), np.zeros((2, n0, n1, 3))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(ids, b1, b2, part, values, e0, e1, e2):
+    """U at the ends of direction 2, (I - P2) U at those of direction 1, (I - P1) (I - P2) U at those of direction 0."""
+    n0, n1 = ids.shape[:2]
+    for e in range(2):
+        if part[2]:
+            for i in range(part[0], max(n0 - 1, 1)):
+                for j in range(part[1], max(n1 - 1, 1)):
+                    for c in range(3):
+                        e2[e, i, j, c] = values[ids[i, j, -e], c]
+        if part[1]:
+            for i in range(part[0], max(n0 - 1, 1)):
+                _add_line(ids[i, -e], b2, part[2], values, 1.0, e1[e, i])
+        if part[0]:
+            for j in range(part[1], max(n1 - 1, 1)):
+                _add_line(ids[-e, j], b2, part[2], values, 1.0, e0[e, j])
+                if part[1]:
+                    _add_line(ids[-e, 0], b2, part[2], values, b1[j] - 1.0, e0[e, j])
+                    _add_line(ids[-e, -1], b2, part[2], values, -b1[j], e0[e, j])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_line(at, b2, has_2, values, factor, line):
+    """Add (I - P2) U times a factor along a line of direction 2, at its inner points."""
+    first, last = at[0], at[-1]
+    for k in range(has_2, max(len(at) - 1, 1)):
+        for c in range(3):
+            u = values[at[k], c]
+            if has_2:
+                u -= (1.0 - b2[k]) * values[first, c] + b2[k] * values[last, c]
+            line[c, k] += factor * u
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scatter(ids, b1, b2, part, bars, e0, e1, e2):
+    """Transpose of `_gather`."""
+    n0, n1 = ids.shape[:2]
+    for e in range(2):
+        if part[2]:
+            for i in range(part[0], max(n0 - 1, 1)):
+                for j in range(part[1], max(n1 - 1, 1)):
+                    for c in range(3):
+                        bars[ids[i, j, -e], c] += e2[e, i, j, c]
+        if part[1]:
+            for i in range(part[0], max(n0 - 1, 1)):
+                _add_line_transpose(ids[i, -e], b2, part[2], bars, 1.0, e1[e, i])
+        if part[0]:
+            for j in range(part[1], max(n1 - 1, 1)):
+                _add_line_transpose(ids[-e, j], b2, part[2], bars, 1.0, e0[e, j])
+                if part[1]:
+                    _add_line_transpose(ids[-e, 0], b2, part[2], bars, b1[j] - 1.0, e0[e, j])
+                    _add_line_transpose(ids[-e, -1], b2, part[2], bars, -b1[j], e0[e, j])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_line_transpose(at, b2, has_2, bars, factor, line):
+    """Transpose of `_add_line`."""
+    first, last = at[0], at[-1]
+    for k in range(has_2, max(len(at) - 1, 1)):
+        for c in range(3):
+            bar = factor * line[c, k]
+            bars[at[k], c] += bar
+            if has_2:
+                bars[first, c] -= (1.0 - b2[k]) * bar
+                bars[last, c] -= b2[k] * bar
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_at(values, rows, terms):
+    """Add rows of an array to others of its rows."""
+    for n in range(len(rows)):
+        for c in range(3):
+            values[rows[n], c] += values[terms[n], c]

@@ -1,0 +1,181 @@
+"""Points that were not fitted, such as the nodes of an unstructured mesh, in the layer at the walls of a grid.
+
+A point rides at its parameters (`.inversion`): y = A b + d, with d what the mesh is off the point on the baseline, zero
+for a point inside. Near a wall it then follows the wall as the nodes of the grid do,
+
+    x = layer(y; x0, w),
+
+with the wall nodes w of the grid, so that riders and grid move alike there. Riders on planes that walls end on stay in
+them. Where a rider is, and which wall it is near, is that of the baseline and stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.inversion import invert_points, require_inside, ride
+from ..splines.mesh import BSplineMesh
+from .grid_map import GridMap, GridState
+from .layer import Layered, WallLayer
+
+__all__ = ["Riders", "RidersState"]
+
+ON_PLANE = 1e-9
+"""A rider this near to a plane, by the size of the grid, lies in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Riders:
+    """The map from control points to riders. Made by `Riders.of`, or by `FittedModel.riders`.
+
+    Parameters
+    ----------
+    grid_map : GridMap
+        Map to the grid, whose walls they follow.
+    evaluator : Evaluator
+        A of the riders.
+    points : ndarray, shape (n, 3)
+        The riders on the baseline (m).
+    offsets : ndarray, shape (n, 3)
+        What they are off the mesh there (m).
+    layer : WallLayer or None
+        Those that follow walls.
+    """
+
+    grid_map: GridMap
+    evaluator: Evaluator
+    points: np.ndarray
+    offsets: np.ndarray
+    layer: WallLayer | None
+
+    @classmethod
+    def of(
+        cls,
+        grid_map: GridMap,
+        mesh: BSplineMesh,
+        control_points: np.ndarray,
+        points: np.ndarray,
+        tolerance: float | None = None,
+    ) -> Riders:
+        """Find where points ride.
+
+        Parameters
+        ----------
+        grid_map : GridMap
+            Map to the grid.
+        mesh : BSplineMesh
+            Its volumes.
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points of the baseline (m).
+        points : ndarray, shape (n, 3)
+            The points on the baseline (m).
+        tolerance : float, optional
+            Distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`.
+
+        Returns
+        -------
+        Riders
+
+        Raises
+        ------
+        InputError
+            If an array cannot be used, or a point is outside all volumes.
+        """
+        inversion = require_inside(invert_points(mesh, control_points, points, tolerance), "riders")
+        points = np.array(points, dtype=float)
+        evaluator, layer = ride(mesh, inversion), None
+        if grid_map.layer is not None:
+            layer = WallLayer.of(grid_map.layer.wall, points, planes=_planes(grid_map, points))
+        return cls(grid_map, evaluator, points, points - evaluator.forward(control_points), layer)
+
+    def at(self, control_points: np.ndarray, state: GridState) -> RidersState:
+        """Riders beside a grid.
+
+        Parameters
+        ----------
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points (m).
+        state : GridState
+            The grid of these control points, by `GridMap.at` of ``grid_map``; nodes may have been asked of it.
+
+        Returns
+        -------
+        RidersState
+        """
+        places, layered, of = self.evaluator.forward(control_points) + self.offsets, None, self.grid_map
+        if self.layer is not None:
+            wall, normals = state.nodes[of.wall_rows], of.normals(state.nodes[of.rim_rows])
+            layered = self.layer.at(self.points, places, of.nodes[of.wall_rows], wall, normals)
+        return RidersState(self, state, places, layered)
+
+
+@dataclass(frozen=True, eq=False)
+class RidersState:
+    """Riders beside a grid, and their derivative.
+
+    Parameters
+    ----------
+    of : Riders
+        The map.
+    grid : GridState
+        The grid.
+    points : ndarray, shape (n, 3)
+        The riders (m).
+    layered : Layered or None
+        Those that followed walls.
+    """
+
+    of: Riders
+    grid: GridState
+    points: np.ndarray
+    layered: Layered | None
+
+    def jvp(self, d_control_points: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
+        """Change of the riders, shape (n, 3).
+
+        Parameters
+        ----------
+        d_control_points : ndarray, shape (n_control_points, 3)
+            Change of the control points.
+        d_nodes : ndarray, shape (n_nodes, 3)
+            That of the grid with them, by `GridState.jvp`.
+        """
+        change, of = self.of.evaluator.forward(d_control_points), self.of.grid_map
+        if self.layered is not None:
+            d_normals = of.normals_jvp(self.grid.nodes[of.rim_rows], d_nodes[of.rim_rows])
+            self.layered.jvp(None, change, None, d_nodes[of.wall_rows], d_normals)
+        return change
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n, 3)
+            Derivative of a scalar with respect to the riders.
+
+        Returns
+        -------
+        control_points_bar : ndarray, shape (n_control_points, 3)
+        nodes_bar : ndarray, shape (n_nodes, 3)
+            With respect to the nodes of the grid: `GridState.vjp` takes it to the control points.
+        """
+        bar, of, nodes_bar = np.array(bar, dtype=float), self.of.grid_map, np.zeros_like(self.grid.nodes)
+        if self.layered is not None:
+            bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar)
+            nodes_bar[of.wall_rows] += wall_bar
+            nodes_bar[of.rim_rows] += of.normals_vjp(self.grid.nodes[of.rim_rows], normals_bar)
+        return self.of.evaluator.adjoint(bar), nodes_bar
+
+
+def _planes(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Points in the planes that walls end on, and the normals of these."""
+    rim_points, size = grid_map.nodes[grid_map.rim_rows], np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
+    planes = []
+    for rim, normal in zip(grid_map.rims, grid_map.normals(rim_points)):
+        distances = np.abs((points - rim_points[rim.starts[0]]) @ normal)
+        planes.append((np.flatnonzero(distances <= ON_PLANE * size), normal))
+    return planes

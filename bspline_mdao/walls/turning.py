@@ -1,0 +1,722 @@
+"""Vectors at the nodes of a grid that turn with their surroundings, such as the residual of a fit: ``T(b) r``.
+
+A vector that stays as it is while the grid turns about it shears the cells there; after a rigid motion it points the
+wrong way. So it is multiplied by a rotation: `LocalRotations` of the corners of the spans, which are points of the
+mapping itself, interpolated trilinearly within every span. The weights are positive and sum to one, so that a
+rigid motion of the control points turns every vector by its own rotation, to round-off.
+
+- Corners on walls see the wall alone, so that vectors on it depend on the control points of the surface only. Corners
+  on other boundary faces see these alone, so that nothing turns where they are held; corners in planes of symmetry, and
+  in planes that walls end on, which slide as these do, see the plane. All others see their neighbours.
+- On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
+  the rest stays in the plane: nodes do not leave a plane whose control points do not. Where corners see the plane alone
+  that is so anyway; where they see a wall or another face as well, the part along the normal is put in its place.
+
+Rotations are exact functions of the control points; the places of nodes and corners in their spans are fixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from scipy.sparse import coo_array, csr_array, eye_array
+
+from ..evaluation.evaluator import Evaluator
+from ..evaluation.runs import Runs, store_groups
+from ..numerics.lanes import LANES
+from ..splines.greville import span_breaks, span_corners
+from ..splines.knots import Knots
+from ..splines.mesh import BSplineMesh
+from ..splines.volume import Volume
+from ..topology.face_quads import quads_in_turn
+from ..topology.sharing import NodeSharing, boundary_sections, shared_ids
+from ..topology.topology import Topology
+from .rotations import LocalRotations, Rotations
+
+__all__ = ["FaceNodes", "Turn", "Turning", "Vectors"]
+
+PLANAR = 1e-5
+"""A face is planar where its corners leave the plane by less than this part of its size."""
+
+_CHUNK = 4096  # nodes at a time whose knots are evaluated
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Boundary faces in one plane: quads of corners, ordered so that their areas add up."""
+
+    quads: np.ndarray
+
+    def normal(self, points: np.ndarray) -> tuple[np.ndarray, float]:
+        """Mean unit normal, and the area that it is made of."""
+        area = 0.5 * np.cross(*self._diagonals(points)).sum(axis=0)
+        length = np.sqrt(np.sum(area * area))
+        return area / length, length
+
+    def normal_jvp(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
+        """Change of the normal."""
+        normal, length = self.normal(points)
+        (u, v), (d_u, d_v) = self._diagonals(points), self._diagonals(d_points)
+        d_area = 0.5 * (np.cross(d_u, v) + np.cross(u, d_v)).sum(axis=0)
+        return (d_area - normal * (normal @ d_area)) / length
+
+    def add_normal_vjp(self, points: np.ndarray, bar: np.ndarray, points_bar: np.ndarray) -> None:
+        """Add the transpose of `normal_jvp` to ``points_bar``."""
+        normal, length = self.normal(points)
+        area_bar = 0.5 * (bar - normal * (normal @ bar)) / length
+        u, v = self._diagonals(points)
+        u_bar, v_bar = np.cross(v, area_bar), np.cross(area_bar, u)
+        for corner, part in zip(range(4), (-u_bar, -v_bar, u_bar, v_bar)):
+            np.add.at(points_bar, self.quads[:, corner], part)
+
+    def _diagonals(self, points: np.ndarray):
+        a, b, c, d = (points[self.quads[:, corner]] for corner in range(4))
+        return c - a, d - b
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Corners that see each other: their numbers, and which of them take their rotation from here."""
+
+    ids: np.ndarray
+    own: np.ndarray
+    rotations: LocalRotations
+    company: csr_array
+
+    @classmethod
+    def of(cls, points: np.ndarray, ids, own, edges=None, quads=None) -> _Group:
+        place = np.full(len(points), -1)
+        place[ids] = np.arange(len(ids))
+        edges, quads = (None if numbers is None else place[numbers] for numbers in (edges, quads))
+        rotations = LocalRotations.of(points[ids], edges=edges, quads=quads, held=np.flatnonzero(~own))
+        pairs = [eye_array(len(ids), format="coo").coords]
+        pairs += [] if edges is None else [edges.T]
+        pairs += [] if quads is None else [quads[:, [m, n]].T for m in range(4) for n in range(m)]
+        first, second = np.concatenate(pairs, axis=1)
+        company = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
+        company = csr_array(company + company.T)
+        return cls(ids, own, rotations, company if rotations.mix is None else csr_array(company @ company))
+
+    def at(self, initial: np.ndarray, moved: np.ndarray, matrices: np.ndarray) -> Rotations:
+        """Write the rotations of a move; exactly one where nothing in sight has moved."""
+        rotations = self.rotations.at(initial[self.ids], moved[self.ids])
+        is_still = self.company @ (initial != moved).any(axis=1)[self.ids].astype(float) == 0.0
+        own = np.where(is_still[:, None, None], np.eye(3), rotations.matrices)[self.own]
+        matrices[self.ids[self.own]] = own.reshape(-1, 9)
+        return rotations
+
+    def own_bar(self, bar: np.ndarray) -> np.ndarray:
+        """Derivatives in the rotations of the group, of those in all."""
+        return np.where(self.own[:, None], bar[self.ids], 0.0).reshape(-1, 3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The nodes of one volume in their spans, in the order of its runs.
+
+    Parameters
+    ----------
+    runs : Runs
+        The nodes.
+    corners : ndarray of int32, shape (n_runs, 8)
+        Corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1, 2.
+    fractions : ndarray of float32, shape (3 n_nodes + LANES,)
+        Places of the nodes between the ends, in groups, see `.contraction`.
+    """
+
+    runs: Runs
+    corners: np.ndarray
+    fractions: np.ndarray
+
+    @classmethod
+    def of(cls, volume: Volume, ids: np.ndarray, runs: Runs, parameters: np.ndarray) -> _Cells:
+        """Place the nodes of a volume; ``parameters`` are theirs, in the order of the runs."""
+        first, spans, is_high = _spans(volume, runs)
+        corners = np.empty((len(runs.corners), 8), dtype=np.int32)
+        for column in range(8):
+            corners[:, column] = ids[tuple(first[d] + ((column >> d & 1) ^ is_high[d]) for d in range(3))]
+        n_nodes, values = np.diff(runs.starts), np.empty((runs.n_nodes, 3))
+        for d, knots in enumerate(volume.knots):
+            turned, span, is_end = (
+                np.roll(parameters, -d, axis=1),
+                *(np.repeat(a[d], n_nodes) for a in (spans, is_high)),
+            )
+            values[:, d] = _fractions(knots, turned, span, is_end)
+        fractions = np.zeros(values.size + LANES, dtype=np.float32)
+        store_groups(runs.starts, np.arange(runs.n_nodes), values, fractions)
+        return cls(runs, corners, fractions)
+
+    def pack(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors of all nodes, shape (n_nodes, 3), in groups."""
+        packed = np.zeros(3 * self.runs.n_nodes + LANES)
+        store_groups(self.runs.starts, self.runs.rows, vectors, packed)
+        return packed
+
+    def weights(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners and their weights, each of shape (n, 4), of nodes on faces of the volume, by place in the runs."""
+        starts = self.runs.starts
+        run = np.searchsorted(starts, nodes, side="right") - 1
+        group = starts[run] + (nodes - starts[run]) // LANES * LANES
+        n = np.minimum(LANES, starts[run + 1] - group)
+        u = [self.fractions[3 * group + d * n + nodes - group].astype(float) for d in range(3)]
+        ends = [[u[d] if column >> d & 1 else 1.0 - u[d] for d in range(3)] for column in range(8)]
+        weights = np.stack([np.prod(three, axis=0) for three in ends], axis=1)
+        largest = np.argsort(-weights, axis=1, kind="stable")[:, :4]  # the other four are at the far side
+        return np.take_along_axis(self.corners[run], largest, 1), np.take_along_axis(weights, largest, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class FaceNodes:
+    """Nodes on boundary faces with the weights of their corners, and the planes that their vectors keep to.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (n,)
+        Rows of the nodes, ascending.
+    corners, weights : ndarray, shape (n, 4)
+        Corners of spans, and their weights.
+    planes : ndarray of int, shape (n, 3)
+        Planes whose normals parts of the vectors follow, one after the other; -1 for none.
+    """
+
+    rows: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    planes: np.ndarray
+
+    def part(self, which: np.ndarray) -> FaceNodes:
+        """Some of the nodes."""
+        return FaceNodes(self.rows[which], self.corners[which], self.weights[which], self.planes[which])
+
+    def turned(self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Turn the vectors, shape (n, 3), of these nodes.
+
+        Parameters
+        ----------
+        matrices : ndarray, shape (n_corners, 9)
+            Rotations of all corners.
+        normals : ndarray, shape (2, n_planes, 3)
+            Normals of all planes, now and at first.
+        vectors : ndarray, shape (n, 3)
+            The vectors.
+        """
+        out = vectors.copy()
+        _add_products(self.corners, self.weights, matrices - np.eye(3).ravel(), vectors, out)  # exact where all are one
+        _put_along(self.planes, normals, vectors, out)
+        return out
+
+    def jvp(self, matrices, normals, vectors, d_matrices, d_normals, d_vectors) -> np.ndarray:
+        """Change of the turned vectors."""
+        turned, change = np.zeros_like(vectors), np.zeros_like(vectors)
+        _add_products(self.corners, self.weights, matrices, vectors, turned)
+        _add_products(self.corners, self.weights, d_matrices, vectors, change)
+        d_vectors = np.zeros_like(vectors) if d_vectors is None else d_vectors
+        _add_products(self.corners, self.weights, matrices, d_vectors, change)
+        _put_along_jvp(self.planes, normals, vectors, turned, d_normals, d_vectors, change)
+        return change
+
+    def vjp(self, matrices, normals, vectors, bar, matrices_bar):
+        """Transpose of `jvp`: adds to the derivatives in the rotations; gives those in the normals and the vectors."""
+        turned, bar = np.zeros_like(vectors), bar.copy()
+        vectors_bar, normals_bar = np.zeros_like(vectors), np.zeros_like(normals)
+        _add_products(self.corners, self.weights, matrices, vectors, turned)
+        _put_along_vjp(self.planes, normals, vectors, turned, bar, normals_bar, vectors_bar)
+        _add_products(self.corners, self.weights, _transposed(matrices), bar, vectors_bar)
+        _add_outer_products(self.corners, self.weights, bar, vectors, matrices_bar)
+        return normals_bar, vectors_bar
+
+
+@dataclass(frozen=True, eq=False)
+class Vectors:
+    """Vectors of all nodes, those in planes apart. Made by `Turning.vectors`."""
+
+    packed: tuple[np.ndarray, ...]
+    flat: np.ndarray
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory held."""
+        return self.flat.nbytes + sum(array.nbytes for array in self.packed)
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """The map from control points to the rotations of vectors at the nodes. Made by `Turning.of`.
+
+    Parameters
+    ----------
+    corners : Evaluator
+        From control points to the corners of all spans, each shared one once.
+    points : ndarray, shape (n_corners, 3)
+        The corners on the baseline (m).
+    groups : tuple
+        Corners that see each other.
+    planes : tuple
+        Planes of boundary faces.
+    faces : tuple
+        The boundary faces in them.
+    plane_of_corner : ndarray of int, shape (n_corners,)
+        The plane that a corner sees alone; -1 for none.
+    cells : tuple
+        The nodes of every volume.
+    evaluator : Evaluator
+        Of the nodes; it gives the pieces of work and the number of threads.
+    flat : FaceNodes
+        The nodes in planes.
+    flat_copies : ndarray of int, shape (n_copies, 2)
+        Rows that are copies of these, and the rows that they copy.
+    """
+
+    corners: Evaluator
+    points: np.ndarray
+    groups: tuple[_Group, ...]
+    planes: tuple[_Faces, ...]
+    faces: tuple[_BoundaryFace, ...]
+    plane_of_corner: np.ndarray
+    cells: tuple[_Cells, ...]
+    evaluator: Evaluator
+    flat: FaceNodes
+    flat_copies: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        topology: Topology,
+        mesh: BSplineMesh,
+        parameters: Sequence[np.ndarray],
+        control_points: np.ndarray,
+        evaluator: Evaluator,
+        sharing: NodeSharing,
+    ) -> Turning:
+        """Find what turns with what.
+
+        Parameters
+        ----------
+        topology : Topology
+            Segments, links, and the kinds of boundary faces.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+            Parameters of the nodes of every segment.
+        control_points : ndarray, shape (n_control_points, 3)
+            Control points of the baseline (m).
+        evaluator : Evaluator
+            Evaluation of the nodes, by `Evaluator.of_grid`.
+        sharing : NodeSharing
+            Of the nodes of the grid.
+        """
+        places = [span_corners(volume) for volume in mesh.volumes]
+        ids = shared_ids([x.shape[:3] for x in places], topology.links, topology.collapses, topology.segment_names)
+        corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
+        points = corners.forward(control_points)
+        faces = _boundary_faces(topology, ids, points, sharing)
+        groups, plane = _groups(faces, ids, points)
+        planes = [face for face in faces if face.plane is not None]
+        quads = [
+            np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
+        ]
+        cells = _cells(mesh, ids, evaluator, parameters, sharing)
+        turning = cls(
+            corners, points, groups, tuple(map(_Faces, quads)), tuple(planes), plane, cells, evaluator, None, None
+        )
+        flat = turning.rows(np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)])))
+        flat = flat.part((flat.planes >= 0).any(axis=1))
+        copies = sharing.copies[np.isin(sharing.copies[:, 1], flat.rows)]
+        return replace(turning, flat=flat, flat_copies=copies)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory held besides the evaluator's."""
+        arrays = [array for cell in self.cells for array in (cell.corners, cell.fractions)]
+        arrays += [self.flat.rows, self.flat.corners, self.flat.weights]
+        return sum(array.nbytes for array in arrays) + int(self.corners.bytes_per_node * self.corners.n_rows)
+
+    def vectors(self, vectors: np.ndarray) -> Vectors:
+        """Make vectors of all nodes, shape (n_nodes, 3), ready to be turned."""
+        inner = vectors.copy()
+        inner[self.flat.rows] = 0.0
+        return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
+
+    def at(self, control_points: np.ndarray, initial: np.ndarray | None = None) -> Turn:
+        """Rotations of control points, shape (n_control_points, 3), from where they were at first: on the baseline.
+
+        Raises
+        ------
+        MovementError
+            If the surroundings of a corner are turned inside out.
+        """
+        moved = self.corners.forward(control_points)
+        initial = self.points if initial is None else self.corners.forward(initial)
+        matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
+        rotations = tuple(group.at(initial, moved, matrices) for group in self.groups)
+        return Turn(self, initial, moved, rotations, matrices)
+
+    def of_rows(self, rows: FaceNodes) -> Turning:
+        """Only what the rotations of these nodes need."""
+        seen = rows.corners[rows.weights > 0.0]
+        return replace(self, groups=tuple(g for g in self.groups if np.isin(g.ids[g.own], seen).any()))
+
+    def seen_by(self, rows: FaceNodes) -> np.ndarray:
+        """Corners that the rotations of these nodes depend on."""
+        seen = rows.corners[rows.weights > 0.0]
+        parts = [g.ids[g.company[np.flatnonzero(g.own & np.isin(g.ids, seen))].indices] for g in self.groups]
+        return np.unique(np.concatenate(parts))
+
+    def rows(self, rows: np.ndarray) -> FaceNodes:
+        """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
+        at, corners, weights = [], [], []
+        for cell in self.cells:
+            own = cell.runs.rows[: cell.runs.n_nodes]
+            nodes = np.flatnonzero(np.isin(own, rows))
+            at.append(np.searchsorted(rows, own[nodes]))
+            for parts, part in zip((corners, weights), cell.weights(nodes)):
+                parts.append(part)
+        order = np.argsort(np.concatenate(at))
+        corners, weights = np.concatenate(corners)[order], np.concatenate(weights)[order]
+        planes, count = np.full((len(rows), 3), -1), np.zeros(len(rows), dtype=int)
+        for k in range(len(self.planes)):
+            is_in = np.isin(rows, np.concatenate([face.rows for face in self.faces if face.plane == k]))
+            sees_more = ((self.plane_of_corner[corners] != k) & (weights > 0.0)).any(axis=1)
+            at = np.flatnonzero(is_in & sees_more & (count < 3))
+            planes[at, count[at]] = k
+            count[at] += 1
+        return FaceNodes(rows, corners, weights, planes)
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """Rotations at one set of control points.
+
+    Parameters
+    ----------
+    of : Turning
+        The map.
+    initial, moved : ndarray, shape (n_corners, 3)
+        Corners of the spans at first and now (m).
+    rotations : tuple of Rotations
+        Of every group.
+    matrices : ndarray, shape (n_corners, 9)
+        Rotation of every corner.
+    """
+
+    of: Turning
+    initial: np.ndarray
+    moved: np.ndarray
+    rotations: tuple[Rotations, ...]
+    matrices: np.ndarray
+
+    def evaluate(self, control_points: np.ndarray, vectors: Vectors) -> np.ndarray:
+        """Nodes ``A b + T v``, shape (n_nodes, 3)."""
+        flat = self.of.flat
+        return self._forward(
+            control_points, self.matrices, vectors, flat.turned(self.matrices, self.normals, vectors.flat)
+        )
+
+    def change(self, d_control_points: np.ndarray, d_initial: np.ndarray | None = None) -> Turn.Change:
+        """Differentiate the rotations along a direction in the control points, and in those at first."""
+        d_moved = self.of.corners.forward(d_control_points)
+        d_first = None if d_initial is None else self.of.corners.forward(d_initial)
+        d_matrices = np.zeros_like(self.matrices)
+        for group, rotations in zip(self.of.groups, self.rotations):
+            ids = group.ids
+            change = rotations.jvp(None if d_first is None else d_first[ids], d_moved[ids])
+            d_matrices[ids[group.own]] = change[group.own].reshape(-1, 9)
+        d_normals = np.zeros_like(self.normals)
+        for k, faces in enumerate(self.of.planes):
+            d_normals[0, k] = faces.normal_jvp(self.moved, d_moved)
+            d_normals[1, k] = 0.0 if d_first is None else faces.normal_jvp(self.initial, d_first)
+        return Turn.Change(d_matrices, d_normals)
+
+    @dataclass(frozen=True, eq=False)
+    class Change:
+        """Changes of the rotations of all corners, and of the normals of all planes, now and at first."""
+
+        matrices: np.ndarray
+        normals: np.ndarray
+
+    def jvp(
+        self, d_control_points: np.ndarray, change: Turn.Change, vectors: Vectors, d_vectors: Vectors | None = None
+    ) -> np.ndarray:
+        """Change of `evaluate`, shape (n_nodes, 3), with that of the rotations, see `change`, and of the vectors."""
+        d_flat = None if d_vectors is None else d_vectors.flat
+        flat = self.of.flat.jvp(self.matrices, self.normals, vectors.flat, change.matrices, change.normals, d_flat)
+        out = self._forward(d_control_points, change.matrices, vectors, flat)
+        if d_vectors is not None:
+            out += self._forward(np.zeros_like(d_control_points), self.matrices, d_vectors, np.zeros_like(flat))
+        return out
+
+    def vjp(self, vectors: Vectors, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp` with `change`, in all that ``T v`` depends on.
+
+        Parameters
+        ----------
+        vectors : Vectors
+            The vectors.
+        bar : ndarray, shape (n_nodes, 3)
+            Derivative of a scalar with respect to the nodes, zero in copies.
+
+        Returns
+        -------
+        control_bar, initial_bar : ndarray, shape (n_control_points, 3)
+            Derivatives in the control points, now and at first.
+        vectors_bar : ndarray, shape (n_nodes, 3)
+            Derivatives in the vectors; those of copies do not count.
+        """
+        _, matrices_bar, normals_bar, flat_bar = self._bars(vectors, bar)
+        bars = self.of.vectors(bar)
+        none = np.zeros((len(self.of.flat.rows), 3))
+        zero = np.zeros((self.of.evaluator.n_control_points, 3))
+        vectors_bar = self._forward(zero, _transposed(self.matrices), bars, none)
+        vectors_bar[self.of.flat.rows] = flat_bar
+        moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
+        for group, rotations in zip(self.of.groups, self.rotations):
+            before, after = rotations.vjp(group.own_bar(matrices_bar))
+            initial_bar[group.ids] += before
+            moved_bar[group.ids] += after
+        for faces, now, first in zip(self.of.planes, *normals_bar):
+            faces.add_normal_vjp(self.moved, now, moved_bar)
+            faces.add_normal_vjp(self.initial, first, initial_bar)
+        adjoint = self.of.corners.adjoint
+        return adjoint(moved_bar), adjoint(initial_bar), vectors_bar
+
+    def control_vjp(self, vectors: Vectors, bar: np.ndarray) -> np.ndarray:
+        """First result of `vjp` alone: what a fixed baseline needs."""
+        control_bar, matrices_bar, normals_bar, _ = self._bars(vectors, bar)
+        moved_bar = np.zeros_like(self.moved)
+        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
+        return control_bar + self.of.corners.adjoint(moved_bar)
+
+    def rows_vjp(self, rows: FaceNodes, vectors: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Derivative in the control points, shape (n_control_points, 3), of the turned vectors of some nodes alone."""
+        matrices_bar, moved_bar = np.zeros_like(self.matrices), np.zeros_like(self.moved)
+        normals_bar, _ = rows.vjp(self.matrices, self.normals, vectors, bar, matrices_bar)
+        self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
+        return self.of.corners.adjoint(moved_bar)
+
+    def _add_corner_bars(self, matrices_bar, normals_bar, moved_bar) -> None:
+        """Add the derivatives in the corners now, of those in rotations and normals."""
+        for group, rotations in zip(self.of.groups, self.rotations):
+            moved_bar[group.ids] += rotations.moved_vjp(group.own_bar(matrices_bar))
+        for faces, now in zip(self.of.planes, normals_bar[0]):
+            faces.add_normal_vjp(self.moved, now, moved_bar)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Normals of all planes, now and at first, shape (2, n_planes, 3)."""
+        pairs = [[faces.normal(points)[0] for faces in self.of.planes] for points in (self.moved, self.initial)]
+        return np.reshape(pairs, (2, len(self.of.planes), 3))
+
+    def _forward(self, control_points, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
+        """Evaluate and turn all nodes, those in planes with vectors that are turned already."""
+        cells = self.of.cells
+        turned = [(cell.fractions, packed, cell.corners, matrices) for cell, packed in zip(cells, vectors.packed)]
+        out = self.of.evaluator.forward(control_points, turned=turned)
+        out[self.of.flat.rows] += flat
+        copies = self.of.flat_copies
+        out[copies[:, 0]] = out[copies[:, 1]]
+        return out
+
+    def _bars(self, vectors: Vectors, bar: np.ndarray):
+        """Derivatives in control points and in the rotations of all corners, in normals, and in vectors in planes."""
+        of = self.of
+        turns = [np.empty((len(cell.corners), 8, 9)) for cell in of.cells]
+        turned = [(cell.fractions, packed, part) for cell, packed, part in zip(of.cells, vectors.packed, turns)]
+        control_bar, matrices_bar = of.evaluator.adjoint(bar, turned=turned), np.zeros_like(self.matrices)
+        for cell, part in zip(of.cells, turns):
+            _gather(cell.corners, part, matrices_bar)
+        flat_bar = bar[of.flat.rows]
+        np.add.at(flat_bar, np.searchsorted(of.flat.rows, of.flat_copies[:, 1]), bar[of.flat_copies[:, 0]])
+        bars = of.flat.vjp(self.matrices, self.normals, vectors.flat, flat_bar, matrices_bar)
+        return control_bar, matrices_bar, *bars
+
+
+def _transposed(matrices: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(matrices.reshape(-1, 3, 3).transpose(0, 2, 1)).reshape(-1, 9)
+
+
+def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
+    """Evaluation of the corners of all spans, each in the first volume that has it."""
+    flat = np.concatenate([numbers.ravel() for numbers in ids])
+    numbers, first = np.unique(flat, return_index=True)
+    is_first = np.zeros(len(flat), dtype=bool)
+    is_first[first] = True
+    ends = np.cumsum([part.size for part in ids])[:-1]
+    own = np.split(is_first, ends)
+    parameters = [x.reshape(-1, 3)[mask] for x, mask in zip(places, own)]
+    rows = [part.ravel()[mask] for part, mask in zip(ids, own)]
+    return Evaluator.build(mesh, parameters, rows, len(numbers), n_threads=n_threads)
+
+
+@dataclass(frozen=True, eq=False)
+class _BoundaryFace:
+    """A boundary face of a segment: quads of corners and rows of nodes; which corners see it, and its plane."""
+
+    quads: np.ndarray
+    rows: np.ndarray
+    rank: int
+    plane: int | None
+
+
+def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSharing) -> list[_BoundaryFace]:
+    """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
+    source, numbers, faces = sharing.source_rows(), {}, []
+    size = np.linalg.norm(np.ptp(points, axis=0))
+    for (face, corners), (_, rows) in zip(boundary_sections(topology, ids), boundary_sections(topology, sharing.rows)):
+        quads, plane = quads_in_turn(corners), None
+        normal, area = _Faces(quads).normal(points)
+        offsets = points[corners.ravel()] @ normal
+        if face.kind != "wall" and area > 0.0 and np.ptp(offsets) <= PLANAR * np.sqrt(area):
+            sign = np.sign(normal[np.argmax(np.abs(normal))])
+            key = tuple(np.round([*(sign * normal), sign * offsets.mean() / size], 5))
+            plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
+        rank = {"wall": 0, "symmetry": 2}.get(face.kind, 1)
+        faces.append(_BoundaryFace(quads, source[rows].ravel(), rank, plane))
+    on_wall = np.unique(np.concatenate([np.zeros(0, int), *(face.quads.ravel() for face in faces if face.rank == 0)]))
+    sliding = {face.plane for face in faces if np.isin(face.quads, on_wall).any()} - {None}
+    return [replace(face, rank=2) if face.plane in sliding else face for face in faces]
+
+
+def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[_Group, ...], np.ndarray]:
+    """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
+    pairs = [
+        np.stack([n.take(range(n.shape[d] - 1), d), n.take(range(1, n.shape[d]), d)]) for n in ids for d in range(3)
+    ]
+    edges = np.concatenate([ends.reshape(2, -1).T for ends in pairs])
+    rank, plane, groups = np.full(len(points), 3), np.full(len(points), -2), []
+    for face in faces:
+        rank[face.quads] = np.minimum(rank[face.quads], face.rank)
+    for face in faces:
+        own = np.unique(face.quads[rank[face.quads] == face.rank])
+        number = -1 if face.plane is None else face.plane
+        plane[own] = np.where(plane[own] == -2, number, np.where(plane[own] == number, number, -1))
+    for k in range(3):
+        quads = [face.quads for face in faces if face.rank == k]
+        if quads:
+            members = np.unique(np.concatenate(quads))
+            groups.append(_Group.of(points, members, rank[members] == k, quads=np.concatenate(quads)))
+    groups.append(_Group.of(points, np.arange(len(points)), rank == 3, edges=edges))
+    return tuple(groups), plane
+
+
+def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, sharing: NodeSharing) -> tuple[_Cells, ...]:
+    """Place the nodes of all volumes in their spans."""
+    cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
+    for volume, numbers, runs, x, rows, own in zip(
+        mesh.volumes, ids, evaluator.runs, parameters, sharing.rows, sharing.is_evaluated
+    ):
+        place[rows[own]] = np.flatnonzero(own)
+        cells.append(_Cells.of(volume, numbers, runs, x.reshape(-1, 3)[place[runs.rows[: runs.n_nodes]]]))
+    return tuple(cells)
+
+
+def _spans(volume: Volume, runs: Runs) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Of every run, its spans' places among those of the volume, their numbers, and whether they count from the end.
+
+    As for the control points (see `.runs`), nodes of a face depend on the corners of that face alone, to the last bit.
+    """
+    anchors = np.unravel_index(runs.corners, volume.n_control)
+    is_high = [a == k.n_control - 1 for a, k in zip(anchors, volume.knots)]
+    spans = [np.where(high, a, a + k.order - 1) for a, high, k in zip(anchors, is_high, volume.knots)]
+    return [np.searchsorted(span_breaks(k), s) for s, k in zip(spans, volume.knots)], spans, is_high
+
+
+def _fractions(knots: Knots, parameters: np.ndarray, spans: np.ndarray, is_high: np.ndarray) -> np.ndarray:
+    """Places of nodes in their spans, from the end that counts; parameters begin with the knots' own direction."""
+    fractions = np.empty(len(spans))
+    for start in range(0, len(spans), _CHUNK):
+        at = slice(start, start + _CHUNK)
+        values = knots.values(parameters[at, 1].copy(), parameters[at, 2].copy())
+        rows, span = np.arange(len(values)), spans[at]
+        low, high = values[rows, span], values[rows, span + 1]
+        fractions[at] = np.where(is_high[at], high - parameters[at, 0], parameters[at, 0] - low) / (high - low)
+    return fractions.clip(0.0, 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_products(corners, weights, matrices, vectors, out):
+    """Add the products of interpolated matrices with the vectors of nodes."""
+    for i in range(corners.shape[0]):
+        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        for column in range(corners.shape[1]):
+            m, weight = matrices[corners[i, column]], weights[i, column]
+            for d in range(3):
+                out[i, d] += weight * (m[3 * d] * x + m[3 * d + 1] * y + m[3 * d + 2] * z)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_outer_products(corners, weights, bar, vectors, out):
+    """Add the derivatives in the matrices of `_add_products`."""
+    for i in range(corners.shape[0]):
+        for column in range(corners.shape[1]):
+            m, weight = out[corners[i, column]], weights[i, column]
+            for d in range(3):
+                for k in range(3):
+                    m[3 * d + k] += weight * bar[i, d] * vectors[i, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put_along(planes, normals, vectors, turned):
+    """Replace the parts of turned vectors along normals by those of the vectors along the normals at first."""
+    for i in range(planes.shape[0]):
+        for k in planes[i]:
+            if k >= 0:
+                n, along = normals[0, k], _dot(turned[i], normals[0, k]) - _dot(vectors[i], normals[1, k])
+                for d in range(3):
+                    turned[i, d] -= along * n[d]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put_along_jvp(planes, normals, vectors, turned, d_normals, d_vectors, change):
+    """Derivative of `_put_along`; ``turned`` is done along the way."""
+    for i in range(planes.shape[0]):
+        for k in planes[i]:
+            if k >= 0:
+                n, d_n = normals[0, k], d_normals[0, k]
+                along = _dot(turned[i], n) - _dot(vectors[i], normals[1, k])
+                d_along = _dot(change[i], n) + _dot(turned[i], d_n)
+                d_along -= _dot(d_vectors[i], normals[1, k]) + _dot(vectors[i], d_normals[1, k])
+                for d in range(3):
+                    turned[i, d] -= along * n[d]
+                    change[i, d] -= d_along * n[d] + along * d_n[d]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put_along_vjp(planes, normals, vectors, turned, bar, normals_bar, vectors_bar):
+    """Transpose of `_put_along_jvp` in ``bar``, the normals and the vectors."""
+    steps = np.empty((planes.shape[1], 3))
+    for i in range(planes.shape[0]):
+        for m, k in enumerate(planes[i]):
+            steps[m] = turned[i]
+            if k >= 0:
+                along = _dot(turned[i], normals[0, k]) - _dot(vectors[i], normals[1, k])
+                for d in range(3):
+                    turned[i, d] -= along * normals[0, k, d]
+        for m in range(planes.shape[1] - 1, -1, -1):
+            k = planes[i, m]
+            if k >= 0:
+                along = _dot(steps[m], normals[0, k]) - _dot(vectors[i], normals[1, k])
+                along_bar = -_dot(bar[i], normals[0, k])
+                for d in range(3):
+                    normals_bar[0, k, d] += along_bar * steps[m, d] - along * bar[i, d]
+                    normals_bar[1, k, d] -= along_bar * vectors[i, d]
+                    vectors_bar[i, d] -= along_bar * normals[1, k, d]
+                for d in range(3):
+                    bar[i, d] += along_bar * normals[0, k, d]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(corners, sums, out):
+    """Add the sums of the runs, shape (n_runs, 8, 9), to the corners."""
+    for run in range(corners.shape[0]):
+        for column in range(8):
+            for e in range(9):
+                out[corners[run, column], e] += sums[run, column, e]

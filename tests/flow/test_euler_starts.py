@@ -1,0 +1,93 @@
+"""Where Newton's steps start from: coarser members of the grid, and flows with more dissipation."""
+
+from functools import cached_property
+
+import numpy as np
+import pytest
+from euler_cases import one_of_each_kind
+
+from bspline_mdao.flow.euler.continuation import solve_by_dissipation
+from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.euler.newton import solve_flow
+from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
+from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
+from bspline_mdao.topology.topology import find_topology
+
+
+class Flight:
+    """A grid in a stream of Mach 0.3."""
+
+    def __init__(self, grid, degrees):
+        self.topology, self.nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
+        self.flow = FlowGrid.of(self.topology, self.nodes)
+        self.stream = free_stream(0.3, np.radians(degrees), self.flow.axes)
+        self.field = self.flow.discretization, self.flow.areas(self.nodes), self.stream
+
+    @cached_property
+    def cold(self):
+        return solve_flow(*self.field, pattern=self.flow.pattern)
+
+    def start(self, n_levels):
+        return states_from_coarse(coarse_levels(self.topology, self.nodes, n_levels), self.nodes, self.stream)
+
+
+@pytest.fixture(scope="module")
+def wing():
+    return Flight(onera_m6_grid((10, 8, 7)), 4.0)
+
+
+def boxes(nodes, faces):
+    """Ends of every cell of boxes, two arrays."""
+    low, high = np.full((faces.n_cells, 3), np.inf), np.full((faces.n_cells, 3), -np.inf)
+    for cells in (faces.left, faces.right):
+        corners = nodes[faces.corners[: len(cells)]]
+        np.minimum.at(low, cells, corners.min(axis=1))
+        np.maximum.at(high, cells, corners.max(axis=1))
+    return low, high
+
+
+def test_every_cell_lies_in_its_parent():
+    box = np.stack(np.meshgrid(*(np.arange(n) ** 1.5 for n in (6, 8, 5)), indexing="ij"), axis=-1)
+    grid = one_of_each_kind(box)
+    topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
+    cells = boxes(nodes, FlowGrid.of(topology, nodes).faces)
+    for level in coarse_levels(topology, nodes, 2):
+        nodes = nodes[level.picked]
+        coarse = boxes(nodes, level.flow.faces)
+        assert (coarse[0][level.parents] <= cells[0]).all()
+        assert (cells[1] <= coarse[1][level.parents]).all()
+        cells = coarse
+
+
+def test_without_levels_the_stream_is_uniform(wing):
+    assert wing.start(0) is None
+
+
+def test_a_uniform_stream_along_a_plate_stays_uniform():
+    plate = Flight(flat_plate_grid((7, 8, 6)), 0.0)
+    np.testing.assert_allclose(plate.start(2), plate.flow.discretization.uniform(plate.stream), atol=1e-12)
+
+
+def test_a_flow_from_coarser_members_is_the_same(wing):
+    solution = solve_flow(*wing.field, pattern=wing.flow.pattern, states=wing.start(1))
+    np.testing.assert_allclose(solution.states, wing.cold.states, atol=1e-8)
+    assert solution.is_converged
+
+
+def test_a_flow_by_way_of_more_dissipation_is_the_same(wing):
+    solution = solve_by_dissipation(*wing.field, pattern=wing.flow.pattern)
+    np.testing.assert_allclose(solution.states, wing.cold.states, atol=1e-8)
+    assert solution.is_converged
+    assert len(solution.history) > len(wing.cold.history)
+
+
+def test_what_is_given_up_on_the_way_is_no_solution(wing):
+    solution = solve_by_dissipation(*wing.field, pattern=wing.flow.pattern, max_steps=12)
+    left, uniform = (wing.flow.discretization.residual(w, *wing.field[1:]) for w in (solution.states, uniform_of(wing)))
+    assert not solution.is_converged
+    assert solution.residual == pytest.approx(np.linalg.norm(left) / np.linalg.norm(uniform))
+
+
+def uniform_of(flight):
+    return flight.flow.discretization.uniform(flight.stream)

@@ -1,0 +1,180 @@
+"""Whatever users make and hand on can be pickled and deep-copied, before and after it was used, with equal bits."""
+
+import copy
+import pickle
+from functools import cache
+
+import geometry_cases
+import numpy as np
+import pytest
+from parametrization_cases import CONSTRAINTS, VARIABLES, surface_of, wing_model
+from scipy.sparse import issparse
+from test_suite import kinds
+
+from bspline_mdao import Parametrization, moving_mesh
+from bspline_mdao.design.user_defined import UserVariable
+from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.flow_forces import FlowForces
+from bspline_mdao.mesh.surface import SurfaceGrid
+from bspline_mdao.mesh.surface_inverse import SurfaceInverse
+from bspline_mdao.mesh.surface_map import SurfaceMap
+from bspline_mdao.movement.delaunay import DelaunayGraph
+from bspline_mdao.movement.elasticity import LinearElasticity
+from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.radial_basis import RadialBasis
+from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
+from bspline_mdao.movement.transfinite import Transfinite
+
+MOVERS = (
+    DelaunayGraph,
+    Held,
+    InverseDistance,
+    LinealSprings,
+    LinearElasticity,
+    RadialBasis,
+    TorsionalSprings,
+    Transfinite,
+)
+
+
+@cache
+def mesh():
+    return moving_mesh(wing_model())
+
+
+@cache
+def flow():
+    return FlowGrid.of(wing_model().topology, nodes())
+
+
+@cache
+def nodes():
+    return wing_model().regenerate().to_vector().reshape(-1, 3)
+
+
+def grow(points, values):
+    """A user's function, which can be pickled where it is one of a module."""
+    return points * values
+
+
+def growth(points, values):
+    return np.tile(values * np.eye(3), (len(points), 1, 1)), points[:, :, None]
+
+
+def noise(shape, seed=0):
+    return np.random.default_rng(seed).standard_normal(shape)
+
+
+def states():
+    uniform = flow().discretization.uniform(free_stream(0.3, 0.1, flow().axes))
+    return uniform * (1.0 + 0.1 * np.tanh(noise(uniform.shape)))
+
+
+def regenerated(model):
+    evaluator = model.evaluator()
+    moved = model.control_points + 1e-3 * noise(model.control_points.shape)
+    return [model.regenerate(moved).to_vector(), evaluator.adjoint(noise((model.n_nodes, 3)))]
+
+
+def moved(mover):
+    surface = surface_of(mover.mesh) * [1.0, 1.02, 1.01]
+    movement = mover.move(mover.mesh.points, surface)
+    return [movement.points, movement.jvp(*noise_of(mover.mesh)), *movement.vjp(noise(movement.points.shape))]
+
+
+def noise_of(mesh):
+    return noise(mesh.points.shape, 1), noise(surface_of(mesh).shape, 2)
+
+
+def designed(parametrization):
+    surface = surface_of(parametrization.mesh)
+    values = {name: v + 0.1 * noise(v.shape) for name, v in parametrization.initial.items()}
+    found = parametrization.partials(surface, values)
+    return [parametrization.apply(surface, values), found.initial, *found.values.values()]
+
+
+def measured(measure):
+    points = measure.surface.points * [1.0, 1.02, 1.01]
+    return [measure.evaluate(points), measure.partials(points)]
+
+
+def flown(flow):
+    areas, stream = flow.areas(nodes()), free_stream(0.3, 0.1, flow.axes)
+    linearization = flow.discretization.linearize(states(), areas, stream)
+    return [flow.discretization.residual(states(), areas, stream), linearization.state_vjp(noise(states().shape))]
+
+
+def forced(forces):
+    at = states(), nodes(), 0.1, 0.3
+    bars = {"CL": np.ones(1), "CD_entropy": np.ones(1), "CD_induced": np.ones(1)}
+    return [*forces.evaluate(*at).values(), *forces.vjp(*at, bars)[:2]]
+
+
+def inverted(inverse):
+    fitted = inverse.at(inverse.surface_map.constant + noise((inverse.matrix.shape[0], 3)))
+    return [fitted.control_points, fitted.vjp(noise(fitted.control_points.shape))]
+
+
+def inverse():
+    return SurfaceInverse.of(SurfaceMap.of(wing_model(), mesh(), SurfaceGrid.of(wing_model())), mesh())
+
+
+def parametrized(variables, constraints=()):
+    return lambda: Parametrization(mesh(), [make(mesh()) for make in variables], [make() for make in constraints])
+
+
+USERS = {UserVariable: lambda mesh: UserVariable("growth", [1.0], grow, growth)}
+TAPER = (VARIABLES[next(kind for kind in VARIABLES if kind.__name__ == "Taper")],)
+
+THINGS = {
+    "FittedModel": (wing_model, regenerated),
+    **{kind.__name__: (lambda kind=kind: kind(mesh()), moved) for kind in MOVERS},
+    **{
+        f"Parametrization, {kind.__name__}": (parametrized([make]), designed)
+        for kind, make in {**VARIABLES, **USERS}.items()
+    },
+    **{
+        f"Parametrization, {kind.__name__}": (parametrized(TAPER, [make]), designed)
+        for kind, make in CONSTRAINTS.items()
+    },
+    **{
+        kind.__name__: (lambda make=make: make(geometry_cases.rectangular_wing()), measured)
+        for kind, make in geometry_cases.MEASURES.items()
+    },
+    "SurfaceGrid": (lambda: SurfaceGrid.of(wing_model()), lambda surface: [surface.points, surface.quads]),
+    "SurfaceInverse": (inverse, inverted),
+    "FlowGrid": (flow, flown),
+    "FlowForces": (lambda: FlowForces.of(flow(), nodes(), 1.16), forced),
+}
+"""What makes each thing, and what uses it and gives arrays or sparse matrices."""
+
+
+def bits(found):
+    """Bytes of arrays and of the parts of sparse matrices."""
+    parts = [p for one in found for p in ((one.data, one.indices, one.indptr) if issparse(one) else (one,))]
+    return [np.asarray(part).tobytes() for part in parts]
+
+
+def pickled(thing):
+    return pickle.loads(pickle.dumps(thing))
+
+
+def test_every_mover_variable_constraint_and_measure_is_in_the_table():
+    assert {kind.__name__ for kind in kinds("movement", "mesh", "move")} <= set(THINGS)
+    variables = {f"Parametrization, {kind.__name__}" for kind in kinds("parametrization", "bind")}
+    constraints = {f"Parametrization, {kind.__name__}" for kind in kinds("parametrization", "equations")}
+    measures = {kind.__name__ for kind in kinds("geometry", "surface", "evaluate", "partials")}
+    assert variables | constraints | measures <= set(THINGS)
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_copies_give_equal_bits_before_and_after_the_original_was_used(name):
+    make, use = THINGS[name]
+    thing = make()
+    early = [pickled(thing), copy.deepcopy(thing)]
+    expected = bits(use(thing))
+    assert sum(map(len, expected)) > 0
+    for one in (*early, pickled(thing), copy.deepcopy(thing), thing):
+        assert bits(use(one)) == expected

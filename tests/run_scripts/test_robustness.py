@@ -1,0 +1,92 @@
+"""The table of robustness counts what inverts, and elasticity leads it."""
+
+import importlib
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(str(RUN_SCRIPTS))
+    monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
+    return importlib.import_module
+
+
+def test_elasticity_leads_the_table_of_robustness(script):
+    numbers = script("robustness_table").main(deformations=("twist=90deg",))
+    movers = numbers["movers"]
+    assert len(movers) == 9
+    assert {row["n_cases"] for row in movers.values()} == {4}  # two grids, each by its own shape too
+    assert movers["elasticity"]["share_of_possible"] == 1.0
+    assert movers["elasticity"]["n_valid"] == max(row["n_valid"] for row in movers.values())
+    assert movers["elasticity"]["n_valid"] >= 3
+    assert movers["held"]["n_inverted"] > 50
+    assert numbers["lost"] == []
+    assert numbers["not_applicable"] == {}
+
+
+def test_the_number_of_increments_that_a_move_chooses_loses_no_case_that_five_manage(script, monkeypatch):
+    table = script("robustness_table")
+    studied = {name: table.INCREMENTS[name] for name in ("auto", "m = 1", "m = 5")}
+    monkeypatch.setitem(table.STUDIES, "increments", studied)
+    numbers = table.main(study="increments", deformations=("twist=90deg",))
+    assert numbers["movers"]["auto"]["n_cases"] == 4
+    assert numbers["lost"] == []
+    assert numbers["movers"]["auto"]["n_valid"] >= numbers["movers"]["m = 5"]["n_valid"] > 0
+    assert numbers["movers"]["m = 1"]["n_valid"] < numbers["movers"]["auto"]["n_valid"]
+
+
+def test_a_real_grid_that_one_increment_tangles_gets_two(script, real_grids):
+    grids = script("robustness_grids")
+    body = grids.Body.of("cylinder", grids.read_grid(real_grids / "aither_multiblock_cylinder.xyz"))
+    mover = script("robustness_table").LinearElasticity(body.mesh)
+    movement = mover.move(body.mesh.points, body.surface("twist=90deg"))
+    assert [(t.n_increments, t.corner_ratio > 0.0) for t in movement.report.tried] == [(1, False), (2, True)]
+    assert body.judge(movement.points)[0] == 0
+
+
+def test_what_the_first_mover_loses_is_named(script):
+    robustness_table = script("robustness_table")
+    cases = [
+        robustness_table.Outcome("grid", "twist", "elasticity", n_inverted=3, q_min=-0.1, n_tangled=1),
+        robustness_table.Outcome("grid", "twist", "springs", q_min=0.2),
+        robustness_table.Outcome("grid", "chord", "elasticity", q_min=0.3),
+        robustness_table.Outcome("grid", "chord", "springs", failure="cannot go on"),
+    ]
+    (case,) = robustness_table.lost(cases, "elasticity")
+    assert case["case"] == "grid: twist"
+    assert case["others"] == {"springs": 0.2}
+    row = robustness_table.table(cases)["springs"]
+    assert (row["n_valid"], row["n_failed"], row["share_of_possible"], row["q_min"]) == (1, 1, 0.5, 0.2)
+
+
+def test_cells_that_were_invalid_before_are_not_counted(script, monkeypatch):
+    grids = script("robustness_grids")
+    body = grids.Body.of("plate", grids.MORPHS["plate"].make_grid((7, 7, 7)), (5, 5, 5))
+    points = body.mesh.points.copy()
+    assert body.judge(points)[0] == 0
+    points[body.mesh.surface_ids] += np.array([0.0, 0.3, 0.0])
+    n_inverted, _ = body.judge(points)
+    assert n_inverted > 0
+    blocks = tuple(replace(block, was_invalid=np.arange(block.n_cells)) for block in body.quality.blocks)
+    monkeypatch.setitem(body.__dict__, "quality", replace(body.quality, blocks=blocks))
+    assert body.judge(points) == (0, np.inf)
+
+
+def test_a_real_grid_moves_and_what_it_cannot_take_is_told(script, real_grids, tmp_path):
+    shutil.copy(real_grids / "cgns_5blocks.cgns", tmp_path)
+    (tmp_path / "notes.txt").write_text("no grid")
+    grids = script("robustness_grids")
+    bodies, left_out = grids.collect(False, tmp_path)
+    assert [body.name for body in bodies] == ["plate", "M6", "cgns_5blocks.cgns"]
+    assert list(left_out) == ["notes.txt"]
+    body = bodies[-1]
+    assert body.surface("chord=0.5").shape == (len(body.mesh.surface_ids), 3)
+    with pytest.raises(grids.InputError, match="leave the box around the grid"):
+        body.surface("stretch=2")

@@ -1,0 +1,101 @@
+"""The run scripts of the README picture and of the tables of real grids and of grids with boundary layers."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from component_cases import two_blocks
+
+from bspline_mdao import InputError, write_grid
+
+RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(str(RUN_SCRIPTS))
+    return importlib.import_module
+
+
+def test_control_mesh_is_drawn(script, tmp_path):
+    numbers = script("control_mesh").main(figures=tmp_path)
+    assert numbers["n_nodes"] == 12 * 23 * 33 * 17
+    assert numbers["nodes_per_control_point"] > 20
+    assert (
+        numbers["n_wall_control_points"] == 2 * 9 * 7 - 9 - 7 - 5
+    )  # two sides that share leading edge, tip, trailing edge
+    assert (tmp_path / "control_mesh.png").stat().st_size > 50_000
+
+
+def test_real_grids_table_tells_errors_by_cell_size_or_the_reason_of_refusal(script, tmp_path):
+    write_grid(tmp_path / "two.xyz", two_blocks())
+    (tmp_path / "rubbish.xyz").write_bytes(b"no grid")
+    table = script("real_grids_table").main(folder=tmp_path)
+    assert table["two.xyz"]["n_interfaces"] == 1
+    assert 0.0 < table["two.xyz"]["rms"] < 1e-2
+    assert 0.5 < table["two.xyz"]["local_rms"] / table["two.xyz"]["relative_rms"] < 2.0  # its cells are much alike
+    assert table["rubbish.xyz"]["refused"].startswith("rubbish.xyz: ")
+    assert "\n" not in table["rubbish.xyz"]["refused"]
+
+
+def test_only_edges_with_a_length_count(script):
+    x = np.stack(
+        np.meshgrid([0.0, 1.0, 3.0], [0.0, 0.0, 5.0], [0.0], indexing="ij"), axis=-1
+    )  # the first two lines coincide
+    table = script("real_grids_table")
+    np.testing.assert_allclose(table.mean_edges(x)[:, 0, 0], [1.0, 1.5, 2.0])
+    np.testing.assert_allclose(table.mean_edges(x)[:, 1, 0], [3.0, (1.0 + 2.0 + 5.0) / 3.0, 3.5])
+    np.testing.assert_allclose(table.shortest_edges(x)[:, 1, 0], [1.0, 1.0, 2.0])
+
+
+def test_real_grids_table_needs_a_folder(script, monkeypatch):
+    monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
+    with pytest.raises(InputError, match="BSPLINE_MDAO_GRIDS"):
+        script("real_grids_table").main()
+
+
+def test_every_real_grid_is_fitted_or_refused(script, real_grids):
+    table = script("real_grids_table").main(folder=real_grids)
+    assert len(table) > 15
+    for name, row in table.items():
+        assert "skipped" in row or "refused" in row or row["relative_rms"] < 0.5, name
+
+
+def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_path):
+    viscous = script("viscous_grids")
+    numbers = viscous.main(figures=tmp_path, table=tmp_path / "table.csv")
+    assert {row["deformation"] for row in numbers["rows"]} == {"pitch=5deg", "pitch=20deg"}
+    assert all(row["q_before"] > 0.05 and not row["failure"] for row in numbers["rows"])
+    assert {way: row["n_valid"] for way, row in numbers["summary"].items()} == {
+        "least squares": 0,
+        "default": 2,
+        "inverse distance": 2,
+    }
+    assert numbers["summary"]["default"]["n_keep_heights"] == 2
+    assert numbers["off_rigid"]["section"] < 1e-11
+    lines = (tmp_path / "table.csv").read_text().splitlines()
+    assert len(lines) == 3
+    assert {line.count(",") for line in lines} == {1 + len(viscous.COLUMNS)}
+    for name in ("viscous_section", "viscous_heights"):
+        assert 5_000 < (tmp_path / f"{name}.png").stat().st_size < 200_000
+
+
+def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
+    """Of the walls alone: all the rest of the grid goes with them, as far as its boundary."""
+    viscous, rotating = script("viscous_grids"), script("rotating_distance")
+    ((_, grid),) = viscous.collect(False, None, (), None)
+    nodes = grid.to_vector().reshape(-1, 3)
+    moved = rotating.RotatingDistance(grid).move("pitch=30deg")
+    lengths = [np.linalg.norm(x[1:] - x[:1], axis=1) for x in (nodes, moved)]
+    np.testing.assert_allclose(lengths[1], lengths[0], atol=1e-9)
+    assert np.abs(moved - nodes).max() > 1.0
+
+
+def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path):
+    grids = script("viscous_grids")
+    ((_, section),) = grids.collect(False, None, (), None)
+    write_grid(tmp_path / "mine.xyz", section)
+    numbers = grids.main(grid=[str(tmp_path / "mine.xyz")], deform=["pitch=1deg"], ways=["inverse distance"])
+    ((row),) = numbers["rows"]
+    assert (row["grid"], row["n_inverted"], row["deformation"]) == ("mine.xyz", 0, "pitch=1deg")

@@ -1,0 +1,64 @@
+"""The optimisations with OpenAeroStruct reach what theory says, or agree with each other."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(str(RUN_SCRIPTS))
+    return importlib.import_module
+
+
+def assert_totals_are_exact(numbers):
+    assert numbers["totals"]["transposed"] < 1e-10
+    assert numbers["totals"]["differences"] < 1e-7
+
+
+def test_wing_twist_vlm_reaches_munks_least_drag_with_every_driver(script, tmp_path):
+    numbers = script("wing_twist_vlm").main(figures=tmp_path)
+    for name, gap in (("twist", 1e-7), ("chord", 1e-6), ("swept", 1e-5)):
+        case = numbers[name]
+        assert_totals_are_exact(case)
+        assert case["initial"]["gap"] > 0.01
+        assert len(case["drivers"]) >= 1
+        for found in case["drivers"].values():
+            assert found["success"]
+            assert -1e-12 < found["gap"] < gap
+            assert found["violation"] < 1e-6
+            assert found["evaluations"] < 100
+            assert sum(found["shares"].values()) == pytest.approx(1.0)
+    for found in numbers["twist"]["drivers"].values():
+        assert found["efficiency"] == pytest.approx(1.0 + 1.0 / 20.0, rel=1e-7)
+    assert (tmp_path / "wing_twist_vlm.png").stat().st_size > 50_000
+    assert (tmp_path / "wing_twist_vlm.html").exists()
+
+
+def test_wing_aerostructural_saves_fuel_with_every_driver_alike(script, tmp_path):
+    numbers = script("wing_aerostructural").main(figures=tmp_path)
+    assert_totals_are_exact(numbers)
+    initial, drivers = numbers["initial"], numbers["drivers"]
+    burns = [found["fuel_burn"] for found in drivers.values()]
+    np.testing.assert_allclose(burns, burns[0], rtol=1e-7)
+    assert burns[0] == pytest.approx(10.73508, rel=1e-5)
+    for found in drivers.values():
+        assert found["success"]
+        assert found["optimality"] < 1e-4
+        assert abs(found["failure"]) < 1e-6  # as thin as the stress allows
+        assert found["structural_mass"] < 0.4 * initial["structural_mass"]
+        assert found["centre_of_lift"] < initial["centre_of_lift"] - 0.01
+    assert (tmp_path / "wing_aerostructural.png").stat().st_size > 30_000
+    assert (tmp_path / "wing_aerostructural.html").exists()
+
+
+def test_lattice_wing_is_the_rectangle_of_the_paper(script):
+    wing = script("lattice_wing").RectangularWing.of(paper=False)
+    nodes = wing.lattice.evaluate(wing.lattice.surface.points).reshape(wing.lattice.shape)
+    assert nodes[-1, 0, 0] == pytest.approx(0.49664)
+    assert -nodes[0, 0, 1] / nodes[-1, 0, 0] == pytest.approx(2.989, abs=1e-3)
+    assert wing.area == pytest.approx(2.0 * nodes[-1, 0, 0] * -nodes[0, 0, 1])

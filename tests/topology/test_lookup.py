@@ -1,0 +1,45 @@
+"""Nodes of a grid are found in the order of another program."""
+
+import numpy as np
+import pytest
+from component_cases import two_blocks
+
+from bspline_mdao import InputError, find_topology, flat_plate_grid
+from bspline_mdao.topology.lookup import numbers_of_points, rows_of_points
+
+
+def test_rows_give_the_points_back_in_any_order_as_often_as_asked_and_in_single_precision():
+    grid, rng = two_blocks(), np.random.default_rng(0)
+    nodes = grid.to_vector().reshape(-1, 3)
+    wanted = rng.integers(0, len(nodes), 2 * len(nodes))
+    rows = rows_of_points(grid, find_topology(grid), np.float32(nodes[wanted]))
+    np.testing.assert_allclose(nodes[rows], nodes[wanted], atol=1e-12)
+
+
+def test_nodes_that_blocks_share_are_found_in_one_row():
+    grid = two_blocks()
+    nodes = grid.to_vector().reshape(-1, 3)
+    rows = rows_of_points(grid, find_topology(grid), nodes)
+    n_shared = np.prod(grid.shapes[0][1:])
+    assert len(np.unique(rows)) == len(nodes) - n_shared
+
+
+def test_a_point_that_is_no_node_is_refused():
+    grid = two_blocks()
+    points = grid.to_vector().reshape(-1, 3).copy()
+    points[11] = 0.5 * (points[11] + points[12])
+    with pytest.raises(InputError, match=r"^volume: point 12 is .* m from one node and .* m from another"):
+        rows_of_points(grid, find_topology(grid), points)
+
+
+def test_nodes_on_both_sides_of_a_plate_cannot_be_told_apart_and_are_refused():
+    grid = flat_plate_grid((5, 5, 5))
+    topology = find_topology(grid)
+    with pytest.raises(InputError, match="0 m from one node and 0 m from another") as error:
+        rows_of_points(grid, topology, grid.to_vector())
+    assert "\n" not in str(error.value)
+
+
+def test_flat_vectors_are_points_too():
+    nodes = np.random.default_rng(1).normal(size=(7, 3))
+    np.testing.assert_array_equal(numbers_of_points(nodes, nodes[::-1].ravel(), "surface"), np.arange(7)[::-1])

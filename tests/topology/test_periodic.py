@@ -1,0 +1,106 @@
+"""Periodic faces are found from the nodes, and nothing else is taken for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bspline_mdao.cli.inspect import grid_numbers
+from bspline_mdao.generators import ball_grid, brick_grid
+from bspline_mdao.io.files import read_grid
+from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.topology.index_space import Window
+from bspline_mdao.topology.multiblock import Block, Grid
+from bspline_mdao.topology.periodic import find_periodic
+from bspline_mdao.topology.topology import find_topology
+
+ANGLE = 0.3
+
+
+def boundary(grid):
+    return [face.window for face in find_topology(grid).boundary if face.patch is None]
+
+
+def passage(shape=(7, 6, 5), axis=0, angle=ANGLE):
+    """An annular passage whose periodic sides, jmin and jmax, are curved."""
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shape), indexing="ij")
+    turn, radius = angle * (j + 0.4 * i**2 - 0.2), 2.0 + k + 0.1 * np.sin(3.0 * i)
+    nodes = np.stack([3.0 * i, radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
+    return np.roll(nodes, axis, axis=-1)
+
+
+def cascade(shape=(7, 6, 3), n_blocks=1):
+    """Passages one above the other, between curved lines."""
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in shape), indexing="ij")
+    nodes = np.stack([3.0 * i, j + 0.5 * np.sin(2.0 * i), 0.2 * k], axis=-1)
+    return Grid(tuple(Block(nodes + [0.0, float(n), 0.0], f"block {n + 1}") for n in range(n_blocks)))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_sides_of_an_annular_passage_are_a_pair(axis):
+    grid = Grid((Block(passage(axis=axis), "block 1"),))
+    (pair,) = find_periodic(grid, boundary(grid))
+    low, high = Window.whole(0, (7, 6, 5)).face(2), Window.whole(0, (7, 6, 5)).face(3)
+    assert {*pair.windows, *pair.others} == {low, high}
+    assert pair.motion.axis == "xyz"[axis]
+    assert abs(abs(pair.motion.angle) - ANGLE) < 1e-12
+    nodes = grid.blocks[0].nodes
+    one, other = (nodes[side[0].slices].reshape(-1, 3) for side in (pair.windows, pair.others))
+    np.testing.assert_allclose(pair.motion.move(one), other, atol=1e-12)
+    np.testing.assert_allclose(pair.motion.inverse().move(other), one, atol=1e-12)
+
+
+def test_sides_that_are_cut_differently_are_a_pair():
+    nodes = passage((9, 6, 5))
+    whole = Grid((Block(nodes, "block 1"),))
+    far = passage((9, 4, 5)).copy()
+    far[..., 1:] = np.stack([*_turned(far[..., 1], far[..., 2], ANGLE)], axis=-1)
+    grid = Grid((whole.blocks[0], Block(far[:4], "block 2"), Block(far[3:], "block 3")))
+    (pair,) = find_periodic(grid, boundary(grid))
+    assert sorted(len(side) for side in (pair.windows, pair.others)) == [1, 2]
+    assert abs(abs(pair.motion.angle) - 2.0 * ANGLE) < 1e-12
+
+
+def _turned(y, z, angle):
+    return np.cos(angle) * y - np.sin(angle) * z, np.sin(angle) * y + np.cos(angle) * z
+
+
+@pytest.mark.parametrize("n_blocks", [1, 3])
+def test_sides_of_a_cascade_are_a_pair_however_many_passages_it_has(n_blocks):
+    grid = cascade(n_blocks=n_blocks)
+    (pair,) = find_periodic(grid, boundary(grid))
+    assert [window.block for window in (*pair.windows, *pair.others)] == [0, n_blocks - 1]
+    np.testing.assert_allclose(pair.motion.shift, [0.0, n_blocks, 0.0], atol=1e-12)
+    guessed = {patch.name: patch for patch in guess_patches(grid, boundary(grid))}
+    for name, side in (("periodic_1a", pair.windows), ("periodic_1b", pair.others)):
+        assert (guessed[name].kind, guessed[name].windows) == ("other", side)
+    assert sum(len(patch.windows) for patch in guessed.values()) == len(boundary(grid))
+
+
+def test_blades_that_repeat_are_walls():
+    """They look the same way: a translation lays them onto each other, and nothing comes back."""
+    nodes = cascade().blocks[0].nodes
+    grid = Grid(tuple(Block(nodes + [0.0, 5.0 * n, 0.0], f"block {n + 1}") for n in range(2)))
+    blade = [Window.whole(block, (7, 6, 3)).face(2) for block in (0, 1)]
+    assert find_periodic(grid, blade) == ()
+
+
+@pytest.mark.parametrize("make", [ball_grid, brick_grid])
+@pytest.mark.parametrize("octant", [False, True])
+def test_boxes_and_balls_have_no_periodic_faces(make, octant):
+    grid = replace(make((5, 5, 5, 5), octant=octant), patches=())
+    assert find_periodic(grid, boundary(grid)) == ()
+
+
+def test_periodic_planes_of_real_grids_are_named(real_grids):
+    rotor = read_grid(real_grids / "cfl3d_rotorstator.fmt")
+    (pair,) = find_periodic(rotor, boundary(rotor))
+    assert [[window.block + 1 for window in side] for side in (pair.windows, pair.others)] == [[1, 7], [5, 13]]
+    bump = read_grid(real_grids / "cfl3d_axibump.fmt")
+    (pair,) = find_periodic(bump, boundary(bump))
+    assert str(pair.motion) == "rotation about x by 1 degrees"
+    told = grid_numbers(bump, find_topology(bump))["periodic"]
+    assert told[0]["motion"] == str(pair.motion)
+    for name in ("cfl3d_sduct.bin", "vtk_bluntfin.bin", "aither_uniform_10blocks.xyz", "cgns_5blocks.cgns"):
+        grid = read_grid(real_grids / name)
+        assert find_periodic(grid, boundary(grid)) == (), name
