@@ -1,4 +1,8 @@
-"""Checks of what users hand over: numbers, and lists of objects of one kind."""
+"""Checks of what users hand over.
+
+Functions ``as_*`` return it in the form that is computed with, and ``require_*`` refuse what is of another kind. Their
+argument ``what`` is what a message calls it.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,26 @@ import numpy as np
 
 from .errors import InputError
 
-__all__ = ["given_axes", "given_direction", "given_list", "given_numbers", "given_vector"]
+__all__ = ["as_array", "as_axes", "as_direction", "as_numbers", "as_vector", "require_kind", "require_list"]
 
 
-def given_numbers(values, what: str) -> np.ndarray:
-    """Numbers as an array of floats; not necessarily finite.
+def as_array(values, what: str) -> np.ndarray:
+    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex.
+
+    Raises
+    ------
+    InputError
+        If they are no numbers, or lists of unequal lengths.
+    """
+    try:
+        array = np.asarray(values)
+        return np.ascontiguousarray(array, dtype=complex if array.dtype.kind == "c" else float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: no array of numbers ({error}); give an array") from error
+
+
+def as_numbers(values, what: str) -> np.ndarray:
+    """Return numbers as an array of floats of their own, which are not necessarily finite.
 
     Raises
     ------
@@ -25,36 +44,36 @@ def given_numbers(values, what: str) -> np.ndarray:
         raise InputError(f"{what}: '{values}' are no numbers; give an array of them") from None
 
 
-def given_vector(values, what: str) -> np.ndarray:
-    """A finite vector, shape (3,).
+def as_vector(values, what: str) -> np.ndarray:
+    """Return a finite vector, shape (3,).
 
     Raises
     ------
     InputError
-        If it is none.
+        If it is not three finite numbers.
     """
-    vector = given_numbers(values, what)
+    vector = as_numbers(values, what)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what} is {vector.tolist()}; give three finite numbers")
     return vector
 
 
-def given_direction(values, what: str) -> np.ndarray:
-    """A unit vector, shape (3,), of a vector of any length.
+def as_direction(values, what: str) -> np.ndarray:
+    """Return the unit vector, shape (3,), along a vector of any length.
 
     Raises
     ------
     InputError
         If it is no finite vector, or zero.
     """
-    vector = given_vector(values, what)
+    vector = as_vector(values, what)
     if not vector.any():
         raise InputError(f"{what} is {vector.tolist()}; give three numbers that are not all zero")
     return vector / np.linalg.norm(vector)
 
 
-def given_axes(axes: str, what: str) -> np.ndarray:
-    """Directions downstream, along the span, and up, shape (3, 3), from the names of the axes, such as "xzy".
+def as_axes(axes: str, what: str) -> np.ndarray:
+    """Return unit vectors downstream, along the span, and up, shape (3, 3), from names of axes such as "xzy".
 
     Raises
     ------
@@ -66,8 +85,29 @@ def given_axes(axes: str, what: str) -> np.ndarray:
     return np.eye(3)[["xyz".index(axis) for axis in axes]]
 
 
-def given_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:
-    """Objects of one kind, told by the members that they need.
+def require_kind(value, kind: type, what: str, advice: str) -> None:
+    """Refuse an argument of another type.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    kind : type
+        What it should be.
+    what, advice : str
+        What it is called, and what to do.
+
+    Raises
+    ------
+    InputError
+        If it is of another type.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{what} is of type {type(value).__name__}; {advice}")
+
+
+def require_list(items, kind: str, members: Iterable[str], what: str) -> Sequence:
+    """Return a list of objects of one kind, which is recognised by the members that they need.
 
     Raises
     ------

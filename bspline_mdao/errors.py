@@ -1,6 +1,6 @@
 """Exceptions and warnings of the package: unusable input, a movement that cannot be done, and a fit to look at."""
 
-__all__ = ["FitWarning", "InputError", "MovementError", "require_kind"]
+__all__ = ["FitWarning", "InputError", "MovementError"]
 
 
 class InputError(ValueError):
@@ -25,24 +25,3 @@ class FitWarning(UserWarning):
     `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that says how many
     elements there are, where the worst is and what to do; the report of the model has it as well.
     """
-
-
-def require_kind(value, kind: type, what: str, advice: str) -> None:
-    """Refuse an argument of another type.
-
-    Parameters
-    ----------
-    value : object
-        The argument.
-    kind : type
-        What it should be.
-    what, advice : str
-        What it is called, and what to do.
-
-    Raises
-    ------
-    InputError
-        If it is of another type.
-    """
-    if not isinstance(value, kind):
-        raise InputError(f"{what} is of type {type(value).__name__}; {advice}")

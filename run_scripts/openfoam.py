@@ -22,7 +22,7 @@ import numpy as np
 
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.cells.quads import area_vectors
-from bspline_mdao.checks import given_axes
+from bspline_mdao.checks import as_axes
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.io.openfoam import PolyMesh
@@ -88,7 +88,7 @@ class Stream:
     @property
     def directions(self) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors of drag and lift."""
-        return tuple(stream_axes(np.radians(self.alpha), given_axes(self.axes, "OpenFOAM")))
+        return tuple(stream_axes(np.radians(self.alpha), as_axes(self.axes, "OpenFOAM")))
 
     @property
     def velocity(self) -> np.ndarray:

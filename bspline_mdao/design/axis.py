@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..checks import given_numbers
+from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.frame import Frame, Plane, surface_frame
 from ..mesh.mesh import MovingMesh, require_mesh
@@ -56,7 +56,7 @@ class ReferenceAxis:
     order: int = field(default=4, kw_only=True)
 
     def __post_init__(self):
-        object.__setattr__(self, "points", given_numbers(self.points, "reference axis"))
+        object.__setattr__(self, "points", as_numbers(self.points, "reference axis"))
         if self.points.ndim != 2 or self.points.shape[1] != 3 or len(self.points) < 2:
             raise InputError(f"reference axis: points of shape {self.points.shape}; give (n, 3), n at least 2")
         if not np.isfinite(self.points).all():

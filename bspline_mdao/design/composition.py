@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array, eye_array, vstack
 
-from ..checks import given_list
+from ..checks import require_list
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh, require_mesh
 from ..names import ALL_NAMES
@@ -68,8 +68,8 @@ class Parametrization:
     constraints: Sequence = ()
 
     def __post_init__(self):
-        given_list(self.variables, "variable", ("name", "units", "carried", "bind"), "parametrization")
-        given_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
+        require_list(self.variables, "variable", ("name", "units", "carried", "bind"), "parametrization")
+        require_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
         require_mesh(self.mesh, "parametrization")
         self._require_names()
         self._require_effect()

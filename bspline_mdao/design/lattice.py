@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..checks import given_numbers
+from ..checks import as_numbers
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import INSIDE, invert_points
@@ -155,7 +155,7 @@ class Lattice:
         """
         orders = _orders(n, orders)
         places = greville_abscissae(_volume(n, orders))
-        linear, corners = _volume((2, 2, 2), 2), given_numbers(corners, "lattice: corners")
+        linear, corners = _volume((2, 2, 2), 2), as_numbers(corners, "lattice: corners")
         if corners.shape != (2, 2, 2, 3):
             raise InputError(f"lattice: corners of shape {corners.shape}; give shape (2, 2, 2, 3)")
         points = evaluate(linear, corners, places.reshape(-1, 3))
@@ -273,7 +273,7 @@ def _corners(around) -> np.ndarray:
     """Points that a box surrounds."""
     if isinstance(around, MovingMesh):
         return around.points[around.surface_ids]
-    points = given_numbers(around, "lattice: around")
+    points = as_numbers(around, "lattice: around")
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"lattice: around points of shape {points.shape}; give a mesh, or finite ones of shape (n, 3)")
     return points
@@ -281,7 +281,7 @@ def _corners(around) -> np.ndarray:
 
 def _box_axes(axes) -> np.ndarray:
     """Unit vectors along the edges of a box."""
-    axes = given_numbers(axes, "lattice: axes")
+    axes = as_numbers(axes, "lattice: axes")
     lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
     if axes.shape != (3, 3) or not (lengths > 0.0).all() or not abs(np.linalg.det(axes / lengths)) > INSIDE:
         raise InputError(f"lattice: axes {axes.tolist()}; give three directions that do not lie in one plane")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..checks import given_vector
+from ..checks import as_vector
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
 from .equations import Equations
@@ -52,7 +52,7 @@ class Mirrored:
             If a leader has no partner, or several.
         """
         normal, near = axes_of(self.normal, self.name)[0], self.tolerance * mesh.size
-        heights = (points - given_vector(self.point, f"linear constraint '{self.name}': point")) @ normal
+        heights = (points - as_vector(self.point, f"linear constraint '{self.name}': point")) @ normal
         leaders = self._on_the_side_of_the_normal(heights, near) if self.leaders is None else self.leaders
         followers = np.arange(len(points)) if self.followers is None else self.followers
         leaders, followers = (

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from ..checks import given_numbers
+from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
 from .selection import Selection
@@ -34,7 +34,7 @@ def axes_of(directions: Directions, name: str) -> np.ndarray:
         if not letters or set(letters) - set("xyz"):
             raise InputError(f"linear constraint '{name}': no direction is called '{directions}'; give some of 'xyz'")
         return np.eye(3)[["xyz".index(letter) for letter in letters]]
-    vectors = np.atleast_2d(given_numbers(directions, f"linear constraint '{name}': direction"))
+    vectors = np.atleast_2d(as_numbers(directions, f"linear constraint '{name}': direction"))
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     if vectors.shape[1:] != (3,) or not np.isfinite(lengths).all() or not (lengths > 0.0).all():
         raise InputError(f"linear constraint '{name}': give directions of three coordinates that are not all zero")

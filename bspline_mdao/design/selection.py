@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..checks import given_direction, given_numbers, given_vector
+from ..checks import as_direction, as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.boundary import boundary_points, matching_patches
 from ..mesh.mesh import MovingMesh
@@ -243,7 +243,7 @@ def _indices(part) -> str:
 
 def _vectors(values, what: str) -> np.ndarray:
     """Finite vectors, shape (n, 3)."""
-    vectors = np.atleast_2d(given_numbers(values, f"selection: {what}"))
+    vectors = np.atleast_2d(as_numbers(values, f"selection: {what}"))
     if vectors.ndim != 2 or vectors.shape[1] != 3 or not np.isfinite(vectors).all():
         raise InputError(f"selection: {what}; give finite points of three coordinates")
     return vectors
@@ -251,5 +251,5 @@ def _vectors(values, what: str) -> np.ndarray:
 
 def _heights(mesh: MovingMesh, point, normal) -> np.ndarray:
     """Distance of every surface control point from a plane, along its normal."""
-    point = given_vector(point, "selection: the point of a plane")
-    return (_surface(mesh) - point) @ given_direction(normal, "selection: the normal of a plane")
+    point = as_vector(point, "selection: the point of a plane")
+    return (_surface(mesh) - point) @ as_direction(normal, "selection: the normal of a plane")

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..cells.quads import add_to_nodes, area_vectors, area_vectors_vjp
-from ..checks import given_direction
+from ..checks import as_direction
 from ..errors import InputError
 from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
@@ -166,7 +166,7 @@ class ProjectedArea:
         >>> ProjectedArea.of(surface, name="planform_area").evaluate(surface.points).round(4)
         array([1.1592])
         """
-        direction = planform_normal(surface) if direction is None else given_direction(direction, f"{name}: direction")
+        direction = planform_normal(surface) if direction is None else as_direction(direction, f"{name}: direction")
         normals = area_vectors(surface.points[surface.quads])
         facing = normals @ direction
         shares = 0.5 + 0.5 * np.sign(np.where(np.abs(facing) > _EDGE_ON * np.linalg.norm(normals, axis=1), facing, 0.0))

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array, kron, vstack
 
-from ..checks import given_axes
+from ..checks import as_axes
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 from .edge_cuts import cut_edges, edges_of_quads
@@ -131,7 +131,7 @@ class CamberSurface:
 
 def _turn(axes: str, points: np.ndarray) -> np.ndarray:
     """Rows of the identity in the order of the axes, the second turned round where the tip is on the positive side."""
-    turn = given_axes(axes, "camber surface")
+    turn = as_axes(axes, "camber surface")
     span = points @ turn[1]
     turn[1] *= -1.0 if span.max() > -span.min() else 1.0
     return turn

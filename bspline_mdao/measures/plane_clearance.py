@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..cells.aggregates import KreisselmeierSteinhauser
-from ..checks import given_direction, given_vector
+from ..checks import as_direction, as_vector
 from ..mesh.frame import Plane
 from ..mesh.surface import SurfaceGrid
 from .clearance import nodes_of
@@ -81,8 +81,8 @@ class PlaneClearance:
         InputError
             If a patch does not exist, the normal has no length, or rho is not positive.
         """
-        normal = given_direction(normal, "clearance: the normal of the plane")
-        plane = Plane(normal, float(given_vector(origin, "clearance: the origin of the plane") @ normal))
+        normal = as_direction(normal, "clearance: the normal of the plane")
+        plane = Plane(normal, float(as_vector(origin, "clearance: the origin of the plane") @ normal))
         return cls(surface, nodes_of(surface, patches), plane, KreisselmeierSteinhauser(rho / surface.size), name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:

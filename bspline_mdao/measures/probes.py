@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..checks import given_numbers
+from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vector_arrays import lengths
@@ -113,7 +113,7 @@ def checked_points(points: np.ndarray, what: str) -> np.ndarray:
     InputError
         If the shape is another, there is none, or one is not finite.
     """
-    points = np.atleast_2d(given_numbers(points, what))
+    points = np.atleast_2d(as_numbers(points, what))
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InputError(f"{what}: points of shape {points.shape}; give shape (n, 3)")
     if not np.isfinite(points).all():
@@ -124,7 +124,7 @@ def checked_points(points: np.ndarray, what: str) -> np.ndarray:
 
 
 def _checked_directions(directions, n, what):
-    directions = given_numbers(directions, f"{what}: directions")
+    directions = as_numbers(directions, f"{what}: directions")
     if directions.shape not in ((3,), (n, 3)):
         raise InputError(f"{what}: directions of shape {directions.shape}; give shape (3,) or ({n}, 3)")
     directions = np.broadcast_to(directions, (n, 3))

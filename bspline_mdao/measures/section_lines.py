@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..checks import given_numbers
+from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.frame import Frame, surface_frame
 from ..mesh.surface import SurfaceGrid
@@ -155,7 +155,7 @@ class SectionLines:
         low, high = z[0].max() - 1e-9 * np.ptp(edge), z[-1].min() + 1e-9 * np.ptp(edge)
         if fractions is None:
             return edge[(edge >= low) & (edge <= high)]
-        fractions = np.atleast_1d(given_numbers(fractions, "sections: stations"))
+        fractions = np.atleast_1d(as_numbers(fractions, "sections: stations"))
         wanted = edge[0] + fractions * np.ptp(edge)
         for fraction, position in zip(fractions, wanted):
             if not low <= position <= high:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..checks import given_numbers
+from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vector_arrays import lengths, unit_vectors
@@ -97,7 +97,7 @@ class Thickness:
         >>> thickness.evaluate(surface.points).round(3)
         array([0.082, 0.08 ])
         """
-        direction = planform_normal(surface) if direction is None else given_numbers(direction, f"{name}: direction")
+        direction = planform_normal(surface) if direction is None else as_numbers(direction, f"{name}: direction")
         shape = np.shape(points)[:-1]
         flat = checked_points(np.reshape(points, (-1, 3)) if shape else points, name)
         entries, exits = opposite_probes(

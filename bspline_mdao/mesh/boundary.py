@@ -16,11 +16,11 @@ from itertools import combinations
 
 import numpy as np
 
-from ..errors import InputError, require_kind
+from ..checks import as_array, require_kind
+from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..splines.greville import greville_abscissae
 from ..topology.entities import BoundaryFace
-from ..topology.multiblock import as_array
 from ..topology.sharing import boundary_sections
 from ..topology.topology import Topology, describe
 from .freedom import Freedom, plane_normal, sliding_planes

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import InputError, require_kind
+from ..checks import require_kind
+from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..numerics.planes import nearest_plane
 from ..topology.face_quads import quads_in_turn

@@ -7,13 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ..checks import as_array
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import refine
 from ..evaluation.index_scaling import IndexScaling
 from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
-from ..topology.multiblock import Block, Grid, Patch, as_array
+from ..topology.multiblock import Block, Grid, Patch
 from ..topology.topology import Topology
 from ..walls.grid_map import GridMap
 from ..walls.riders import Riders

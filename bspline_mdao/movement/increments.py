@@ -11,9 +11,9 @@ from numbers import Integral
 
 import numpy as np
 
+from ..checks import as_array
 from ..errors import InputError, MovementError
 from ..mesh.mesh import MovingMesh
-from ..topology.multiblock import as_array
 from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
 __all__ = ["AUTO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]

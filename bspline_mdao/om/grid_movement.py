@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..checks import given_list
+from ..checks import require_list
 from ..design.composition import Parametrization
 from ..errors import InputError
 from ..measures.measure import MEMBERS
@@ -135,7 +135,7 @@ class GridMovement(om.Group):
 
     def _add_measures(self, mesh: MovingMesh):
         """Regenerate the surface and measure it."""
-        measures = given_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
+        measures = require_list(self.options["measures"], "measure", MEMBERS, self.msginfo)
         surface = measures[0].surface
         for measure in measures:
             if measure.surface is not surface:

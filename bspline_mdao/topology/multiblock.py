@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import InputError, require_kind
+from ..checks import as_array, require_kind
+from ..errors import InputError
 from .entities import Interface
 from .index_space import Window
 
@@ -164,12 +165,3 @@ def require_grid(grid) -> None:
     require_kind(grid, Grid, "the grid", "read one with read_grid(path), or make a Grid of Blocks")
     if any(np.iscomplexobj(block.nodes) for block in grid.blocks):
         raise InputError(f"{grid.source}: has complex nodes; give real ones")
-
-
-def as_array(values, what: str) -> np.ndarray:
-    """Turn numbers into an array of 8-byte reals in C order; complex ones, of complex steps, stay complex."""
-    try:
-        array = np.asarray(values)
-        return np.ascontiguousarray(array, dtype=complex if array.dtype.kind == "c" else float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what}: no array of numbers ({error}); give an array") from error

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...cells.cell_faces import CellFaces
-from ...checks import given_axes
+from ...checks import as_axes
 from ...topology.topology import Topology
 from .areas import area_vectors, area_vectors_jvp, area_vectors_vjp
 from .block_ilu import FactorPattern
@@ -54,7 +54,7 @@ class FlowGrid:
             If a part of the boundary is not declared as wall, symmetry or far field, or the axes cannot be used.
         """
         discretization = Discretization.of(CellFaces.of(topology, nodes), **settings)
-        return cls(discretization, factor_pattern(discretization), given_axes(axes, "flow"))
+        return cls(discretization, factor_pattern(discretization), as_axes(axes, "flow"))
 
     @property
     def faces(self) -> CellFaces:
