@@ -96,7 +96,7 @@ from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients
 from .splines.knots import BilinearKnots as BilinearKnots
 from .splines.knots import ConstantKnots as ConstantKnots
 from .splines.knots import FunctionKnots as FunctionKnots
-from .testing import check_variable as check_variable
+from .testing.variables import check_variable as check_variable
 from .topology.multiblock import Grid as Grid
 from .topology.topology import find_topology as find_topology
 

@@ -8,6 +8,7 @@ from topology_cases import box, grid_of, patch
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
+from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.index_space import Orientation, Window
 from bspline_mdao.topology.topology import find_topology
 
@@ -141,7 +142,7 @@ def _difference(mover, initial, surface, d_initial, d_surface, h):
     def points(t):
         return mover.move(initial + t * d_initial, surface + t * d_surface).points
 
-    return (8.0 * (points(h) - points(-h)) - (points(2.0 * h) - points(-2.0 * h))) / (12.0 * h)
+    return central_difference(points, 2.0 * h, levels=2)
 
 
 def both_sides(mesh):

@@ -7,7 +7,6 @@ import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import movable_model, small_model, two_blocks
-from differences import extrapolated_difference
 
 from bspline_mdao.cells import grid_quality
 from bspline_mdao.cells.aggregates import KreisselmeierSteinhauser, PNorm
@@ -26,6 +25,7 @@ from bspline_mdao.cli.main import run
 from bspline_mdao.errors import InputError
 from bspline_mdao.io.files import write_grid
 from bspline_mdao.om.quality import Quality
+from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.multiblock import Block, Grid, Patch
 
@@ -184,7 +184,7 @@ def test_products_with_the_jacobian_are_transposes_and_directional_derivatives(b
         return np.concatenate([list(moved.aggregates.values()), moved.q])
 
     exact = np.concatenate([list(change.aggregates.values()), change.q])
-    difference = extrapolated_difference(outputs, 1e-3, levels=5)
+    difference = central_difference(outputs, 1e-3, levels=5)
     assert np.abs(difference - exact).max() < 1e-9 * np.abs(exact).max()
 
 
@@ -306,7 +306,7 @@ def test_totals_of_all_outputs_agree_with_differences():
         return np.concatenate([problem.get_val(name) for name in AGGREGATES])
 
     exact = np.concatenate([forward[name] for name in AGGREGATES])
-    np.testing.assert_allclose(extrapolated_difference(outputs, 2e-4, levels=5), exact, atol=1e-8 * np.abs(exact).max())
+    np.testing.assert_allclose(central_difference(outputs, 2e-4, levels=5), exact, atol=1e-8 * np.abs(exact).max())
 
 
 def test_an_inverted_cell_is_an_analysis_error_where_validity_is_required_and_runs_go_on_after_it():

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import openmdao.api as om
 import pytest
-from differences import extrapolated_difference
 
 from bspline_mdao import (
     EulerFlow,
@@ -26,6 +25,7 @@ from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.flow_forces import FlowForces
 from bspline_mdao.generators import infinite_wing_grid, naca_section
+from bspline_mdao.testing import central_difference
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")
 OUTPUTS = (*COEFFICIENTS, "span_load", "Cp")
@@ -111,7 +111,7 @@ def test_totals_by_the_stream_agree_with_differences_of_converged_flows(flown, n
         flown.run_model()
         return values(flown)
 
-    exact = extrapolated_difference(run, 2e-2 if name == "alpha" else 2e-3, levels=2)
+    exact = central_difference(run, 2e-2 if name == "alpha" else 2e-3, levels=2)
     run(0.0)
     found = np.concatenate([totals[of, name].ravel() for of in EXACT])
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8 * np.abs(exact).max())
@@ -129,7 +129,7 @@ def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(f
             flown.run_model()
             return values(flown)
 
-        exact = extrapolated_difference(run, 2e-4, levels=2)
+        exact = central_difference(run, 2e-4, levels=2)
         run(0.0)
         np.testing.assert_allclose(by_node[:, entry], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
 

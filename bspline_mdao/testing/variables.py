@@ -1,4 +1,4 @@
-"""Checks of a variable's derivatives, for those who write their own."""
+"""Derivatives of design variables, such as those that users write."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from .design.variable import Layout, Variable
-from .mesh.mesh import MovingMesh
+from ..design.variable import Layout, Variable
+from ..mesh.mesh import MovingMesh
+from .derivatives import central_difference
 
 __all__ = ["VariableCheck", "check_variable"]
 
 STEPS = 10.0 ** -np.arange(1, 6)
-"""Steps of the differences; the one that agrees best counts: long and short ones are wrong themselves."""
+"""Steps of `check_variable`; the one that agrees best counts: long and short ones are wrong themselves."""
 
 AWAY = 1e-2
-"""How far from the baseline is checked: points by this part of the size of the mesh, values by this."""
+"""How far from the baseline `check_variable` looks: points by this part of the size of the mesh, values by this."""
 
 GOOD = 1e-7
 """Largest relative difference that is put down to the differences."""
@@ -25,7 +26,7 @@ GOOD = 1e-7
 
 @dataclass(frozen=True)
 class VariableCheck:
-    """How well derivatives agree with differences.
+    """How well the derivatives of a variable agree with differences.
 
     Parameters
     ----------
@@ -69,16 +70,23 @@ def check_variable(variable: Variable, mesh: MovingMesh, n_directions: int = 3, 
     ------
     InputError
         If the variable does not suit the mesh, or does not return what it should.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Local, check_variable, fit_grid, moving_mesh, onera_m6_grid
+    >>> mesh = moving_mesh(fit_grid(onera_m6_grid((5, 5, 5))))
+    >>> check_variable(Local("heights", direction="y"), mesh).is_good
+    True
     """
     layout, random = Layout(mesh, tuple(variable.carried)), np.random.default_rng(seed)
     design_map = variable.bind(layout)
     points = layout.points + AWAY * mesh.size * random.uniform(-1.0, 1.0, layout.points.shape)
     values = design_map.initial + AWAY * random.uniform(-1.0, 1.0, design_map.initial.shape)
     partials = design_map.partials(points, values)
-    by_points = mesh.size * random.uniform(-1.0, 1.0, (n_directions, *points.shape))
-    by_values = random.uniform(-1.0, 1.0, (n_directions, *values.shape))
-    points_error, points_row = _compare(lambda d: design_map.apply(points + d, values), partials.points, by_points)
-    values_error, values_row = _compare(lambda d: design_map.apply(points, values + d), partials.values, by_values)
+    in_points = mesh.size * random.uniform(-1.0, 1.0, (n_directions, *points.shape))
+    in_values = random.uniform(-1.0, 1.0, (n_directions, *values.shape))
+    points_error, points_row = _compare(lambda d: design_map.apply(points + d, values), partials.points, in_points)
+    values_error, values_row = _compare(lambda d: design_map.apply(points, values + d), partials.values, in_values)
     return VariableCheck(points_error, values_error, _place(layout, points_row), _place(layout, values_row))
 
 
@@ -86,18 +94,13 @@ def _compare(function: Callable, jacobian: csr_array, directions: np.ndarray) ->
     """Largest relative deviation of a Jacobian along directions, and the row of points where it is."""
     worst, row = -1.0, 0
     for direction in directions:
-        given = (jacobian @ direction.ravel()).reshape(-1, 3)
-        off = min((np.abs(given - _difference(function, h * direction) / h) for h in STEPS), key=np.max)
-        error = off.max() / max(np.abs(given).max(), np.finfo(float).tiny)
+        exact = (jacobian @ direction.ravel()).reshape(-1, 3)
+        found = (central_difference(lambda h: function(h * direction), 2.0 * step, 2) for step in STEPS)  # noqa: B023
+        off = min((np.abs(exact - difference) for difference in found), key=np.max)
+        error = off.max() / max(np.abs(exact).max(), np.finfo(float).tiny)
         if error > worst:
             worst, row = float(error), int(np.argmax(off.max(axis=1)))
     return worst, row
-
-
-def _difference(function: Callable, step: np.ndarray) -> np.ndarray:
-    """Difference of a function along a step, by the rule of fourth order."""
-    near, far = (function(m * step) - function(-m * step) for m in (1, 2))
-    return (8.0 * near - far) / 12.0
 
 
 def _place(layout: Layout, row: int) -> str:
