@@ -25,10 +25,10 @@ from scipy.interpolate import BSpline
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao.fit.cholesky import factorize
 from bspline_mdao.fit.design_matrix import build_design_matrix
 from bspline_mdao.fit.edge_knots import knots_of_segment
 from bspline_mdao.fit.fitting import METHODS, fit_grid
+from bspline_mdao.fit.least_squares import factorize
 from bspline_mdao.fit.parameters import chord_length_parameters
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.generators import Spacing
@@ -135,7 +135,7 @@ def _operator_bytes(operator) -> int:
     for step in operator.steps:
         m = step.matrix
         arrays = [m.node_order, m.values, m.starts, m.firsts, step.entity.rows, step.entity.control_ids]
-        arrays += [step.cholesky.factor] if step.cholesky is not None else []
+        arrays += [step.factor.lower] if step.factor is not None else []
         total += sum(array.nbytes for array in arrays)
     return total
 

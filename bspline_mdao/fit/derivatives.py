@@ -1,9 +1,9 @@
 """The fit as a function of the baseline grid, through chord-length parameters and knots as well ("live").
 
 With b the control points, A the matrix of an entity and r = x - A b its residual, the unknown part of b satisfies
-``A_u^T r = shift (b_u - prior)``. Differentiated,
+``A_u^T r = shift (b_u - b_reference)``. Differentiated,
 
-    (A_u^T A_u + shift I) db_u = A_u^T (dx - dA b - A_k db_k) + dA_u^T r + shift dprior,
+    (A_u^T A_u + shift I) db_u = A_u^T (dx - dA b - A_k db_k) + dA_u^T r + shift db_reference,
 
 where u are the unknown and k the known control points; dA comes from `bspline_mdao.fit.live_mapping`. The reverse runs
 through the same steps backwards.
@@ -63,7 +63,7 @@ class LiveFit:
         change, d_control = self.mapping.change(d_nodes), np.zeros_like(self.least_squares)
         with threadpool_limits(1, "blas"):
             for step in self.steps:
-                if step.cholesky is not None:
+                if step.factor is not None:
                     self._step_jvp(step, change, d_nodes, d_control)
         return self.mixture.forward(d_control, d_nodes)
 
@@ -73,7 +73,7 @@ class LiveFit:
         bars = self.mapping.no_change()
         with threadpool_limits(1, "blas"):
             for step in reversed(self.steps):
-                if step.cholesky is not None:
+                if step.factor is not None:
                     self._step_vjp(step, control_bar, nodes_bar, bars)
         self.mapping.add_change_vjp(bars, nodes_bar)
         return nodes_bar

@@ -1,12 +1,19 @@
 """Least squares for the control points, one entity after the other (section II.D), as a linear map with its transpose.
 
-With the control points of an entity's boundary known, the inner ones are a *prior* (`bspline_mdao.fit.prior`) plus a
-deviation d that solves the normal equations
+With the control points of an entity's boundary known, the inner ones are those of a `ReferenceNet` plus a deviation d
+that solves the normal equations
 
-    (A^T A + shift I) d = A^T (x - A b_prior).
+    (A^T A + shift I) d = A^T (x - A b_reference).
 
-The shift is zero unless the Gram matrix is singular (knot spans that hold no node); with no shift the prior has no
-influence.
+The shift (Tikhonov's regularization) is zero unless the Gram matrix is singular, for knot spans that hold no node; with
+no shift the reference has no influence.
+
+Theory: ``docs/theory/fit.rst``.
+
+References
+----------
+L. Piegl and W. Tiller, "The NURBS Book", 2nd edition, Springer, 1997, section 9.4.
+A. N. Tikhonov and V. Y. Arsenin, "Solutions of Ill-Posed Problems", Winston, 1977.
 """
 
 from __future__ import annotations
@@ -14,19 +21,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dpbtrf, dpbtrs, dpotrf, dpotrs
+from scipy.sparse import coo_array, csr_array, kron
 from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
+from ..numerics.transfinite import boolean_sum, inner_of
 from ..splines.volume import Volume
 from ..topology.sections import whole_slices
-from .cholesky import Cholesky, factorize
 from .design_matrix import DesignMatrix, build_design_matrix
 from .entities import Entity
-from .prior import Prior, greville_prior
-from .quasi_interpolant import LEAST_SQUARES, Mixture
+from .matrix_derivatives import edge_corners
+from .quasi_interpolant import LEAST_SQUARES, Mixture, greville_means, greville_places
 
 LARGEST_GRAM = 2**31
 """Bytes beyond which a Gram matrix is refused."""
+
+SMALLEST_PIVOT = 1e-11
+"""A pivot below this fraction of the largest diagonal entry makes a Gram matrix singular."""
+
+SHIFT = 1e-8
+"""Shift of the diagonal of a singular Gram matrix, in nodes per control point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,16 +54,16 @@ class FitStep:
         Its nodes and control points.
     matrix : DesignMatrix
         A, of all control points of its section.
-    cholesky : Cholesky or None
-        Factor of the normal equations; None where all control points are known before.
-    prior : Prior
-        What the control points lean on where the Cholesky factor has a shift.
+    factor : GramFactor or None
+        Of the normal equations; None where all control points are known before.
+    reference : ReferenceNet
+        What the control points lean on where the factor has a shift.
     """
 
     entity: Entity
     matrix: DesignMatrix
-    cholesky: Cholesky | None
-    prior: Prior
+    factor: GramFactor | None
+    reference: ReferenceNet
 
     def solve(self, nodes: np.ndarray, control_points: np.ndarray) -> None:
         """Write the entity's control points, from the nodes and the control points of its boundary.
@@ -60,11 +75,11 @@ class FitStep:
         control_points : ndarray, shape (n_control_points, 3)
             All control points.
         """
-        if self.cholesky is not None:
+        if self.factor is not None:
             self.solve_residual(nodes[self.entity.rows], 0.0, nodes, control_points)
 
     def solve_residual(self, points: np.ndarray, right, nodes: np.ndarray, control_points: np.ndarray) -> None:
-        """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A prior) + right_u`` and write ``prior + d``.
+        """Solve ``(A_u^T A_u + shift I) d = A_u^T (points - A b_reference) + right_u`` and write ``b_reference + d``.
 
         Parameters
         ----------
@@ -73,15 +88,15 @@ class FitStep:
         right : ndarray, shape (N0 N1 N2, 3), or 0
             What is added on the right, for all control points of the section.
         nodes : ndarray, shape (n_rows, 3)
-            All nodes of the grid, for the prior.
+            All nodes of the grid, for the reference.
         control_points : ndarray, shape (n_control_points, 3)
             Those of the boundary are read, those of the entity written.
         """
-        net = self.prior.net(nodes, control_points[self.entity.control_ids]).reshape(-1, 3)
-        prior = net[self._places]
-        net = self._with_columns(net, prior)
+        net = self.reference.net(nodes, self.entity.net(control_points))
+        reference = net[self._places]
+        net = self._with_columns(net, reference)
         right = right + self.matrix.apply_transpose(points - self.matrix.apply(net))
-        control_points[self.entity.unknown_ids] = prior + self.cholesky.solve(self._sum_columns(right))
+        control_points[self.entity.unknown_ids] = reference + self.factor.solve(self._sum_columns(right))
 
     def solve_transpose(self, control_bar: np.ndarray, nodes_bar: np.ndarray) -> None:
         """Reverse of `solve`: move ``control_bar`` of the entity to its nodes and to its boundary.
@@ -93,7 +108,7 @@ class FitStep:
         nodes_bar : ndarray, shape (n_rows, 3)
             Cotangent of the nodes, added to.
         """
-        if self.cholesky is not None:
+        if self.factor is not None:
             points_bar, _ = self.solve_residual_transpose(control_bar, nodes_bar)
             np.add.at(nodes_bar, self.entity.rows, points_bar)
 
@@ -102,13 +117,13 @@ class FitStep:
         ids = self.entity.control_ids
         unknown_bar = control_bar[self.entity.unknown_ids]
         control_bar[self.entity.unknown_ids] = 0
-        right_bar = self._with_columns(np.zeros((ids.size, 3)), self.cholesky.solve(unknown_bar))
+        right_bar = self._with_columns(np.zeros((ids.size, 3)), self.factor.solve(unknown_bar))
         points_bar = self.matrix.apply(right_bar)
         net_bar = -self.matrix.apply_transpose(points_bar)
-        prior_bar = unknown_bar + self._sum_columns(net_bar)
-        net_bar = self._with_columns(net_bar, np.zeros_like(prior_bar))
-        net_bar[self._places] += prior_bar
-        np.add.at(control_bar, ids, self.prior.net_transpose(net_bar.reshape(*ids.shape, 3), nodes_bar))
+        reference_bar = unknown_bar + self._sum_columns(net_bar)
+        net_bar = self._with_columns(net_bar, np.zeros_like(reference_bar))
+        net_bar[self._places] += reference_bar
+        np.add.at(control_bar, ids.ravel(), self.reference.net_transpose(net_bar, nodes_bar))
         return points_bar, right_bar
 
     def evaluate(self, control_points: np.ndarray) -> np.ndarray:
@@ -176,7 +191,7 @@ def build_step(
     volume: Volume,
     parameters: np.ndarray,
     rows: np.ndarray,
-    blends,
+    edge_places,
     n_rows: int,
     name: str = "entity",
 ) -> FitStep:
@@ -192,8 +207,8 @@ def build_step(
         Parameters of the nodes of its segment.
     rows : ndarray of int, shape (L0, L1, L2)
         Rows of these nodes in the grid vector.
-    blends : sequence of three ndarray, each of shape (N_d,)
-        For the prior, see `bspline_mdao.fit.prior.edge_blends`.
+    edge_places : sequence of three ndarray, each of shape (N_d,)
+        For the reference, see `places_on_edges`.
     n_rows : int
         Length of the grid vector.
     name : str
@@ -210,14 +225,14 @@ def build_step(
     """
     matrix = build_design_matrix(volume, parameters[entity.inner].reshape(-1, 3), entity.is_free)
     n_columns = len(entity.unknown_ids)
-    blends = tuple(blend if free else np.zeros(1) for blend, free in zip(blends, entity.is_free))
+    places = tuple(along if free else np.zeros(1) for along, free in zip(edge_places, entity.is_free))
     if n_columns == 0:
-        return FitStep(entity, matrix, None, Prior(blends))
-    cholesky = factorize(*_gram(matrix, entity, name), matrix.shape[0] / n_columns)
-    if cholesky.shift == 0.0:
-        return FitStep(entity, matrix, cholesky, Prior(blends))
-    section_rows = rows[whole_slices(entity.section)]
-    return FitStep(entity, matrix, cholesky, greville_prior(blends, section_rows, matrix.orders, n_rows))
+        return FitStep(entity, matrix, None, ReferenceNet.of(places))
+    factor = factorize(*_gram(matrix, entity, name), matrix.shape[0] / n_columns)
+    sampling = None
+    if factor.shift:
+        sampling = greville_sampling(rows[whole_slices(entity.section)], matrix.n_control, matrix.orders, n_rows)
+    return FitStep(entity, matrix, factor, ReferenceNet.of(places, sampling))
 
 
 def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, bool]:
@@ -231,3 +246,166 @@ def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, 
             f"{LARGEST_GRAM / 2**30:g}; use fewer, or split the block"
         )
     return matrix.gram(entity.columns, n_columns, bandwidth if is_banded else None), is_banded
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceNet:
+    """Linear map from the grid and the control points of a boundary to a whole control net: a coarse copy of the grid.
+
+    A control mesh mimics a coarse grid, so what least squares lean on is the grid itself, sampled at the Greville nodes
+    (`bspline_mdao.fit.quasi_interpolant.greville_places`). What the boundary's control points differ from their samples
+    is spread over the inside by transfinite interpolation, in proportion to lengths along the edges, so that thin
+    layers of cells stay layers. Both are fixed linear maps.
+
+    Parameters
+    ----------
+    inner : ndarray of int, shape (n_inner,)
+        Numbers of the inner control points of a net, in C order.
+    interpolation : csr_array, shape (n_inner, N0 N1 N2)
+        Weights with which they follow the boundary.
+    sampling : csr_array, shape (N0 N1 N2, n_rows), or None
+        Samples of the grid at the Greville nodes; None for zero, where nothing leans on the reference.
+    """
+
+    inner: np.ndarray
+    interpolation: csr_array
+    sampling: csr_array | None = None
+
+    @classmethod
+    def of(cls, places, sampling: csr_array | None = None) -> ReferenceNet:
+        """Interpolate in a net.
+
+        Parameters
+        ----------
+        places : sequence of three ndarray, each of shape (N_d,)
+            Where each control point stands between the ends of its direction, from 0 to 1.
+        sampling : csr_array, optional
+            See the class.
+        """
+        shape = tuple(map(len, places))
+        numbers = np.arange(np.prod(shape)).reshape(shape)
+        columns, values = boolean_sum(np.stack(np.meshgrid(*places, indexing="ij"), axis=-1))
+        inner = numbers[inner_of(shape)].ravel()
+        entries = values.ravel(), (np.tile(np.arange(len(inner)), len(columns)), columns.ravel())
+        return cls(inner, csr_array(entries, shape=(len(inner), numbers.size)), sampling)
+
+    def net(self, nodes: np.ndarray, net: np.ndarray) -> np.ndarray:
+        """Complete a net, shape (N0 N1 N2, 3), of which the boundary counts, from nodes, shape (n_rows, 3)."""
+        samples = 0.0 if self.sampling is None else self.sampling @ nodes
+        difference = net - samples
+        difference[self.inner] = self.interpolation @ difference
+        return samples + difference
+
+    def net_transpose(self, bar: np.ndarray, nodes_bar: np.ndarray) -> np.ndarray:
+        """Transpose of `net`: return the cotangent of the boundary and add that of the nodes to ``nodes_bar``."""
+        net_bar = bar.copy()
+        net_bar[self.inner] = 0.0
+        net_bar += self.interpolation.T @ bar[self.inner]
+        if self.sampling is not None:
+            nodes_bar += self.sampling.T @ (bar - net_bar)
+        return net_bar
+
+
+def greville_sampling(rows: np.ndarray, n_control, orders, n_rows: int) -> csr_array:
+    """Sample the nodes of a section at the Greville nodes, linearly between them.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (m0, m1, m2)
+        Rows in the grid vector of all nodes of the section.
+    n_control, orders : sequence of three int
+        Control points and orders of its directions.
+    n_rows : int
+        Length of the grid vector.
+
+    Returns
+    -------
+    csr_array, shape (N0 N1 N2, n_rows)
+    """
+    weights = [_line_weights(*line) for line in zip(rows.shape, n_control, orders)]
+    local = kron(kron(weights[0], weights[1]), weights[2], format="csr")
+    return csr_array((local.data, rows.ravel()[local.indices], local.indptr), shape=(local.shape[0], n_rows))
+
+
+def _line_weights(n_nodes: int, n_control: int, order: int) -> coo_array:
+    """Linear interpolation at the Greville nodes of a line, shape (n_control, n_nodes)."""
+    places = greville_places(n_nodes, n_control, order)
+    low = np.clip(places.astype(int), 0, max(n_nodes - 2, 0))
+    high = np.minimum(low + 1, n_nodes - 1)
+    weight, row = places - low, np.arange(n_control)
+    values, columns = np.concatenate([1 - weight, weight]), np.concatenate([low, high])
+    return coo_array((values, (np.tile(row, 2), columns)), shape=(n_control, n_nodes))
+
+
+def places_on_edges(volume: Volume) -> tuple[np.ndarray, ...]:
+    """Greville abscissae of the mean edge knots of each direction of a volume, each of shape (N,)."""
+    return tuple(greville_means(edge_corners(k).mean(axis=(0, 1)), k.n_control, k.order) for k in volume.knots)
+
+
+@dataclass(frozen=True, eq=False)
+class GramFactor:
+    """Cholesky factor of a Gram matrix, ``G + shift I``.
+
+    Parameters
+    ----------
+    lower : ndarray
+        The factor as LAPACK left it.
+    is_banded : bool
+        Whether the storage is banded.
+    shift : float
+        What was added to the diagonal: 0 unless the matrix is singular.
+    """
+
+    lower: np.ndarray
+    is_banded: bool
+    shift: float
+
+    @property
+    def is_singular(self) -> bool:
+        """Whether the matrix needed a shift."""
+        return self.shift > 0.0
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solution of ``(G + shift I) d = right``; both of shape (n, m)."""
+        routine = dpbtrs if self.is_banded else dpotrs
+        return routine(self.lower, right, lower=1)[0]
+
+
+def factorize(gram: np.ndarray, is_banded: bool, unit: float) -> GramFactor:
+    """Factor a Gram matrix.
+
+    Parameters
+    ----------
+    gram : ndarray
+        Lower half, stored as `bspline_mdao.fit.design_matrix.DesignMatrix.gram` returns it.
+    is_banded : bool
+        Whether it is stored by bands.
+    unit : float
+        Unit of the shift. It must not depend on the matrix, so that a shift has no derivative.
+
+    Returns
+    -------
+    GramFactor
+    """
+    factor = _factor(gram, is_banded, 0.0)
+    if factor is not None:
+        return GramFactor(factor, is_banded, 0.0)
+    shift = SHIFT * unit
+    # the shift has made the matrix definite: no pivot is too small any more
+    return GramFactor(_factor(gram, is_banded, shift, 0.0), is_banded, shift)
+
+
+def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest=SMALLEST_PIVOT) -> np.ndarray | None:
+    """Lower factor of the shifted matrix in LAPACK's column-major storage; None where it is singular."""
+    lower = gram.T.copy(order="F")
+    diagonal = lower[0] if is_banded else np.einsum("ii->i", lower)
+    diagonal += shift
+    largest = diagonal.max()
+    if is_banded:
+        factor, info = dpbtrf(lower, lower=1, overwrite_ab=1)
+        pivots = factor[0]
+    else:
+        factor, info = dpotrf(lower, lower=1, clean=0, overwrite_a=1)
+        pivots = factor.diagonal()
+    is_singular = info != 0 or (pivots**2).min() <= smallest * largest
+    return None if is_singular else factor

@@ -14,8 +14,7 @@ from ..splines.mesh import BSplineMesh
 from ..topology.sharing import NodeSharing, node_sharing
 from ..topology.topology import Topology
 from .entities import Entity, entities_in_order
-from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step
-from .prior import edge_blends
+from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step, places_on_edges
 from .quasi_interpolant import Mixture
 
 Progress = Callable[[float, str], None]
@@ -36,15 +35,15 @@ class FitProblem:
         One volume per segment.
     entities : tuple of Entity
         In the order of section II.D.
-    blends : tuple of tuples of three ndarray
-        For the priors of every segment; they stay when the knots change.
+    edge_places : tuple of tuples of three ndarray
+        See `bspline_mdao.fit.least_squares.places_on_edges`, of every segment; they stay when the knots change.
     """
 
     topology: Topology
     sharing: NodeSharing
     mesh: BSplineMesh
     entities: tuple[Entity, ...]
-    blends: tuple[tuple[np.ndarray, ...], ...]
+    edge_places: tuple[tuple[np.ndarray, ...], ...]
 
     @property
     def n_nodes(self) -> int:
@@ -54,7 +53,7 @@ class FitProblem:
     def step(self, parameters: Sequence[np.ndarray], entity: Entity) -> FitStep:
         """Least squares of an entity, factored, for parameters of every segment."""
         s, name = entity.segment, f"{self.topology.source}: {entity.describe(self.topology.segment_names)}"
-        segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.blends[s]
+        segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.edge_places[s]
         return build_step(entity, *segment, self.n_nodes, name)
 
     def steps(self, parameters: Sequence[np.ndarray], entities: Sequence[Entity] | None = None):
@@ -119,8 +118,8 @@ def problem_of_mesh(topology: Topology, mesh: BSplineMesh) -> FitProblem:
     """Set up the fit of a mesh that exists already, for example that of a fitted model."""
     sharing = node_sharing(topology)
     entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
-    blends = tuple(edge_blends(volume) for volume in mesh.volumes)
-    return FitProblem(topology, sharing, mesh, entities, blends)
+    edge_places = tuple(places_on_edges(volume) for volume in mesh.volumes)
+    return FitProblem(topology, sharing, mesh, entities, edge_places)
 
 
 def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> Solution:
@@ -152,7 +151,7 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
         step = problem.step(parameters, entity)
         step.solve(nodes, control_points)
         fitted[entity.rows] = step.evaluate(control_points)
-        return step.cholesky is not None and step.cholesky.is_singular
+        return step.factor is not None and step.factor.is_singular
 
     with threadpool_limits(1, "blas"):
         for entities in problem.rounds():

@@ -27,7 +27,6 @@ from ..splines.greville import greville_abscissae
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from ..topology.sharing import NodeSharing
-from .prior import greville_places
 
 CONVERGED = 1e-10
 """Largest change, in cells, of a place in its last round."""
@@ -195,6 +194,28 @@ def parametric_places(volume: Volume, parameters: np.ndarray) -> np.ndarray:
     places = nodal_places(volume, parameters.shape[:3])
     _find_places(parameters, greville_abscissae(volume).reshape(-1, 3), places.reshape(-1, 3))
     return places
+
+
+def greville_places(n_nodes: int, n_control: int, order: int) -> np.ndarray:
+    """Real node numbers, from 0, of the Greville nodes of an edge: means of the node numbers of p - 1 inner knots.
+
+    The edge-knot formula of section II.D fixes them before any parameter.
+
+    Examples
+    --------
+    >>> greville_places(n_nodes=9, n_control=6, order=3)
+    array([0., 1., 3., 5., 7., 8.])
+    """
+    breaks = np.linspace(0, n_nodes - 1, n_control + 2 - order)
+    knots = np.concatenate([np.repeat(breaks[0], order - 1), breaks, np.repeat(breaks[-1], order - 1)])
+    return greville_means(knots, n_control, order)
+
+
+def greville_means(knots: np.ndarray, n_control: int, order: int) -> np.ndarray:
+    """Means of p - 1 consecutive inner knots, shape (n_control,); 0 for a single control point."""
+    if n_control == 1:
+        return np.zeros(1)
+    return np.lib.stride_tricks.sliding_window_view(knots[1:-1], order - 1).mean(axis=1)
 
 
 def nodal_places(volume: Volume, shape: Sequence[int]) -> np.ndarray:

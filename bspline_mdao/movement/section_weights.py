@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, product
 
 import numpy as np
 from scipy import sparse
 
-from ..topology.entities import Section
-from ..topology.sections import inner_slices, sections_of
+from ..numerics.transfinite import boolean_sum
+from ..topology.sections import inner_slices, sections_of, whole_slices
 
 __all__ = ["arc_lengths", "transfinite_weights"]
 
@@ -41,9 +40,9 @@ def transfinite_weights(
 ) -> sparse.csr_array:
     """Weights by which all points follow the known ones.
 
-    Inside a section whose boundary is known, the interpolant is the Boolean sum of linear interpolations between
-    opposite ends. Points that are known, or belong to an earlier section, keep what they have: shared sections are
-    interpolated once, and all blocks agree.
+    Inside a section whose boundary is known, the interpolant is that of `bspline_mdao.numerics.transfinite`. Points
+    that are known, or belong to an earlier section, keep what they have: shared sections are interpolated once, and all
+    blocks agree.
 
     Parameters
     ----------
@@ -59,11 +58,6 @@ def transfinite_weights(
     Returns
     -------
     scipy.sparse.csr_array, shape (n_points, n_known)
-
-    References
-    ----------
-    W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
-    International Journal for Numerical Methods in Engineering 7, 1973.
     """
     shape = (n_points, len(known_ids))
     weights = sparse.csr_array((np.ones(len(known_ids)), (known_ids, np.arange(len(known_ids)))), shape=shape)
@@ -92,28 +86,8 @@ def _sections(blocks, places, is_done: np.ndarray, n_free: int) -> Iterator[tupl
             first, rows = first[~is_done[rows]], rows[~is_done[rows]]
             is_done[rows] = True
             if len(rows):
-                yield rows, _boolean_sum(ids, place, section, first, len(is_done))
-
-
-def _boolean_sum(ids: np.ndarray, place: np.ndarray, section: Section, chosen: np.ndarray, n_points: int):
-    """Weights of chosen inner points of a section: sum over the sets of directions in which to go to the ends.
-
-    With P_d the interpolation along direction d, this is P_0 + P_1 - P_0 P_1 for a face, and so on.
-    """
-    slices = inner_slices(section)
-    index = np.stack([axis[slices].ravel()[chosen] for axis in np.indices(ids.shape)])
-    place = place[slices].reshape(-1, 3)[chosen].T
-    free = [d for d in range(3) if section[d] is None]
-    columns, values = [], []
-    for n in range(1, len(free) + 1):
-        for directions in combinations(free, n):
-            for ends in product((0, -1), repeat=n):
-                source, value = index.copy(), np.full(len(chosen), (-1.0) ** (n + 1))
-                for d, end in zip(directions, ends):
-                    source[d] = end
-                    value *= place[d] if end else 1.0 - place[d]
-                columns.append(ids[tuple(source)])
-                values.append(value)
-    rows = np.tile(np.arange(len(chosen)), len(columns))
-    entries = (np.concatenate(values), (rows, np.concatenate(columns)))
-    return sparse.csr_array(entries, shape=(len(chosen), n_points))
+                whole = whole_slices(section)
+                columns, values = boolean_sum(place[whole], first)
+                numbers = np.tile(np.arange(len(rows)), len(columns))
+                entries = values.ravel(), (numbers, ids[whole].ravel()[columns.ravel()])
+                yield rows, sparse.csr_array(entries, shape=(len(rows), len(is_done)))

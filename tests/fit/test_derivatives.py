@@ -8,12 +8,12 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.fit.derivatives import live_fit
 from bspline_mdao.fit.edge_knots import edge_knots, edge_knots_jvp, edge_knots_vjp
 from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.fit.least_squares import ReferenceNet, greville_sampling
 from bspline_mdao.fit.parameters import (
     chord_length_parameters,
     chord_length_parameters_jvp,
     chord_length_parameters_vjp,
 )
-from bspline_mdao.fit.prior import greville_prior
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.topology.sections import whole_slices
 
@@ -106,12 +106,13 @@ def reference_fit(model, nodes):
         net = b[entity.control_ids]
         section = frozen.sharing.rows[entity.segment][whole_slices(entity.section)]
         orders = [p if m > 1 else 1 for p, m in zip(model.mesh.volumes[entity.segment].orders, net.shape)]
-        blends = [blend if m > 1 else np.zeros(1) for blend, m in zip(frozen.blends[entity.segment], net.shape)]
-        prior_map = greville_prior(blends, section, orders, len(nodes))
-        prior_net = prior_map.net(nodes.real, net.real) + 1j * prior_map.net(nodes.imag, net.imag)
+        places = [x if m > 1 else np.zeros(1) for x, m in zip(frozen.edge_places[entity.segment], net.shape)]
+        sampling = greville_sampling(section, net.shape[:3], orders, len(nodes))
+        reference = ReferenceNet.of(places, sampling)
+        net = net.reshape(-1, 3)
+        reference_net = reference.net(nodes.real, net.real) + 1j * reference.net(nodes.imag, net.imag)
         first = [np.flatnonzero(entity.columns == c)[0] for c in range(len(entity.unknown_ids))]
-        prior = prior_net.reshape(-1, 3)[first]
-        b[entity.unknown_ids] = prior
+        b[entity.unknown_ids] = reference_net[first]
         b[entity.unknown_ids] += np.linalg.solve(A_u.T @ A_u, A_u.T @ (nodes[entity.rows] - A @ b[ids]))
     return frozen.mixture(model.parameters, model.shares).forward(b, nodes), matrices, frozen
 

@@ -9,9 +9,9 @@ from bspline_mdao.fit import least_squares
 from bspline_mdao.fit.control_counts import choose_counts
 from bspline_mdao.fit.design_matrix import build_design_matrix
 from bspline_mdao.fit.fitting import fit_grid, segment_parameters, set_up_fit
-from bspline_mdao.fit.prior import greville_places, greville_prior
+from bspline_mdao.fit.least_squares import ReferenceNet, greville_sampling
 from bspline_mdao.fit.problem import problem_of_mesh, solve_fit
-from bspline_mdao.fit.transfinite import interpolate_boundary, interpolate_boundary_transpose
+from bspline_mdao.fit.quasi_interpolant import greville_places
 from bspline_mdao.splines.volume import evaluate
 from bspline_mdao.topology.topology import find_topology
 
@@ -197,14 +197,14 @@ def test_spans_without_nodes_lean_on_the_boundary_and_are_reported():
     assert np.abs(solution.control_points).max() < 10
 
 
-def test_the_prior_reproduces_grids_that_are_linear_in_their_indices():
+def test_the_reference_net_reproduces_grids_that_are_linear_in_their_indices():
     nodes = lattice(9, 13, 11, powers=(1, 1, 1))
     rows = np.arange(nodes[..., 0].size).reshape(nodes.shape[:3])
     axes = [greville_places(*line) / (line[0] - 1) for line in ((9, 6, 4), (13, 7, 3), (11, 5, 2))]
-    prior = greville_prior(axes, rows, (4, 3, 2), rows.size)
-    expected = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    np.testing.assert_allclose(prior.net(nodes.reshape(-1, 3), expected), expected, atol=1e-14)
-    moved = prior.net(nodes.reshape(-1, 3), expected + [1, 2, 3])
+    reference = ReferenceNet.of(axes, greville_sampling(rows, (6, 7, 5), (4, 3, 2), rows.size))
+    expected = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    np.testing.assert_allclose(reference.net(nodes.reshape(-1, 3), expected), expected, atol=1e-14)
+    moved = reference.net(nodes.reshape(-1, 3), expected + [1, 2, 3])
     np.testing.assert_allclose(moved, expected + [1, 2, 3], atol=1e-14)
 
 
@@ -212,11 +212,12 @@ def test_transfinite_interpolation_reproduces_a_tensor_lattice_and_has_its_trans
     rng = np.random.default_rng(2)
     net = lattice(5, 6, 4)
     for shape in ((5, 6, 4, 3), (5, 1, 4, 3), (1, 1, 6, 3)):
-        blends = [np.concatenate([[0], np.sort(rng.random(n - 2)), [1]]) if n > 1 else np.zeros(1) for n in shape[:3]]
+        places = [np.concatenate([[0], np.sort(rng.random(n - 2)), [1]]) if n > 1 else np.zeros(1) for n in shape[:3]]
+        reference = ReferenceNet.of(places)
         if shape == net.shape:
-            np.testing.assert_allclose(interpolate_boundary(net, blends), net, atol=1e-15)
-        a, b = rng.standard_normal(shape), rng.standard_normal(shape)
-        forward, reverse = interpolate_boundary(a, blends), interpolate_boundary_transpose(b, blends)
+            np.testing.assert_allclose(reference.net(None, net.reshape(-1, 3)), net.reshape(-1, 3), atol=1e-15)
+        a, b = rng.standard_normal((2, np.prod(shape[:3]), 3))
+        forward, reverse = reference.net(None, a), reference.net_transpose(b, None)
         difference = np.vdot(b, forward) - np.vdot(reverse, a)
         assert abs(difference) < 1e-13 * np.linalg.norm(a) * np.linalg.norm(b)
 

@@ -1,0 +1,69 @@
+"""Transfinite (Coons) interpolation of the inside of an index space from its boundary, as weights.
+
+With ``P_d`` the linear interpolation between the two ends of direction d, the inside is the Boolean sum
+``I - (I - P_0) (I - P_1) (I - P_2)``, that is ``P_0 + P_1 - P_0 P_1`` on a face, and so on.
+
+References
+----------
+W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
+International Journal for Numerical Methods in Engineering 7, 1973.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+
+import numpy as np
+
+__all__ = ["boolean_sum", "inner_of"]
+
+
+def inner_of(shape) -> tuple[slice, slice, slice]:
+    """Slices of the inner points of an index space; the whole of a direction of one point, which has no ends."""
+    return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
+
+
+def boolean_sum(places: np.ndarray, chosen: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Weights with which inner points follow points of the boundary.
+
+    Parameters
+    ----------
+    places : ndarray, shape (N0, N1, N2, 3)
+        Where each point stands between the two ends of every direction, from 0 to 1.
+    chosen : ndarray of int, shape (n,), optional
+        Which of the inner points, numbered in C order; all by default.
+
+    Returns
+    -------
+    columns : ndarray of int, shape (n_terms, n)
+        Numbers, in C order, of the boundary points that each inner point follows: for every set of directions in which
+        to go to the ends (one, two, then three of them) one for every choice of ends. Directions of one point take no
+        part; where there are no others, there are no terms.
+    values : ndarray, shape (n_terms, n)
+        Weights of these points.
+
+    Examples
+    --------
+    >>> line = np.zeros((3, 1, 1, 3))
+    >>> line[:, 0, 0, 0] = [0.0, 0.25, 1.0]
+    >>> columns, values = boolean_sum(line)
+    >>> columns.tolist(), values.tolist()
+    ([[0], [2]], [[0.75], [0.25]])
+    """
+    shape = places.shape[:3]
+    inner, free = inner_of(shape), [d for d in range(3) if shape[d] > 1]
+    chosen = slice(None) if chosen is None else chosen
+    index = np.stack([axis[inner].ravel()[chosen] for axis in np.indices(shape)])
+    place = places[inner].reshape(-1, 3)[chosen].T
+    columns, values = [], []
+    for n in range(1, len(free) + 1):
+        for directions in combinations(free, n):
+            for ends in product((0, 1), repeat=n):
+                source, value = index.copy(), np.full(index.shape[1], (-1.0) ** (n + 1))
+                for d, end in zip(directions, ends):
+                    source[d] = end * (shape[d] - 1)
+                    value *= place[d] if end else 1.0 - place[d]
+                columns.append(np.ravel_multi_index(tuple(source), shape))
+                values.append(value)
+    terms = len(columns), index.shape[1]
+    return np.array(columns, dtype=np.int64).reshape(terms), np.array(values).reshape(terms)
