@@ -53,11 +53,11 @@ from .measures.area import SurfaceArea as SurfaceArea
 from .measures.camber_surface import CamberSurface as CamberSurface
 from .measures.clearance import Clearance as Clearance
 from .measures.curvature import Curvature as Curvature
-from .measures.leading_edge import LeadingEdgeRadius as LeadingEdgeRadius
-from .measures.plane_clearance import PlaneClearance as PlaneClearance
-from .measures.sections import SectionThickness as SectionThickness
+from .measures.wing_edges import LeadingEdgeRadius as LeadingEdgeRadius
+from .measures.clearance import PlaneClearance as PlaneClearance
+from .measures.section_thickness import SectionThickness as SectionThickness
 from .measures.thickness import Thickness as Thickness
-from .measures.trailing_edge import TrailingEdgeAngle as TrailingEdgeAngle
+from .measures.wing_edges import TrailingEdgeAngle as TrailingEdgeAngle
 from .measures.volume import EnclosedVolume as EnclosedVolume
 from .mesh.boundary import moving_grid as moving_grid
 from .mesh.boundary import moving_mesh as moving_mesh

@@ -10,11 +10,11 @@ from bspline_mdao.measures.area import ProjectedArea, SurfaceArea
 from bspline_mdao.measures.camber_surface import CamberSurface
 from bspline_mdao.measures.clearance import Clearance
 from bspline_mdao.measures.curvature import Curvature
-from bspline_mdao.measures.leading_edge import LeadingEdgeRadius
-from bspline_mdao.measures.plane_clearance import PlaneClearance
-from bspline_mdao.measures.sections import SectionThickness
+from bspline_mdao.measures.wing_edges import LeadingEdgeRadius
+from bspline_mdao.measures.clearance import PlaneClearance
+from bspline_mdao.measures.section_thickness import SectionThickness
 from bspline_mdao.measures.thickness import Thickness
-from bspline_mdao.measures.trailing_edge import TrailingEdgeAngle
+from bspline_mdao.measures.wing_edges import TrailingEdgeAngle
 from bspline_mdao.measures.volume import EnclosedVolume
 from bspline_mdao.mesh.frame import Plane
 from bspline_mdao.mesh.surface import SurfaceGrid

@@ -12,7 +12,7 @@ from ..checks import as_direction
 from ..errors import InputError
 from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
-from .scalars import by_baseline, single_row
+from .measure import by_baseline, single_row
 
 __all__ = ["ProjectedArea", "SurfaceArea", "planform_normal"]
 

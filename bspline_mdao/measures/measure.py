@@ -6,14 +6,18 @@ is any object with the members of `Measure`; `bspline_mdao.SurfaceMeasure` makes
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
+from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 
-__all__ = ["MEMBERS", "Measure"]
+__all__ = ["MEMBERS", "Combinations", "Measure", "by_baseline", "row_at", "single_row"]
+
 
 MEMBERS = ("name", "units", "shape", "surface", "evaluate", "partials")
 """What every measure has."""
@@ -39,3 +43,108 @@ class Measure(Protocol):
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`: shape (size, 3 n), of a pattern that does not depend on the nodes."""
+
+
+def by_baseline(measure, least: float):
+    """Divide a measure by what it is on the baseline.
+
+    Parameters
+    ----------
+    measure : dataclass
+        Measure with a field ``scale`` that it is divided by.
+    least : float
+        Number that is taken for none.
+
+    Raises
+    ------
+    InputError
+        If it is none on the baseline.
+    """
+    value = float(measure.evaluate(measure.surface.points)[0])
+    if not abs(value) > least:
+        raise InputError(f"{measure.name}: {value:.3g} on the baseline, nothing to be relative to; take relative=False")
+    return replace(measure, scale=measure.scale * value)
+
+
+def single_row(gradient: np.ndarray) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), of its gradient, shape (n_points, 3); zeros kept."""
+    return row_at(np.arange(len(gradient)), gradient, len(gradient))
+
+
+def row_at(ids: np.ndarray, gradient: np.ndarray, n_points: int) -> csr_array:
+    """Derivatives of one number, shape (1, 3 n_points), that depends on some nodes: its gradient in these; zeros kept.
+
+    Parameters
+    ----------
+    ids : ndarray of int, shape (n,)
+        The nodes.
+    gradient : ndarray, shape (n, 3)
+        Derivatives in their coordinates.
+    n_points : int
+        Number of all nodes.
+    """
+    columns = (3 * ids[:, None] + np.arange(3)).ravel()
+    return csr_array((gradient.ravel(), columns, np.array([0, len(columns)])), shape=(1, 3 * n_points))
+
+
+@dataclass(frozen=True, eq=False)
+class Combinations:
+    """Several vectors at each of n places, every one a fixed combination of nodes: tangents, differences, chords.
+
+    A number of each place, made of its vectors, then has closed-form derivatives on a fixed pattern.
+
+    Parameters
+    ----------
+    stack : csr_array, shape (n_kinds n, n_nodes)
+        Coefficients: all places of the first kind of vector, then all of the next.
+    n_kinds : int
+        Vectors at each place.
+    pattern : csr_array of int, shape (n, n_nodes)
+        Which nodes belong to a place.
+    gather : csr_array, shape (pattern.nnz, n_kinds n)
+        From derivatives in the vectors to those in the nodes of the pattern.
+    """
+
+    stack: csr_array
+    n_kinds: int
+    pattern: csr_array
+    gather: csr_array
+
+    @classmethod
+    def of(cls, matrices: Sequence[csr_array]) -> Combinations:
+        """Take the coefficients of every kind of vector, each of shape (n, n_nodes)."""
+        stack = csr_array(vstack(matrices, format="csr"))
+        n_places, n_nodes = matrices[0].shape
+        entries = stack.tocoo()
+        keys = (entries.row % n_places) * np.int64(n_nodes) + entries.col
+        unique, number = np.unique(keys, return_inverse=True)
+        places = (np.arange(len(unique)), (unique // n_nodes, unique % n_nodes))
+        pattern = csr_array(places, shape=(n_places, n_nodes))
+        gather = csr_array((entries.data, (number, entries.row)), shape=(len(unique), stack.shape[0]))
+        return cls(stack, len(matrices), pattern, gather)
+
+    @property
+    def n_places(self) -> int:
+        """Number of places."""
+        return self.pattern.shape[0]
+
+    def vectors(self, points: np.ndarray) -> np.ndarray:
+        """Vectors, shape (n_kinds, n, 3), of nodes, shape (n_nodes, 3)."""
+        return (self.stack @ points).reshape(self.n_kinds, -1, 3)
+
+    def chain(self, gradients: Sequence[np.ndarray]) -> csr_array:
+        """Differentiate one number per place in the nodes, shape (n, 3 n_nodes).
+
+        Parameters
+        ----------
+        gradients : sequence of ndarray, each of shape (n, 3)
+            Derivatives of the number of every place in its vectors, kind by kind.
+        """
+        data = self.gather @ np.concatenate(gradients)
+        columns = 3 * self.pattern.indices[:, None] + np.arange(3)
+        shape = (self.n_places, 3 * self.pattern.shape[1])
+        return csr_array((data.ravel(), columns.ravel(), 3 * self.pattern.indptr), shape=shape)
+
+    def pull(self, gradients: Sequence[np.ndarray]) -> np.ndarray:
+        """Differentiate the sum of the numbers of all places in the nodes, shape (n_nodes, 3)."""
+        return self.stack.T @ np.concatenate(gradients)

@@ -7,17 +7,33 @@ the surface wherever that moves: a constant sparse linear map of the nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.sparse import csr_array
 
 from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vector_arrays import lengths
-from .crossings import body_intervals, find_crossings
 
-__all__ = ["FLAT", "ROUND_OFF", "Probes", "checked_points", "opposite_probes"]
+__all__ = [
+    "FLAT",
+    "ROUND_OFF",
+    "Crossings",
+    "Probes",
+    "body_intervals",
+    "checked_points",
+    "find_crossings",
+    "opposite_probes",
+]
+
+_TOUCH = 1e-9
+"""Distance, relative to the diagonal of the surface's box, at which a line still meets a quad."""
+
+_GRAZE = 1e-9
+"""Sine of the angle below which a line runs along a quad instead of crossing it."""
 
 FLAT = 1e-9
 """Length, relative to the diagonal of the surface's box, that is taken for none."""
@@ -142,3 +158,146 @@ def _require_all(lines, points, what):
             f"{what}: the line of probe {missed[0] + 1} of {len(points)}, through ({x:g}, {y:g}, {z:g}), does not "
             f"cross the surface from one side to the other; move it inside the surface, or turn it"
         )
+
+
+class Crossings(NamedTuple):
+    """Crossings of lines and quads, line by line.
+
+    Parameters
+    ----------
+    line, quad : ndarray of int, shape (n,)
+        Line and quad of each.
+    parameters : ndarray, shape (n, 2)
+        Place in the quad, from 0 to 1.
+    depth : ndarray, shape (n,)
+        Distance along the line from its point (m).
+    is_exit : ndarray of bool, shape (n,)
+        Whether the line runs along the normal of the quad, and not against it.
+    """
+
+    line: np.ndarray
+    quad: np.ndarray
+    parameters: np.ndarray
+    depth: np.ndarray
+    is_exit: np.ndarray
+
+    def take(self, rows: np.ndarray) -> Crossings:
+        """Some of them, in the order of ``rows``."""
+        return Crossings(*(values[rows] for values in self))
+
+
+def find_crossings(surface: SurfaceGrid, points: np.ndarray, directions: np.ndarray) -> Crossings:
+    """Find all crossings.
+
+    Parameters
+    ----------
+    surface : SurfaceGrid
+        The surface, on its baseline.
+    points, directions : ndarray, shape (n, 3)
+        A point of each line (m), and its direction.
+
+    Returns
+    -------
+    Crossings
+    """
+    frames = _frames(directions)
+    touch = _TOUCH * surface.size
+    near = [_near_line(surface.points, surface.quads, *line, touch) for line in zip(points, frames)]
+    line, quad = np.repeat(np.arange(len(points)), [len(ids) for ids in near]), np.concatenate(near)
+    corners = np.einsum("ncd,ned->nce", surface.points[surface.quads[quad]] - points[line, None], frames[line])
+    pairs = [_crossing(corners, parameters, touch) for parameters in _meeting(corners[..., :2])]
+    found = [Crossings(line[is_met], quad[is_met], *(x[is_met] for x in rest)) for is_met, *rest in pairs]
+    joined = Crossings(*map(np.concatenate, zip(*found)))
+    return joined.take(np.lexsort((joined.quad, joined.line)))
+
+
+def body_intervals(found: Crossings, tolerance: float) -> tuple[Crossings, Crossings]:
+    """Find the part of every line within the body that holds the point of the line, or else is nearest to it.
+
+    Parameters
+    ----------
+    found : Crossings
+        All crossings.
+    tolerance : float
+        Thickness (m) that is taken for none: there the line enters before it leaves.
+
+    Returns
+    -------
+    entries, exits : Crossings
+        The ends of the parts, one for every line that has one.
+    """
+    found = found.take(np.lexsort((found.quad, found.depth - tolerance * ~found.is_exit, found.line)))
+    inside = np.flatnonzero((np.diff(found.line) == 0) & ~found.is_exit[:-1] & found.is_exit[1:])
+    beside = np.maximum(np.maximum(found.depth[inside], -found.depth[inside + 1]), 0.0)
+    inside = inside[np.lexsort((beside, found.line[inside]))]
+    chosen = inside[np.unique(found.line[inside], return_index=True)[1]]
+    return found.take(chosen), found.take(chosen + 1)
+
+
+def _frames(directions):
+    """Two directions across each line and the unit direction along it, as rows, shape (n, 3, 3)."""
+    along = directions / np.linalg.norm(directions, axis=1)[:, None]
+    start = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    across = np.cross(along, start)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return np.stack([across, np.cross(along, across), along], axis=1)
+
+
+@njit(cache=True)
+def _near_line(points, quads, origin, frame, touch):
+    """Quads whose box, seen along a line, holds the line: those with corners on all of its four sides."""
+    sides = np.empty(len(points), dtype=np.uint8)
+    for n in range(len(points)):
+        x, y, z = points[n, 0] - origin[0], points[n, 1] - origin[1], points[n, 2] - origin[2]
+        a = x * frame[0, 0] + y * frame[0, 1] + z * frame[0, 2]
+        b = x * frame[1, 0] + y * frame[1, 1] + z * frame[1, 2]
+        sides[n] = (a <= touch) | (a >= -touch) << 1 | (b <= touch) << 2 | (b >= -touch) << 3
+    is_near = np.empty(len(quads), dtype=np.bool_)
+    for q in range(len(quads)):
+        is_near[q] = (sides[quads[q, 0]] | sides[quads[q, 1]] | sides[quads[q, 2]] | sides[quads[q, 3]]) == 15
+    return np.flatnonzero(is_near)
+
+
+def _meeting(corners):
+    """Two pairs of parameters, each shape (n, 2), at which quads in the plane, shape (n, 4, 2), may hold the origin.
+
+    With ``x = a + b s + c t + d s t`` the first parameter drops out of ``(a + c t) x (b + d t) = 0``.
+    """
+    a, b, c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    d = corners[:, 2] - corners[:, 3] - b
+    for t in _roots(_cross(c, d), _cross(a, d) + _cross(c, b), _cross(a, b)):
+        t = np.clip(t, 0.0, 1.0)[:, None]
+        side = b + d * t
+        length = np.sum(side * side, axis=1)
+        s = -np.sum((a + c * t) * side, axis=1) / np.where(length > 0.0, length, 1.0)
+        yield np.column_stack([np.clip(s, 0.0, 1.0), t])
+
+
+def _roots(a, b, c):
+    """Both roots of ``a t^2 + b t + c``, without cancellation; 0 where there is none."""
+    half = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)), b))
+    return _ratio(c, half), _ratio(half, a)
+
+
+def _ratio(p, q):
+    """``p / q`` where that is a parameter of a quad or near one, else 0."""
+    is_small = np.abs(p) < 2.0 * np.abs(q)
+    return np.where(is_small, p, 0.0) / np.where(is_small, q, 1.0)
+
+
+def _crossing(corners, parameters, touch):
+    """Whether lines meet quads at parameters, the parameters, depths, and whether the lines leave there.
+
+    Corners, shape (n, 4, 3), are seen along the line, which is the third axis.
+    """
+    s, t = parameters.T[..., None]
+    a, b, c, d = np.moveaxis(corners, 1, 0)
+    place = (1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * d + s * c)
+    normal = np.cross((1 - t) * (b - a) + t * (c - d), (1 - s) * (d - a) + s * (c - b))
+    is_met = np.abs(place[:, :2]).max(axis=1) <= touch
+    is_met &= np.abs(normal[:, 2]) > _GRAZE * np.linalg.norm(normal, axis=1)
+    return is_met, parameters, place[:, 2], normal[:, 2] > 0.0
+
+
+def _cross(u, v):
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

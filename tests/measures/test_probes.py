@@ -19,7 +19,7 @@ from bspline_mdao.generators import generic_blended_wing_body
 from bspline_mdao.generators.onera_m6 import onera_m6_planform
 from bspline_mdao.generators.targets import nodes_on_shape
 from bspline_mdao.measures.probes import Probes, opposite_probes
-from bspline_mdao.measures.section_cuts import Cut, cuts_along_span, section_edges
+from bspline_mdao.measures.section_thickness import Cut, cuts_along_span, section_edges
 
 
 def rough_sphere(n=6):
