@@ -52,13 +52,13 @@ from .measures.area import ProjectedArea as ProjectedArea
 from .measures.area import SurfaceArea as SurfaceArea
 from .measures.camber_surface import CamberSurface as CamberSurface
 from .measures.clearance import Clearance as Clearance
-from .measures.curvature import Curvature as Curvature
-from .measures.wing_edges import LeadingEdgeRadius as LeadingEdgeRadius
 from .measures.clearance import PlaneClearance as PlaneClearance
+from .measures.curvature import Curvature as Curvature
 from .measures.section_thickness import SectionThickness as SectionThickness
 from .measures.thickness import Thickness as Thickness
-from .measures.wing_edges import TrailingEdgeAngle as TrailingEdgeAngle
 from .measures.volume import EnclosedVolume as EnclosedVolume
+from .measures.wing_edges import LeadingEdgeRadius as LeadingEdgeRadius
+from .measures.wing_edges import TrailingEdgeAngle as TrailingEdgeAngle
 from .mesh.boundary import moving_grid as moving_grid
 from .mesh.boundary import moving_mesh as moving_mesh
 from .mesh.surface import SurfaceGrid as SurfaceGrid

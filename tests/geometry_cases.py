@@ -8,14 +8,12 @@ from mover_cases import rotation
 from bspline_mdao.generators.section import naca_section
 from bspline_mdao.measures.area import ProjectedArea, SurfaceArea
 from bspline_mdao.measures.camber_surface import CamberSurface
-from bspline_mdao.measures.clearance import Clearance
+from bspline_mdao.measures.clearance import Clearance, PlaneClearance
 from bspline_mdao.measures.curvature import Curvature
-from bspline_mdao.measures.wing_edges import LeadingEdgeRadius
-from bspline_mdao.measures.clearance import PlaneClearance
 from bspline_mdao.measures.section_thickness import SectionThickness
 from bspline_mdao.measures.thickness import Thickness
-from bspline_mdao.measures.wing_edges import TrailingEdgeAngle
 from bspline_mdao.measures.volume import EnclosedVolume
+from bspline_mdao.measures.wing_edges import LeadingEdgeRadius, TrailingEdgeAngle
 from bspline_mdao.mesh.frame import Plane
 from bspline_mdao.mesh.surface import SurfaceGrid
 

@@ -1,4 +1,7 @@
-"""Area of a surface, and of what it is seen as from one direction."""
+"""Area of a surface, and of its projection along one direction.
+
+Theory: ``docs/theory/geometry.rst``, "Areas".
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,16 @@ from ..checks import as_direction
 from ..errors import InputError
 from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
-from .measure import by_baseline, single_row
+from .measure import relative_to_baseline, single_row
 
 __all__ = ["ProjectedArea", "SurfaceArea", "planform_normal"]
 
 _COLLAPSED = 1e-12
-"""Area, relative to the square of the diagonal of the surface's box, of quads that are left out."""
+"""Area, relative to the square of the diagonal of the surface's box, up to which a quad does not count: there the area
+has no derivative."""
 
 _EDGE_ON = 1e-9
-"""Share of the normal along the direction below which a quad is seen from neither side."""
+"""Part of the normal along the direction below which a quad is seen from neither side: its sign would be round-off."""
 
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 """Gauss points of two on [0, 1]; their weights are 1/2."""
@@ -82,7 +86,7 @@ class SurfaceArea:
         """
         has_area = _areas(surface.points[surface.quads]) > _COLLAPSED * surface.size**2
         measure = cls(surface, surface.quads[has_area], 1.0, None if relative else "m**2", name)
-        return by_baseline(measure, _COLLAPSED * surface.size**2) if relative else measure
+        return relative_to_baseline(measure, _COLLAPSED * surface.size**2) if relative else measure
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Area, shape (1,), of nodes, shape (n_points, 3)."""
@@ -104,8 +108,8 @@ class ProjectedArea:
         The surface.
     direction : ndarray, shape (3,)
         Unit vector towards the observer.
-    shares : ndarray, shape (n_quads,)
-        Share with which the area of each quad counts: 1 where it faces the observer on the baseline, 0 where it looks
+    weights : ndarray, shape (n_quads,)
+        Weight with which the area of each quad counts: 1 where it faces the observer on the baseline, 0 where it looks
         away, 1/2 where it is seen edge on.
     scale : float
         What the area is divided by (m^2, or 1).
@@ -123,7 +127,7 @@ class ProjectedArea:
 
     surface: SurfaceGrid
     direction: np.ndarray
-    shares: np.ndarray
+    weights: np.ndarray
     scale: float
     units: str | None
     name: str
@@ -169,21 +173,22 @@ class ProjectedArea:
         direction = planform_normal(surface) if direction is None else as_direction(direction, f"{name}: direction")
         normals = area_vectors(surface.points[surface.quads])
         facing = normals @ direction
-        shares = 0.5 + 0.5 * np.sign(np.where(np.abs(facing) > _EDGE_ON * np.linalg.norm(normals, axis=1), facing, 0.0))
-        if not np.dot(shares, facing) > _COLLAPSED * surface.size**2:
+        is_edge_on = np.abs(facing) <= _EDGE_ON * np.linalg.norm(normals, axis=1)
+        weights = 0.5 + 0.5 * np.sign(np.where(is_edge_on, 0.0, facing))
+        if not np.dot(weights, facing) > _COLLAPSED * surface.size**2:
             raise InputError(f"{name}: nothing of the surface faces the direction {direction}; choose another one")
-        measure = cls(surface, direction, shares, 1.0, None if relative else "m**2", name)
-        return by_baseline(measure, _COLLAPSED * surface.size**2) if relative else measure
+        measure = cls(surface, direction, weights, 1.0, None if relative else "m**2", name)
+        return relative_to_baseline(measure, _COLLAPSED * surface.size**2) if relative else measure
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Area, shape (1,), of nodes, shape (n_points, 3)."""
         normals = area_vectors(points[self.surface.quads])
-        return np.array([self.shares @ (normals @ self.direction) / self.scale])
+        return np.array([self.weights @ (normals @ self.direction) / self.scale])
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Derivatives of the area, shape (1, 3 n_points)."""
         quads = self.surface.quads
-        gradient = area_vectors_vjp(points[quads], self.shares[:, None] * (self.direction / self.scale))
+        gradient = area_vectors_vjp(points[quads], self.weights[:, None] * (self.direction / self.scale))
         return single_row(add_to_nodes(quads, gradient, self.surface.n_points))
 
 

@@ -33,7 +33,7 @@ _SHORT = 1e-6
 """Chord, in spans, that is taken for none: that of a round tip at its end."""
 
 _EDGE_ON = 1e-6
-"""Share of a quad's normal below which it shows neither side up, as on a blunt trailing edge."""
+"""Part of a quad's normal below which it shows neither side up, as on a blunt trailing edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class CamberSurface:
     surface : SurfaceGrid
         The wing.
     weights : csr_array, shape (n_chord n_span, n)
-        Share of every node of the surface in every node of the mesh.
+        Weight of every node of the surface in every node of the mesh.
     axes : ndarray, shape (3, 3)
         Turns the coordinates of the grid into those of the mesh; a mirror where the grid is about the right wing.
     shape : tuple of int
@@ -164,7 +164,7 @@ def _sides(quads: np.ndarray, points: np.ndarray, is_mirrored: bool) -> dict[str
 
 
 def _section(points: np.ndarray, sides: dict[str, np.ndarray], fractions: np.ndarray, station: float) -> csr_array:
-    """Share of the nodes in the camber line at a station, at fractions of its chord."""
+    """Weights of the nodes in the camber line at a station, at fractions of its chord."""
     cuts = [_cut(points, edges, station, f"{side} side") for side, edges in sides.items()]
     line = np.concatenate([cut @ points for cut in cuts])
     leading, trailing = line[np.argmin(line[:, 0])], line[np.argmax(line[:, 0])]
@@ -177,7 +177,7 @@ def _section(points: np.ndarray, sides: dict[str, np.ndarray], fractions: np.nda
 
 
 def _cut(points: np.ndarray, edges: np.ndarray, station: float, side: str) -> csr_array:
-    """Share of the nodes in the points where edges cross a station, shape (n_crossings, n)."""
+    """Weights of the nodes in the points where edges cross a station, shape (n_crossings, n)."""
     y = points[:, 1]
     section = cut_edges(edges, y - station, _NEAR * np.ptp(y))
     if len(section.nodes) < 2:
@@ -190,16 +190,16 @@ def _complaint(points: np.ndarray, where: str, what: str, station: float) -> str
     low, high = 0.0 - points[:, 1].max(), 0.0 - points[:, 1].min()
     return (
         f"camber surface: the {where} has no {what} at {abs(station):.6g} along the span, on which its nodes go from "
-        f"{low:.6g} to {high:.6g}; give ends further within these, or other axes"
+        f"{low:.6g} to {high:.6g}; give ends further inside, or other axes"
     )
 
 
 def _between(along: np.ndarray, fractions: np.ndarray) -> csr_array:
-    """Share of points at places along a chord in the points at the fractions, linear between neighbours."""
+    """Weights of points at places along a chord in the points at the fractions, linear between neighbours."""
     places, rows = np.unique(along, return_index=True)
     after = np.clip(np.searchsorted(places, fractions), 1, len(places) - 1)
-    share = np.clip((fractions - places[after - 1]) / (places[after] - places[after - 1]), 0.0, 1.0)
-    data = np.stack([1.0 - share, share], axis=1).ravel()
+    fraction = np.clip((fractions - places[after - 1]) / (places[after] - places[after - 1]), 0.0, 1.0)
+    data = np.stack([1.0 - fraction, fraction], axis=1).ravel()
     columns = np.stack([rows[after - 1], rows[after]], axis=1).ravel()
     shape = (len(fractions), len(along))
     return csr_array((data, columns, 2 * np.arange(len(fractions) + 1)), shape=shape)

@@ -1,4 +1,12 @@
-"""Distance that patches keep from others and from points: a smooth lower bound."""
+"""Distances that patches keep from other patches, from points and from planes: smooth lower bounds.
+
+Theory: ``docs/theory/geometry.rst``, "Clearance".
+
+References
+----------
+G. Kreisselmeier and R. Steinhauser, Systematic control design by optimizing a vector performance index, *IFAC
+Symposium on Computer Aided Design of Control Systems*, 1979: the bound, see `bspline_mdao.cells.aggregates`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +28,7 @@ from .measure import row_at
 __all__ = ["Clearance", "PlaneClearance", "nodes_of"]
 
 _NEGLIGIBLE = 60.0
-"""Exponent from which on a term is left out: 1e10 of them together are less than round-off."""
+"""Exponent from which on a term of the sum is negligible: 1e10 of them together are less than round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +51,7 @@ class Clearance:
     fixed : ndarray, shape (k, 3)
         Points that do not move (m).
     rule : KreisselmeierSteinhauser
-        How the smallest is bounded.
+        Smooth bound of the smallest.
     name : str
         Name of the output.
     """
@@ -71,7 +79,7 @@ class Clearance:
         rho: float = 200.0,
         name: str = "clearance",
     ) -> Clearance:
-        """Keep patches from others.
+        """Measure the clearance between patches and other patches.
 
         Parameters
         ----------
@@ -103,7 +111,7 @@ class Clearance:
         rho: float = 200.0,
         name: str = "clearance",
     ) -> Clearance:
-        """Keep patches from fixed points.
+        """Measure the clearance between patches and fixed points.
 
         Parameters
         ----------
@@ -132,7 +140,7 @@ class Clearance:
     def _of(cls, surface, ids, other_ids, fixed, rho, name):
         others = np.concatenate([surface.points[other_ids], fixed])
         smallest = np.sqrt(_nearest_square(surface.points[ids], others))
-        if not smallest > 1e-9 * surface.size:
+        if not smallest > 1e-9 * surface.size:  # patches that join share nodes, equal but for round-off
             raise InputError("clearance: the two sides touch on the baseline; leave patches that join out")
         return cls(surface, ids, other_ids, fixed, KreisselmeierSteinhauser(rho / smallest), name)
 
@@ -178,7 +186,7 @@ class PlaneClearance:
     plane : Plane
         The plane; its normal points to where the surface is to be.
     rule : KreisselmeierSteinhauser
-        How the smallest is bounded.
+        Smooth bound of the smallest.
     name : str
         Name of the output.
     """
@@ -206,7 +214,7 @@ class PlaneClearance:
         rho: float = 1000.0,
         name: str = "clearance",
     ) -> PlaneClearance:
-        """Keep patches on one side of a plane.
+        """Measure the clearance of patches on one side of a plane.
 
         Parameters
         ----------
@@ -284,6 +292,7 @@ def _total(side, other, rho, smallest):
 def _bars(side, other, rho, bound):
     """Derivatives of the bound in the points of both sides."""
     side_bar, other_bar = np.zeros_like(side), np.zeros_like(other)
+    # the bound is below the smallest distance, hence twice the reach
     farthest = (bound + 2.0 * _NEGLIGIBLE / rho) ** 2
     for i in range(len(side)):
         for j in range(len(other)):

@@ -1,4 +1,16 @@
-"""Curvature of patches: its integral, and a bound of the largest."""
+"""Curvature of patches: its integral, and a smooth upper bound of the largest.
+
+The two fundamental forms come from differences along the grid lines of structured faces, by the numbers of the nodes.
+Theory: ``docs/theory/geometry.rst``, "Curvature".
+
+References
+----------
+M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 3-3: mean and Gaussian curvature by the
+coefficients of the fundamental forms.
+
+G. Kreisselmeier and R. Steinhauser, Systematic control design by optimizing a vector performance index, *IFAC
+Symposium on Computer Aided Design of Control Systems*, 1979: the bound.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +24,15 @@ from scipy.sparse import block_array, csr_array, eye_array, kron
 from ..cells.aggregates import KreisselmeierSteinhauser
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from .measure import Combinations, by_baseline, single_row
+from .measure import Combinations, relative_to_baseline, single_row
 
 __all__ = ["Curvature", "Forms", "difference_matrices", "face_differences", "forms", "forms_vjp"]
 
 KINDS = {"total": (1.0, -2.0), "mean": (0.25, 0.0), "gaussian": (0.0, 1.0)}
-"""Shares of the square of k1 + k2, and of k1 k2: k1^2 + k2^2, the square of the mean curvature, k1 k2."""
+"""Coefficients of the square of k1 + k2, and of k1 k2: k1^2 + k2^2, the square of the mean curvature, k1 k2."""
 
 _NONE = 1e-9
-"""Curvature, as an integral or relative to that of the surface's box, that is taken for none."""
+"""Curvature, as an integral or relative to that of the surface's box, that may be round-off of the differences."""
 
 _FLAT = 1e-9
 """Sine of the angle between the grid lines at a node below which it has no normal."""
@@ -43,8 +55,8 @@ class Curvature:
         Five derivatives at every node of every face.
     weights : ndarray, shape (n,)
         Weights of the nodes in an integral over the numbers of the nodes.
-    shares : tuple of float
-        Which curvature; see `KINDS`.
+    coefficients : tuple of float
+        Of one of the `KINDS` of curvature.
     rule : KreisselmeierSteinhauser or None
         How the largest is bounded; None for the integral.
     scale : float
@@ -58,7 +70,7 @@ class Curvature:
     surface: SurfaceGrid
     differences: Combinations
     weights: np.ndarray
-    shares: tuple[float, float]
+    coefficients: tuple[float, float]
     rule: KreisselmeierSteinhauser | None
     scale: float
     units: str | None
@@ -97,8 +109,8 @@ class Curvature:
         InputError
             If the kind is unknown, a face is too narrow, or a flat baseline is to be the reference.
         """
-        measure = cls(surface, *_places(surface, patches), _shares(kind), None, 1.0, None, name)
-        return by_baseline(measure, _NONE) if relative else measure
+        measure = cls(surface, *_places(surface, patches), _coefficients(kind), None, 1.0, None, name)
+        return relative_to_baseline(measure, _NONE) if relative else measure
 
     @classmethod
     def largest(
@@ -135,10 +147,10 @@ class Curvature:
             reference.
         """
         units = None if relative else "1/m**2"
-        plain = cls(surface, *_places(surface, patches), _shares(kind), None, 1.0, units, name)
+        plain = cls(surface, *_places(surface, patches), _coefficients(kind), None, 1.0, units, name)
         size = max(np.abs(plain.densities(surface.points)).max(), 1.0 / surface.size**2)
         measure = replace(plain, rule=KreisselmeierSteinhauser(rho / size))
-        return by_baseline(measure, _NONE / surface.size**2) if relative else measure
+        return relative_to_baseline(measure, _NONE / surface.size**2) if relative else measure
 
     def densities(self, points: np.ndarray) -> np.ndarray:
         """Curvature (1/m^2) at all nodes of all faces, shape (n,), of nodes, shape (n_points, 3)."""
@@ -156,21 +168,21 @@ class Curvature:
         """Differentiate `evaluate`, shape (1, 3 n_points)."""
         vectors = self.differences.vectors(points)
         found = forms(vectors)
-        by_density, by_square = self._bars(found)
-        (by_mean, by_gaussian), (mean, gaussian, square) = self.shares, found
+        density_bar, square_bar = self._bars(found)
+        (c_mean, c_gaussian), (mean, gaussian, square) = self.coefficients, found
         bar = Forms(
-            by_density * 2.0 * by_mean * mean / square**3,
-            by_density * by_gaussian / square**2,
-            by_square - by_density * (3.0 * by_mean * mean**2 / square + 2.0 * by_gaussian * gaussian) / square**3,
+            density_bar * 2.0 * c_mean * mean / square**3,
+            density_bar * c_gaussian / square**2,
+            square_bar - density_bar * (3.0 * c_mean * mean**2 / square + 2.0 * c_gaussian * gaussian) / square**3,
         )
         return single_row(self.differences.pull(forms_vjp(vectors, bar)))
 
     def _densities(self, found):
-        by_mean, by_gaussian = self.shares
-        return (by_mean * found.mean**2 / found.square + by_gaussian * found.gaussian) / found.square**2
+        c_mean, c_gaussian = self.coefficients
+        return (c_mean * found.mean**2 / found.square + c_gaussian * found.gaussian) / found.square**2
 
     def _bars(self, found):
-        """Derivatives in the densities and, besides them, in the squares of the areas."""
+        """Cotangents of the densities and, besides them, of the squares of the areas."""
         densities = self._densities(found)
         if self.rule is None:
             weights, area = self.weights / self.scale, np.sqrt(found.square)
@@ -179,14 +191,14 @@ class Curvature:
         return self.rule.weights(-densities, bound) / self.scale, np.zeros_like(densities)
 
 
-def _shares(kind):
+def _coefficients(kind):
     if kind not in KINDS:
         raise InputError(f"curvature: no kind '{kind}'; choose from {', '.join(KINDS)}")
     return KINDS[kind]
 
 
 def _places(surface, patches):
-    """Derivatives and weights of all nodes with a normal."""
+    """Differences and weights of all nodes with a normal."""
     faces = surface.part(surface.patches if patches is None else patches)
     for number in faces:
         if min(surface.faces[number].shape) < 3:
@@ -199,7 +211,7 @@ def _places(surface, patches):
 
 
 class Forms(NamedTuple):
-    """Numerators of the curvatures and the area, by the numbers of the nodes; every array has the shape (n,).
+    """Numerators of the curvatures and the area, in the numbers of the nodes as parameters; every array of shape (n,).
 
     Parameters
     ----------
@@ -217,7 +229,7 @@ class Forms(NamedTuple):
 
 
 def forms(vectors: np.ndarray) -> Forms:
-    """Curvatures from derivatives of the surface.
+    """Return the numerators of the curvatures from derivatives of the surface.
 
     Parameters
     ----------
@@ -231,7 +243,7 @@ def forms(vectors: np.ndarray) -> Forms:
 
 
 def forms_vjp(vectors: np.ndarray, bar: Forms) -> list[np.ndarray]:
-    """Derivatives in the five vectors, each of shape (n, 3), of derivatives in what `forms` gives."""
+    """Pull cotangents of what `forms` returns back to the five vectors, each of shape (n, 3)."""
     along_i, along_j, *second = vectors
     normal = np.cross(along_i, along_j)
     (e, f, g), (l, m, n) = _metric(along_i, along_j), (_dot(part, normal) for part in second)
@@ -245,7 +257,7 @@ def forms_vjp(vectors: np.ndarray, bar: Forms) -> list[np.ndarray]:
 
 
 def face_differences(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[list[csr_array], np.ndarray]:
-    """Find what makes the five vectors of `forms` at all nodes of some faces.
+    """Return the matrices that give the five vectors of `forms` at all nodes of some faces.
 
     Parameters
     ----------
@@ -257,7 +269,7 @@ def face_differences(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[list
     Returns
     -------
     matrices : list of csr_array, each of shape (n, n_points)
-        First differences along i and j, second differences ii, ij and jj, by the numbers of the nodes.
+        First differences along i and j, second differences ii, ij and jj, with a spacing of one.
     weights : ndarray, shape (n,)
         Weights of the trapezoidal rule.
     """
@@ -268,7 +280,7 @@ def face_differences(surface: SurfaceGrid, faces: tuple[int, ...]) -> tuple[list
 
 
 def difference_matrices(n: int) -> tuple[csr_array, csr_array]:
-    """First and second differences of n numbers in a row, shape (n, n), of second order; n is 3 at least.
+    """Matrices (n, n) of the first and second differences of n numbers in a row, of second order; n is 3 at least.
 
     With three numbers the second differences at the ends are of first order.
     """
@@ -276,7 +288,7 @@ def difference_matrices(n: int) -> tuple[csr_array, csr_array]:
     inner = np.arange(1, n - 1)
     first[inner, inner - 1], first[inner, inner + 1] = -0.5, 0.5
     second[inner, inner - 1], second[inner, inner], second[inner, inner + 1] = 1.0, -2.0, 1.0
-    end = [2.0, -5.0, 4.0, -1.0] if n > 3 else [1.0, -2.0, 1.0]
+    end = [2.0, -5.0, 4.0, -1.0] if n > 3 else [1.0, -2.0, 1.0]  # one-sided
     first[0, :3], first[-1, :-4:-1] = [-1.5, 2.0, -0.5], [1.5, -2.0, 0.5]
     second[0, : len(end)], second[-1, : -len(end) - 1 : -1] = end, end
     return csr_array(first), csr_array(second)

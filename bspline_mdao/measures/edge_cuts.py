@@ -58,5 +58,5 @@ def cut_edges(edges: np.ndarray, heights: np.ndarray, near: float = 0.0) -> Edge
     """
     first, second = np.where(np.abs(heights) <= near, 0.0, heights)[edges].T
     is_cut = (first * second <= 0.0) & (first != second)
-    share = first[is_cut] / (first - second)[is_cut]
-    return EdgeCuts(edges[is_cut], np.stack([1.0 - share, share], axis=1))
+    fraction = first[is_cut] / (first - second)[is_cut]
+    return EdgeCuts(edges[is_cut], np.stack([1.0 - fraction, fraction], axis=1))

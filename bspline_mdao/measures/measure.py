@@ -1,7 +1,9 @@
-"""What every measure of a surface is.
+"""The interface of every measure of a surface, and what measures are made of.
 
 A measure gives one or more numbers for the nodes of a `SurfaceGrid`, and their sparse derivatives. A user's own measure
-is any object with the members of `Measure`; `bspline_mdao.SurfaceMeasure` makes a component of it.
+is any object with the members of `Measure`; `bspline_mdao.SurfaceMeasure` makes a component of it. A measure that is
+one number has its gradient as the only row of its derivatives (`single_row`, `row_at`); one that is a number for each
+of several places is made of `Combinations`. Theory: ``docs/theory/geometry.rst``.
 """
 
 from __future__ import annotations
@@ -16,15 +18,15 @@ from scipy.sparse import csr_array, vstack
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 
-__all__ = ["MEMBERS", "Combinations", "Measure", "by_baseline", "row_at", "single_row"]
+__all__ = ["MEMBERS", "Combinations", "Measure", "relative_to_baseline", "row_at", "single_row"]
 
 
 MEMBERS = ("name", "units", "shape", "surface", "evaluate", "partials")
-"""What every measure has."""
+"""Names of the members of `Measure`, by which a component knows one."""
 
 
 class Measure(Protocol):
-    """Numbers that tell something about a surface."""
+    """One or more numbers that describe a surface."""
 
     name: str
     """Name of the output."""
@@ -45,20 +47,20 @@ class Measure(Protocol):
         """Differentiate `evaluate`: shape (size, 3 n), of a pattern that does not depend on the nodes."""
 
 
-def by_baseline(measure, least: float):
-    """Divide a measure by what it is on the baseline.
+def relative_to_baseline(measure, least: float):
+    """Return a measure divided by its value on the baseline.
 
     Parameters
     ----------
     measure : dataclass
         Measure with a field ``scale`` that it is divided by.
     least : float
-        Number that is taken for none.
+        Value up to which, either side of zero, there is nothing to divide by.
 
     Raises
     ------
     InputError
-        If it is none on the baseline.
+        If the value on the baseline is not larger.
     """
     value = float(measure.evaluate(measure.surface.points)[0])
     if not abs(value) > least:

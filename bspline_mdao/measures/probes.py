@@ -1,7 +1,15 @@
 """Probes: points of a surface that are fixed in its parameters, found where straight lines cross it.
 
 A probe is a weighted mean of the corners of a quad, bilinear in its place on the baseline. It goes with the material of
-the surface wherever that moves: a constant sparse linear map of the nodes.
+the surface wherever that moves: a constant sparse linear map of the nodes. Theory: ``docs/theory/geometry.rst``,
+"Probes".
+
+References
+----------
+S. D. Ramsey, K. Potter and C. Hansen, Ray bilinear patch intersections, *Journal of Graphics Tools* 9(3), 2004: the
+quadratic equation of a crossing.
+
+W. H. Press et al., *Numerical Recipes*, section 5.6: its roots without cancellation.
 """
 
 from __future__ import annotations
@@ -30,10 +38,11 @@ __all__ = [
 ]
 
 _TOUCH = 1e-9
-"""Distance, relative to the diagonal of the surface's box, at which a line still meets a quad."""
+"""Distance, relative to the diagonal of the surface's box, at which a line still meets a quad: lines through a seam of
+the grid or in a plane of symmetry must not slip through between quads."""
 
 _GRAZE = 1e-9
-"""Sine of the angle below which a line runs along a quad instead of crossing it."""
+"""Sine of the angle below which a line runs along a quad instead of crossing it: it neither enters nor leaves there."""
 
 FLAT = 1e-9
 """Length, relative to the diagonal of the surface's box, that is taken for none."""
@@ -161,7 +170,7 @@ def _require_all(lines, points, what):
 
 
 class Crossings(NamedTuple):
-    """Crossings of lines and quads, line by line.
+    """Where lines cross quads, line by line.
 
     Parameters
     ----------
@@ -187,7 +196,7 @@ class Crossings(NamedTuple):
 
 
 def find_crossings(surface: SurfaceGrid, points: np.ndarray, directions: np.ndarray) -> Crossings:
-    """Find all crossings.
+    """Find all crossings of lines with the bilinear quads of a surface.
 
     Parameters
     ----------
@@ -199,14 +208,26 @@ def find_crossings(surface: SurfaceGrid, points: np.ndarray, directions: np.ndar
     Returns
     -------
     Crossings
+
+    Notes
+    -----
+    1. Quads whose box, seen along a line, holds the line are candidates.
+    2. Their corners are seen along the line, which becomes the third axis through the origin.
+    3. Two pairs of parameters may put the origin of the first two coordinates into a quad.
+    4. Those that do so within a tolerance are crossings, unless the line grazes the quad.
+    5. Crossings are put in the order of lines and quads.
     """
     frames = _frames(directions)
     touch = _TOUCH * surface.size
+    # step 1
     near = [_near_line(surface.points, surface.quads, *line, touch) for line in zip(points, frames)]
     line, quad = np.repeat(np.arange(len(points)), [len(ids) for ids in near]), np.concatenate(near)
+    # step 2
     corners = np.einsum("ncd,ned->nce", surface.points[surface.quads[quad]] - points[line, None], frames[line])
+    # steps 3 and 4
     pairs = [_crossing(corners, parameters, touch) for parameters in _meeting(corners[..., :2])]
     found = [Crossings(line[is_met], quad[is_met], *(x[is_met] for x in rest)) for is_met, *rest in pairs]
+    # step 5
     joined = Crossings(*map(np.concatenate, zip(*found)))
     return joined.take(np.lexsort((joined.quad, joined.line)))
 
@@ -226,6 +247,7 @@ def body_intervals(found: Crossings, tolerance: float) -> tuple[Crossings, Cross
     entries, exits : Crossings
         The ends of the parts, one for every line that has one.
     """
+    # along each line; entries count as nearer by the tolerance, so that a flat body is entered before it is left
     found = found.take(np.lexsort((found.quad, found.depth - tolerance * ~found.is_exit, found.line)))
     inside = np.flatnonzero((np.diff(found.line) == 0) & ~found.is_exit[:-1] & found.is_exit[1:])
     beside = np.maximum(np.maximum(found.depth[inside], -found.depth[inside + 1]), 0.0)
@@ -274,9 +296,10 @@ def _meeting(corners):
 
 
 def _roots(a, b, c):
-    """Both roots of ``a t^2 + b t + c``, without cancellation; 0 where there is none."""
-    half = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)), b))
-    return _ratio(c, half), _ratio(half, a)
+    """Both roots c / q and q / a of ``a t^2 + b t + c``, 0 where there is none (Numerical Recipes, section 5.6)."""
+    # one sign of the root: b and the root do not cancel
+    q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0)), b))
+    return _ratio(c, q), _ratio(q, a)
 
 
 def _ratio(p, q):

@@ -1,4 +1,7 @@
-"""Grid lines of a wing around its leading edge to the trailing edge, and the plane sections that they give."""
+"""Grid lines of a wing around its leading edge to the trailing edge, and the plane sections that they give.
+
+Theory: ``docs/theory/geometry.rst``, "Leading and trailing edges".
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,12 @@ from ..mesh.surface import SurfaceGrid
 __all__ = ["GridLines", "SectionLines", "arc_parameters", "polynomial_weights", "stencil_matrix"]
 
 _LEVEL = 1e-9
-"""Part of the surface's size below which two nodes are at the same place along the stream or the span."""
+"""Part of the surface's size below which two nodes are at the same place along the stream or the span: round-off of
+nodes that were meant to be."""
 
 _ALONG, _ACROSS = 0.9, 0.25
-"""A line that has run along the stream, by its share of a step, ends where it turns across it: at a blunt edge."""
+"""A line of which one step went along the stream by more than the first part of its length ends at a step that goes by
+less than the second: at the corner of a blunt trailing edge."""
 
 _CUBIC = 4
 """Neighbouring lines from which a plane section is interpolated."""
@@ -221,9 +226,9 @@ def _sides(lines, local, level):
 def _to_trailing_edge(lines, local):
     """Lines, shape (n, longest), cut off where they no longer run along the stream."""
     steps = np.diff(local[lines], axis=1)
-    share = steps[..., 0] / np.maximum(np.linalg.norm(steps, axis=2), np.finfo(float).tiny)
-    has_run = np.maximum.accumulate(share > _ALONG, axis=1)
-    has_ended = (lines[:, 1:] < 0) | (share <= 0.0) | (has_run & (share < _ACROSS))
+    along = steps[..., 0] / np.maximum(np.linalg.norm(steps, axis=2), np.finfo(float).tiny)
+    has_gone_along = np.maximum.accumulate(along > _ALONG, axis=1)
+    has_ended = (lines[:, 1:] < 0) | (along <= 0.0) | (has_gone_along & (along < _ACROSS))
     kept = lines.copy()
     kept[:, 1:][np.maximum.accumulate(has_ended, axis=1)] = -1
     return kept
@@ -238,10 +243,10 @@ def _runs_along_stream(lines, local):
 
 @dataclass(frozen=True, eq=False)
 class GridLines:
-    """Which edge continues which.
+    """Grid lines of a surface of quads: which edge continues which straight on through a node, whatever the faces.
 
     Two edges at a node continue each other if no quad lies between them and neither has another such partner: the
-    opposite ones of the four at an ordinary node, and those along the rim of the surface.
+    opposite ones of the four at an ordinary node, and those along the boundary edges of the surface.
 
     Parameters
     ----------
@@ -323,7 +328,7 @@ def arc_parameters(points: np.ndarray) -> np.ndarray:
 def polynomial_weights(
     parameters: np.ndarray, degree: int, derivative: int, is_used: np.ndarray | None = None
 ) -> np.ndarray:
-    """Weights of the values at k parameters in a derivative at parameter 0 of the polynomial that fits them best.
+    """Return the weights of the values at k parameters in a derivative of the polynomial of best fit at parameter 0.
 
     Parameters
     ----------
@@ -332,7 +337,7 @@ def polynomial_weights(
     degree : int
         Degree of the polynomials, less than k; with k - 1 they interpolate.
     derivative : int
-        Which; 0 is the value.
+        Number of the derivative; 0 is the value.
     is_used : ndarray of bool, shape (n, k), optional
         Which values count; more than ``degree`` of every row.
 
@@ -345,6 +350,7 @@ def polynomial_weights(
     >>> polynomial_weights(np.array([[-1.0, 0.0, 1.0]]), degree=2, derivative=2).round(12)
     array([[ 1., -2.,  1.]])
     """
+    # least squares by the pseudo-inverse of the powers; parameters up to one keep these well conditioned
     scale = np.abs(parameters).max(axis=1, keepdims=True)
     powers = (parameters / scale)[..., None] ** np.arange(degree + 1)
     if is_used is not None:

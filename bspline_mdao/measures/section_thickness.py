@@ -1,4 +1,7 @@
-"""Thickness of wing sections by their chord."""
+"""Thickness of plane wing sections relative to their chord, t/c, bounded smoothly.
+
+Theory: ``docs/theory/geometry.rst``, "Thickness of sections".
+"""
 
 from __future__ import annotations
 
@@ -20,15 +23,16 @@ from .probes import FLAT, ROUND_OFF, Probes, opposite_probes
 __all__ = ["Cut", "SectionThickness", "cuts_along_span", "section_edges"]
 
 _LAST = 1e-6
-"""Part of the chord by which the corners of a blunt trailing edge may differ along the stream."""
+"""Part of the chord by which the corners of a blunt trailing edge may differ along the stream: fits place them no
+better than that."""
 
 _THIN = 0.01
-"""Smallest t/c that scales a bound."""
+"""Smallest t/c that scales a bound: where the baseline is thinner, as at a plate, the bound would be too sharp."""
 
 
 @dataclass(frozen=True, eq=False)
 class SectionThickness:
-    """Largest or smallest thickness of sections by their chord, t/c, bounded smoothly; make it by `at`.
+    """Largest or smallest thickness of sections relative to their chord, t/c, bounded smoothly; make it by `at`.
 
     Parameters
     ----------
@@ -41,7 +45,7 @@ class SectionThickness:
     scales : ndarray, shape (n_sections,)
         Largest t/c at the probes on the baseline, at least 0.01.
     rule : KreisselmeierSteinhauser
-        Smooth bound of t/c by the scale.
+        Smooth bound of t/c divided by the scale.
     sign : float
         1 for the largest, -1 for the smallest.
     name : str
@@ -122,7 +126,7 @@ class SectionThickness:
         return (len(self.scales),)
 
     def ratios(self, points: np.ndarray) -> np.ndarray:
-        """Thickness by chord at all probes, shape (n_sections, n), of nodes, shape (n_points, 3)."""
+        """Thickness divided by chord at all probes, shape (n_sections, n), of nodes, shape (n_points, 3)."""
         return _ratios(self.vectors.vectors(points))
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
@@ -140,7 +144,7 @@ class SectionThickness:
         return self.vectors.chain([of_chord, *(weights.T[..., None] * along)])
 
     def _scaled(self, ratios):
-        """What the rule bounds from below."""
+        """Ratios in units of the scales, with the sign with which the rule bounds them from below."""
         return -self.sign * ratios / self.scales[:, None]
 
     def _bounds(self, scaled):
@@ -163,7 +167,7 @@ def _section_vectors(surface, cuts, fractions, what):
 
 
 def _ratios(vectors):
-    """Lengths of all vectors but the first by that of the first, shape (n_sections, n)."""
+    """Lengths of all vectors but the first, divided by that of the first; shape (n_sections, n)."""
     return (lengths(vectors[1:]) / lengths(vectors[0])).T
 
 

@@ -1,4 +1,7 @@
-"""Thickness of a body at probes."""
+"""Thickness of a body at probes, along given lines or on a grid of lines.
+
+Theory: ``docs/theory/geometry.rst``, "Thickness".
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from .area import planform_normal
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, checked_points, opposite_probes
 
-__all__ = ["Thickness", "sheet_normals", "sheet_points"]
+__all__ = ["Thickness", "ruled_normals", "ruled_points"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +125,7 @@ class Thickness:
         relative: bool = False,
         name: str = "thickness",
     ) -> Thickness:
-        """Measure on a grid of lines, at right angles to the sheet between two polylines.
+        """Measure on a grid of lines, at right angles to the ruled surface between two polylines.
 
         Parameters
         ----------
@@ -145,8 +148,8 @@ class Thickness:
         InputError
             As `at`; also if a polyline has no length, or fewer than two lines are asked for either way.
         """
-        points = sheet_points(leading, trailing, n_chord, n_span, name)
-        return cls.at(surface, points, sheet_normals(points), relative, name)
+        points = ruled_points(leading, trailing, n_chord, n_span, name)
+        return cls.at(surface, points, ruled_normals(points), relative, name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Distances, shape (n,), of nodes, shape (n_points, 3)."""
@@ -170,8 +173,8 @@ def _require_thickness(baseline, surface, points, name):
         )
 
 
-def sheet_points(leading: np.ndarray, trailing: np.ndarray, n_chord: int, n_span: int, what: str) -> np.ndarray:
-    """Divide the sheet evenly, along the arcs of the polylines and straight between them.
+def ruled_points(leading: np.ndarray, trailing: np.ndarray, n_chord: int, n_span: int, what: str) -> np.ndarray:
+    """Spread points evenly on the ruled surface between two polylines: by arc length along these, straight between.
 
     Parameters
     ----------
@@ -195,12 +198,12 @@ def sheet_points(leading: np.ndarray, trailing: np.ndarray, n_chord: int, n_span
         raise InputError(f"{what}: {n_chord} probes along the chord, {n_span} along the span; give at least 2")
     start = _divided(leading, n_span, f"{what}, leading")
     end = _divided(trailing, n_span, f"{what}, trailing")
-    share = np.linspace(0.0, 1.0, n_chord)[:, None]
-    return start[:, None] + share * (end - start)[:, None]
+    fractions = np.linspace(0.0, 1.0, n_chord)[:, None]
+    return start[:, None] + fractions * (end - start)[:, None]
 
 
-def sheet_normals(points: np.ndarray) -> np.ndarray:
-    """Normals of a sheet, across its chords and spanwise lines, at its points, shape (n_span, n_chord, 3); the same."""
+def ruled_normals(points: np.ndarray) -> np.ndarray:
+    """Return normals of a ruled surface, of any length, at its points; both have the shape (n_span, n_chord, 3)."""
     return np.cross(np.gradient(points, axis=0), points[:, -1:] - points[:, :1])
 
 

@@ -1,4 +1,7 @@
-"""Radius of the leading edge at stations along the span."""
+"""Shape of the edges of wing sections: radius of the leading edge, included angle of the trailing edge.
+
+Theory: ``docs/theory/geometry.rst``, "Radius of the leading edge" and "Angle of the trailing edge".
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,10 @@ from .section_lines import SectionLines, arc_parameters, polynomial_weights, ste
 __all__ = ["LeadingEdgeRadius", "TrailingEdgeAngle"]
 
 REFERENCES = ("metre", "chord", "baseline")
-"""What radii may be divided by."""
+"""What radii may be relative to."""
 
 _SHARP = 1e-6
-"""An edge of a radius less than this part of the chord is sharp."""
+"""An edge of a radius less than this part of the chord is sharp: no grid resolves such a radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class LeadingEdgeRadius:
         p', p'' and the chord of every section.
     scales : ndarray, shape (n,)
         Factors on the radii.
-    is_by_chord : bool
+    is_relative_to_chord : bool
         Whether the radii are also divided by the chords.
     units : str or None
         Units of the radii.
@@ -57,7 +60,7 @@ class LeadingEdgeRadius:
     stations: np.ndarray
     vectors: Combinations
     scales: np.ndarray
-    is_by_chord: bool
+    is_relative_to_chord: bool
     units: str | None
     name: str
 
@@ -121,18 +124,18 @@ class LeadingEdgeRadius:
         """Radii, shape (n_stations,), of nodes, shape (n, 3); real or complex."""
         first, second, chord = self.derivatives(points)
         radii = self.scales * lengths(first) ** 3 / cross(second, first)
-        return radii / lengths(chord) if self.is_by_chord else radii
+        return radii / lengths(chord) if self.is_relative_to_chord else radii
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
         first, second, chord = self.derivatives(points)
         # of the logarithm: 3 ln |p'| - ln (p'' x p') - ln |chord|
         bend = cross(second, first)[:, None]
-        by_first = 3.0 * first / lengths(first)[:, None] ** 2 - turned(second) / bend
-        by_second = turned(first) / bend
-        by_chord = -chord / lengths(chord)[:, None] ** 2 if self.is_by_chord else np.zeros_like(chord)
+        d_first = 3.0 * first / lengths(first)[:, None] ** 2 - turned(second) / bend
+        d_second = turned(first) / bend
+        d_chord = -chord / lengths(chord)[:, None] ** 2 if self.is_relative_to_chord else np.zeros_like(chord)
         radii = self.evaluate(points)[:, None]
-        return self.vectors.chain([(radii * part) @ self.plane for part in (by_first, by_second, by_chord)])
+        return self.vectors.chain([(radii * part) @ self.plane for part in (d_first, d_second, d_chord)])
 
     def derivatives(self, points: np.ndarray) -> np.ndarray:
         """p', p'' and chord in the plane of the sections, shape (3, n_stations, 2)."""

@@ -8,8 +8,7 @@ from geometry_cases import assert_derivatives_are_exact, rectangular_wing, surfa
 
 from bspline_mdao import LeadingEdgeRadius, SurfaceGrid, TrailingEdgeAngle, fit_grid, onera_m6_grid
 from bspline_mdao.errors import InputError
-from bspline_mdao.measures.section_lines import GridLines
-from bspline_mdao.measures.section_lines import SectionLines
+from bspline_mdao.measures.section_lines import GridLines, SectionLines
 from bspline_mdao.mesh.frame import Frame, Plane, surface_frame
 
 ROOT = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
