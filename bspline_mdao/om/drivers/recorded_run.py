@@ -1,0 +1,313 @@
+"""Optimisations that are recorded: how a driver went on, how near to an optimum it ended, and what took the time."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import openmdao.api as om
+from openmdao.core.driver import Driver
+from threadpoolctl import threadpool_limits
+
+from .nlopt_driver import NLoptDriver
+from .nlopt_problem import Point, Statement
+from .optimality import optimality
+from .scaled_model import ScaledModel
+
+__all__ = ["Convergence", "RecordedRun", "nlopt", "optimise", "optimise_with", "scipy_slsqp"]
+
+TIMED = (
+    *("compute", "compute_partials", "compute_jacvec_product"),
+    *("solve_nonlinear", "linearize", "apply_linear", "solve_linear"),
+)
+"""Methods of components whose time counts."""
+
+QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
+"""Options of all drivers. Symmetry makes some derivatives zero at the start; idle variables are refused elsewhere."""
+
+
+def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
+    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance.
+
+    Parameters
+    ----------
+    tolerance : float
+        Of the objective, in units of the driver.
+    max_iterations : int
+        Largest number of iterations.
+
+    Returns
+    -------
+    openmdao.core.driver.Driver
+    """
+    return om.ScipyOptimizeDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, **QUIET)
+
+
+def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") -> Driver:
+    """Make an algorithm of NLopt, which ends where the objective changes by less than the tolerance, constraints met.
+
+    Parameters
+    ----------
+    tolerance : float
+        Of the objective, in units of the driver; a tenth of it, but at least 1e-8, is allowed to constraints.
+    max_iterations : int
+        Largest number of iterations; three times as many evaluations.
+    algorithm : str
+        Its name, as `NLoptDriver` takes it.
+
+    Returns
+    -------
+    NLoptDriver
+    """
+    violation = max(1e-8, 0.1 * tolerance)
+    stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
+    return NLoptDriver(optimizer=algorithm, constraint_tolerance=violation, **stop, **QUIET)
+
+
+class Convergence(NamedTuple):
+    """How the points of an optimisation approached an optimum, in units of the driver.
+
+    Parameters
+    ----------
+    violations : ndarray, shape (n,)
+        Largest violation of the constraints at every evaluation.
+    differentiated : ndarray of int, shape (m,)
+        Evaluations that had a gradient, from 0.
+    residuals : ndarray, shape (m,)
+        Residuals of the first-order conditions there.
+    """
+
+    violations: np.ndarray
+    differentiated: np.ndarray
+    residuals: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """An optimisation that has ended.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem at the optimum.
+    history : dict of ndarray
+        Objective and constraints by name, one row per evaluation, as the model gives them.
+    seconds : dict of float
+        Wall time by component, and of the ``rest``: OpenMDAO and the optimizer.
+    initial_gradient : float
+        Norm of the objective's gradient at the start, as the driver sees it.
+    convergence : Convergence
+        Optimality and violations on the way.
+    """
+
+    problem: om.Problem
+    history: dict[str, np.ndarray]
+    seconds: dict[str, float]
+    initial_gradient: float
+    convergence: Convergence
+
+    def numbers(self, flow: str | None = None) -> dict:
+        """Sum the optimisation up.
+
+        Parameters
+        ----------
+        flow : str, optional
+            Name of a group of the model whose components are told of as one in ``shares``.
+
+        Returns
+        -------
+        dict
+            ``success``, ``exit_status``, ``evaluations``, ``gradients``, the ``objective`` as the model gives it,
+            ``optimality``, the residual of the first-order conditions relative to the first gradient of the objective,
+            the largest ``violation`` in units of the driver, ``seconds`` of wall time and the ``shares`` of components.
+        """
+        result, total = self.problem.driver.result, sum(self.seconds.values())
+        counts = {"evaluations": result.model_evals, "gradients": result.deriv_evals}  # before one more gradient
+        model, statement = ScaledModel(self.problem.driver), Scaling.of(self.problem).statement
+        point = statement.point(*model.present())
+        residual = optimality(statement, point, model.differentiate())
+        shares = {name: seconds / total for name, seconds in self.seconds.items()}
+        if flow is not None:
+            parts = {part.name for part in getattr(self.problem.model, flow).system_iter(recurse=True)}
+            together = sum(share for name, share in shares.items() if name in parts)
+            shares = {name: share for name, share in shares.items() if name not in parts} | {flow: together}
+        return {
+            "success": bool(result.success),
+            "exit_status": str(result.exit_status),
+            **counts,
+            "objective": self.problem.driver.get_objective_values(driver_scaling=False).popitem()[1].item(),
+            "optimality": residual / self.initial_gradient,
+            "violation": point.violation,
+            "seconds": total,
+            "shares": shares,
+        }
+
+
+def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases=None) -> RecordedRun:
+    """Run a problem with a driver, with reverse derivatives, and record every evaluation and every gradient.
+
+    Parameters
+    ----------
+    make_problem : callable
+        Makes the problem, not yet set up.
+    driver : openmdao.core.driver.Driver
+        The driver.
+    cases : path-like, optional
+        File of the recorded cases, which is kept; a temporary one by default.
+
+    Returns
+    -------
+    RecordedRun
+    """
+    problem = make_problem()
+    problem.driver = driver
+    problem.options["group_by_pre_opt_post"] = True  # what no design variable reaches runs once
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(cases or Path(folder) / "cases.sql")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        driver.add_recorder(om.SqliteRecorder(file, record_viewer_data=False))
+        driver.recording_options["record_derivatives"] = True
+        problem.setup(mode="rev")
+        problem.run_model()
+        gradient = problem.compute_totals(driver_scaling=True, return_format="array")[0]
+        seconds = _time_components(problem)
+        start = time.perf_counter()
+        with threadpool_limits(1, "blas"):  # dense algebra of a few hundred variables is no work for many threads
+            problem.run_driver()
+        seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
+        problem.cleanup()
+        history, convergence = _read(problem, file)
+    return RecordedRun(problem, history, dict(seconds), float(np.linalg.norm(gradient)), convergence)
+
+
+def optimise_with(
+    drivers: Mapping[str, Callable[[float, int], Driver]],
+    make_problem: Callable[[], om.Problem],
+    tolerance: float,
+    max_iterations: int,
+    folder=None,
+    name: str = "cases",
+) -> dict[str, RecordedRun]:
+    """Solve a problem with several drivers, one after another.
+
+    Parameters
+    ----------
+    drivers : mapping of str to callable
+        Makers of drivers by name, such as `scipy_slsqp` and `nlopt`, called with the next two arguments.
+    make_problem : callable
+        Makes the problem, not yet set up.
+    tolerance : float
+        Of the objective, in units of the driver.
+    max_iterations : int
+        Largest number of iterations.
+    folder : path-like, optional
+        Folder for the recorded cases, ``<name>_<driver>.sql``.
+    name : str
+        Beginning of their names.
+
+    Returns
+    -------
+    dict of RecordedRun
+        By the names of the drivers.
+    """
+    files = {key: folder and Path(folder) / f"{name}_{key.lower().replace(' ', '_')}.sql" for key in drivers}
+    return {key: optimise(make_problem, make(tolerance, max_iterations), files[key]) for key, make in drivers.items()}
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Turns recorded cases, which are in units of the model, into units of the driver.
+
+    Parameters
+    ----------
+    statement : Statement
+        Bounds and constraints in units of the driver.
+    objective, designs, constraints : dict
+        What OpenMDAO knows of them by name, in the order of the statement.
+    """
+
+    statement: Statement
+    objective: dict[str, dict]
+    designs: dict[str, dict]
+    constraints: dict[str, dict]
+
+    @classmethod
+    def of(cls, problem: om.Problem) -> Scaling:
+        """Find the scaling of a problem that has run."""
+        model, system = ScaledModel(problem.driver), problem.model
+        limits = model.design_limits(), model.constraint_limits()
+        metas = system.get_design_vars(), system.get_constraints()
+        named = ({limit.name: meta[limit.name] for limit in each} for each, meta in zip(limits, metas))
+        return cls(Statement.of(*limits, tolerance=0.0), system.get_objectives(), *named)
+
+    def point(self, case) -> Point:
+        """Return a recorded point."""
+        parts = (
+            (self.designs, case.get_design_vars(scaled=False)),
+            (self.objective, case.get_objectives(scaled=False)),
+            (self.constraints, case.get_constraints(scaled=False)),
+        )
+        x, objective, constraints = (_scaled(metas, values) for metas, values in parts)
+        return self.statement.point(x, objective.item(), constraints)
+
+    def totals(self, derivatives) -> np.ndarray:
+        """Totals, shape (1 + m, n), of recorded derivatives."""
+        rows = ([derivatives[name, wrt] for wrt in self.designs] for name in (*self.objective, *self.constraints))
+        return np.vstack([np.hstack(row) for row in rows])
+
+
+def _scaled(metas: dict[str, dict], values) -> np.ndarray:
+    """Values of several variables in one vector, in units of the driver."""
+    parts = [np.zeros(0)]
+    for name, meta in metas.items():
+        adder, scaler = meta["total_adder"], meta["total_scaler"]
+        value = values[name] + (0.0 if adder is None else adder)
+        parts.append(np.ravel(value * (1.0 if scaler is None else scaler)))
+    return np.concatenate(parts)
+
+
+def _read(problem: om.Problem, file: Path) -> tuple[dict[str, np.ndarray], Convergence]:
+    """Responses of every evaluation, and how it converged; limits are not in the file, but in the problem."""
+    reader = om.CaseReader(str(file))
+    cases = [reader.get_case(name) for name in reader.list_cases("driver", out_stream=None)]
+    responses = [{**case.get_objectives(), **case.get_constraints()} for case in cases]
+    history = {name: np.array([values[name] for values in responses]) for name in responses[0]}
+    scaling = Scaling.of(problem)
+    points = [scaling.point(case) for case in cases]
+    # OpenMDAO files a gradient under the evaluation that comes next, in units of the driver
+    found = [(n, scaling.totals(after.derivatives)) for n, after in enumerate(cases[1:]) if after.derivatives]
+    residuals = [optimality(scaling.statement, points[n], totals) for n, totals in found]
+    violations = np.array([point.violation for point in points])
+    return history, Convergence(violations, np.array([n for n, _ in found], dtype=int), np.array(residuals))
+
+
+def _time_components(problem: om.Problem) -> dict[str, float]:
+    """Wall time spent in every component from now on, by its name (s)."""
+    seconds = {}
+    for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
+        if not component.name.startswith("_auto_ivc"):
+            seconds[component.name] = 0.0
+            for name in TIMED:
+                if hasattr(component, name):
+                    setattr(component, name, _timed(getattr(component, name), seconds, component.name))
+    return seconds
+
+
+def _timed(method, seconds: dict[str, float], name: str):
+    """Wrap a method so that its time is added up."""
+
+    @functools.wraps(method)
+    def run(*args, **kwargs):
+        start = time.perf_counter()
+        try:
+            return method(*args, **kwargs)
+        finally:
+            seconds[name] += time.perf_counter() - start
+
+    return run

@@ -1,0 +1,34 @@
+"""Public names: each is imported when it is first asked for, from the module that is written here."""
+
+from .boundary_layers import draw_first_heights as draw_first_heights
+from .boundary_layers import draw_wall_cells as draw_wall_cells
+from .figures import BLUE as BLUE
+from .figures import GRAY as GRAY
+from .figures import GREEN as GREEN
+from .figures import ORANGE as ORANGE
+from .figures import PURPLE as PURPLE
+from .figures import RED as RED
+from .figures import draw_net as draw_net
+from .figures import figure as figure
+from .figures import require as require
+from .histories import draw_history as draw_history
+from .histories import draw_optimality as draw_optimality
+from .histories import driver_colors as driver_colors
+from .pressures import draw_pressures as draw_pressures
+from .pressures import faces_around as faces_around
+from .pressures import wall_quads as wall_quads
+from .scenes import Camera as Camera
+from .scenes import Paint as Paint
+from .scenes import Scene as Scene
+from .scenes import draw_scene as draw_scene
+from .scenes import has_renderer as has_renderer
+from .scenes import patch_faces as patch_faces
+from .wings import draw_designs as draw_designs
+from .wings import draw_ellipse as draw_ellipse
+from .wings import draw_planform as draw_planform
+from .wings import draw_sections as draw_sections
+from .wings import draw_span_load as draw_span_load
+from .wings import draw_twist as draw_twist
+from .wings import span_load_edges as span_load_edges
+from .wings import wing_section as wing_section
+from .wings import wing_sides as wing_sides
