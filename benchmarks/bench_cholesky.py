@@ -20,9 +20,9 @@ import scipy.sparse
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from bspline_mdao import onera_m6_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.assembly import Unknowns
 from bspline_mdao.movement.elasticity import ElasticElements

@@ -26,10 +26,9 @@ from scipy.interpolate import NdBSpline
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
+from bspline_mdao import Spacing, onera_m6_grid
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import Spacing
-from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.splines.mesh import BSplineMesh
 from bspline_mdao.topology.multiblock import Grid

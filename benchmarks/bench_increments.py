@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bspline_mdao import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.model.fitted_model import FittedModel

@@ -32,11 +32,10 @@ from machine_limits import bandwidth
 from scipy.interpolate import RBFInterpolator
 from threadpoolctl import threadpool_limits
 
+from bspline_mdao import fit_shape, onera_m6_grid, rectangular_wing
 from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import fit_shape, rectangular_wing
-from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.centres import find_centres

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.grid_quality import GridQuality, GridValues
-from bspline_mdao.generators.canonical import onera_m6_grid
 
 NAMES = ("quality_ks", "corner_ks", "volume_ks")
 HEIGHTS = ("height_low_ks", "height_high_ks")

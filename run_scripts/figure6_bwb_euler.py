@@ -28,8 +28,7 @@ from morphs import BLENDED_WING_BODY, PAPER_INCREMENTS, Morph
 from scenes import Camera, Paint, Scene, draw_scene, faces_of
 from wall_sections import draw_pressures
 
-from bspline_mdao import GridMovement, LinearElasticity, ProjectedArea, SurfaceGrid
-from bspline_mdao.generators import nodes_on_shape
+from bspline_mdao import GridMovement, LinearElasticity, ProjectedArea, SurfaceGrid, nodes_on_shape
 from bspline_mdao.names import SURFACE_CONTROL_POINTS
 
 MACH, ALPHA = 0.3, 4.0

@@ -15,8 +15,7 @@ from euler_runs import COEFFICIENTS, OPTIONS, Condition, flow_problem, run_euler
 from flown_wing import control_counts, size_of
 from scipy.optimize import brentq
 
-from bspline_mdao import FittedModel, fit_grid
-from bspline_mdao.generators import Planform, Spacing, Wing, ball_grid, hh_wing_grid, naca_section
+from bspline_mdao import FittedModel, Planform, Spacing, Wing, ball_grid, fit_grid, hh_wing_grid, naca_section
 
 FACTORS = (2 / 3, 1.0, 3 / 2)
 """Cells per direction of the members, by those of the fitted grid."""

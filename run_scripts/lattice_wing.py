@@ -8,12 +8,20 @@ from functools import cached_property
 
 import openmdao.api as om
 
-from bspline_mdao import CamberSurface, FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh
+from bspline_mdao import (
+    CamberSurface,
+    FittedModel,
+    GridMovement,
+    LinearElasticity,
+    Spacing,
+    fit_grid,
+    hh_wing_grid,
+    moving_mesh,
+    rectangular_wing,
+)
 from bspline_mdao.design.axis import ReferenceAxis
 from bspline_mdao.design.composition import Parametrization
 from bspline_mdao.design.variable import Variable
-from bspline_mdao.generators import rectangular_wing
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
 from bspline_mdao.measures.measure import Measure
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.mesh.surface import SurfaceGrid

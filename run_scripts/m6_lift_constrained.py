@@ -19,9 +19,9 @@ from bspline_mdao import (
     Twist,
     fit_grid,
     onera_m6_grid,
+    onera_m6_planform,
 )
 from bspline_mdao.design.variable import Variable
-from bspline_mdao.generators import onera_m6_planform
 from bspline_mdao.measures.measure import Measure
 
 LIFT = 0.25

@@ -16,10 +16,9 @@ from history import draw_history
 from optimisation import DRIVERS, Run, optimise, set_up, write_n2
 from totals import check_totals, move_at_random
 
-from bspline_mdao import FittedModel, GridMovement, fit_grid, moving_mesh
+from bspline_mdao import FittedModel, GridMovement, brick_grid, fit_grid, moving_mesh
 from bspline_mdao.design.composition import Parametrization
 from bspline_mdao.design.local import Local
-from bspline_mdao.generators import brick_grid
 from bspline_mdao.measures.area import SurfaceArea
 from bspline_mdao.measures.volume import EnclosedVolume
 from bspline_mdao.mesh.surface import SurfaceGrid

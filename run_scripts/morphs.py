@@ -9,10 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import FittedModel, Grid, family_member, find_topology, fit_grid, flat_plate_grid, onera_m6_grid
+from bspline_mdao import (
+    FittedModel,
+    Grid,
+    Shape,
+    family_member,
+    find_topology,
+    fit_grid,
+    fit_shape,
+    flat_plate_grid,
+    generic_blended_wing_body,
+    onera_m6_grid,
+    rectangular_wing,
+)
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import QualityReport, report_quality
-from bspline_mdao.generators import Shape, fit_shape, generic_blended_wing_body, rectangular_wing
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity

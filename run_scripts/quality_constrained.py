@@ -19,12 +19,11 @@ from optimisation import DRIVERS, Run, optimise, set_up, write_n2
 from scipy.sparse import csr_array
 from totals import check_totals, move_at_random
 
-from bspline_mdao import FittedModel, GridMovement, LinearElasticity, Quality, fit_grid, moving_mesh
+from bspline_mdao import FittedModel, GridMovement, LinearElasticity, Quality, brick_grid, fit_grid, moving_mesh
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import QualityReport, report_quality
 from bspline_mdao.design.composition import Parametrization
 from bspline_mdao.design.local import Local
-from bspline_mdao.generators import brick_grid
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.names import GRID
 

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 from morphs import BLENDED_WING_BODY, ONERA_M6
 
-from bspline_mdao import FittedModel, Grid, InputError, find_topology, fit_grid, read_grid
+from bspline_mdao import FittedModel, Grid, InputError, Shape, find_topology, fit_grid, fit_shape, read_grid
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.generators import Shape, fit_shape
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from common import BLUE, GRAY, ORANGE, figure, run
 
+from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import flat_plate_grid, onera_m6_grid
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.topology.multiblock import Grid
 

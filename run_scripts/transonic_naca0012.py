@@ -10,10 +10,9 @@ from common import BLUE, GRAY, RED, figure, run
 from euler_runs import OPTIONS, Condition, flow_problem, nodes_of, run_euler, seconds_of, solution_of, wall_quads
 from flown_wing import size_of
 
-from bspline_mdao import FittedModel, fit_grid
+from bspline_mdao import FarField, FittedModel, Spacing, fit_grid, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.generators import FarField, Spacing, infinite_wing_grid, naca_section
 
 ALPHA = 1.25
 """Angle of attack (deg)."""

@@ -17,9 +17,7 @@ from optimisation import DRIVERS, flow_in_one, set_up, write_n2
 from totals import check_totals, move_at_random
 from wing_drawings import draw_ellipse, draw_load, draw_twist
 
-from bspline_mdao import Twist, fit_grid
-from bspline_mdao.generators import Planform, Wing, naca_section
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
+from bspline_mdao import Planform, Spacing, Twist, Wing, fit_grid, hh_wing_grid, naca_section
 from bspline_mdao.names import GRID
 
 WING = Wing(Planform(root_chord=1.0, semi_span=3.0), naca_section(0.12))

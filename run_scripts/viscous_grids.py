@@ -24,15 +24,18 @@ from bspline_mdao import (
     Grid,
     InputError,
     MovementError,
+    Spacing,
     SurfaceGrid,
+    brick_grid,
     fit_grid,
+    infinite_wing_grid,
+    naca_section,
     onera_m6_grid,
     read_grid,
 )
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.generators import Spacing, brick_grid, infinite_wing_grid, naca_section
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity

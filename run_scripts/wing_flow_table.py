@@ -14,8 +14,16 @@ from euler_runs import OPTIONS, Condition, flow_problem, nodes_of, run_euler, ru
 from flown_wing import size_of
 from wall_sections import draw_pressures
 
-from bspline_mdao import FittedModel, InputError, LatticeFlow, find_topology, fit_grid, onera_m6_grid, read_grid
-from bspline_mdao.generators import onera_m6_planform
+from bspline_mdao import (
+    FittedModel,
+    InputError,
+    LatticeFlow,
+    find_topology,
+    fit_grid,
+    onera_m6_grid,
+    onera_m6_planform,
+    read_grid,
+)
 from bspline_mdao.io.patch_guess import guess_patches
 
 COLORS = {"EulerFlow": BLUE, "LatticeFlow": GREEN, "OpenFOAM": ORANGE, "ADflow": RED, "vortex lattice": PURPLE}

@@ -17,6 +17,7 @@ from topology_cases import (
     two_block_plate,
 )
 
+from bspline_mdao import ball_grid
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.flow.euler.areas import area_vectors
 from bspline_mdao.flow.euler.discretization import Discretization, Linearization
@@ -25,7 +26,6 @@ from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import factor_pattern
 from bspline_mdao.flow.euler.stencil import FARFIELD, FIRST, MEAN, SLIP
-from bspline_mdao.generators import ball_grid
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.multiblock import Grid

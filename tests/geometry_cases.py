@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from mover_cases import rotation
 
-from bspline_mdao.generators.section import naca_section
+from bspline_mdao import naca_section
 from bspline_mdao.measures.area import ProjectedArea, SurfaceArea
 from bspline_mdao.measures.camber_surface import CamberSurface
 from bspline_mdao.measures.clearance import Clearance, PlaneClearance

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from topology_cases import box, grid_of, patch
 
+from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
 from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.index_space import Orientation, Window

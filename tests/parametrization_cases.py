@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 
+from bspline_mdao import onera_m6_grid
 from bspline_mdao.design.axis import ReferenceAxis
 from bspline_mdao.design.collinear import Collinear
 from bspline_mdao.design.free_form import FreeForm
@@ -15,7 +16,6 @@ from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, T
 from bspline_mdao.design.selection import NearPlane
 from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators.canonical import onera_m6_grid
 
 
 @cache

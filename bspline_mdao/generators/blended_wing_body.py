@@ -21,11 +21,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
-from .blending import corner_widths, rounded_weights
-from .section import Section, cambered_section
-from .wing_surface import tip_clustered
-
-__all__ = ["BlendedWingBody", "Rib", "generic_blended_wing_body"]
+from .wing import Section, cambered_section, tip_clustered, tip_rounding
 
 _STATIONS = 160
 """Places along the spine at which the surface is sampled before nodes are laid on it."""
@@ -133,7 +129,8 @@ class BlendedWingBody:
         ndarray, shape (n_stations, n, 2)
             Coordinate x and height above the spine (m).
         """
-        weights, factor = self._weights(self.stations, is_mirrored=True), self._thickness_factor()
+        weights = self._weights(self.stations, is_mirrored=True)
+        factor = tip_rounding(self.developed_span - self.stations, self.rounded_length)
         shape = np.zeros((*fractions.shape, 2))
         for rib, weight in zip(self.ribs, weights.T):
             near = weight != 0.0
@@ -168,12 +165,6 @@ class BlendedWingBody:
     def _values(self, name):
         return np.array([getattr(rib, name) for rib in self.ribs])
 
-    def _thickness_factor(self):
-        if self.rounded_length == 0.0:
-            return np.ones(len(self.stations))
-        s = np.clip(1.0 - (self.developed_span - self.stations) / self.rounded_length, 0.0, 1.0)
-        return np.sqrt((1.0 - s) * (1.0 + s + s * s))
-
 
 def generic_blended_wing_body() -> BlendedWingBody:
     """Make a blended-wing body with winglets for the flat plate of chord 1 and semi-span 2 to become.
@@ -196,3 +187,60 @@ def generic_blended_wing_body() -> BlendedWingBody:
             Rib(2.16, 1.25, 0.22, winglet, cant=75.0),
         )
     )
+
+
+def corner_widths(stations: np.ndarray, fraction: float, is_mirrored: bool) -> np.ndarray:
+    """Half-widths, shape (n,), within which the corners at stations (n,) are rounded.
+
+    Parameters
+    ----------
+    stations : ndarray, shape (n,)
+        Ascending from 0.
+    fraction : float
+        Half-width of a corner as a part of the shorter of the two lines that meet there, up to 1.
+    is_mirrored : bool
+        Whether the values go on beyond 0 as in a mirror, so that they have a corner there.
+    """
+    lines = np.diff(stations)
+    before = np.concatenate([lines[:1] if is_mirrored else [0.0], lines])
+    return fraction * np.minimum(before, np.concatenate([lines, [0.0]]))
+
+
+def rounded_weights(at: np.ndarray, stations: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Weights of the values at stations in the rounded polygon through them.
+
+    Each line from one station to the next is a difference of two ramps; a ramp rounded within w of its foot,
+    ``(x + w)^3 (3 w - x) / (16 w^3)``, has a continuous curvature.
+
+    Parameters
+    ----------
+    at : ndarray, shape (m,)
+        Where the polygon is wanted, within the stations.
+    stations, widths : ndarray, shape (n,)
+        Where the values are given and the half-widths of the corners there, the first of which is mirrored.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+        Rows sum to one. Values change linearly, and exactly so outside the corners.
+
+    Examples
+    --------
+    >>> stations = np.array([0.0, 1.0, 2.0])
+    >>> rounded_weights(np.array([0.5]), stations, np.array([0.0, 0.4, 0.0]))
+    array([[0.5, 0.5, 0. ]])
+    """
+    ramps = np.stack([_ramp(at - s, w) for s, w in zip(stations, widths)], axis=1)
+    ramps[:, 0] += _ramp(-at, widths[0])
+    slopes = np.diff(np.eye(len(stations)), axis=0) / np.diff(stations)[:, None]
+    weights = (ramps[:, :-1] - ramps[:, 1:]) @ slopes
+    weights[:, 0] += 1.0
+    return weights
+
+
+def _ramp(x, width):
+    """The larger of x and 0, rounded within ``width`` of 0."""
+    if width == 0.0:
+        return np.maximum(x, 0.0)
+    rounded = (x + width) ** 3 * (3.0 * width - x) / (16.0 * width**3)
+    return np.where(np.abs(x) < width, rounded, np.maximum(x, 0.0))

@@ -1,4 +1,4 @@
-"""Twelve-block H-H grids about a wing.
+r"""Twelve-block H-H grids about a wing, and their root: grids one cell deep about a section.
 
 The blocks are upstream, wing and downstream of it (i), below and above (j), inboard and outboard of the tip (k)::
 
@@ -10,14 +10,26 @@ The blocks are upstream, wing and downstream of it (i), below and above (j), inb
      |  +------+------+------+
      +------------------------- x            z along the span, symmetry plane z = 0
 
-Every grid line along j starts on the sheet (`hh_sheets`). It leaves it in a direction between the wall's normal and the
-vertical, bends into the vertical within a few tenths of a chord, and drifts towards its place at the outer boundary,
-where the clustering is relaxed.
-The grid is an explicit smooth function of one-dimensional distributions, so that it is alike at all resolutions.
+Every grid line along j starts on the *base surface*: the wing, and the plane y = 0 upstream, downstream and outboard of
+it. Seen from above, that is six patches of nodes, three along the stream inboard of the tip and three outboard::
+
+    z   +----------+--------+------------+
+    |   | 3        | 4      | 5          |   outboard
+    |   +----------+========+------------+   tip
+    |   | 0       /  1  wing \ 2         |   inboard
+    |   +--------+===========+-----------+   symmetry plane
+    +----------------------------------------- x
+
+The line leaves it in a direction between the wall's normal and the vertical, bends into the vertical within a few
+tenths of a chord, and drifts towards its place at the outer boundary, where the clustering is relaxed. The grid is an
+explicit smooth function of one-dimensional distributions, so that it is alike at all resolutions.
+
+Theory: ``docs/theory/generators.rst``.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -25,11 +37,14 @@ import numpy as np
 from ..errors import InputError
 from ..topology.index_space import Window
 from ..topology.multiblock import Block, Grid, Patch
-from .hh_sheets import FarField, Layout, Sheet, Spacing, distance_from, edges, sheets
-from .stretching import geometric_last, stretch
-from .wing_surface import Wing
+from .stretching import geometric_last, stretch_from, stretch_lines
+from .wing import Planform, Section, Wing, flat_section, surface_grid
 
-__all__ = ["FarField", "Spacing", "hh_wing_grid"]
+_INBOARD = 6
+"""Blocks of the wing's grid inboard of the tip."""
+
+_TURN = 0.05
+"""Distance outboard of the tip, in tip chords, over which the lines of the wing turn out of its sweep."""
 
 _BEND = 0.1
 """Height, in root chords, over which a line bends from its direction at the wall into the vertical."""
@@ -47,6 +62,51 @@ _FAN = 2.5
 """Growth of that distance with height."""
 
 _ROWS = (("upstream", "wing", "downstream"), ("below", "above"), ("inboard", "outboard"))
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Intervals next to the wing (m).
+
+    Parameters
+    ----------
+    off_wall : float
+        First interval along the grid lines that leave the wing; near a blunt edge they come out up to 5 % shorter.
+    leading, trailing, tip : float
+        Intervals on both sides of the leading edge, the trailing edge and the tip, along the surface and away from it.
+    root : float, optional
+        Interval along the span at the symmetry plane; twice the mean interval by default.
+    """
+
+    off_wall: float = 1e-3
+    leading: float = 1e-3
+    trailing: float = 1e-3
+    tip: float = 1e-3
+    root: float | None = None
+
+    def widened(self, factor: float) -> Spacing:
+        """Make all intervals but the root's wider by a factor."""
+        off_wall, leading, trailing, tip = (factor * h for h in (self.off_wall, self.leading, self.trailing, self.tip))
+        return Spacing(off_wall, leading, trailing, tip, self.root)
+
+
+@dataclass(frozen=True)
+class FarField:
+    """The outer boundary and the grid there.
+
+    Parameters
+    ----------
+    distance : float
+        From the wing to the outer boundary on all sides (m).
+    spread : float
+        How far the lines that leave the edges of the wing have moved outwards at the outer boundary (m).
+    relaxation : float
+        Intervals at the outer boundary over those next to the wing. Where it is not 1 the grid lines curve.
+    """
+
+    distance: float = 10.0
+    spread: float = 0.05
+    relaxation: float = 2.0
 
 
 def hh_wing_grid(
@@ -76,8 +136,8 @@ def hh_wing_grid(
     InputError
         If the counts are too small or the spacings do not fit them.
     """
-    layout = Layout(wing, *_counts(shape), spacing or Spacing(), far_field or FarField())
-    rows = {side: sheets(layout, side) for side in (-1, 1)}
+    layout = _Layout(wing, *_counts(shape), spacing or Spacing(), far_field or FarField())
+    rows = {side: _base_patches(layout, side) for side in (-1, 1)}
     nodes = [
         _extrude(rows[side][stream + 3 * outboard], side, layout.n_normal[side > 0], layout)
         for outboard, side, stream in product(range(2), (-1, 1), range(3))
@@ -86,6 +146,51 @@ def hh_wing_grid(
     names = [f"{stream} {side} {span}" for span, side, stream in product(*_ROWS[::-1])]
     blocks = tuple(Block(np.ascontiguousarray(x), name) for x, name in zip(nodes, names))
     return Grid(blocks, _patches([block.shape for block in blocks]), source="H-H wing grid")
+
+
+def infinite_wing_grid(
+    section: Section, shape=(33, 25), spacing: Spacing | None = None, far_field: FarField | None = None
+) -> Grid:
+    """Make the grid at the root of a rectangular wing of unit chord, between two planes of symmetry.
+
+    Parameters
+    ----------
+    section : Section
+        Section of the wing.
+    shape : tuple
+        Nodes per block along the stream and away from the wing, as in `hh_wing_grid`.
+    spacing : Spacing, optional
+        Intervals next to the wing; those along the span do not matter.
+    far_field : FarField, optional
+        Outer boundary.
+
+    Returns
+    -------
+    Grid
+        Six blocks from z = 0 to z = 1 with the patches of `hh_wing_grid`. Coefficients of the section are those by a
+        reference area of 1.
+
+    Raises
+    ------
+    InputError
+        If the counts are too small or the spacings do not fit them.
+    """
+    wing = Wing(Planform(root_chord=1.0, semi_span=3.0), section)
+    whole = hh_wing_grid(wing, (*shape, 9), spacing, far_field)
+    blocks = tuple(Block(_between_planes(block.nodes[:, :, 0]), block.name) for block in whole.blocks[:_INBOARD])
+    patches = tuple(replace(patch, windows=_one_deep(patch.windows, patch.kind)) for patch in whole.patches)
+    return Grid(blocks, patches, source="H-H grid of a section")
+
+
+def _counts(shape):
+    """Nodes of every row of blocks in the three directions."""
+    counts = []
+    for row, given in zip(_ROWS, shape):
+        count = tuple(int(n) for n in np.broadcast_to(given, len(row)))
+        if min(count) < 5:
+            raise InputError(f"H-H wing grid: {min(count)} nodes in a block along {'/'.join(row)}; give 5 at least")
+        counts.append(count)
+    return counts
 
 
 def _join(nodes):
@@ -104,59 +209,225 @@ def _join(nodes):
             nodes[b][:, 0][part] = nodes[b - 3][:, -1][part]
 
 
-def _counts(shape):
-    """Nodes of every row of blocks in the three directions."""
-    counts = []
-    for row, given in zip(_ROWS, shape):
-        count = tuple(int(n) for n in np.broadcast_to(given, len(row)))
-        if min(count) < 5:
-            raise InputError(f"H-H wing grid: {min(count)} nodes in a block along {'/'.join(row)}; give 5 at least")
-        counts.append(count)
-    return counts
+def _patches(shapes):
+    """Declare the wall, the symmetry plane and the far field."""
+    faces = {"wing_upper": [(4, 2)], "wing_lower": [(1, 3)], "symmetry": [], "farfield": []}
+    for block in range(12):
+        stream, above, outboard = block % 3, (block // 3) % 2, block // 6
+        if stream != 1:
+            faces["farfield"].append((block, 0 if stream == 0 else 1))
+        faces["farfield"].append((block, 2 + above))
+        faces["farfield" if outboard else "symmetry"].append((block, 5 if outboard else 4))
+    kinds = {"symmetry": "symmetry", "farfield": "farfield"}
+    return tuple(
+        Patch(name, kinds.get(name, "wall"), tuple(Window.whole(b, shapes[b]).face(face) for b, face in where))
+        for name, where in faces.items()
+    )
 
 
-def _extrude(sheet: Sheet, side: int, n: int, layout: Layout) -> np.ndarray:
-    """Fill one block with lines from a sheet to the upper (side = 1) or lower (-1) boundary; shape (ni, n, nk, 3)."""
-    chord, start = layout.wing.planform.root_chord, sheet.points[:, None]
-    height = _heights(sheet, n, layout)
+def _between_planes(nodes: np.ndarray) -> np.ndarray:
+    """Nodes of one cell along the span, shape (ni, nj, 2, 3), from those at the root."""
+    return np.stack([nodes * [1.0, 1.0, 0.0] + [0.0, 0.0, z] for z in (0.0, 1.0)], axis=2)
+
+
+def _one_deep(windows, kind: str) -> tuple[Window, ...]:
+    """Faces of the inboard blocks; of symmetry planes both."""
+    ends = ((0, 0), (1, 1)) if kind == "symmetry" else ((0, 1),)
+    return tuple(
+        Window(window.block, (*window.lo[:2], low), (*window.hi[:2], high))
+        for window in windows
+        if window.block < _INBOARD
+        for low, high in ends
+    )
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What a grid is made of: the wing, the counts of every block row and the spacings."""
+
+    wing: Wing
+    n_stream: tuple[int, int, int]
+    n_normal: tuple[int, int]
+    n_span: tuple[int, int]
+    spacing: Spacing
+    far: FarField
+
+    @property
+    def root_interval(self) -> float:
+        """Interval along the span at the symmetry plane."""
+        return self.spacing.root or 2.0 * self.wing.planform.semi_span / (self.n_span[0] - 1)
+
+    @property
+    def inlet(self) -> float:
+        """Coordinate x of the upstream boundary."""
+        return min(0.0, self.wing.planform.x(0.0, self.wing.planform.semi_span)) - self.far.distance
+
+    @property
+    def outlet(self) -> float:
+        """Coordinate x of the downstream boundary."""
+        planform = self.wing.planform
+        return max(planform.root_chord, planform.x(1.0, planform.semi_span)) + self.far.distance
+
+    @property
+    def side(self) -> float:
+        """Coordinate z of the side boundary."""
+        return self.wing.planform.semi_span + self.far.distance
+
+
+@dataclass(frozen=True)
+class _BasePatch:
+    """One patch of the base surface: where the grid lines along j start, how they leave and where they are bound for.
+
+    Parameters
+    ----------
+    points : ndarray, shape (ni, nk, 3)
+        Nodes.
+    plate : ndarray, shape (ni, nk, 3)
+        Nodes of the same patch about a wing of the same planform without thickness.
+    far : ndarray, shape (ni, nk, 3)
+        Nodes of the patch about that plate with the spacings of the outer boundary.
+    away_x, away_z : ndarray, shape (ni, nk)
+        Distance from the wing along the stream and along the span: 0 at the wing, 1 at the boundary.
+    """
+
+    points: np.ndarray
+    plate: np.ndarray
+    far: np.ndarray
+    away_x: np.ndarray
+    away_z: np.ndarray
+
+
+def _base_patches(layout: _Layout, side: int) -> list[_BasePatch]:
+    """Make the six patches of the upper (side = 1) or lower (-1) base surface: along the stream, inboard first."""
+    plate = replace(layout.wing, section=flat_section(), tip_section=None)
+    flat = _plane_patches(layout, plate, side)
+    relaxed = _plane_patches(replace(layout, spacing=layout.spacing.widened(layout.far.relaxation)), plate, side)
+    on_wing = [flat[0], _surface(layout, layout.wing, side), *flat[2:]]
+    patches = []
+    for n, points in enumerate(on_wing):
+        far = relaxed[n] + layout.far.spread * _outwards(layout, relaxed, n)
+        patches.append(_BasePatch(points, flat[n], far, *_away(layout, flat, n)))
+    return patches
+
+
+def _plane_patches(layout, plate, side):
+    """Nodes of the six patches about a wing without thickness."""
+    inboard = _surface(layout, plate, side)
+    patches = []
+    for middle in (inboard, _outboard_patch(layout, inboard[:, -1])):
+        patches += [_stream_patch(layout, middle[0], -1), middle, _stream_patch(layout, middle[-1], 1)]
+    return patches
+
+
+def _surface(layout, wing, side):
+    s, counts = layout.spacing, (layout.n_stream[1], layout.n_span[0])
+    return surface_grid(wing, side, counts, s.leading, s.trailing, layout.root_interval, s.tip)
+
+
+def _outboard_patch(layout, tip):
+    """Lines from the nodes of the tip to the side boundary; they turn out of the sweep into the z direction."""
+    planform, far = layout.wing.planform, layout.far.distance
+    out = far * stretch_from(layout.n_span[1], layout.spacing.tip / far)
+    fraction = (tip[:, 0] - tip[0, 0]) / planform.tip_chord
+    slope = planform.x(fraction, 1.0) - planform.x(fraction, 0.0)
+    turn = _TURN * planform.tip_chord
+    x = tip[:, :1] + slope[:, None] * turn * (1.0 - np.exp(-out / turn))
+    return np.stack([x, np.zeros_like(x), np.broadcast_to(planform.semi_span + out, x.shape)], axis=-1)
+
+
+def _stream_patch(layout, edge, direction):
+    """Lines from the leading (direction = -1) or trailing (1) edge, (nk, 3), to the upstream or downstream boundary."""
+    end = layout.inlet if direction < 0 else layout.outlet
+    first = layout.spacing.leading if direction < 0 else layout.spacing.trailing
+    length = np.abs(end - edge[:, 0])
+    n = layout.n_stream[1 + direction]
+    last = layout.far.distance * geometric_last(n, first / layout.far.distance)
+    fractions = stretch_lines(length, n, first, last).T
+    points = np.empty((n, *edge.shape))
+    points[..., 0], points[..., 1:] = edge[:, 0] + direction * length * fractions, edge[:, 1:]
+    points[-1, :, 0] = end
+    return points if direction > 0 else points[::-1]
+
+
+def _away(layout, patches, n):
+    """Distances of patch n from the wing along the stream and along the span: fractions of the way to the boundary."""
+    points, zero = patches[n], np.zeros(patches[n].shape[:2])
+    edge, end = (points[-1, :, 0], layout.inlet) if n % 3 == 0 else (points[0, :, 0], layout.outlet)
+    away_x = zero if n % 3 == 1 else (points[..., 0] - edge) / (end - edge)
+    away_z = (points[..., 2] - layout.wing.planform.semi_span) / layout.far.distance if n >= 3 else zero
+    return away_x, away_z
+
+
+def _outwards(layout, patches, n):
+    """Displacement of patch n that moves the edges of the wing outwards by one and leaves the boundary in place."""
+    points, (away_x, away_z) = patches[n], _away(layout, patches, n)
+    move = np.zeros_like(points)
+    if n % 3 == 1:
+        x = points[..., 0]
+        move[..., 0] = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
+    else:
+        move[..., 0] = (1.0 - away_x) * (-1.0 if n % 3 == 0 else 1.0)
+    move[..., 2] = 1.0 - away_z if n >= 3 else points[..., 2] / layout.wing.planform.semi_span
+    return move
+
+
+def _extrude(base: _BasePatch, side: int, n: int, layout: _Layout) -> np.ndarray:
+    """Nodes of one block, shape (ni, n, nk, 3): lines from the base surface to the upper (side 1) or lower boundary."""
+    chord, start = layout.wing.planform.root_chord, base.points[:, None]
+    height = _heights(base, n, layout)
     up = height / layout.far.distance
     inner = 1.0 - _ramp(up)
-    lean_x, lean_z = _lean(sheet, height, layout.wing)
+    lean_x, lean_z = _lean(base, height, layout.wing)
     # further out the lines next to a blunt edge, which are slanted, do not lag behind the others
     lag = inner * _near(height, _LAG * chord) * (1.0 - 1.0 / np.sqrt(1.0 + lean_x**2 + lean_z**2))
     rise, wall = height * (1.0 - lag), inner * _near(height, _BEND * chord)
     slide = _near(height, _SLIDE * chord)[..., None]
-    base = slide * start + (1.0 - slide) * sheet.plate[:, None]
-    drift = sheet.far[:, None] - base
+    foot = slide * start + (1.0 - slide) * base.plate[:, None]
+    drift = base.far[:, None] - foot
     nodes = np.empty((*height.shape, 3))
-    nodes[..., 0] = base[..., 0] + drift[..., 0] * _outer(up, sheet.away_z[:, None]) + wall * rise * lean_x
+    nodes[..., 0] = foot[..., 0] + drift[..., 0] * _outer(up, base.away_z[:, None]) + wall * rise * lean_x
     nodes[..., 1] = wall * start[..., 1] + side * rise
-    nodes[..., 2] = base[..., 2] + drift[..., 2] * _outer(up, sheet.away_x[:, None]) + wall * rise * lean_z
+    nodes[..., 2] = foot[..., 2] + drift[..., 2] * _outer(up, base.away_x[:, None]) + wall * rise * lean_z
     return nodes if side > 0 else nodes[:, ::-1]
 
 
-def _heights(sheet, n, layout):
+def _heights(base, n, layout):
     """Lengths along the lines, shape (ni, n, nk): clustered at the wing, less so at the outer boundary."""
     far, off_wall = layout.far.distance, layout.spacing.off_wall
     near, relaxed = (
-        far * _from_wall(n, interval / far)[:, None] for interval in (off_wall, layout.far.relaxation * off_wall)
+        far * stretch_from(n, interval / far)[:, None] for interval in (off_wall, layout.far.relaxation * off_wall)
     )
-    return near + (relaxed - near) * _outer(sheet.away_x, sheet.away_z)[:, None]
+    return near + (relaxed - near) * _outer(base.away_x, base.away_z)[:, None]
 
 
-def _lean(sheet, height, wing):
-    """Direction (x, 1, z) in which lines leave the sheet: half-way between the normal and the vertical at a blunt edge.
+def _lean(base, height, wing):
+    """Direction (x, 1, z) in which lines leave the base surface: at a blunt edge half-way between normal and vertical.
 
     Lines that left a blunt leading edge along the tangent of the wall would give a valid grid, but a control mesh with
     inverted elements. The lean fades away from the edge, over a distance that grows with height, so that lines do not
     cross.
     """
-    leading, tip = edges(wing)
-    inside = (1.0 - _outer(sheet.away_x, sheet.away_z))[:, None]
-    inboard = np.minimum(sheet.points[:, None, :, 2] / wing.planform.semi_span, 1.0) ** 2
+    leading, tip = _edges(wing)
+    inside = (1.0 - _outer(base.away_x, base.away_z))[:, None]
+    inboard = np.minimum(base.points[:, None, :, 2] / wing.planform.semi_span, 1.0) ** 2
     radii = wing.nose_radius, wing.tip_radius
-    x, z = (_fade(distance_from(sheet.points, edge), radius, height) for edge, radius in zip((leading, tip), radii))
+    x, z = (_fade(_distance_from(base.points, edge), radius, height) for edge, radius in zip((leading, tip), radii))
     return -inside * x, inside * inboard * z
+
+
+def _edges(wing: Wing) -> tuple[np.ndarray, np.ndarray]:
+    """Leading edge and tip as segments of the plane y = 0: ends (x, z), shape (2, 2) each."""
+    planform, span = wing.planform, wing.planform.semi_span
+    leading = np.array([[planform.x(0.0, z), z] for z in (0.0, span)])
+    return leading, np.array([[planform.x(f, span), span] for f in (0.0, 1.0)])
+
+
+def _distance_from(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Distance of points (..., 3) from a segment of the plane y = 0."""
+    start, along = segment[0], segment[1] - segment[0]
+    offset = points[..., ::2] - start
+    at = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+    return np.sqrt(np.sum((offset - at[..., None] * along) ** 2, axis=-1) + points[..., 1] ** 2)
 
 
 def _fade(distance, radius, height):
@@ -164,11 +435,6 @@ def _fade(distance, radius, height):
     if radius == 0.0:
         return np.zeros_like(height)
     return _near(distance[:, None], _REACH * radius + _FAN * height)
-
-
-def _from_wall(n, first):
-    """Distribution from the wall to the outer boundary in near-geometric progression."""
-    return stretch(n, first, geometric_last(n, first))
 
 
 def _near(distance, reach):
@@ -184,19 +450,3 @@ def _ramp(t):
 def _outer(s, t):
     """0 at the wing, 1 where either distance has reached the outer boundary."""
     return 1.0 - (1.0 - _ramp(s)) * (1.0 - _ramp(t))
-
-
-def _patches(shapes):
-    """Declare the wall, the symmetry plane and the far field."""
-    faces = {"wing_upper": [(4, 2)], "wing_lower": [(1, 3)], "symmetry": [], "farfield": []}
-    for block in range(12):
-        stream, above, outboard = block % 3, (block // 3) % 2, block // 6
-        if stream != 1:
-            faces["farfield"].append((block, 0 if stream == 0 else 1))
-        faces["farfield"].append((block, 2 + above))
-        faces["farfield" if outboard else "symmetry"].append((block, 5 if outboard else 4))
-    kinds = {"symmetry": "symmetry", "farfield": "farfield"}
-    return tuple(
-        Patch(name, kinds.get(name, "wall"), tuple(Window.whole(b, shapes[b]).face(face) for b, face in where))
-        for name, where in faces.items()
-    )

@@ -21,9 +21,7 @@ import numpy as np
 from ..errors import InputError
 from ..topology.index_space import Window
 from ..topology.multiblock import Block, Grid, Patch
-from .stretching import geometric_last, stretch
-
-__all__ = ["ball_grid", "brick_grid"]
+from .stretching import stretch_from
 
 _I_MIN, _J_MIN, _K_MIN, _K_MAX = 0, 2, 4, 5
 
@@ -131,8 +129,7 @@ def _fractions(shape, far: float, reach: float, off_wall: float | None, source: 
         raise InputError(f"{source}: the outer boundary of radius {far:g} m cuts the body; give more than {reach:g} m")
     if off_wall is None:
         return np.linspace(0.0, 1.0, shape[3])[:, None]
-    first = off_wall / (far - reach)
-    return stretch(shape[3], first, geometric_last(shape[3], first))[:, None]
+    return stretch_from(shape[3], off_wall / (far - reach))[:, None]
 
 
 def _cube_side(shape, axis: int, sign: int, low: float) -> np.ndarray:

@@ -12,8 +12,6 @@ from scipy.optimize import brentq, root
 
 from ..errors import InputError
 
-__all__ = ["geometric_last", "stretch", "stretch_lines"]
-
 _TOLERANCE = 1e-9
 """Relative error of the end intervals."""
 
@@ -88,6 +86,11 @@ def geometric_last(n: int, first: float) -> float:
     steepest = -np.log(first) / (cells - 1)  # the last interval alone would fill the length
     growth = brentq(lambda g: np.log(first * np.expm1(cells * g) / np.expm1(g)), 1e-12, steepest)
     return first * np.exp(growth * (cells - 1))
+
+
+def stretch_from(n: int, first: float) -> np.ndarray:
+    """Distribute n points over [0, 1] from a given first interval, in near-geometric progression; see `stretch`."""
+    return stretch(n, first, geometric_last(n, first))
 
 
 def stretch_lines(lengths: np.ndarray, n: int, first: float, last: float) -> np.ndarray:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.cells.wall_report import flat_plate_y_plus, report_heights, wall_spacings
-from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.multiblock import Block, Grid, Patch

@@ -7,6 +7,7 @@ from scipy.linalg import null_space
 from scipy.sparse import csr_array, vstack
 from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 
+from bspline_mdao import onera_m6_grid
 from bspline_mdao.design.collinear import Collinear
 from bspline_mdao.design.elimination import eliminate
 from bspline_mdao.design.equations import Equations
@@ -15,7 +16,6 @@ from bspline_mdao.design.mirrored import Mirrored
 from bspline_mdao.design.seams import surface_seams
 from bspline_mdao.design.selection import InBox, NearPlane, SurfaceRows
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.numerics.planes import nearest_plane
 from bspline_mdao.topology.index_space import Window
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators.canonical import flat_plate_grid, onera_m6_grid
 from bspline_mdao.io.cgns import read_cgns
 from bspline_mdao.io.plot3d import read_plot3d
 from bspline_mdao.topology.sharing import node_sharing

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 from fit_cases import ALL_SHAPES, FOLDING, bent_block, folded_block, grid_of, lattice, two_blocks
 
-from bspline_mdao import FittedModel, FitWarning, fit_grid, flat_plate_grid, onera_m6_grid, read_grid, write_grid
+from bspline_mdao import (
+    FittedModel,
+    FitWarning,
+    Spacing,
+    fit_grid,
+    flat_plate_grid,
+    onera_m6_grid,
+    read_grid,
+    write_grid,
+)
 from bspline_mdao.cli.main import run
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.fit.quasi_interpolant import QuasiInterpolant, parametric_places
 from bspline_mdao.fit.validity import elements_with, first_marked
-from bspline_mdao.generators import Spacing
 from bspline_mdao.model.report import CANDIDATES
 from bspline_mdao.splines.greville import greville_abscissae
 

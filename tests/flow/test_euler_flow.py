@@ -18,13 +18,14 @@ from bspline_mdao import (
     ReferenceAxis,
     Twist,
     fit_grid,
+    infinite_wing_grid,
     moving_mesh,
+    naca_section,
     onera_m6_grid,
 )
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.flow_forces import FlowForces
-from bspline_mdao.generators import infinite_wing_grid, naca_section
 from bspline_mdao.testing import central_difference
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")

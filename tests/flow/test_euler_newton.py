@@ -8,13 +8,13 @@ import pytest
 from euler_cases import case_of, one_of_each_kind, sphere_quarters
 from topology_cases import smooth_box
 
+from bspline_mdao import flat_plate_grid
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_ilu import BLOCK, BlockFactor, FactorPattern
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.krylov import solve_system
 from bspline_mdao.flow.euler.preconditioner import COMPACT_DISSIPATION, compact_factor, factor_pattern, time_terms
 from bspline_mdao.flow.euler.stencil import FIRST, INNER, MEAN
-from bspline_mdao.generators import flat_plate_grid
 
 SINGLE = np.finfo(np.float32).eps
 

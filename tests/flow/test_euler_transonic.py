@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from euler_cases import AXES, case_of
 
+from bspline_mdao import FarField, Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
@@ -16,7 +17,6 @@ from bspline_mdao.flow.euler.krylov import solve_system
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
 from bspline_mdao.flow.stream import stream_axes
-from bspline_mdao.generators import FarField, Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.topology.topology import find_topology
 
 MACH, DEGREES = 0.8, 1.25

@@ -6,20 +6,29 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, find_topology, flat_plate_grid, read_grid, rectangular_wing
+from bspline_mdao import (
+    BlendedWingBody,
+    InputError,
+    Rib,
+    Spacing,
+    Wing,
+    ball_grid,
+    cambered_section,
+    find_topology,
+    flat_plate_grid,
+    generic_blended_wing_body,
+    hh_wing_grid,
+    lay_walls,
+    onera_d_section,
+    onera_m6_planform,
+    read_grid,
+    rectangular_wing,
+)
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.fit.surface_fit import replace_nodes
 from bspline_mdao.flow.induced_drag import InducedDrag
 from bspline_mdao.flow.span_strips import SpanStrips
 from bspline_mdao.flow.wake import Wake
-from bspline_mdao.generators import generic_blended_wing_body
-from bspline_mdao.generators.blended_wing_body import BlendedWingBody, Rib
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.generators.onera_m6 import onera_d_section, onera_m6_planform
-from bspline_mdao.generators.section import cambered_section
-from bspline_mdao.generators.shape import lay_walls
-from bspline_mdao.generators.shell import ball_grid
-from bspline_mdao.generators.wing_surface import Wing
 
 AXES = np.eye(3)[[0, 2, 1]]
 """Of the project's grids: x downstream, z along the span, y up."""

@@ -6,15 +6,23 @@ import pytest
 from openmdao.utils.assert_utils import assert_check_partials
 from scipy.sparse import csr_array, random_array
 
-from bspline_mdao import CamberSurface, InputError, LatticeFlow, fit_grid, flat_plate_grid
+from bspline_mdao import (
+    CamberSurface,
+    InputError,
+    LatticeFlow,
+    Planform,
+    Spacing,
+    Wing,
+    cambered_section,
+    fit_grid,
+    flat_plate_grid,
+    hh_wing_grid,
+    naca_section,
+)
 from bspline_mdao.flow.force_coefficients import ForceCoefficients
 from bspline_mdao.flow.induced_drag import InducedDrag
 from bspline_mdao.flow.span_strips import SpanStrips
 from bspline_mdao.flow.wing_coefficients import WingCoefficients
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.generators.planform import Planform
-from bspline_mdao.generators.section import cambered_section, naca_section
-from bspline_mdao.generators.wing_surface import Wing
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.om.flow.lattice_forces import LatticeForces
 from bspline_mdao.om.flow.vortex_lattice import VortexLattice

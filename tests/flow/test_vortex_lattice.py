@@ -8,13 +8,8 @@ import openmdao.api as om
 import pytest
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import InputError, fit_grid
+from bspline_mdao import InputError, Planform, Spacing, Wing, cambered_section, fit_grid, hh_wing_grid, rectangular_wing
 from bspline_mdao.flow.wake import Wake, least_drag
-from bspline_mdao.generators import rectangular_wing
-from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
-from bspline_mdao.generators.planform import Planform
-from bspline_mdao.generators.section import cambered_section
-from bspline_mdao.generators.wing_surface import Wing
 from bspline_mdao.measures.camber_surface import SPACINGS, CamberSurface
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.om.flow.vortex_lattice import VortexLattice

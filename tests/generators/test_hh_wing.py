@@ -5,9 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from bspline_mdao.cells.hexahedron import cell_quality
-from bspline_mdao.errors import InputError
-from bspline_mdao.generators import (
+from bspline_mdao import (
     FarField,
     Planform,
     Section,
@@ -21,7 +19,9 @@ from bspline_mdao.generators import (
     onera_m6_grid,
     onera_m6_planform,
 )
-from bspline_mdao.generators.onera_m6 import ONERA_D_UPPER
+from bspline_mdao.cells.hexahedron import cell_quality
+from bspline_mdao.errors import InputError
+from bspline_mdao.generators.canonical import ONERA_D_UPPER
 from bspline_mdao.generators.stretching import geometric_last, stretch, stretch_lines
 from bspline_mdao.topology.sharing import node_sharing
 from bspline_mdao.topology.topology import find_topology

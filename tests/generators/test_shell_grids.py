@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import find_topology
+from bspline_mdao import ball_grid, brick_grid, find_topology
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import ball_grid, brick_grid
 
 SHAPE = (7, 6, 5, 8)
 GRIDS = {

@@ -7,32 +7,30 @@ import pytest
 from fit_cases import two_blocks
 
 from bspline_mdao import (
+    BlendedWingBody,
     InputError,
+    Planform,
+    Rib,
     SurfaceGrid,
+    Wing,
+    cambered_section,
     fit_grid,
     fit_shape,
     flat_plate_grid,
-    generic_blended_wing_body,
-    moving_mesh,
-    onera_m6_grid,
-    rectangular_wing,
-)
-from bspline_mdao.fit.surface_fit import LOGGER, fit_surface
-from bspline_mdao.generators import (
-    BlendedWingBody,
-    Planform,
-    Rib,
-    Wing,
-    cambered_section,
     flat_section,
+    generic_blended_wing_body,
     lay_nodes,
     lay_walls,
+    moving_mesh,
     naca_section,
     nodes_on_shape,
     onera_d_section,
+    onera_m6_grid,
     onera_m6_planform,
+    rectangular_wing,
 )
-from bspline_mdao.generators.blending import corner_widths, rounded_weights
+from bspline_mdao.fit.surface_fit import LOGGER, fit_surface
+from bspline_mdao.generators.blended_wing_body import corner_widths, rounded_weights
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.multiblock import Patch
 

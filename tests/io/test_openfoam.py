@@ -11,10 +11,18 @@ import numpy as np
 import pytest
 from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, turned_and_shuffled
 
-from bspline_mdao import InputError, find_topology, fit_grid, flat_plate_grid, onera_m6_grid, write_grid, write_polymesh
+from bspline_mdao import (
+    InputError,
+    ball_grid,
+    find_topology,
+    fit_grid,
+    flat_plate_grid,
+    onera_m6_grid,
+    write_grid,
+    write_polymesh,
+)
 from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.cli.main import run
-from bspline_mdao.generators import ball_grid
 from bspline_mdao.topology.index_space import Window
 
 PROGRAM = shutil.which("checkMesh")

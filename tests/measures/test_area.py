@@ -23,12 +23,12 @@ from bspline_mdao import (
     SurfaceMeasure,
     fit_grid,
     flat_plate_grid,
+    generic_blended_wing_body,
+    nodes_on_shape,
     onera_m6_grid,
+    onera_m6_planform,
 )
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import generic_blended_wing_body
-from bspline_mdao.generators.onera_m6 import onera_m6_planform
-from bspline_mdao.generators.targets import nodes_on_shape
 from bspline_mdao.measures.area import planform_normal
 
 OBLIQUE = np.array([0.3, -1.0, 0.7])

@@ -27,13 +27,13 @@ from bspline_mdao import (
     find_topology,
     fit_grid,
     flat_plate_grid,
+    generic_blended_wing_body,
+    nodes_on_shape,
     onera_m6_grid,
     read_grid,
 )
 from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import generic_blended_wing_body
-from bspline_mdao.generators.targets import nodes_on_shape
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.frame import Plane
 

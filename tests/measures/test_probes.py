@@ -13,11 +13,15 @@ from geometry_cases import (
     with_points,
 )
 
-from bspline_mdao import SurfaceGrid, fit_grid, onera_m6_grid
+from bspline_mdao import (
+    SurfaceGrid,
+    fit_grid,
+    generic_blended_wing_body,
+    nodes_on_shape,
+    onera_m6_grid,
+    onera_m6_planform,
+)
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import generic_blended_wing_body
-from bspline_mdao.generators.onera_m6 import onera_m6_planform
-from bspline_mdao.generators.targets import nodes_on_shape
 from bspline_mdao.measures.probes import Probes, opposite_probes
 from bspline_mdao.measures.section_thickness import Cut, cuts_along_span, section_edges
 

@@ -21,12 +21,12 @@ from bspline_mdao import (
     Thickness,
     fit_grid,
     flat_plate_grid,
+    generic_blended_wing_body,
+    naca_section,
+    nodes_on_shape,
     onera_m6_grid,
 )
 from bspline_mdao.errors import InputError
-from bspline_mdao.generators import generic_blended_wing_body
-from bspline_mdao.generators.section import naca_section
-from bspline_mdao.generators.targets import nodes_on_shape
 from bspline_mdao.measures.section_thickness import Cut, cuts_along_span
 
 LINES = ([[0.1, 0.0, 0.0], [0.1, 0.0, 2.8]], [[1.8, 0.0, 0.0], [1.8, 0.0, 2.8]])

@@ -8,12 +8,19 @@ import openmdao.api as om
 import pytest
 from mover_cases import assert_derivative_is_exact, assert_derivative_is_transposed
 
-from bspline_mdao import LinearElasticity, fit_grid, flat_plate_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import (
+    LinearElasticity,
+    fit_grid,
+    fit_shape,
+    flat_plate_grid,
+    moving_mesh,
+    onera_m6_grid,
+    rectangular_wing,
+)
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.errors import InputError, MovementError
-from bspline_mdao.generators import fit_shape, rectangular_wing
 from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.equilibrium import Equilibrium
 from bspline_mdao.movement.held import Held

@@ -9,10 +9,10 @@ import pytest
 from mover_cases import bent_surface, channel, mesh_of, wing
 from topology_cases import box, grid_of, patch
 
+from bspline_mdao import onera_m6_grid
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.errors import MovementError
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import onera_m6_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.delaunay import DelaunayGraph

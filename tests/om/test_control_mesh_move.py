@@ -7,9 +7,9 @@ import openmdao.api as om
 import pytest
 from component_cases import Shear, movable_model
 
+from bspline_mdao import flat_plate_grid
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import flat_plate_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.held import Held

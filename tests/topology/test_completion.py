@@ -7,11 +7,11 @@ import pytest
 from click.testing import CliRunner
 from topology_cases import are_same_partition, box, c_grid, grid_of, labels_of_rows, patch, smooth_box, split
 
+from bspline_mdao import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.cli.commands import bspline_mdao
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.errors import FitWarning
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.generators import Spacing, ball_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.io.patch_guess import draft_patches
 from bspline_mdao.io.plot3d import read_plot3d, write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bspline_mdao import ball_grid, brick_grid
 from bspline_mdao.cli.inspect import grid_numbers
-from bspline_mdao.generators import ball_grid, brick_grid
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.index_space import Window

@@ -23,8 +23,7 @@ from topology_cases import (
     two_block_plate,
 )
 
-from bspline_mdao.errors import InputError
-from bspline_mdao.generators import (
+from bspline_mdao import (
     Spacing,
     ball_grid,
     brick_grid,
@@ -33,6 +32,7 @@ from bspline_mdao.generators import (
     naca_section,
     onera_m6_grid,
 )
+from bspline_mdao.errors import InputError
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.segments import MAX_SEGMENTS
 from bspline_mdao.topology.sharing import node_sharing

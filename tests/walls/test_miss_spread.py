@@ -17,9 +17,8 @@ from topology_cases import (
     two_block_plate,
 )
 
-from bspline_mdao import find_topology, onera_m6_grid, read_grid
+from bspline_mdao import ball_grid, find_topology, onera_m6_grid, read_grid
 from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.generators.shell import ball_grid
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.freedom import plane_normal
 from bspline_mdao.topology.index_space import Window

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bspline_mdao import InputError, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import InputError, Spacing, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.generators import Spacing
 from bspline_mdao.movement.elasticity import LinearElasticity
 
 TOLERANCE = 0.5

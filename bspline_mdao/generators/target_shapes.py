@@ -1,9 +1,11 @@
-"""Lay the wall nodes of one wing on another shape of the same topology.
+"""Shapes that a wing becomes (the moves of the paper's section IV): its wall nodes laid on another shape, and the fit.
 
 A shape is a map from side, chord fraction and span fraction to space. The *chord fraction* is that of the arc of a
 section from the leading to the trailing edge. The *span fraction* is that of a line of constant chord fraction from the
 symmetry plane to the tip, measured across the stream, so that sweep does not count: along the spine and over the
 rounded tip.
+
+Theory: ``docs/theory/generators.rst``.
 """
 
 from __future__ import annotations
@@ -14,10 +16,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
+from ..fit.surface_fit import fit_surface, replace_nodes
+from ..model.fitted_model import FittedModel
 from ..topology.index_space import Window
 from ..topology.multiblock import Grid
-
-__all__ = ["Shape", "lay_nodes", "lay_walls"]
 
 _SIDES = {"wing_lower": -1, "wing_upper": 1}
 
@@ -35,31 +37,45 @@ class Shape(Protocol):
         """Points in space, shape (m, n, 3), of points of the sections, shape (m, n, 2)."""
 
 
-def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> np.ndarray:
-    """Lay nodes on one side of a shape.
+def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.ndarray:
+    """Fit the surface control points of a wing's model to another shape.
 
     Parameters
     ----------
+    model : FittedModel
+        Model of a grid about a wing with patches ``wing_upper`` and ``wing_lower``, see `lay_walls`.
+    surface_ids : ndarray of int, shape (n_surface,)
+        Numbers of the control points of both patches, such as ``surface_ids`` of the moving mesh.
     shape : Shape
-        The surface.
-    side : int
-        +1 upper, -1 lower.
-    chord, span : ndarray, shape (ni, nk)
-        Fractions of every node, from 0 to 1, ascending along i and along k.
+        What the wing is to become, for example `rectangular_wing` or `generic_blended_wing_body`.
 
     Returns
     -------
-    ndarray, shape (ni, nk, 3)
-        Nodes (m). Both sides give the same ones at the leading edge, the trailing edge and the tip, those of the root
-        are in the plane z = 0.
+    ndarray, shape (n_surface, 3)
+        Surface control points (m). How far the surface misses the shape is logged, see
+        `bspline_mdao.fit.surface_fit.fit_surface`, which also returns it.
+
+    Raises
+    ------
+    InputError
+        If the patches are not there, or the control points are not those of whole faces.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, flat_plate_grid, generic_blended_wing_body, moving_mesh
+    >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
+    >>> mesh = moving_mesh(model)
+    >>> surface = fit_shape(model, mesh.surface_ids, generic_blended_wing_body())
+    >>> surface.shape == mesh.points[mesh.surface_ids].shape
+    True
     """
-    stations = shape.stations
-    along = stations / stations[-1]
-    fractions = np.stack([np.interp(along, g, f) for f, g in zip(chord, span)], axis=1)
-    sections = shape.sections(side, fractions)
-    lines = shape.place(sections).swapaxes(0, 1)
-    heights = sections[..., 1].T
-    return np.stack([_divide(line, stations, h, g) for line, h, g in zip(lines, heights, span)])
+    return fit_surface(model, surface_ids, nodes_on_shape(model, shape)).control_points
+
+
+def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
+    """All nodes of a model's grid, shape (n_nodes, 3), those of the wing laid on another shape; see `fit_shape`."""
+    grid = model.regenerate()
+    return replace_nodes(model.topology, grid.to_vector().reshape(-1, 3), lay_walls(grid, shape))
 
 
 def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
@@ -93,6 +109,33 @@ def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
         fractions = _fractions(grid.blocks[window.block].nodes[window.slices][:, 0])
         walls.append((window, lay_nodes(shape, side, *fractions)[:, None]))
     return walls
+
+
+def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """Lay nodes on one side of a shape.
+
+    Parameters
+    ----------
+    shape : Shape
+        The surface.
+    side : int
+        +1 upper, -1 lower.
+    chord, span : ndarray, shape (ni, nk)
+        Fractions of every node, from 0 to 1, ascending along i and along k.
+
+    Returns
+    -------
+    ndarray, shape (ni, nk, 3)
+        Nodes (m). Both sides give the same ones at the leading edge, the trailing edge and the tip, those of the root
+        are in the plane z = 0.
+    """
+    stations = shape.stations
+    along = stations / stations[-1]
+    fractions = np.stack([np.interp(along, g, f) for f, g in zip(chord, span)], axis=1)
+    sections = shape.sections(side, fractions)
+    lines = shape.place(sections).swapaxes(0, 1)
+    heights = sections[..., 1].T
+    return np.stack([_divide(line, stations, h, g) for line, h, g in zip(lines, heights, span)])
 
 
 def _fractions(nodes):
