@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bspline_mdao.generators import Spacing, infinite_wing_grid, naca_section
+from bspline_mdao import Spacing, infinite_wing_grid, naca_section
 from bspline_mdao.plotting import RED, boundary_layers, draw_first_heights, draw_wall_cells
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")

@@ -3,10 +3,22 @@
 import numpy as np
 import pytest
 
-from bspline_mdao import EulerFlow, GridMovement, LatticeFlow, LinearElasticity, Twist, fit_grid, moving_mesh
+from bspline_mdao import (
+    EulerFlow,
+    GridMovement,
+    LatticeFlow,
+    LinearElasticity,
+    Planform,
+    Spacing,
+    Twist,
+    Wing,
+    fit_grid,
+    hh_wing_grid,
+    moving_mesh,
+    naca_section,
+)
 from bspline_mdao.design.axis import ReferenceAxis
 from bspline_mdao.design.composition import Parametrization
-from bspline_mdao.generators import Planform, Spacing, Wing, hh_wing_grid, naca_section
 from bspline_mdao.plotting import (
     draw_ellipse,
     draw_planform,
