@@ -30,7 +30,7 @@ from bspline_mdao.flow.euler.newton import FlowSolution, solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.flow.euler.stencil import INNER
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
 
 SHAPES = {36_864: (17, 17, 13), 117_504: (25, 25, 18)}
 """Nodes of each of the twelve blocks by the number of cells."""

@@ -31,7 +31,7 @@ from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.splines.mesh import BSplineMesh
-from bspline_mdao.topology.multiblock import Grid
+from bspline_mdao.topology.grid import Grid
 from bspline_mdao.walls.grid_map import GridMap
 
 try:

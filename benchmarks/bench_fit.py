@@ -32,8 +32,8 @@ from bspline_mdao.fit.fitting import METHODS, fit_grid
 from bspline_mdao.fit.least_squares import factorize
 from bspline_mdao.fit.parameters import chord_length_parameters
 from bspline_mdao.fit.problem import problem_of_mesh
-from bspline_mdao.topology.multiblock import Grid
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.grid import Grid
 
 ORDERS = (4, 4, 4)
 

@@ -117,7 +117,7 @@ from .splines.knots import BilinearKnots as BilinearKnots
 from .splines.knots import ConstantKnots as ConstantKnots
 from .splines.knots import FunctionKnots as FunctionKnots
 from .testing.variables import check_variable as check_variable
-from .topology.multiblock import Grid as Grid
-from .topology.topology import find_topology as find_topology
+from .topology.detection import find_topology as find_topology
+from .topology.grid import Grid as Grid
 
 __version__: str

@@ -13,7 +13,7 @@ from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.model.fitted_model import FittedModel
-from bspline_mdao.topology.multiblock import Grid
+from bspline_mdao.topology.grid import Grid
 
 CORRECTIONS = 3
 """Rounds of parameter correction (Hoschek) of the corrected fits."""

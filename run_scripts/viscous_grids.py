@@ -39,8 +39,8 @@ from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity
+from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Patch
 from bspline_mdao.walls.miss_spread import MissSpread
 
 WINGS = (

@@ -11,8 +11,8 @@ from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.increments import in_increments
 from bspline_mdao.movement.interpolation import interpolated_step
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Grid, Patch
 
 
 def two_blocks(seed: int = 0) -> Grid:

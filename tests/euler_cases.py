@@ -27,9 +27,9 @@ from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import factor_pattern
 from bspline_mdao.flow.euler.stencil import FARFIELD, FIRST, MEAN, SLIP
 from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.grid import Grid
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Grid
-from bspline_mdao.topology.topology import find_topology
 
 AXES = np.eye(3)[[0, 2, 1]]
 """Downstream, along the span and up of the project's wing grids."""

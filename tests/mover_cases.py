@@ -9,8 +9,8 @@ from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
 from bspline_mdao.testing import central_difference
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Orientation, Window
-from bspline_mdao.topology.topology import find_topology
 
 
 def rotation(seed=3):

@@ -12,7 +12,7 @@ from bspline_mdao.io.files import read_grid, write_grid
 from bspline_mdao.io.plot3d import write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model.fitted_model import FittedModel
-from bspline_mdao.topology.multiblock import Block, Grid
+from bspline_mdao.topology.grid import Block, Grid
 
 
 def line(n, end=1.0, power=1.0):

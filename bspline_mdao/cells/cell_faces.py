@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..topology.face_quads import corners_in_turn
-from ..topology.index_space import Window
-from ..topology.sharing import block_rows, node_sharing
+from ..topology.boundary_surface import corners_in_turn
+from ..topology.index_space import Window, block_rows
+from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
 from .quads import area_vectors
 

@@ -19,10 +19,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..topology.face_quads import facing, quads_in_turn
-from ..topology.index_space import Window
-from ..topology.multiblock import Grid
-from ..topology.sharing import block_rows
+from ..topology.boundary_surface import facing, quads_in_turn
+from ..topology.grid import Grid
+from ..topology.index_space import Window, block_rows
 from .hexahedron import COLLAPSE_TOLERANCE, flat_direction, mean_normal
 from .quads import add_to_nodes, area_vectors, area_vectors_jvp, area_vectors_vjp
 

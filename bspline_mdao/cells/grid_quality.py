@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
-from ..topology.multiblock import Grid
+from ..topology.grid import Grid
 from .aggregates import KreisselmeierSteinhauser, PNorm
 from .block_cells import BlockCells, Slab
 from .first_cells import FirstCells

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..topology.multiblock import Grid
+from ..topology.grid import Grid
 from .first_cells import FirstCells, WallNode
 
 __all__ = ["PatchHeights", "WallSpacing", "flat_plate_y_plus", "report_heights", "wall_spacings"]

@@ -8,11 +8,11 @@ from pathlib import Path
 from ..cells.wall_report import wall_spacings
 from ..io.atomic import replaced_file
 from ..io.patch_guess import draft_patches, guess_patches
-from ..topology.entities import NearMiss
+from ..topology.detection import find_topology
+from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
-from ..topology.multiblock import Grid, Patch
 from ..topology.periodic import PeriodicPair, find_periodic
-from ..topology.topology import Topology, find_topology
+from ..topology.topology import NearMiss, Topology
 from .output import (
     check_outputs,
     counts_text,

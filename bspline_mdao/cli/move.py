@@ -26,7 +26,7 @@ from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..movement.increments import LOGGER
 from ..movement.mover import IncrementReport, Movement, MovementReport
-from ..topology.multiblock import Grid
+from ..topology.grid import Grid
 from ..topology.sharing import node_sharing
 from ..walls.miss_spread import MissSpread
 from .movers import MoverOptions

@@ -10,8 +10,8 @@ from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_q
 from ..errors import InputError
 from ..io.patches import merge_patches, read_patches
 from ..model.fitted_model import FittedModel
-from ..topology.multiblock import Grid
-from ..topology.topology import find_topology
+from ..topology.detection import find_topology
+from ..topology.grid import Grid
 from .output import (
     check_outputs,
     counts_text,

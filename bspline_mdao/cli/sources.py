@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..generators.canonical import flat_plate_grid, onera_m6_grid
 from ..io.files import read_grid
 from ..io.patches import read_patches
-from ..topology.multiblock import Grid
+from ..topology.grid import Grid
 
 BUILT_IN = {"onera_m6": (onera_m6_grid, (23, 33, 17)), "flat_plate": (flat_plate_grid, (23, 23, 23))}
 """Generator and nodes per block of each built-in grid, half of the paper's."""

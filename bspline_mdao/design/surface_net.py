@@ -20,7 +20,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
-from ..topology.face_quads import facing, quads_in_turn
+from ..topology.boundary_surface import facing, quads_in_turn
 
 __all__ = ["surface_normals", "surface_quads"]
 

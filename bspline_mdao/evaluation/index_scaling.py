@@ -13,9 +13,8 @@ from numbers import Real
 import numpy as np
 
 from ..errors import InputError
-from ..topology.entities import NearMiss
 from ..topology.index_space import Window
-from ..topology.topology import Topology
+from ..topology.topology import NearMiss, Topology
 
 MOST_NODES = 1e11
 """Nodes of a member beyond which no memory takes their indices."""

@@ -13,9 +13,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from ..topology.entities import Section
-from ..topology.index_space import Orientation
-from ..topology.sections import inner_slices, sections_of, whole_slices
+from ..topology.index_space import Orientation, Section, inner_slices, sections_of, whole_slices
 from .entities import Entity
 from .problem import FitProblem, Progress, Solution, part_of, solve_fit
 from .projection import project

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..topology.entities import Section
-from ..topology.index_space import FACE_NAMES
-from ..topology.sections import inner_slices, sections_of, whole_slices
+from ..topology.index_space import FACE_NAMES, Section, inner_slices, sections_of, whole_slices
 from ..topology.sharing import NodeSharing
 
 _KINDS = ("corner", "edge", "face", "interior")

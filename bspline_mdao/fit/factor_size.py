@@ -13,8 +13,7 @@ from ..mesh.boundary import boundary_points
 from ..mesh.mesh import MovingMesh
 from ..movement.assembly import Unknowns
 from ..sparse.solvers import default_solver
-from ..topology.sharing import shared_ids
-from ..topology.topology import Topology
+from ..topology.topology import Topology, shared_ids
 from .control_counts import NODES_PER_SPAN, ControlCounts, choose_counts
 
 LARGEST_FACTOR = 2**30

@@ -13,9 +13,10 @@ from ..errors import FitWarning, InputError
 from ..model.fitted_model import FitSettings, FittedModel, GridHeader
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
-from ..topology.multiblock import Grid
-from ..topology.sharing import node_sharing, shared_ids
-from ..topology.topology import Topology, find_topology
+from ..topology.detection import find_topology
+from ..topology.grid import Grid
+from ..topology.sharing import node_sharing
+from ..topology.topology import Topology, shared_ids
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments
 from .errors import report_errors

@@ -13,9 +13,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..splines.volume import Volume
-from ..topology.entities import Link
 from ..topology.index_space import FACE_NAMES
-from ..topology.topology import Topology
+from ..topology.topology import Link, Topology
 
 LARGEST_DIFFERENCE = 1e-6
 """Knots may differ by so much, as those do that follow the 4-byte coordinates of two blocks."""

@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from ..errors import InputError
 from ..numerics.transfinite import boolean_sum, inner_of
 from ..splines.volume import Volume
-from ..topology.sections import whole_slices
+from ..topology.index_space import whole_slices
 from .design_matrix import DesignMatrix, build_design_matrix
 from .entities import Entity
 from .matrix_derivatives import edge_corners

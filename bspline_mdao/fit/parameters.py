@@ -8,9 +8,8 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from ..topology.entities import Link
-from ..topology.sections import whole_slices
-from ..topology.topology import Topology
+from ..topology.index_space import whole_slices
+from ..topology.topology import Link, Topology
 
 EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0, "index": 0.0}
 """Kinds of parametrization by the power of the chord lengths; uniform parameters are proportional to the index."""

@@ -11,8 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
-from ..topology.index_space import Window
-from ..topology.sharing import block_rows
+from ..topology.index_space import Window, block_rows
 from ..topology.topology import Topology
 from .entities import Entity
 from .problem import problem_of_mesh

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..topology.multiblock import Grid
+from ..topology.grid import Grid
 from .hh_wing import FarField, Spacing, hh_wing_grid
 from .wing import Planform, Section, Wing, flat_section, naca_section
 

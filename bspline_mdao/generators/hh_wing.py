@@ -35,8 +35,8 @@ from itertools import product
 import numpy as np
 
 from ..errors import InputError
+from ..topology.grid import Block, Grid, Patch
 from ..topology.index_space import Window
-from ..topology.multiblock import Block, Grid, Patch
 from .stretching import geometric_last, stretch_from, stretch_lines
 from .wing import Planform, Section, Wing, flat_section, surface_grid
 

@@ -19,8 +19,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..errors import InputError
+from ..topology.grid import Block, Grid, Patch
 from ..topology.index_space import Window
-from ..topology.multiblock import Block, Grid, Patch
 from .stretching import stretch_from
 
 _I_MIN, _J_MIN, _K_MIN, _K_MAX = 0, 2, 4, 5

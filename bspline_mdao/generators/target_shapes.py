@@ -18,8 +18,8 @@ from scipy.interpolate import CubicSpline
 from ..errors import InputError
 from ..fit.surface_fit import fit_surface, replace_nodes
 from ..model.fitted_model import FittedModel
+from ..topology.grid import Grid
 from ..topology.index_space import Window
-from ..topology.multiblock import Grid
 
 _SIDES = {"wing_lower": -1, "wing_upper": 1}
 

@@ -11,8 +11,9 @@ import h5py
 import numpy as np
 
 from ..errors import InputError
-from ..topology.multiblock import Block, Grid
-from ..topology.topology import Topology, find_topology
+from ..topology.detection import find_topology
+from ..topology.grid import Block, Grid
+from ..topology.topology import Topology
 from .atomic import replaced_file
 from .cgns_boundaries import add_boundaries, read_patches_of_zones
 from .cgns_connectivity import add_connections, read_connections

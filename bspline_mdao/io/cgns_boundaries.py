@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import h5py
 import numpy as np
 
+from ..topology.grid import Grid, Patch
 from ..topology.index_space import Window
-from ..topology.multiblock import Grid, Patch
 from .cgns_nodes import add_node, children, first_child, free_name, value, word
 from .patch_guess import kind_of_name
 

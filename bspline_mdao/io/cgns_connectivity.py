@@ -12,9 +12,7 @@ from collections.abc import Sequence
 import h5py
 import numpy as np
 
-from ..topology.entities import Interface
-from ..topology.index_space import Orientation, Window
-from ..topology.segments import reverse
+from ..topology.index_space import Interface, Orientation, Window
 from .cgns_nodes import add_node, children, first_child, free_name, value, word
 
 __all__ = ["add_connections", "read_connections"]
@@ -54,7 +52,7 @@ def read_connections(
                 ignored.append(
                     f"{zone.name}: connection '{name}' to '{word(node)[:32]}' does not fit the zones; it was left out"
                 )
-            elif reverse(connection) not in found:
+            elif connection.reverse() not in found:
                 found[connection] = None
     return tuple(found), tuple(ignored)
 
@@ -109,7 +107,7 @@ def add_connections(zones: Sequence[h5py.Group], interfaces: Sequence[Interface]
     interfaces : sequence of Interface
         The interfaces; both sides may lie in one block.
     """
-    sides = [side for interface in interfaces for side in (interface, reverse(interface))]
+    sides = [side for interface in interfaces for side in (interface, interface.reverse())]
     for number, side in enumerate(sides, start=1):
         zone, donor = zones[side.a.block], zones[side.b.block]
         group = first_child(zone, "ZoneGridConnectivity_t")

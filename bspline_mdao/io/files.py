@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from ..errors import InputError
-from ..topology.multiblock import Grid, require_grid
+from ..topology.grid import Grid, require_grid
 from ..topology.topology import Topology
 from .cgns import read_cgns, write_cgns
 from .compression import read_raw

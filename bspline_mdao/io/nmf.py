@@ -15,8 +15,8 @@ import re
 import numpy as np
 
 from ..errors import InputError
+from ..topology.grid import Grid, Patch
 from ..topology.index_space import Window
-from ..topology.multiblock import Grid, Patch
 from .patch_guess import kind_of_name
 
 __all__ = ["is_nmf", "parse_nmf"]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..topology.multiblock import Block
+from ..topology.grid import Block
 
 __all__ = ["MAX_COORDINATE", "find_fault"]
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from ..cells.cell_faces import BoundaryFaces, CellFaces
 from ..errors import InputError
-from ..topology.multiblock import Grid
-from ..topology.topology import Topology, find_topology
+from ..topology.detection import find_topology
+from ..topology.grid import Grid
+from ..topology.topology import Topology
 from .atomic import replaced_folder
 
 __all__ = ["FOLDER", "PolyMesh", "write_polymesh"]

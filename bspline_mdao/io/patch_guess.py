@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import tomlkit
 
+from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
-from ..topology.multiblock import Grid, Patch
 from ..topology.periodic import find_periodic
 
 __all__ = ["draft_patches", "guess_patches", "kind_of_name"]

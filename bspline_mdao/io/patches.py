@@ -30,8 +30,8 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ..errors import InputError
+from ..topology.grid import PATCH_KINDS, Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
-from ..topology.multiblock import PATCH_KINDS, Grid, Patch
 from .nmf import is_nmf, parse_nmf
 
 __all__ = ["INTERFACE", "merge_patches", "read_patches"]

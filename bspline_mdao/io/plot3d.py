@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
-from ..topology.multiblock import Block, Grid
+from ..topology.grid import Block, Grid
 from .atomic import replaced_file
 from .compression import read_bytes
 from .fortran_records import join_records

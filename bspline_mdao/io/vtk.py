@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..errors import InputError
-from ..topology.multiblock import Block, Grid, require_grid
+from ..topology.grid import Block, Grid, require_grid
 from .atomic import replaced_file, replaced_folder
 
 __all__ = ["write_vtk"]

@@ -20,9 +20,8 @@ from ..checks import as_array, require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..splines.greville import greville_abscissae
-from ..topology.entities import BoundaryFace
 from ..topology.sharing import boundary_sections
-from ..topology.topology import Topology, describe
+from ..topology.topology import BoundaryFace, Topology, describe
 from .freedom import Freedom, plane_normal, sliding_planes
 from .mesh import MovingMesh
 

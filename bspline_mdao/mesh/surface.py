@@ -12,9 +12,9 @@ from ..checks import require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..numerics.planes import nearest_plane
-from ..topology.face_quads import quads_in_turn
-from ..topology.face_sheet import FaceSheet
-from ..topology.sharing import block_rows, node_sharing
+from ..topology.boundary_surface import BoundarySurface, quads_in_turn
+from ..topology.index_space import block_rows
+from ..topology.sharing import node_sharing
 from ..topology.topology import Topology, describe
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
@@ -76,7 +76,7 @@ class SurfaceGrid:
             raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
         nodes = model.regenerate().to_vector().reshape(-1, 3)
         blocks = block_rows(topology.shapes)
-        sheet = FaceSheet.of(topology, nodes, found)
+        sheet = BoundarySurface.of(topology, nodes, found)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
         patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, blocks, nodes)
         return cls(nodes[sheet.rows], sheet.rows, sheet.faces, names, patches, planes)

@@ -14,7 +14,7 @@ from ..evaluation.family import refine
 from ..evaluation.index_scaling import IndexScaling
 from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
-from ..topology.multiblock import Block, Grid, Patch
+from ..topology.grid import Block, Grid, Patch
 from ..topology.topology import Topology
 from ..walls.grid_map import GridMap
 from ..walls.riders import Riders

@@ -34,10 +34,9 @@ from ..io.plot3d_dialect import Plot3dDialect
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
-from ..topology.entities import BoundaryFace, Collapse, Interface, Link, NearMiss
-from ..topology.index_space import Orientation, Window
-from ..topology.multiblock import Patch
-from ..topology.topology import Topology
+from ..topology.grid import Patch
+from ..topology.index_space import Interface, Orientation, Window
+from ..topology.topology import BoundaryFace, Collapse, Link, NearMiss, Topology
 from .fitted_model import FitSettings, FittedModel, GridHeader
 from .report import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
 

@@ -7,7 +7,7 @@ from scipy import sparse
 
 from ..mesh.mesh import MovingMesh
 from ..sparse.spring_network import SpringNetwork
-from ..topology.sections import sections_of, whole_slices
+from ..topology.index_space import sections_of, whole_slices
 
 __all__ = ["free_corners"]
 

@@ -11,7 +11,7 @@ from numba import njit
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
 from ..numerics.vectors import add, add_to, dot, less, row, scaled
-from ..topology.face_quads import quads_in_turn
+from ..topology.boundary_surface import quads_in_turn
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from ..numerics.transfinite import boolean_sum
-from ..topology.sections import inner_slices, sections_of, whole_slices
+from ..topology.index_space import inner_slices, sections_of, whole_slices
 
 __all__ = ["arc_lengths", "transfinite_weights"]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..cells.first_cells import FirstCells
+from ..topology.grid import Grid
 from ..topology.index_space import Window
-from ..topology.multiblock import Grid
 from .figures import BLUE, GRAY, ORANGE, RED, figure, net_quads, require
 
 __all__ = ["draw_first_heights", "draw_wall_cells"]

@@ -2,6 +2,8 @@
 
 Two nodes coincide if they are closer than a small part of the local spacing, or than the round-off of the numbers in
 the file allows, but never so that the two ends of a cell edge of non-zero length become one.
+
+Theory: ``docs/theory/topology.rst``.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .index_space import Window
-from .multiblock import Grid
+from .grid import Grid
+from .index_space import Window, face_layers
 
 __all__ = ["PeriodicPair", "find_periodic"]
 
@@ -148,14 +148,8 @@ class _Side:
 
     @classmethod
     def of(cls, grid: Grid, window: Window) -> _Side:
-        nodes, flat = grid.blocks[window.block].nodes, window.shape.index(1)
-        part, at = list(window.slices), window.lo[flat]
-        layers = []
-        for level in (at, at + 1 if at == 0 else at - 1):
-            part[flat] = level
-            layers.append(nodes[tuple(part)])
-        face, second = layers
-        inwards = second - face
+        face, inner = face_layers(grid.blocks[window.block].nodes, window)
+        inwards = inner - face
         length = np.linalg.norm(inwards, axis=-1, keepdims=True)
         inwards = inwards / np.where(length > 0.0, length, 1.0)
         return cls(face.reshape(-1, 3), inwards.reshape(-1, 3), face[[0, 0, -1, -1], [0, -1, 0, -1]])

@@ -1,15 +1,25 @@
-"""Segments: blocks cut so that interfaces, patches and collapsed windows cover whole faces."""
+"""Segments: blocks cut so that interfaces, patches and collapsed windows cover whole faces, and the links between them.
+
+Segments are linked across cut planes and interfaces. Edges and corners are linked where they coincide, but coincidence
+alone does not make two points one: the two sides of a zero-thickness plate coincide, and stay apart except where a
+chain of interfaces around the plate joins them. So edges, and then corners, are linked only where no two of those that
+coincide lie on faces kept apart by declaration and are still apart once all interfaces count.
+
+Theory: ``docs/theory/topology.rst``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 
-from .entities import Collapse, Interface, Link, Section
-from .index_space import Orientation, Window, by_blocks
+from .faces import block_faces
+from .index_space import Interface, Orientation, Section, Window, block_rows, by_blocks, sections_of, whole_slices
+from .matching import Quads
+from .topology import Collapse, Link, shared_ids
 
 MAX_SEGMENTS = 64
 """Most segments of one block; interfaces and windows that would need more are not cut out."""
@@ -19,7 +29,7 @@ Cuts = list[tuple[set[int], set[int], set[int]]]
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Blocks cut into segments, and how the segments hang together by their faces.
+    """Blocks cut into segments, and how the segments are joined by their faces.
 
     Parameters
     ----------
@@ -31,7 +41,7 @@ class Segmentation:
         Between segments across cut planes and interfaces.
     collapses : tuple of Collapse
         Sections of segments of zero extent.
-    given_up : tuple of (Interface or Window)
+    uncut : tuple of (Interface or Window)
         What was not cut out because a block would have had more than `MAX_SEGMENTS`.
     """
 
@@ -39,7 +49,7 @@ class Segmentation:
     interfaces: tuple[Interface, ...]
     links: tuple[Link, ...]
     collapses: tuple[Collapse, ...]
-    given_up: tuple[Interface | Window, ...]
+    uncut: tuple[Interface | Window, ...]
 
 
 def segment_blocks(
@@ -56,37 +66,37 @@ def segment_blocks(
     collapsed : dict of Window to tuple of int
         Windows of zero extent and the directions in which they have none.
     """
-    cuts, given_up = find_cuts(shapes, interfaces, [*patches, *collapsed])
+    cuts, uncut = find_cuts(shapes, interfaces, [*patches, *collapsed])
     segments = cut_blocks(cuts)
-    kept = tuple(interface for interface in interfaces if interface not in given_up)
-    pinched = {window: directions for window, directions in collapsed.items() if window not in given_up}
+    kept = tuple(interface for interface in interfaces if interface not in uncut)
+    kept_windows = {window: directions for window, directions in collapsed.items() if window not in uncut}
     links = (*cut_links(segments), *interface_links(shapes, segments, kept))
-    return Segmentation(tuple(segments), kept, links, tuple(find_collapses(segments, pinched)), tuple(given_up))
+    return Segmentation(tuple(segments), kept, links, tuple(find_collapses(segments, kept_windows)), tuple(uncut))
 
 
 def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]):
-    """Find the indices at which to cut every block, carried through interfaces until nothing changes.
+    """Find the indices at which to cut every block, passed on through interfaces until nothing changes.
 
     Where a block would fall into more than `MAX_SEGMENTS`, the smallest of the interfaces and windows that do not cover
-    a whole face are given up, those at that block first, an eighth of them at a time.
+    a whole face are not cut out, those at that block first, an eighth of them at a time.
 
     Returns
     -------
     cuts : list of tuple of set of int
         For each block and direction, with both ends.
-    given_up : list of (Interface or Window)
+    uncut : list of (Interface or Window)
         What is not cut out.
     """
-    wanted, given_up = [*interfaces, *windows], []
+    wanted, uncut = [*interfaces, *windows], []
     while True:
-        cuts, crowded = _spread_cuts(shapes, wanted)
-        if crowded is None:
-            return cuts, given_up
+        cuts, full = _spread_cuts(shapes, wanted)
+        if full is None:
+            return cuts, uncut
         partial = [item for item in wanted if any(_cuts_block(shapes, window) for window in _windows(item))]
-        partial.sort(key=lambda item: _priority(item, crowded))
-        n_there = sum(window.block == crowded for item in partial for window in _windows(item)[:1])
+        partial.sort(key=lambda item: _priority(item, full))
+        n_there = sum(window.block == full for item in partial for window in _windows(item)[:1])
         worst = partial[: max(1, n_there // 8)]
-        given_up += worst
+        uncut += worst
         wanted = [item for item in wanted if not any(item is other for other in worst)]
 
 
@@ -126,7 +136,7 @@ def interface_links(shapes, segments: Sequence[Window], interfaces: Sequence[Int
         for window in by_block[interface.a.block]:
             if interface.a.contains(window):
                 a, a_section = faces[window]
-                b, b_section = faces[carry(interface, window)]
+                b, b_section = faces[interface.map_window(window)]
                 links.append(Link(a, a_section, b, b_section, interface.orientation))
     return links
 
@@ -158,33 +168,13 @@ def section_in(segment: Window, window: Window) -> Section | None:
     return tuple(section)
 
 
-def carry(interface: Interface, window: Window) -> Window:
-    """Carry a part of side a of an interface to the part of side b that it meets."""
-    lo, hi = [0, 0, 0], [0, 0, 0]
-    for d, (p, flip) in enumerate(zip(interface.orientation.perm, interface.orientation.flip)):
-        ends = sorted(_carried(interface, d, p, flip, index) for index in (window.lo[d], window.hi[d]))
-        lo[p], hi[p] = ends
-    return Window(interface.b.block, tuple(lo), tuple(hi))
-
-
-def reverse(interface: Interface) -> Interface:
-    """Exchange the sides of an interface."""
-    return Interface(interface.b, interface.a, interface.orientation.inverse())
-
-
-def _carried(interface: Interface, d: int, p: int, flip: bool, index: int) -> int:
-    """Index along direction p of block b that meets ``index`` along direction d of block a."""
-    if flip:
-        return interface.b.hi[p] - (index - interface.a.lo[d])
-    return interface.b.lo[p] + (index - interface.a.lo[d])
-
-
 def _end(d: int, end: int) -> Section:
     """Return the face section at one end of a direction."""
     return tuple(end if direction == d else None for direction in range(3))
 
 
 def _windows(item: Interface | Window) -> tuple[Window, ...]:
+    """Return both sides of an interface, or the window itself."""
     return (item.a, item.b) if isinstance(item, Interface) else (item,)
 
 
@@ -195,7 +185,7 @@ def _cuts_block(shapes, window: Window) -> bool:
 
 
 def _priority(item: Interface | Window, block: int):
-    """Order in which to give up what cannot be cut out: at the crowded block first, small before large."""
+    """Sort key of what is left uncut: what is at the block with too many segments first, small before large."""
     windows = _windows(item)
     return all(window.block != block for window in windows), np.prod(windows[0].shape), windows[0].block, windows[0].lo
 
@@ -206,34 +196,144 @@ def _spread_cuts(shapes, wanted: Sequence[Interface | Window]):
     for window in (window for item in wanted for window in _windows(item)):
         for d in range(3):
             cuts[window.block][d].update((window.lo[d], window.hi[d]))
-    sides = [side for item in wanted if isinstance(item, Interface) for side in (item, reverse(item))]
+    sides = [side for item in wanted if isinstance(item, Interface) for side in (item, item.reverse())]
     is_changed = True
     while is_changed:
-        crowded = _crowded(cuts)
-        if crowded is not None:
-            return cuts, crowded
-        changes = [_carry_cuts(cuts, side) for side in sides]
+        full = _first_full_block(cuts)
+        if full is not None:
+            return cuts, full
+        changes = [_map_cuts(cuts, side) for side in sides]
         is_changed = any(changes)
     return cuts, None
 
 
-def _carry_cuts(cuts: Cuts, interface: Interface) -> bool:
-    """Carry the cuts of side a over to side b; whether anything is new."""
+def _map_cuts(cuts: Cuts, interface: Interface) -> bool:
+    """Add the cuts of side a to those of side b in place, and return whether any is new."""
     is_changed = False
-    for d, (p, flip) in enumerate(zip(interface.orientation.perm, interface.orientation.flip)):
+    for d, p in enumerate(interface.orientation.perm):
         if interface.a.lo[d] == interface.a.hi[d]:
             continue
         there = cuts[interface.b.block][p]
         inside = [c for c in cuts[interface.a.block][d] if interface.a.lo[d] < c < interface.a.hi[d]]
-        carried = {_carried(interface, d, p, flip, c) for c in inside}
-        is_changed |= not carried <= there
-        there |= carried
+        there_too = {interface.map_index(d, c) for c in inside}
+        is_changed |= not there_too <= there
+        there |= there_too
     return is_changed
 
 
-def _crowded(cuts: Cuts) -> int | None:
-    """Find the first block cut into too many segments."""
+def _first_full_block(cuts: Cuts) -> int | None:
+    """Return the first block cut into more than `MAX_SEGMENTS`; None where there is none."""
     for block, directions in enumerate(cuts):
         if np.prod([max(len(cut) - 1, 1) for cut in directions]) > MAX_SEGMENTS:
             return block
     return None
+
+
+def junction_links(
+    shapes, segmentation: Segmentation, quads: Quads, separated: np.ndarray, ids: Sequence[np.ndarray]
+) -> list[Link]:
+    """Links between coincident edges, then between coincident corners, that no chain of links joins yet.
+
+    Parameters
+    ----------
+    shapes : sequence of (int, int, int)
+        Number of nodes of each block.
+    segmentation : Segmentation
+        Segments, and the links between their faces.
+    quads, separated
+        Quads of all faces, and the pairs of them that coincide but are kept apart by declaration.
+    ids : sequence of ndarray
+        Point of each face node of each block.
+    """
+    found: list[Link] = []
+    corners = _apart_corners(shapes, quads, separated)
+    for n_free in (1, 0):
+        shared = _shared_numbers(shapes, segmentation, found)
+        apart = _apart_pairs(np.concatenate([numbers.ravel() for numbers in shared])[corners])
+        for group in _coincident_junctions(segmentation.segments, ids, shared, n_free):
+            found += _group_links(group, apart)
+    return found
+
+
+@dataclass(frozen=True)
+class Junction:
+    """An edge or a corner of a segment.
+
+    Parameters
+    ----------
+    segment : int
+        Segment number.
+    section : tuple of (int or None)
+        The edge or corner.
+    points : ndarray of int, shape (n,)
+        Points on which its nodes lie.
+    shared : ndarray of int, shape (n,)
+        Numbers of its nodes, shared ones alike, by the links found so far.
+    is_reversed : bool
+        Whether an edge is listed from its high end, so that coincident edges list alike.
+    """
+
+    segment: int
+    section: Section
+    points: np.ndarray
+    shared: np.ndarray
+    is_reversed: bool
+
+
+def _shared_numbers(shapes, segmentation: Segmentation, found: Sequence[Link]) -> list[np.ndarray]:
+    """Give each node of each block a number by the links found so far, shared nodes alike."""
+    shared = [np.empty(shape, dtype=np.int32) for shape in shapes]
+    segments = segmentation.segments
+    ids = shared_ids([segment.shape for segment in segments], [*segmentation.links, *found], segmentation.collapses)
+    for segment, numbers in zip(segments, ids):
+        shared[segment.block][segment.slices] = numbers
+    return shared
+
+
+def _apart_corners(shapes, quads: Quads, separated: np.ndarray) -> np.ndarray:
+    """Rows of the nodes that coincide at the corners of quads kept apart, shape (n, 2)."""
+    rows = Quads.of(block_faces(block_rows(shapes)))
+    order = np.argsort(quads.corners[separated], axis=2, kind="stable")
+    return np.take_along_axis(rows.corners[separated], order, axis=2).transpose(0, 2, 1).reshape(-1, 2)
+
+
+def _apart_pairs(shared: np.ndarray) -> set[tuple[int, int]]:
+    """Pairs of numbers, the lower first, that must not become one."""
+    pairs = np.unique(np.sort(shared[shared[:, 0] != shared[:, 1]], axis=1), axis=0)
+    return set(map(tuple, pairs.tolist()))
+
+
+def _coincident_junctions(segments, ids, shared, n_free: int) -> list[list[Junction]]:
+    """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
+    groups: dict[bytes, dict[bytes, Junction]] = {}
+    for number, segment in enumerate(segments):
+        for section in sections_of(segment.shape, n_free):
+            junction = _junction(segment, number, section, ids, shared)
+            if junction.points.min() >= 0 and (n_free == 0 or np.ptp(junction.points) > 0):
+                groups.setdefault(junction.points.tobytes(), {}).setdefault(junction.shared.tobytes(), junction)
+    return [list(group.values()) for group in groups.values() if len(group) > 1]
+
+
+def _junction(segment: Window, number: int, section: Section, ids, shared) -> Junction:
+    points, numbers = (array[segment.block][segment.slices][whole_slices(section)].ravel() for array in (ids, shared))
+    is_reversed = points.tolist() > points[::-1].tolist()
+    step = -1 if is_reversed else 1
+    return Junction(number, section, points[::step], numbers[::step], is_reversed)
+
+
+def _group_links(group: Sequence[Junction], apart: set[tuple[int, int]]) -> list[Link]:
+    """Links from the first of coincident junctions to the others, none where two are kept apart."""
+    for a, b in combinations(group, 2):
+        if not apart.isdisjoint(zip(np.minimum(a.shared, b.shared).tolist(), np.maximum(a.shared, b.shared).tolist())):
+            return []
+    return [_junction_link(group[0], other) for other in group[1:]]
+
+
+def _junction_link(a: Junction, b: Junction) -> Link:
+    """Make the link of two coincident junctions: the free direction along the free one, the others in order."""
+    a_order, b_order = (sorted(range(3), key=lambda d: j.section[d] is not None) for j in (a, b))
+    perm, flip = [0, 0, 0], [False] * 3
+    for d, p in zip(a_order, b_order):
+        perm[d] = p
+    flip[a_order[0]] = a.is_reversed != b.is_reversed
+    return Link(a.segment, a.section, b.segment, b.section, Orientation(tuple(perm), tuple(flip)))

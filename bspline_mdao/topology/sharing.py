@@ -1,29 +1,23 @@
-"""Numbers for the points of linked index spaces: each shared point once.
-
-The links of a topology join whole faces, edges and corners of segments, so the same links number the nodes of a grid
-and the control points of a control mesh, whatever the shapes, as long as linked sections agree.
-"""
+"""Nodes and directions that segments share, and the nodes that points of another program are."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ..errors import InputError
-from .entities import BoundaryFace, Collapse, Link, Section
-
-if TYPE_CHECKING:
-    from .topology import Topology
+from ..numerics.threads import thread_count
+from .grid import Grid
+from .index_space import block_rows
+from .topology import BoundaryFace, Topology, first_joined
 
 
 @dataclass(frozen=True)
 class NodeSharing:
-    """Which segment evaluates which node of the grid, and where the others get it from.
+    """Rows of the nodes of segments, which segment evaluates each node, and where the other rows get it from.
 
     Parameters
     ----------
@@ -46,46 +40,8 @@ class NodeSharing:
         return source
 
 
-def shared_ids(
-    shapes: Sequence[tuple[int, int, int]],
-    links: Sequence[Link],
-    collapses: Sequence[Collapse] = (),
-    names: Sequence[str] | None = None,
-) -> list[np.ndarray]:
-    """Give the points of index spaces numbers, linked points the same.
-
-    Parameters
-    ----------
-    shapes : sequence of (n0, n1, n2)
-        Shape of the index space of every segment.
-    links : sequence of Link
-        Sections that are the same.
-    collapses : sequence of Collapse, optional
-        Sections without extent in one direction.
-    names : sequence of str, optional
-        Names of the segments for messages; "block 1", ... by default.
-
-    Returns
-    -------
-    list of ndarray of int32, each of the given shape
-        Numbers 0, 1, 2, ... by first occurrence (segments in order, each in C order).
-
-    Raises
-    ------
-    InputError
-        If two linked sections disagree in their number of points.
-    """
-    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
-    pairs = [_link_pairs(shapes, starts, link, names) for link in links]
-    pairs += [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
-    first = _first_of_each(int(starts[-1]), pairs)
-    is_first = first == np.arange(len(first))
-    ids = (np.cumsum(is_first) - 1).astype(np.int32)[first]
-    return [ids[start:end].reshape(shape) for start, end, shape in zip(starts, starts[1:], shapes)]
-
-
 def node_sharing(topology: Topology) -> NodeSharing:
-    """Share the nodes of a grid out among its segments, each unique node to the first that holds it."""
+    """Assign each unique node of a grid to the first segment that holds it."""
     whole = block_rows(topology.shapes)
     rows = [whole[segment.block][segment.slices] for segment in topology.segments]
     ids = topology.node_ids()
@@ -102,7 +58,7 @@ def node_sharing(topology: Topology) -> NodeSharing:
 
 
 def direction_classes(topology: Topology) -> np.ndarray:
-    """Classes of segment directions that must have equal counts and orders.
+    """Group segment directions that must have equal counts and orders.
 
     Returns
     -------
@@ -117,12 +73,12 @@ def direction_classes(topology: Topology) -> np.ndarray:
         for d in range(3)
         if link.a_section[d] is None
     ]
-    first = _first_of_each(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
+    first = first_joined(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3)
 
 
 def directed_classes(topology: Topology) -> np.ndarray:
-    """Classes of segment directions that run alike.
+    """Group segment directions that run alike.
 
     Returns
     -------
@@ -138,19 +94,12 @@ def directed_classes(topology: Topology) -> np.ndarray:
         for way in (0, 1)
         if link.a_section[d] is None
     ]
-    first = _first_of_each(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
+    first = first_joined(ids.size, [np.reshape(pairs, (-1, 2)).T.astype(np.int64)])
     return np.unique(first, return_inverse=True)[1].reshape(-1, 3, 2)
 
 
-def block_rows(shapes: Sequence[tuple[int, int, int]]) -> list[np.ndarray]:
-    """Give the nodes of all blocks their rows, blocks in order, each in C order: arrays of the blocks' shapes."""
-    sizes = [int(np.prod(shape)) for shape in shapes]
-    starts = np.cumsum([0, *sizes])
-    return [np.arange(start, start + n).reshape(shape) for start, n, shape in zip(starts, sizes, shapes)]
-
-
 def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Boundary faces, each with every face of a segment that is on it.
+    """Yield boundary faces, each with every face of a segment that is on it.
 
     Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
 
@@ -174,53 +123,70 @@ def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Itera
                     yield face, np.take(points[number], -(side % 2), axis=side // 2)
 
 
-def section_rows(shape: tuple[int, int, int], section: Section, start: int = 0) -> np.ndarray:
-    """Give the points of a section their rows in the C order of the whole index space, from ``start``."""
-    strides = (shape[1] * shape[2], shape[2], 1)
-    axes = [np.arange(n) if end is None else np.array([end % n]) for n, end in zip(shape, section)]
-    i, j, k = np.ix_(*axes)
-    return start + i * strides[0] + j * strides[1] + k * strides[2]
+def rows_of_points(grid: Grid, topology: Topology, points: np.ndarray, what: str = "volume") -> np.ndarray:
+    """Find the rows in the grid vector of points that another program holds.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    topology : Topology
+        Its topology: nodes that blocks share are one.
+    points : ndarray, shape (m, 3) or (3 m,)
+        Points (m), each a node of the grid, in any order and as often as the program likes.
+    what : str
+        What the points are, for messages.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        Row of every point.
+
+    Raises
+    ------
+    InputError
+        As `numbers_of_points`.
+    """
+    rows = np.delete(np.arange(topology.n_nodes), node_sharing(topology).copies[:, 0])
+    return rows[numbers_of_points(grid.to_vector().reshape(-1, 3)[rows], points, what)]
 
 
-def _link_pairs(shapes, starts, link: Link, names) -> np.ndarray:
-    """Points joined by a link, shape (2, n)."""
-    a = section_rows(shapes[link.a], link.a_section, starts[link.a])
-    b = link.orientation.apply(section_rows(shapes[link.b], link.b_section, starts[link.b]))
-    if a.shape != b.shape:
-        raise _disagreement(link, a.shape, b.shape, names or [f"block {s + 1}" for s in range(len(shapes))])
-    return np.stack([a.ravel(), b.ravel()])
+_NEARER = 0.1
+"""A point is a node if it is nearer to it than this part of its distance to the next one."""
 
 
-def _disagreement(link: Link, a_shape, b_shape, names) -> InputError:
-    """Name the first direction in which two linked sections differ."""
-    d = next(d for d in range(3) if a_shape[d] != b_shape[d])
-    a, b = names[link.a], names[link.b]
-    there = "ijk"[link.orientation.perm[d]]
-    return InputError(
-        f"{a} has {a_shape[d]} points in direction {'ijk'[d]} and {b} has {b_shape[d]} in direction {there}, "
-        f"but they share an interface along these directions; give both the same number"
-    )
+def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.ndarray:
+    """Find every point among nodes that are there once each.
 
+    The precision of the points does not matter as long as they can be told apart.
 
-def _collapse_pairs(shapes, starts, collapse: Collapse) -> np.ndarray:
-    """Points joined by a collapse, shape (2, n): each with the first of its line."""
-    rows = section_rows(shapes[collapse.segment], collapse.section, starts[collapse.segment])
-    first = np.broadcast_to(rows.take([0], axis=collapse.direction), rows.shape)
-    return np.stack([first.ravel(), rows.ravel()])
+    Parameters
+    ----------
+    nodes : ndarray, shape (n, 3)
+        Nodes (m), such as those of a `bspline_mdao.SurfaceGrid`.
+    points : ndarray, shape (m, 3) or (3 m,)
+        Points (m), such as a solver's surface.
+    what : str
+        What the points are, for messages.
 
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        The node of every point.
 
-def _first_of_each(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
-    """First point that each of n points is joined to, through any chain of pairs."""
-    first = np.arange(n)
-    if not pairs:
-        return first
-    a, b = np.concatenate(pairs, axis=1)
-    is_joined = np.zeros(n, dtype=bool)
-    is_joined[a] = is_joined[b] = True
-    joined = np.flatnonzero(is_joined)
-    place = np.cumsum(is_joined) - 1
-    graph = coo_array((np.ones(len(a), dtype=bool), (place[a], place[b])), shape=(len(joined), len(joined)))
-    _, labels = connected_components(graph.tocsr(), directed=False)
-    _, leaders = np.unique(labels, return_index=True)
-    first[joined] = joined[leaders[labels]]
-    return first
+    Raises
+    ------
+    InputError
+        If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
+    """
+    points = np.reshape(points, (-1, 3))
+    distance, number = cKDTree(nodes).query(points, k=2, workers=thread_count(None))
+    is_found = distance[:, 0] < _NEARER * distance[:, 1]
+    if not is_found.all():
+        point = int(np.argmin(is_found))
+        near, far = distance[point]
+        raise InputError(
+            f"{what}: point {point + 1} is {near:.2g} m from one node and {far:.2g} m from another; give nodes of the "
+            f"same grid, or, where two lie at one place, their numbers yourself"
+        )
+    return number[:, 0]

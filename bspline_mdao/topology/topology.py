@@ -1,9 +1,9 @@
-"""The topology of a multi-block grid, found from coincident nodes.
+"""How the blocks of a grid are joined, and numbers for points in which shared ones have one number.
 
-Interfaces are windows of faces that lie on the same points in any orientation; what is declared as a patch of a known
-kind is never part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and
-the *links* between segments say which faces, edges and corners are one. A topology is found once and holds for every
-later shape.
+The links of a topology join whole faces, edges and corners of segments, so the same links number the nodes of a grid
+and the control points of a control mesh, whatever the shapes, as long as linked sections agree.
+
+Theory: ``docs/theory/topology.rst``.
 """
 
 from __future__ import annotations
@@ -13,33 +13,95 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
-from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
-from .completion import Meeting
-from .entities import BoundaryFace, Collapse, Interface, Link, NearMiss
-from .faces import Face, block_faces, collapsed_windows
-from .index_space import Window, by_blocks
-from .junctions import junction_links
-from .matching import Quads, find_interfaces, find_regions, match_quads
-from .multiblock import Grid, Patch, require_grid
-from .overlap import overlapping
-from .rectangles import Rectangle, decompose
-from .segments import segment_blocks
-from .sharing import shared_ids
+from .index_space import Interface, Orientation, Section, Window, section_rows
 
-__all__ = ["BoundaryFace", "Collapse", "Interface", "Link", "NearMiss", "Topology", "describe", "find_topology"]
 
-SMALLEST_SIZE = 1e-100
-"""Size of a block (m) whose square is still far above zero in 8-byte reals."""
+@dataclass(frozen=True)
+class BoundaryFace:
+    """A face window that no block continues.
 
-MAX_WARNINGS = 20
-"""Warnings kept word for word; the rest is counted."""
+    Parameters
+    ----------
+    window : Window
+        The face window of a grid block.
+    patch, kind : str or None
+        Name and kind of the declared patch that it belongs to; None where nothing is declared.
+    """
+
+    window: Window
+    patch: str | None = None
+    kind: str | None = None
+
+
+@dataclass(frozen=True)
+class NearMiss:
+    """Two face windows that nearly coincide and are therefore probably meant to, whether they are joined or not.
+
+    Parameters
+    ----------
+    window : Window
+        The face window.
+    other : Window or None
+        The one it nearly meets.
+    gap : float
+        Distance of two nodes that nearly coincide, in metres, where it is largest relative to the local spacing.
+    spacing : float
+        Local spacing there, in metres.
+    """
+
+    window: Window
+    other: Window | None
+    gap: float
+    spacing: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """Two sections of segments that are one and the same.
+
+    Parameters
+    ----------
+    a, b : int
+        Segment numbers.
+    a_section, b_section : tuple of (int or None)
+        Sections (see `Section`), for example ``(0, None, None)``; faces, edges or corners.
+    orientation : Orientation
+        Maps the directions of segment a to those of segment b.
+    """
+
+    a: int
+    a_section: Section
+    b: int
+    b_section: Section
+    orientation: Orientation
+
+
+@dataclass(frozen=True)
+class Collapse:
+    """A section of a segment in which all points along one direction are one.
+
+    Parameters
+    ----------
+    segment : int
+        Segment number.
+    section : tuple of (int or None)
+        The face or edge (see `Section`).
+    direction : int
+        The direction of zero extent.
+    """
+
+    segment: int
+    section: Section
+    direction: int
 
 
 @dataclass(frozen=True)
 class Topology:
-    """How the blocks of a grid hang together.
+    """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them.
 
     Parameters
     ----------
@@ -94,302 +156,6 @@ class Topology:
         return shared_ids([segment.shape for segment in self.segments], self.links, self.collapses, self.segment_names)
 
 
-def find_topology(grid: Grid) -> Topology:
-    """Find the topology of a grid.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid; its patches count as declared.
-
-    Raises
-    ------
-    InputError
-        If a node is not finite, a block has no extent, or a patch does not lie on a face of a block of the grid.
-    """
-    _check(grid)
-    blocks = [block.nodes for block in grid.blocks]
-    coincidence = find_coincidence(blocks)
-    faces = block_faces(coincidence.ids)
-    quads = Quads.of(faces)
-    declared = [window for patch in grid.patches for window in patch.windows]
-    patch_ids = _patch_ids(faces, grid.patches)
-    is_apart = np.array([*(patch.kind != "other" for patch in grid.patches), False])[patch_ids]
-    is_closed = quads.is_degenerate | is_apart
-    matches = match_quads(quads, is_apart)
-    meeting = Meeting(faces, quads, ~is_closed, blocks, coincidence)
-    regions, doubtful = meeting.complete(find_regions(quads, matches.pairs))
-    collapsed = collapsed_windows(faces)
-    pinched = {window: directions for window, directions in collapsed.items() if not _is_strip(window, directions)}
-    segmentation = segment_blocks(grid.shapes, find_interfaces(faces, quads, regions), declared, pinched)
-    is_joined = _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
-    is_closed |= is_joined
-    junctions = junction_links(grid.shapes, segmentation, quads, matches.kept_apart, coincidence.ids)
-    given_up = [side for item in segmentation.given_up if isinstance(item, Interface) for side in (item.a, item.b)]
-    is_told = is_closed | _covered(faces, given_up)
-    near_misses = _near_misses(grid, coincidence, is_told, find_interfaces(faces, quads, doubtful))
-    joined_gaps = _joined_gaps(grid, coincidence, segmentation.interfaces)
-    return Topology(
-        source=grid.source,
-        shapes=grid.shapes,
-        interfaces=segmentation.interfaces,
-        boundary=_boundary(grid.patches, faces, is_joined, is_closed, patch_ids >= 0),
-        collapsed=tuple(collapsed),
-        near_misses=near_misses,
-        segments=segmentation.segments,
-        links=(*segmentation.links, *junctions),
-        collapses=segmentation.collapses,
-        warnings=_shortened(
-            [
-                *_gap_warnings(near_misses, joined_gaps),
-                *_warnings(grid, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
-            ]
-        ),
-        joined_gaps=joined_gaps,
-    )
-
-
-def _check(grid: Grid) -> None:
-    """Refuse what is no grid, blocks that are a point, nodes that are not finite and patches that lie elsewhere."""
-    require_grid(grid)
-    for number, block in enumerate(grid.blocks, start=1):
-        if max(block.shape) == 1:
-            raise InputError(f"{grid.source}: block {number} is a single node; leave it out")
-        if not np.isfinite(block.nodes).all():
-            i, j, k = np.argwhere(~np.isfinite(block.nodes).all(axis=-1))[0] + 1
-            raise InputError(
-                f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k}); repair the file"
-            )
-        if np.ptp(block.nodes.reshape(-1, 3), axis=0).max() < SMALLEST_SIZE:
-            raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
-    for patch in grid.patches:
-        for window in patch.windows:
-            _check_patch(grid, patch.name, window)
-
-
-def _check_patch(grid: Grid, name: str, window: Window) -> None:
-    """Refuse a patch window of a block that does not exist or that is not on a face of its block."""
-    if not 0 <= window.block < len(grid.blocks):
-        raise InputError(
-            f"{grid.source}: patch {name} is on block {window.block + 1}, but the grid has {len(grid.blocks)}; "
-            f"correct the patch"
-        )
-    if not _is_on_face(window, grid.shapes[window.block]):
-        raise InputError(
-            f"{grid.source}: patch {name}: {describe(window)} is not on a face of the block; correct its ranges"
-        )
-
-
-def _is_on_face(window: Window, shape) -> bool:
-    is_inside = all(0 <= lo <= hi < n for lo, hi, n in zip(window.lo, window.hi, shape))
-    return is_inside and any(lo == hi and lo in (0, n - 1) for lo, hi, n in zip(window.lo, window.hi, shape))
-
-
-def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
-    """Mask of the quads of all faces that lie in one of the windows."""
-    masks = [np.zeros(face.n_quads, dtype=bool) for face in faces]
-    by_block = by_blocks(windows)
-    for face, mask in zip(faces, masks):
-        for window in by_block.get(face.window.block, ()):
-            mask |= face.covered(window)
-    return np.concatenate([mask.ravel() for mask in masks])
-
-
-def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
-    """Number of the patch that each quad of all faces belongs to, a known kind before another one; -1 for none."""
-    ids = [np.full(face.n_quads, -1) for face in faces]
-    for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other"):
-        by_block = by_blocks(patches[number].windows)
-        for face, face_ids in zip(faces, ids):
-            for window in by_block.get(face.window.block, ()):
-                face_ids[face.covered(window)] = number
-    return np.concatenate([face_ids.ravel() for face_ids in ids])
-
-
-def _boundary(
-    patches: Sequence[Patch], faces: Sequence[Face], is_joined: np.ndarray, is_closed: np.ndarray, is_declared
-) -> tuple[BoundaryFace, ...]:
-    """List declared face windows where no interface covers them, and rectangles of what is left over.
-
-    All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
-    and of any patch.
-    """
-    joined, closed, taken = (_by_face(mask, faces) for mask in (is_joined, is_closed, is_closed | is_declared))
-    found = []
-    for patch in patches:
-        for window in patch.windows:
-            there = [number for number, face in enumerate(faces) if face.window.block == window.block]
-            covered = {number: faces[number].covered(window) for number in there}
-            parts = [window]
-            if any((covered[number] & joined[number]).any() for number in there):
-                parts = [part for n in there for part in _parts(faces[n], covered[n] & ~closed[n])]
-            found += [BoundaryFace(part, patch.name, patch.kind) for part in parts]
-    return (*found, *(BoundaryFace(part) for face, mask in zip(faces, taken) for part in _parts(face, ~mask)))
-
-
-def _by_face(mask: np.ndarray, faces: Sequence[Face]) -> list[np.ndarray]:
-    """Split a mask over the quads of all faces into one of shape `Face.n_quads` for each face."""
-    ends = np.cumsum([math.prod(face.n_quads) for face in faces])
-    return [part.reshape(face.n_quads) for face, part in zip(faces, np.split(mask, ends[:-1]))]
-
-
-def _parts(face: Face, mask: np.ndarray) -> list[Window]:
-    """Cut the quads of a face that a mask marks into windows."""
-    return [face.part(rectangle) for rectangle in decompose(mask)]
-
-
-def _near_misses(
-    grid: Grid, coincidence: Coincidence, is_taken: np.ndarray, doubtful: Sequence[Interface]
-) -> tuple[NearMiss, ...]:
-    """Interfaces that there would be with a tolerance of near misses, after those that are doubtful."""
-    faces = block_faces(coincidence.near_ids)
-    quads = Quads.of(faces)
-    quads.is_degenerate[is_taken | _covered(faces, [side for pair in doubtful for side in (pair.a, pair.b)])] = True
-    pairs = match_quads(quads, np.zeros_like(is_taken)).pairs
-    found = find_interfaces(faces, quads, find_regions(quads, pairs))
-    return tuple(_near_miss(grid, coincidence, interface) for interface in (*doubtful, *found))
-
-
-def _near_miss(grid: Grid, coincidence: Coincidence, interface: Interface) -> NearMiss:
-    gaps, spacing = _gaps(grid, coincidence, interface)
-    worst = np.unravel_index(np.argmax(gaps / spacing), gaps.shape)
-    return NearMiss(interface.a, interface.b, float(gaps[worst]), float(spacing[worst]))
-
-
-def _joined_gaps(grid: Grid, coincidence: Coincidence, interfaces: Sequence[Interface]) -> tuple[NearMiss, ...]:
-    """Pick the interfaces some of whose nodes are farther apart than round-off and the tolerance of single nodes."""
-    found = []
-    for interface in interfaces:
-        gaps, spacing = _gaps(grid, coincidence, interface)
-        rounding = coincidence.rounding(grid.blocks[interface.a.block].nodes[interface.a.slices])
-        if (gaps > np.maximum(math.sqrt(3.0) * rounding, SPACING_TOLERANCE * spacing)).any():
-            found.append(_near_miss(grid, coincidence, interface))
-    return tuple(found)
-
-
-def _gaps(grid: Grid, coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of the nodes of both sides of an interface, and the spacing at those of the first (m)."""
-    a, b = interface.a, interface.b
-    there = interface.orientation.apply(grid.blocks[b.block].nodes[b.slices])
-    gaps = np.linalg.norm(grid.blocks[a.block].nodes[a.slices] - there, axis=-1)
-    return gaps, coincidence.spacing[a.block][a.slices]
-
-
-def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss]) -> list[str]:
-    """Say that faces nearly meet, and whether they are joined."""
-    lines = []
-    if near_misses:
-        lines.append(
-            f"not joined, though they nearly meet, so that blocks come apart there: "
-            f"{_describe_gap(near_misses, 'pairs of faces')}; if they belong together, make their nodes coincide"
-        )
-    if joined:
-        lines.append(
-            f"joined, though not all of their nodes coincide: {_describe_gap(joined, 'interfaces')}; a fit gives both "
-            f"sides the nodes of the first"
-        )
-    return lines
-
-
-def _describe_gap(misses: Sequence[NearMiss], what: str) -> str:
-    worst = max(misses, key=lambda miss: miss.gap / miss.spacing)
-    return (
-        f"{f'{len(misses)} {what}, the worst ' if len(misses) > 1 else ''}{describe(worst.window)} and "
-        f"{describe(worst.other)}, by {worst.gap:.3g} m where cells are {worst.spacing:.3g} m"
-    )
-
-
-def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
-    """Whether a collapsed window is one cell wide: its nodes get equal parameters without being cut out."""
-    return any(window.shape[d] == 2 for d in directions)
-
-
-def _warnings(
-    grid: Grid,
-    coincidence: Coincidence,
-    faces: Sequence[Face],
-    quads: Quads,
-    matches,
-    segmentation,
-    patch_ids,
-    is_closed,
-) -> list[str]:
-    """Say what the topology leaves out and what looks wrong, one line each."""
-    crowded = [faces[number].window for number in np.unique(quads.face[matches.crowded])]
-    lines = [*getattr(grid.dialect, "ignored", ())]
-    lines += [f"{describe(window)} coincides with two or more others: taken as boundary" for window in crowded]
-    lines += _contacts(grid.patches, faces, quads, matches.kept_apart, patch_ids)
-    lines += _disagreements(grid, coincidence, faces, quads, matches.pairs, patch_ids, is_closed)
-    lines += [
-        f"{describe(item.a)} and {describe(item.b)} coincide with the cells of both on the same side: is a block given "
-        f"twice, or folded?"
-        for item in overlapping(grid, segmentation.interfaces)
-    ]
-    for item in segmentation.given_up:
-        windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
-        lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments")
-    return lines
-
-
-def _shortened(lines: list[str]) -> tuple[str, ...]:
-    if len(lines) > MAX_WARNINGS:
-        lines[MAX_WARNINGS:] = [f"and {len(lines) - MAX_WARNINGS} more like these"]
-    return tuple(lines)
-
-
-def _contacts(patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids) -> list[str]:
-    """Say where patches of a known kind lie on another face; two walls are the sides of a plate, as they should be."""
-    kinds = np.array([*(patch.kind for patch in patches), ""])
-    is_plate = (kinds[patch_ids[pairs]] == "wall").all(axis=1)
-    lines = []
-    for (one, other), (a, b) in _met_windows(faces, quads, pairs[~is_plate], patch_ids):
-        if one < 0 or patches[one].kind == "other":
-            one, a, b = other, b, a
-        patch = patches[one]
-        lines.append(
-            f"patch '{patch.name}' of kind {patch.kind} on {describe(a)} coincides with {describe(b)}: kept apart; if "
-            f"the grid goes on there, take the face out of the patch"
-        )
-    return lines
-
-
-def _disagreements(
-    grid: Grid, coincidence: Coincidence, faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids, is_closed
-) -> list[str]:
-    """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
-    lines = []
-    for item in grid.connections:
-        gaps, spacing = _gaps(grid, coincidence, item)
-        is_apart = (gaps > SPACING_TOLERANCE * spacing).any()
-        if is_apart and not is_closed[_covered(faces, [item.a])].all():
-            lines.append(
-                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gaps.max():.3g} m "
-                f"apart: taken as boundary; mend the nodes, unless it is periodic"
-            )
-    if grid.connections:
-        is_told = _covered(faces, [side for item in grid.connections for side in (item.a, item.b)])
-        untold = pairs[is_closed[pairs[:, 0]] & ~is_told[pairs].any(axis=1) & (patch_ids[pairs] >= 0).any(axis=1)]
-        for (one, other), (a, b) in _met_windows(faces, quads, untold, patch_ids):
-            name = grid.patches[max(one, other)].name
-            lines.append(
-                f"{describe(a)} and {describe(b)} coincide, but the file does not connect them: taken as an interface; "
-                f"if they are the two sides of a plate, make patch '{name}' a wall"
-            )
-    return lines
-
-
-def _met_windows(faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray):
-    """Gather pairs of quads by their patches and faces: numbers of both patches, and windows around both sides."""
-    labels = np.concatenate([patch_ids[pairs], quads.face[pairs]], axis=1)
-    for label in np.unique(labels, axis=0):
-        sides = pairs[(labels == label).all(axis=1)].T
-        corners = [
-            Rectangle((quads.p[side].min(), quads.q[side].min()), (quads.p[side].max(), quads.q[side].max()))
-            for side in sides
-        ]
-        yield tuple(label[:2]), tuple(faces[number].part(corner) for number, corner in zip(label[2:], corners))
-
-
 def describe(window: Window) -> str:
     """Name a window for a message: block and index ranges, from 1."""
     ranges = (f"{lo + 1}" if lo == hi else f"{lo + 1}-{hi + 1}" for lo, hi in zip(window.lo, window.hi))
@@ -400,3 +166,85 @@ def _segment_name(segment: Window, shape) -> str:
     if segment == Window.whole(segment.block, shape):
         return f"block {segment.block + 1}"
     return describe(segment)
+
+
+def shared_ids(
+    shapes: Sequence[tuple[int, int, int]],
+    links: Sequence[Link],
+    collapses: Sequence[Collapse] = (),
+    names: Sequence[str] | None = None,
+) -> list[np.ndarray]:
+    """Give the points of index spaces numbers, linked points the same.
+
+    Parameters
+    ----------
+    shapes : sequence of (n0, n1, n2)
+        Shape of the index space of every segment.
+    links : sequence of Link
+        Sections that are the same.
+    collapses : sequence of Collapse, optional
+        Sections without extent in one direction.
+    names : sequence of str, optional
+        Names of the segments for messages; "block 1", ... by default.
+
+    Returns
+    -------
+    list of ndarray of int32, each of the given shape
+        Numbers 0, 1, 2, ... by first occurrence (segments in order, each in C order).
+
+    Raises
+    ------
+    InputError
+        If two linked sections disagree in their number of points.
+    """
+    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
+    pairs = [_link_pairs(shapes, starts, link, names) for link in links]
+    pairs += [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
+    first = first_joined(int(starts[-1]), pairs)
+    is_first = first == np.arange(len(first))
+    ids = (np.cumsum(is_first) - 1).astype(np.int32)[first]
+    return [ids[start:end].reshape(shape) for start, end, shape in zip(starts, starts[1:], shapes)]
+
+
+def _link_pairs(shapes, starts, link: Link, names) -> np.ndarray:
+    """Points joined by a link, shape (2, n)."""
+    a = section_rows(shapes[link.a], link.a_section, starts[link.a])
+    b = link.orientation.apply(section_rows(shapes[link.b], link.b_section, starts[link.b]))
+    if a.shape != b.shape:
+        raise _disagreement(link, a.shape, b.shape, names or [f"block {s + 1}" for s in range(len(shapes))])
+    return np.stack([a.ravel(), b.ravel()])
+
+
+def _disagreement(link: Link, a_shape, b_shape, names) -> InputError:
+    """Name the first direction in which two linked sections differ."""
+    d = next(d for d in range(3) if a_shape[d] != b_shape[d])
+    a, b = names[link.a], names[link.b]
+    there = "ijk"[link.orientation.perm[d]]
+    return InputError(
+        f"{a} has {a_shape[d]} points in direction {'ijk'[d]} and {b} has {b_shape[d]} in direction {there}, "
+        f"but they share an interface along these directions; give both the same number"
+    )
+
+
+def _collapse_pairs(shapes, starts, collapse: Collapse) -> np.ndarray:
+    """Points joined by a collapse, shape (2, n): each with the first of its line."""
+    rows = section_rows(shapes[collapse.segment], collapse.section, starts[collapse.segment])
+    first = np.broadcast_to(rows.take([0], axis=collapse.direction), rows.shape)
+    return np.stack([first.ravel(), rows.ravel()])
+
+
+def first_joined(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the first point that each of n points is joined to through any chain of pairs, each of shape (2, m)."""
+    first = np.arange(n)
+    if not pairs:
+        return first
+    a, b = np.concatenate(pairs, axis=1)
+    is_joined = np.zeros(n, dtype=bool)
+    is_joined[a] = is_joined[b] = True
+    joined = np.flatnonzero(is_joined)
+    place = np.cumsum(is_joined) - 1
+    graph = coo_array((np.ones(len(a), dtype=bool), (place[a], place[b])), shape=(len(joined), len(joined)))
+    _, labels = connected_components(graph.tocsr(), directed=False)
+    _, firsts = np.unique(labels, return_index=True)
+    first[joined] = joined[firsts[labels]]
+    return first

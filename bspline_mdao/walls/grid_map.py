@@ -19,9 +19,9 @@ import numpy as np
 from ..evaluation.evaluator import Evaluator
 from ..numerics.planes import is_line, nearest_plane
 from ..splines.mesh import BSplineMesh
-from ..topology.face_sheet import FaceSheet
-from ..topology.index_space import Window
-from ..topology.sharing import block_rows, node_sharing
+from ..topology.boundary_surface import BoundarySurface
+from ..topology.index_space import Window, block_rows
+from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
 from .layer import Layered, Wall, WallLayer
 from .miss_spread import MissSpread
@@ -110,7 +110,7 @@ class GridMap:
             vectors = turning.vectors(residual)
         walls = [face for face in topology.boundary if face.kind == "wall"]
         if walls:
-            sheet = FaceSheet.of(topology, nodes, walls)
+            sheet = BoundarySurface.of(topology, nodes, walls)
             layer, rim_rows, rims = _wall_layer(topology, nodes, sheet, evaluator.n_threads)
             rows = sheet.rows
         return cls(evaluator, nodes, turning, vectors, layer, rows, rim_rows, rims)
@@ -317,7 +317,7 @@ class _Rim:
 
 
 def _wall_layer(
-    topology: Topology, nodes: np.ndarray, sheet: FaceSheet, n_threads: int | None
+    topology: Topology, nodes: np.ndarray, sheet: BoundarySurface, n_threads: int | None
 ) -> tuple[WallLayer, np.ndarray, tuple[_Rim, ...]]:
     """Nodes that follow the walls of a grid: those in planar faces stay in them, those on other faces stay behind."""
     sharing, blocks = node_sharing(topology), block_rows(topology.shapes)

@@ -22,9 +22,8 @@ from scipy import sparse
 
 from ..numerics.planes import nearest_plane
 from ..sparse.spring_network import SpringNetwork
-from ..topology.index_space import Window
-from ..topology.sections import sections_of, whole_slices
-from ..topology.sharing import block_rows, direction_classes, node_sharing
+from ..topology.index_space import Window, block_rows, sections_of, whole_slices
+from ..topology.sharing import direction_classes, node_sharing
 from ..topology.topology import Topology
 
 __all__ = ["MissSpread"]

@@ -32,9 +32,9 @@ from ..splines.greville import span_breaks, span_corners
 from ..splines.knots import Knots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
-from ..topology.face_quads import quads_in_turn
-from ..topology.sharing import NodeSharing, boundary_sections, shared_ids
-from ..topology.topology import Topology
+from ..topology.boundary_surface import quads_in_turn
+from ..topology.sharing import NodeSharing, boundary_sections
+from ..topology.topology import Topology, shared_ids
 from .rotations import LocalRotations, Rotations
 
 __all__ = ["FaceNodes", "Turn", "Turning", "Vectors"]

@@ -20,8 +20,8 @@ from topology_cases import (
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.areas import area_vectors
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.topology import find_topology
 
 UNCOLLAPSED = [name for name in GRIDS if name != "collapsed strip"]
 """Grids whose collapsed faces, if any, stay so: a strip one cell wide is not linked by the topology."""

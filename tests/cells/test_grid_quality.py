@@ -26,8 +26,8 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.io.files import write_grid
 from bspline_mdao.om.quality import Quality
 from bspline_mdao.testing import central_difference
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Grid, Patch
 
 CORNERS = np.array([[c & 1, (c >> 1) & 1, c >> 2] for c in range(8)], dtype=float)
 

@@ -25,8 +25,8 @@ from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.movement.young_modulus import ConstantLaw
+from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Patch
 from bspline_mdao.walls.miss_spread import MissSpread
 
 FLOOR = ["--deform", "bumps=0.02,seed=3,wavelength=0.8"]

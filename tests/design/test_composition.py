@@ -22,7 +22,7 @@ from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.errors import InputError
 from bspline_mdao.names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from bspline_mdao.om.surface_control import SurfaceControl
-from bspline_mdao.topology.multiblock import Block, Grid
+from bspline_mdao.topology.grid import Block, Grid
 
 OBLIQUE = np.array([0.6, -0.3, 0.74])
 STEP = 1e-40

@@ -11,9 +11,9 @@ from bspline_mdao.evaluation.index_scaling import IndexScaling, refined_topology
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.model.fitted_model import family_member
 from bspline_mdao.splines.volume import evaluate
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.topology.topology import find_topology
 
 
 def stretched(n, ratio):

@@ -7,7 +7,7 @@ from fit_cases import bend, bent_block, c_grid, grid_of, lattice, two_blocks
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit import control_counts
 from bspline_mdao.fit.control_counts import choose_counts
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
 
 
 def counts_of(grid, *arguments, **options):

@@ -15,7 +15,7 @@ from bspline_mdao.fit.parameters import (
     chord_length_parameters_vjp,
 )
 from bspline_mdao.fit.problem import problem_of_mesh
-from bspline_mdao.topology.sections import whole_slices
+from bspline_mdao.topology.index_space import whole_slices
 
 EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0}
 

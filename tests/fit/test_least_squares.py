@@ -13,7 +13,7 @@ from bspline_mdao.fit.least_squares import ReferenceNet, greville_sampling
 from bspline_mdao.fit.problem import problem_of_mesh, solve_fit
 from bspline_mdao.fit.quasi_interpolant import greville_places
 from bspline_mdao.splines.volume import evaluate
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
 
 
 def dense_matrix(volume, parameters):

@@ -12,7 +12,7 @@ from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
 
 
 class Flight:

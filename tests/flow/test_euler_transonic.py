@@ -17,7 +17,7 @@ from bspline_mdao.flow.euler.krylov import solve_system
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
 from bspline_mdao.flow.stream import stream_axes
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
 
 MACH, DEGREES = 0.8, 1.25
 SPACING = Spacing(off_wall=8e-3, leading=1e-2, trailing=1e-2, tip=0.1)

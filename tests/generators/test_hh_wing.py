@@ -23,8 +23,8 @@ from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators.canonical import ONERA_D_UPPER
 from bspline_mdao.generators.stretching import geometric_last, stretch, stretch_lines
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.topology.topology import find_topology
 
 SPACING = Spacing(off_wall=2e-3, leading=3e-3, trailing=4e-3, tip=5e-3)
 

@@ -31,8 +31,8 @@ from bspline_mdao import (
 )
 from bspline_mdao.fit.surface_fit import LOGGER, fit_surface
 from bspline_mdao.generators.blended_wing_body import corner_widths, rounded_weights
+from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Patch
 
 
 @pytest.fixture(scope="module")

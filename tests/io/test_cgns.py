@@ -27,9 +27,9 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.index_scaling import refined_topology
 from bspline_mdao.io.cgns import CgnsDialect, read_cgns, write_cgns
 from bspline_mdao.io.cgns_nodes import add_node, children, set_attributes, word
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.grid import Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Grid, Patch
-from bspline_mdao.topology.topology import find_topology
 
 
 def patched_grid():

@@ -18,8 +18,8 @@ from bspline_mdao.io.patch_guess import draft_patches
 from bspline_mdao.io.patches import read_patches
 from bspline_mdao.io.plot3d import write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
+from bspline_mdao.topology.grid import Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Grid, Patch
 
 N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "250"))
 """Mutations of every kind of file; in all about ten times as many."""

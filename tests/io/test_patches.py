@@ -11,9 +11,9 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.io.files import read_grid, write_grid
 from bspline_mdao.io.patch_guess import draft_patches, guess_patches
 from bspline_mdao.io.patches import read_patches
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import FACE_NAMES, Window
-from bspline_mdao.topology.multiblock import Block, Grid, Patch
-from bspline_mdao.topology.topology import find_topology
 
 WING = """
 [[patch]]

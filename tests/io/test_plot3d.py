@@ -14,7 +14,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.io.plot3d import read_plot3d, write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.io.plot3d_text import parse_numbers
-from bspline_mdao.topology.multiblock import Block, Grid
+from bspline_mdao.topology.grid import Block, Grid
 
 CONTAINERS = (
     [{"encoding": "ascii"}]

@@ -11,8 +11,8 @@ from bspline_mdao.io.plot3d_text import parse_numbers
 from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots, knots_from_array, knots_to_array
 from bspline_mdao.splines.refinement import elevate_order, insert_knots
 from bspline_mdao.splines.volume import Volume, evaluate
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.topology.topology import find_topology
 
 searched = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 """Of every search: the same examples in every run."""

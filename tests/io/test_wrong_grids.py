@@ -33,8 +33,8 @@ from bspline_mdao.cli.main import run
 from bspline_mdao.io.plot3d import write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model.model_file import FORMAT, VERSION, _checksum, _read_arrays
+from bspline_mdao.topology.grid import Block, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Patch
 
 CUBE = np.stack(np.meshgrid(*map(np.arange, (3.0, 4.0, 5.0)), indexing="ij"), axis=-1)
 WALL = Patch("wall", "wall", (Window.whole(0, (7, 8, 6)).face(2),))

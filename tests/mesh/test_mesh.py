@@ -22,8 +22,8 @@ from bspline_mdao.movement.increments import in_increments
 from bspline_mdao.splines.greville import greville_abscissae
 from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots, open_uniform_knots
 from bspline_mdao.splines.volume import Volume, evaluate
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.topology import find_topology
 
 SIDES = {"xmin": 0, "xmax": 1, "ymin": 2, "ymax": 3, "zmin": 4, "zmax": 5}
 

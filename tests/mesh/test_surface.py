@@ -8,8 +8,8 @@ import pytest
 from bspline_mdao import SurfaceGrid, fit_grid, flat_plate_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.mesh.surface_map import SurfaceMap
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Grid, Patch
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model import model_file
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.splines.knots import FunctionKnots
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Grid, Patch
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.element_measures import FlooredMeasures
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
 from bspline_mdao.testing import central_difference
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.detection import find_topology
 
 C_GRID, RAE, O_GRID = "cfl3d_naca0012_cgrid.fmt", "aither_rae2822.xyz", "mach_naca0012.cgns"
 

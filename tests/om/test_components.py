@@ -41,7 +41,7 @@ from bspline_mdao.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.om.surface_evaluate import SurfaceEvaluate
 from bspline_mdao.om.surface_measure import SurfaceMeasure
 from bspline_mdao.testing import central_difference
-from bspline_mdao.topology.multiblock import Block, Grid
+from bspline_mdao.topology.grid import Block, Grid
 from bspline_mdao.topology.sharing import node_sharing
 
 

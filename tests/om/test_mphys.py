@@ -23,8 +23,8 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.topology.lookup import numbers_of_points, rows_of_points
-from bspline_mdao.topology.sharing import block_rows, node_sharing
+from bspline_mdao.topology.index_space import block_rows
+from bspline_mdao.topology.sharing import node_sharing, numbers_of_points, rows_of_points
 
 mphys = pytest.importorskip("mphys", reason="MPhys is not installed")
 

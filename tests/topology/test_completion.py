@@ -18,9 +18,9 @@ from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.topology.coincidence import data_round_off, data_unit
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.topology.topology import find_topology
 
 GRIDS = {
     "wing": onera_m6_grid((9, 15, 8), Spacing(off_wall=1e-6)),

@@ -5,7 +5,7 @@ import pytest
 from component_cases import two_blocks
 
 from bspline_mdao import InputError, find_topology, flat_plate_grid
-from bspline_mdao.topology.lookup import numbers_of_points, rows_of_points
+from bspline_mdao.topology.sharing import numbers_of_points, rows_of_points
 
 
 def test_rows_give_the_points_back_in_any_order_as_often_as_asked_and_in_single_precision():

@@ -9,10 +9,10 @@ from bspline_mdao import ball_grid, brick_grid
 from bspline_mdao.cli.inspect import grid_numbers
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import guess_patches
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.grid import Block, Grid
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Grid
 from bspline_mdao.topology.periodic import find_periodic
-from bspline_mdao.topology.topology import find_topology
 
 ANGLE = 0.3
 

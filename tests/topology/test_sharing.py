@@ -17,10 +17,10 @@ from topology_cases import (
 )
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.topology.entities import Collapse, Link
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Orientation
-from bspline_mdao.topology.sharing import direction_classes, node_sharing, shared_ids
-from bspline_mdao.topology.topology import find_topology
+from bspline_mdao.topology.sharing import direction_classes, node_sharing
+from bspline_mdao.topology.topology import Collapse, Link, shared_ids
 
 SIDE_BY_SIDE = Link(0, (-1, None, None), 1, (0, None, None), Orientation())
 

@@ -33,10 +33,11 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.errors import InputError
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.segments import MAX_SEGMENTS
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.topology.topology import Topology, find_topology
+from bspline_mdao.topology.topology import Topology
 
 
 def labels_of(grid):

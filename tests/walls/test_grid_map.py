@@ -11,10 +11,10 @@ from bspline_mdao import MovementError, fit_grid, flat_plate_grid, moving_mesh, 
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.topology.entities import BoundaryFace
+from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.topology.multiblock import Block, Grid, Patch
 from bspline_mdao.topology.sharing import boundary_sections, node_sharing
+from bspline_mdao.topology.topology import BoundaryFace
 from bspline_mdao.walls.grid_map import GridMap
 from bspline_mdao.walls.miss_spread import MissSpread
 

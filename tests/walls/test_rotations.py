@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bspline_mdao.errors import InputError, MovementError
-from bspline_mdao.topology.face_quads import quads_in_turn
+from bspline_mdao.topology.boundary_surface import quads_in_turn
 from bspline_mdao.walls.rotations import CHUNK_POINTS, LocalRotations
 
 

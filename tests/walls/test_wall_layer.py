@@ -8,10 +8,9 @@ from bspline_mdao import read_grid
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.errors import InputError
 from bspline_mdao.io.patch_guess import guess_patches
-from bspline_mdao.topology.face_quads import corners_in_turn, quads_in_turn
-from bspline_mdao.topology.face_sheet import FaceSheet
+from bspline_mdao.topology.boundary_surface import BoundarySurface, corners_in_turn, quads_in_turn
+from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.topology.topology import find_topology
 from bspline_mdao.walls.feet import FARTHEST, TriangleTree
 from bspline_mdao.walls.frames import WallFrames
 from bspline_mdao.walls.layer import CHUNK_NODES, Wall, WallLayer
@@ -312,7 +311,7 @@ def test_first_cells_of_a_real_grid_keep_their_heights(real_grids):
     grid = replace(grid, patches=(*grid.patches, *guess_patches(grid, faces)))
     topology, cells = find_topology(grid), FirstCells.of_baseline(grid)
     nodes = grid.to_vector().reshape(-1, 3)[node_sharing(topology).source_rows()]
-    sheet = FaceSheet.of(topology, nodes, [face for face in topology.boundary if face.kind == "wall"])
+    sheet = BoundarySurface.of(topology, nodes, [face for face in topology.boundary if face.kind == "wall"])
     points = nodes[sheet.rows]
     wall = Wall.of(points, sheet.quads, sheet.heights, sheets=sheet.quad_faces)
     layer = WallLayer.of(wall, nodes, sheet.rows, copies=node_sharing(topology).copies)

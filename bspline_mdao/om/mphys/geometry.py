@@ -42,7 +42,7 @@ class SurfaceGeometry(om.Group):
     surface : SurfaceGrid, optional
         The surface; all walls by default.
     numbers : sequence of int, optional
-        The node of the surface that each of the solver's points is, see `bspline_mdao.topology.lookup`; by default the
+        The node of the surface that each of the solver's points is, see `bspline_mdao.topology.sharing`; by default the
         solver has all nodes in the order of the surface.
     measures : sequence of Measure
         What is measured of the surface.

@@ -42,7 +42,7 @@ class VolumeWarper(om.Group):
         The node of the surface that each of the solver's surface points is; all in their order by default. Of a node
         that is given more than once the mean counts.
     rows : sequence of int, optional
-        The row of the grid that each of the solver's volume nodes is, see `bspline_mdao.topology.lookup`; by default
+        The row of the grid that each of the solver's volume nodes is, see `bspline_mdao.topology.sharing`; by default
         all, blocks in file order, each in C order of (i, j, k).
     volume_name : str
         What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).

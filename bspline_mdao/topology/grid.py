@@ -9,8 +9,7 @@ import numpy as np
 
 from ..checks import as_array, require_kind
 from ..errors import InputError
-from .entities import Interface
-from .index_space import Window
+from .index_space import Interface, Window
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
 """Boundary conditions that the project tells apart."""

@@ -7,18 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .entities import BoundaryFace
-from .face_quads import facing, quads_in_turn
-from .index_space import Window
-from .sharing import block_rows, node_sharing
-from .topology import Topology
-
-__all__ = ["FaceSheet"]
+from .index_space import block_rows, face_layers
+from .sharing import node_sharing
+from .topology import BoundaryFace, Topology
 
 
 @dataclass(frozen=True, eq=False)
-class FaceSheet:
-    """Nodes of some boundary faces.
+class BoundarySurface:
+    """Nodes of some boundary faces, each once, and the quads between them.
 
     Parameters
     ----------
@@ -35,10 +31,10 @@ class FaceSheet:
     heights: np.ndarray
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray, faces: Sequence[BoundaryFace]) -> FaceSheet:
+    def of(cls, topology: Topology, nodes: np.ndarray, faces: Sequence[BoundaryFace]) -> BoundarySurface:
         """Take faces of a grid by its nodes, shape (n_nodes, 3)."""
         blocks, source = block_rows(topology.shapes), node_sharing(topology).source_rows()
-        layers = [_layers(blocks[face.window.block], face.window) for face in faces]
+        layers = [face_layers(blocks[face.window.block], face.window) for face in faces]
         rows = np.unique(np.concatenate([source[layer].ravel() for layer, _ in layers]))
         oriented = (facing(layer, inner, nodes) for layer, inner in layers)
         ids = tuple(np.searchsorted(rows, source[layer]) for layer in oriented)
@@ -59,10 +55,31 @@ class FaceSheet:
         return np.repeat(np.arange(len(self.faces)), [(len(ids) - 1) * (ids.shape[1] - 1) for ids in self.faces])
 
 
-def _layers(block: np.ndarray, window: Window) -> list[np.ndarray]:
-    """Rows of the nodes of a face window, and of those next to them in its block, given by its rows."""
-    direction = window.shape.index(1)
-    at = window.lo[direction]
-    slices = tuple(s for d, s in enumerate(window.slices) if d != direction)
-    next_one = min(1, block.shape[direction] - 1) if at == 0 else at - 1
-    return [np.take(block, n, axis=direction)[slices] for n in (at, next_one)]
+def quads_in_turn(ids: np.ndarray) -> np.ndarray:
+    """Return the corners around i x j, shape (n_quads, 4), of the quads of a face of points, shape (ni, nj)."""
+    return corners_in_turn(ids).reshape(-1, 4)
+
+
+def corners_in_turn(ids: np.ndarray) -> np.ndarray:
+    """Return the corners around i x j, shape (ni - 1, nj - 1, ..., 4), of the quads of points (ni, nj, ...)."""
+    return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
+
+
+def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Turn a face so that i x j points to the layer next to it, whatever the handedness of the block.
+
+    Parameters
+    ----------
+    layer, inner : ndarray of int, shape (ni, nj)
+        Points of the face, and those next to them in the block.
+    points : ndarray, shape (n, 3)
+        Coordinates (m).
+
+    Returns
+    -------
+    ndarray of int, shape (ni, nj) or (nj, ni)
+        The face, transposed where it looks the other way.
+    """
+    x = points[layer]
+    area = np.cross(x[1:, 1:] - x[:-1, :-1], x[:-1, 1:] - x[1:, :-1])
+    return layer if np.sum(area * (points[inner] - x)[:-1, :-1]) > 0.0 else layer.T

@@ -1,0 +1,376 @@
+"""The topology of a multi-block grid, found from coincident nodes.
+
+Interfaces are windows of faces that lie on the same points in any orientation; what is declared as a patch of a known
+kind is never part of one. Blocks are cut into *segments*, so that every interface covers whole faces of segments, and
+the *links* between segments say which faces, edges and corners are one. A topology is found once and holds for every
+later shape.
+
+Theory: ``docs/theory/topology.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..errors import InputError
+from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
+from .faces import Face, Rectangle, block_faces, collapsed_windows, decompose
+from .grid import Grid, Patch, require_grid
+from .index_space import Interface, Orientation, Window, by_blocks, face_layers
+from .matching import Meeting, Quads, find_interfaces, find_regions, match_quads
+from .segments import junction_links, segment_blocks
+from .topology import BoundaryFace, NearMiss, Topology, describe
+
+SMALLEST_SIZE = 1e-100
+"""Size of a block (m) whose square is still far above zero in 8-byte reals."""
+
+MAX_WARNINGS = 20
+"""Warnings kept word for word; the rest is counted."""
+
+
+def find_topology(grid: Grid) -> Topology:
+    """Find the topology of a grid.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid; its patches count as declared.
+
+    Raises
+    ------
+    InputError
+        If a node is not finite, a block has no extent, or a patch does not lie on a face of a block of the grid.
+    """
+    _check(grid)
+    blocks = [block.nodes for block in grid.blocks]
+    coincidence = find_coincidence(blocks)
+    faces = block_faces(coincidence.ids)
+    quads = Quads.of(faces)
+    declared = [window for patch in grid.patches for window in patch.windows]
+    patch_ids = _patch_ids(faces, grid.patches)
+    is_apart = np.array([*(patch.kind != "other" for patch in grid.patches), False])[patch_ids]
+    is_closed = quads.is_degenerate | is_apart
+    matches = match_quads(quads, is_apart)
+    meeting = Meeting(faces, quads, ~is_closed, blocks, coincidence)
+    regions, doubtful = meeting.complete(find_regions(quads, matches.pairs))
+    collapsed = collapsed_windows(faces)
+    wide = {window: directions for window, directions in collapsed.items() if not _is_strip(window, directions)}
+    segmentation = segment_blocks(grid.shapes, find_interfaces(faces, quads, regions), declared, wide)
+    is_joined = _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
+    is_closed |= is_joined
+    junctions = junction_links(grid.shapes, segmentation, quads, matches.separated, coincidence.ids)
+    uncut = [side for item in segmentation.uncut if isinstance(item, Interface) for side in (item.a, item.b)]
+    is_reported = is_closed | _covered(faces, uncut)
+    near_misses = _near_misses(grid, coincidence, is_reported, find_interfaces(faces, quads, doubtful))
+    joined_gaps = _joined_gaps(grid, coincidence, segmentation.interfaces)
+    return Topology(
+        source=grid.source,
+        shapes=grid.shapes,
+        interfaces=segmentation.interfaces,
+        boundary=_boundary(grid.patches, faces, is_joined, is_closed, patch_ids >= 0),
+        collapsed=tuple(collapsed),
+        near_misses=near_misses,
+        segments=segmentation.segments,
+        links=(*segmentation.links, *junctions),
+        collapses=segmentation.collapses,
+        warnings=_shortened(
+            [
+                *_gap_warnings(near_misses, joined_gaps),
+                *_warnings(grid, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
+            ]
+        ),
+        joined_gaps=joined_gaps,
+    )
+
+
+def _check(grid: Grid) -> None:
+    """Refuse what is no grid, blocks that are a point, nodes that are not finite and patches that lie elsewhere."""
+    require_grid(grid)
+    for number, block in enumerate(grid.blocks, start=1):
+        if max(block.shape) == 1:
+            raise InputError(f"{grid.source}: block {number} is a single node; leave it out")
+        if not np.isfinite(block.nodes).all():
+            i, j, k = np.argwhere(~np.isfinite(block.nodes).all(axis=-1))[0] + 1
+            raise InputError(
+                f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k}); repair the file"
+            )
+        if np.ptp(block.nodes.reshape(-1, 3), axis=0).max() < SMALLEST_SIZE:
+            raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
+    for patch in grid.patches:
+        for window in patch.windows:
+            _check_patch(grid, patch.name, window)
+
+
+def _check_patch(grid: Grid, name: str, window: Window) -> None:
+    """Refuse a patch window of a block that does not exist or that is not on a face of its block."""
+    if not 0 <= window.block < len(grid.blocks):
+        raise InputError(
+            f"{grid.source}: patch {name} is on block {window.block + 1}, but the grid has {len(grid.blocks)}; "
+            f"correct the patch"
+        )
+    if not _is_on_face(window, grid.shapes[window.block]):
+        raise InputError(
+            f"{grid.source}: patch {name}: {describe(window)} is not on a face of the block; correct its ranges"
+        )
+
+
+def _is_on_face(window: Window, shape) -> bool:
+    """Whether a window lies in a block on one of its faces; unlike `Window.is_on_face`, lines of a face count too."""
+    is_inside = all(0 <= lo <= hi < n for lo, hi, n in zip(window.lo, window.hi, shape))
+    return is_inside and any(lo == hi and lo in (0, n - 1) for lo, hi, n in zip(window.lo, window.hi, shape))
+
+
+def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
+    """Mask of the quads of all faces that lie in one of the windows."""
+    masks = [np.zeros(face.n_quads, dtype=bool) for face in faces]
+    by_block = by_blocks(windows)
+    for face, mask in zip(faces, masks):
+        for window in by_block.get(face.window.block, ()):
+            mask |= face.covered(window)
+    return np.concatenate([mask.ravel() for mask in masks])
+
+
+def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
+    """Number of the patch that each quad of all faces belongs to, a known kind before another one; -1 for none."""
+    ids = [np.full(face.n_quads, -1) for face in faces]
+    for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other"):
+        by_block = by_blocks(patches[number].windows)
+        for face, face_ids in zip(faces, ids):
+            for window in by_block.get(face.window.block, ()):
+                face_ids[face.covered(window)] = number
+    return np.concatenate([face_ids.ravel() for face_ids in ids])
+
+
+def _boundary(
+    patches: Sequence[Patch], faces: Sequence[Face], is_joined: np.ndarray, is_closed: np.ndarray, is_declared
+) -> tuple[BoundaryFace, ...]:
+    """List declared face windows where no interface covers them, and rectangles of what is left over.
+
+    All masks are over the quads of all faces: part of an interface; that, or collapsed, or of a patch of known kind;
+    and of any patch.
+    """
+    joined, closed, taken = (_by_face(mask, faces) for mask in (is_joined, is_closed, is_closed | is_declared))
+    found = []
+    for patch in patches:
+        for window in patch.windows:
+            there = [number for number, face in enumerate(faces) if face.window.block == window.block]
+            covered = {number: faces[number].covered(window) for number in there}
+            parts = [window]
+            if any((covered[number] & joined[number]).any() for number in there):
+                parts = [part for n in there for part in _parts(faces[n], covered[n] & ~closed[n])]
+            found += [BoundaryFace(part, patch.name, patch.kind) for part in parts]
+    return (*found, *(BoundaryFace(part) for face, mask in zip(faces, taken) for part in _parts(face, ~mask)))
+
+
+def _by_face(mask: np.ndarray, faces: Sequence[Face]) -> list[np.ndarray]:
+    """Split a mask over the quads of all faces into one of shape `Face.n_quads` for each face."""
+    ends = np.cumsum([math.prod(face.n_quads) for face in faces])
+    return [part.reshape(face.n_quads) for face, part in zip(faces, np.split(mask, ends[:-1]))]
+
+
+def _parts(face: Face, mask: np.ndarray) -> list[Window]:
+    """Cut the quads of a face that a mask marks into windows."""
+    return [face.part(rectangle) for rectangle in decompose(mask)]
+
+
+def _near_misses(
+    grid: Grid, coincidence: Coincidence, is_taken: np.ndarray, doubtful: Sequence[Interface]
+) -> tuple[NearMiss, ...]:
+    """Interfaces that there would be with a tolerance of near misses, after those that are doubtful."""
+    faces = block_faces(coincidence.near_ids)
+    quads = Quads.of(faces)
+    quads.is_degenerate[is_taken | _covered(faces, [side for pair in doubtful for side in (pair.a, pair.b)])] = True
+    pairs = match_quads(quads, np.zeros_like(is_taken)).pairs
+    found = find_interfaces(faces, quads, find_regions(quads, pairs))
+    return tuple(_near_miss(grid, coincidence, interface) for interface in (*doubtful, *found))
+
+
+def _near_miss(grid: Grid, coincidence: Coincidence, interface: Interface) -> NearMiss:
+    """Measure an interface where its gap is largest relative to the local spacing."""
+    gaps, spacing = _gaps(grid, coincidence, interface)
+    worst = np.unravel_index(np.argmax(gaps / spacing), gaps.shape)
+    return NearMiss(interface.a, interface.b, float(gaps[worst]), float(spacing[worst]))
+
+
+def _joined_gaps(grid: Grid, coincidence: Coincidence, interfaces: Sequence[Interface]) -> tuple[NearMiss, ...]:
+    """Pick the interfaces some of whose nodes are farther apart than round-off and the tolerance of single nodes."""
+    found = []
+    for interface in interfaces:
+        gaps, spacing = _gaps(grid, coincidence, interface)
+        rounding = coincidence.rounding(grid.blocks[interface.a.block].nodes[interface.a.slices])
+        if (gaps > np.maximum(math.sqrt(3.0) * rounding, SPACING_TOLERANCE * spacing)).any():
+            found.append(_near_miss(grid, coincidence, interface))
+    return tuple(found)
+
+
+def _gaps(grid: Grid, coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of the nodes of both sides of an interface, and the spacing at those of the first (m)."""
+    a, b = interface.a, interface.b
+    there = interface.orientation.apply(grid.blocks[b.block].nodes[b.slices])
+    gaps = np.linalg.norm(grid.blocks[a.block].nodes[a.slices] - there, axis=-1)
+    return gaps, coincidence.spacing[a.block][a.slices]
+
+
+def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss]) -> list[str]:
+    """Say that faces nearly meet, and whether they are joined."""
+    lines = []
+    if near_misses:
+        lines.append(
+            f"not joined, though they nearly meet, so that blocks come apart there: "
+            f"{_describe_gap(near_misses, 'pairs of faces')}; if they belong together, make their nodes coincide"
+        )
+    if joined:
+        lines.append(
+            f"joined, though not all of their nodes coincide: {_describe_gap(joined, 'interfaces')}; a fit gives both "
+            f"sides the nodes of the first"
+        )
+    return lines
+
+
+def _describe_gap(misses: Sequence[NearMiss], what: str) -> str:
+    """Count pairs that nearly meet, and describe the worst."""
+    worst = max(misses, key=lambda miss: miss.gap / miss.spacing)
+    return (
+        f"{f'{len(misses)} {what}, the worst ' if len(misses) > 1 else ''}{describe(worst.window)} and "
+        f"{describe(worst.other)}, by {worst.gap:.3g} m where cells are {worst.spacing:.3g} m"
+    )
+
+
+def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
+    """Whether a collapsed window is one cell wide: its nodes get equal parameters without being cut out."""
+    return any(window.shape[d] == 2 for d in directions)
+
+
+def _warnings(
+    grid: Grid,
+    coincidence: Coincidence,
+    faces: Sequence[Face],
+    quads: Quads,
+    matches,
+    segmentation,
+    patch_ids,
+    is_closed,
+) -> list[str]:
+    """Say what the topology leaves out and what looks wrong, one line each."""
+    ambiguous = [faces[number].window for number in np.unique(quads.face[matches.ambiguous])]
+    lines = [*getattr(grid.dialect, "ignored", ())]
+    lines += [f"{describe(window)} coincides with two or more others: taken as boundary" for window in ambiguous]
+    lines += _contacts(grid.patches, faces, quads, matches.separated, patch_ids)
+    lines += _disagreements(grid, coincidence, faces, quads, matches.pairs, patch_ids, is_closed)
+    lines += [
+        f"{describe(item.a)} and {describe(item.b)} coincide with the cells of both on the same side: is a block given "
+        f"twice, or folded?"
+        for item in overlapping(grid, segmentation.interfaces)
+    ]
+    for item in segmentation.uncut:
+        windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
+        lines.append(f"{' and '.join(map(describe, windows))}: not cut out, too many segments")
+    return lines
+
+
+def _shortened(lines: list[str]) -> tuple[str, ...]:
+    """Keep the first `MAX_WARNINGS` lines, and count the rest."""
+    if len(lines) > MAX_WARNINGS:
+        lines[MAX_WARNINGS:] = [f"and {len(lines) - MAX_WARNINGS} more like these"]
+    return tuple(lines)
+
+
+def _contacts(patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids) -> list[str]:
+    """Say where patches of a known kind lie on another face; two walls are the sides of a plate, as they should be."""
+    kinds = np.array([*(patch.kind for patch in patches), ""])
+    is_plate = (kinds[patch_ids[pairs]] == "wall").all(axis=1)
+    lines = []
+    for (one, other), (a, b) in _met_windows(faces, quads, pairs[~is_plate], patch_ids):
+        if one < 0 or patches[one].kind == "other":
+            one, a, b = other, b, a
+        patch = patches[one]
+        lines.append(
+            f"patch '{patch.name}' of kind {patch.kind} on {describe(a)} coincides with {describe(b)}: kept apart; if "
+            f"the grid goes on there, take the face out of the patch"
+        )
+    return lines
+
+
+def _disagreements(
+    grid: Grid, coincidence: Coincidence, faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids, is_closed
+) -> list[str]:
+    """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
+    lines = []
+    for item in grid.connections:
+        gaps, spacing = _gaps(grid, coincidence, item)
+        is_apart = (gaps > SPACING_TOLERANCE * spacing).any()
+        if is_apart and not is_closed[_covered(faces, [item.a])].all():
+            lines.append(
+                f"the file connects {describe(item.a)} to {describe(item.b)}, whose nodes are up to {gaps.max():.3g} m "
+                f"apart: taken as boundary; mend the nodes, unless it is periodic"
+            )
+    if grid.connections:
+        is_connected = _covered(faces, [side for item in grid.connections for side in (item.a, item.b)])
+        unconnected = pairs[
+            is_closed[pairs[:, 0]] & ~is_connected[pairs].any(axis=1) & (patch_ids[pairs] >= 0).any(axis=1)
+        ]
+        for (one, other), (a, b) in _met_windows(faces, quads, unconnected, patch_ids):
+            name = grid.patches[max(one, other)].name
+            lines.append(
+                f"{describe(a)} and {describe(b)} coincide, but the file does not connect them: taken as an interface; "
+                f"if they are the two sides of a plate, make patch '{name}' a wall"
+            )
+    return lines
+
+
+def _met_windows(faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids: np.ndarray):
+    """Gather pairs of quads by their patches and faces: numbers of both patches, and windows around both sides."""
+    labels = np.concatenate([patch_ids[pairs], quads.face[pairs]], axis=1)
+    for label in np.unique(labels, axis=0):
+        sides = pairs[(labels == label).all(axis=1)].T
+        corners = [
+            Rectangle((quads.p[side].min(), quads.q[side].min()), (quads.p[side].max(), quads.q[side].max()))
+            for side in sides
+        ]
+        yield tuple(label[:2]), tuple(faces[number].part(corner) for number, corner in zip(label[2:], corners))
+
+
+def overlapping(grid: Grid, interfaces: Sequence[Interface]) -> Iterator[Interface]:
+    """Pick the interfaces most of whose cells lie on the same side from both blocks.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    interfaces : sequence of Interface
+        Its interfaces; those of blocks one node deep have no sides.
+    """
+    for interface in interfaces:
+        a, b = interface.a, interface.b
+        if min(*grid.blocks[a.block].shape, *grid.blocks[b.block].shape) > 1:
+            normals = _normals(grid.blocks[a.block].nodes[a.slices])
+            heights_a = _dot(normals, _inward(grid, a, Orientation()))
+            heights_b = _dot(normals, _inward(grid, b, interface.orientation))
+            if np.mean(heights_a * heights_b > 0.0) > 0.5:
+                yield interface
+
+
+def _inward(grid: Grid, window: Window, orientation: Orientation) -> np.ndarray:
+    """Unit vectors from the nodes of a face window to those of the next layer, turned by an orientation."""
+    face, inner = face_layers(grid.blocks[window.block].nodes, window)
+    return orientation.apply(np.expand_dims(_unit(inner - face), window.shape.index(1)))
+
+
+def _normals(face: np.ndarray) -> np.ndarray:
+    """Unit normals at the nodes of a face window, from central differences."""
+    along = [np.gradient(face, axis=d) for d in range(3) if face.shape[d] > 1]
+    return _unit(np.cross(*along))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors of length one; zero where they have no length."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0.0, length, 1.0)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Dot products of vectors (..., 3)."""
+    return np.einsum("...c,...c->...", a, b)
