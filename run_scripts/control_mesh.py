@@ -1,12 +1,16 @@
-"""The ONERA M6 wing: the grid on it and on the symmetry plane, and the control mesh of both."""
+"""The ONERA M6 wing: the grid on it and on the symmetry plane, and the control mesh of both.
+
+It takes some seconds. What comes out are the numbers of nodes and control points, the error of the fit, and a picture
+of what a user works with.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from common import BLUE, GRAY, ORANGE, figure, run
-from scenes import faces_of
 
 from bspline_mdao import FittedModel, fit_grid, onera_m6_grid
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure, patch_faces
+from bspline_mdao.run_script import run
 
 
 def main(paper: bool = False, figures=None) -> dict:
@@ -29,7 +33,7 @@ def main(paper: bool = False, figures=None) -> dict:
     model = fit_grid(grid, n_control=(13, 13, 9) if paper else (9, 10, 7))
     if figures:
         draw(figures, model)
-    wall = np.unique(np.concatenate([ids.ravel() for ids in faces_of(model, "wing", model.mesh.control_ids)]))
+    wall = np.unique(np.concatenate([ids.ravel() for ids in patch_faces(model, "wing", model.mesh.control_ids)]))
     return {
         "n_nodes": model.n_nodes,
         "n_control_points": len(model.control_points),
@@ -46,15 +50,15 @@ def draw(folder, model: FittedModel) -> None:
     with figure(folder, "control_mesh", size=(9.0, 4.0)) as canvas:
         grid = canvas.add_gridspec(1, 2, width_ratios=(1.45, 1.0))
         plane, wing = canvas.add_subplot(grid[0]), canvas.add_subplot(grid[1])
-        for face in faces_of(model, "symmetry", nodes):
-            draw_lines(plane, face[..., :2], color=GRAY, linewidth=0.25)
-        for face in faces_of(model, "symmetry", nets):
-            draw_lines(plane, face[..., :2], color=BLUE, linewidth=0.7, marker="o", markersize=2.2)
+        for face in patch_faces(model, "symmetry", nodes):
+            draw_net(plane, face[..., :2], color=GRAY, linewidth=0.25)
+        for face in patch_faces(model, "symmetry", nets):
+            draw_net(plane, face[..., :2], color=BLUE, linewidth=0.7, marker="o", markersize=2.2)
         plane.set(xlim=(-0.55, 1.55), ylim=(-0.75, 0.75), xlabel="$x$", ylabel="$y$", title="symmetry plane")
-        for face in faces_of(model, "wing_upper", nodes):
-            draw_lines(wing, face[..., [0, 2]], color=GRAY, linewidth=0.25)
-        for face in faces_of(model, "wing_upper", nets):
-            draw_lines(wing, face[..., [0, 2]], color=ORANGE, linewidth=0.7, marker="o", markersize=2.2)
+        for face in patch_faces(model, "wing_upper", nodes):
+            draw_net(wing, face[..., [0, 2]], color=GRAY, linewidth=0.25)
+        for face in patch_faces(model, "wing_upper", nets):
+            draw_net(wing, face[..., [0, 2]], color=ORANGE, linewidth=0.7, marker="o", markersize=2.2)
         wing.set(xlabel="$x$", ylabel="$z$", title="upper side of the wing")
         for axes, color in ((plane, BLUE), (wing, ORANGE)):
             axes.set_aspect("equal")
@@ -63,12 +67,5 @@ def draw(folder, model: FittedModel) -> None:
             axes.legend(loc="upper left", frameon=True, framealpha=1.0)
 
 
-def draw_lines(axes, points: np.ndarray, **style) -> None:
-    """Draw the lines of both directions of a net."""
-    for net in (points, np.swapaxes(points, 0, 1)):
-        for line in net:
-            axes.plot(*line.T, **style)
-
-
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)

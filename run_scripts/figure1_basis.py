@@ -1,23 +1,26 @@
-"""Figure 1: the cubic B-spline basis on the knots {0, 0, 0, 0, 0.1, 0.2, 0.5, 1, 1, 1, 1}."""
+"""Figure 1: the cubic B-spline basis on the knots {0, 0, 0, 0, 0.1, 0.2, 0.5, 1, 1, 1, 1}.
+
+It takes a second. What comes out are the values of the functions at the inner knots, their maxima, how far their sum is
+from one, and the picture of the figure.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from common import figure, run
 
+from bspline_mdao.plotting import figure
+from bspline_mdao.run_script import run
 from bspline_mdao.splines.basis import basis
 from bspline_mdao.splines.knots import ConstantKnots
 
 KNOTS = ConstantKnots([0, 0, 0, 0, 0.1, 0.2, 0.5, 1, 1, 1, 1], order=4)
 
 
-def main(paper: bool = False, figures=None) -> dict:
+def main(figures=None) -> dict:
     """Evaluate the seven basis functions.
 
     Parameters
     ----------
-    paper : bool
-        No effect: the figure has one size.
     figures : path-like, optional
         Folder for ``figure1_basis.png``.
 
@@ -70,4 +73,4 @@ def label(axes, i: int, xi: float, value: float) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)

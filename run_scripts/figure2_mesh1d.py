@@ -1,23 +1,27 @@
-"""Figure 2: how control points set the spacing of a one-dimensional B-spline mesh."""
+"""Figure 2: how control points set the spacing of a one-dimensional B-spline mesh.
+
+It takes a second. What comes out are the meshes of uniform and of adapted control points, and the uniform mesh that a
+change of parameter gives, with the ratio of the largest to the smallest spacing of each, and the pictures of the
+figure.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from common import BLUE, GRAY, ORANGE, figure, run
 
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
+from bspline_mdao.run_script import run
 from bspline_mdao.splines.curve import Curve, uniform_parameters
 
 N_CONTROL, N_MESH = 11, 41
 CLUSTER, STRENGTH = 0.6, 0.75  # the adapted control points gather about here, this much
 
 
-def main(paper: bool = False, figures=None) -> dict:
+def main(figures=None) -> dict:
     """Make the two meshes of the figure, and the uniform mesh that a change of parameter gives.
 
     Parameters
     ----------
-    paper : bool
-        No effect: the figure has one size.
     figures : path-like, optional
         Folder for ``figure2_mesh1d.png`` and ``figure2_parameters.png``.
 
@@ -94,4 +98,4 @@ def draw_parameters(folder, curve: Curve) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)

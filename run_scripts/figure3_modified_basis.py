@@ -1,10 +1,15 @@
-"""Figure 3: a two-dimensional modified basis function, which moves with its curved knots."""
+"""Figure 3: a two-dimensional modified basis function, which moves with its curved knots.
+
+It takes a few seconds. What comes out are the place of the function's maximum, which moves, the jumps of its
+derivatives across knots, which are those of the finite differences alone, and the picture of the figure.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from common import figure, run
 
+from bspline_mdao.plotting import figure
+from bspline_mdao.run_script import run
 from bspline_mdao.splines.basis import basis, basis_jets
 from bspline_mdao.splines.knots import BilinearKnots
 
@@ -12,13 +17,11 @@ ORDER, FUNCTION = 4, 3  # cubic; the fourth of seven functions, numbered from 0
 EDGE_KNOTS = ([0.15, 0.3, 0.45], [0.5, 0.7, 0.85])  # inner knots in eta at zeta = 0 and 1
 
 
-def main(paper: bool = False, figures=None) -> dict:
+def main(figures=None) -> dict:
     """Evaluate ``N_4(eta; zeta)`` with knots that are linear in zeta.
 
     Parameters
     ----------
-    paper : bool
-        No effect: the figure has one size.
     figures : path-like, optional
         Folder for ``figure3_modified_basis.png``.
 
@@ -87,4 +90,4 @@ def draw(folder, eta: np.ndarray, zeta: np.ndarray, function: np.ndarray) -> Non
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)

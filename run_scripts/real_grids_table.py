@@ -1,4 +1,8 @@
-"""Fit every structured grid of a folder and compare the error with the size of the cells where it occurs."""
+"""Fit every structured grid of a folder and compare the error with the size of the cells where it occurs.
+
+It takes a minute for thirty grids of less than 50 000 nodes. What comes out is a row for each file: the errors of its
+fit, absolute and relative to the cells, or the reason why it is refused.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +10,28 @@ import os
 from pathlib import Path
 
 import numpy as np
-from common import run
 
 from bspline_mdao import FittedModel, Grid, InputError, fit_grid, read_grid
+from bspline_mdao.run_script import run
 
 
-def main(paper: bool = False, figures=None, folder=None) -> dict:
+def main(paper: bool = False, folder=None) -> dict:
     """Read, inspect and fit the grids.
 
     Parameters
     ----------
     paper : bool
         Fit grids of any size; only those of less than 50 000 nodes by default.
-    figures : path-like, optional
-        No effect: there is nothing to draw.
     folder : path-like, optional
         Where the grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default.
 
     Returns
     -------
     dict
-        For each file ``blocks``, ``n_nodes``, ``n_interfaces``, ``n_control_points``, ``rms`` (m), ``relative_rms`` (by
-        the mean cell edge), ``local_rms`` and ``shortest_rms`` (root mean square of the error by the mean and by the
-        shortest cell edge at the node), ``n_invalid`` control elements and ``seconds``; or ``refused``, the reason in
-        one line; or ``skipped``, its number of nodes.
+        For each file ``blocks``, ``n_nodes``, ``n_interfaces``, ``n_control_points``, ``rms`` (m), ``relative_rms`` (to
+        the mean cell edge), ``local_rms`` and ``shortest_rms`` (root mean square of the error relative to the mean and
+        to the shortest cell edge at the node), ``n_invalid`` control elements and ``seconds``; or ``refused``, the
+        reason in one line; or ``skipped``, its number of nodes.
     """
     folder = folder or os.environ.get("BSPLINE_MDAO_GRIDS")
     if not folder:
@@ -65,7 +67,7 @@ def numbers_of(model: FittedModel, grid: Grid) -> dict:
 
 
 def local_rms(residual: np.ndarray, grid: Grid, size_of) -> float:
-    """Root mean square of the error of each node by the size of the cell edges that meet there."""
+    """Root mean square of the error of each node relative to the size of the cell edges that meet there."""
     sizes = np.concatenate([size_of(block.nodes).ravel() for block in grid.blocks])
     has_size = sizes > 0.0  # a node on a pole may have no edge in the directions that the block has
     relative = np.linalg.norm(residual, axis=1)[has_size] / sizes[has_size]
@@ -96,4 +98,4 @@ def shortest_edges(nodes: np.ndarray) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)

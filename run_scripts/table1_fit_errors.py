@@ -2,18 +2,19 @@
 
 The paper's grids were never published. These are grids of the same topology, counts and spacings; the grid of the
 blended-wing body is the one about the flat plate that the optimisation starts from.
+
+It takes some seconds, and a minute at the paper's size. What comes out is the table beside the paper's, without and
+with correction of the parameters, and pictures of the grids and of the distribution of the errors.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from common import BLUE, GRAY, ORANGE, figure, run
 
-from bspline_mdao import flat_plate_grid, onera_m6_grid
+from bspline_mdao import FittedModel, Grid, fit_grid, flat_plate_grid, onera_m6_grid
 from bspline_mdao.cells.hexahedron import cell_quality
-from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.model.fitted_model import FittedModel
-from bspline_mdao.topology.grid import Grid
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_net, figure
+from bspline_mdao.run_script import run
 
 CORRECTIONS = 3
 """Rounds of parameter correction (Hoschek) of the corrected fits."""
@@ -51,19 +52,19 @@ def main(paper: bool = False, figures=None) -> dict:
         same four under ``corrected``, and the paper's numbers under ``paper``.
     """
     grids = {name: make(SIZES[name][paper][0]) for name, (make, _) in CASES.items()}
-    models = {name: fit_both(grid, SIZES[name][paper][1]) for name, grid in grids.items()}
+    models = {
+        name: [
+            fit_grid(grid, n_control=SIZES[name][paper][1], method="least_squares", corrections=rounds)  # folded or not
+            for rounds in (0, CORRECTIONS)
+        ]
+        for name, grid in grids.items()
+    }
     numbers = {name: measure(name, grids[name], *models[name], paper) for name in CASES}
     print(table(numbers))
     if figures:
         draw_grids(figures, grids)
         draw_errors(figures, models, paper)
     return numbers
-
-
-def fit_both(grid: Grid, n_control) -> tuple[FittedModel, FittedModel]:
-    """Fit a grid without and with parameter correction."""
-    options = {"n_control": n_control, "method": "least_squares"}  # as the paper, folded or not
-    return tuple(fit_grid(grid, corrections=rounds, **options) for rounds in (0, CORRECTIONS))
 
 
 def measure(name: str, grid: Grid, plain: FittedModel, corrected: FittedModel, paper: bool) -> dict:
@@ -83,13 +84,8 @@ def measure(name: str, grid: Grid, plain: FittedModel, corrected: FittedModel, p
 
 def errors(model: FittedModel) -> dict:
     """Errors of one fit."""
-    report = model.report
-    return {
-        "rms": report.rms,
-        "max_error": list(report.max_error),
-        "n_invalid": report.n_invalid,
-        "seconds": report.seconds,
-    }
+    names = ("rms", "max_error", "n_invalid", "seconds")
+    return {name: getattr(model.report, name) for name in names}
 
 
 def table(numbers: dict) -> str:
@@ -107,19 +103,14 @@ def draw_grids(folder, grids: dict) -> None:
     with figure(folder, "table1_grids", size=(8.2, 8.4)) as canvas:
         for row, (name, grid) in zip(canvas.subplots(2, 2), grids.items()):
             for block in grid.blocks[3:6]:
-                draw_plane(row[0], block.nodes[:, :, 0, :2], BLUE)
+                draw_net(row[0], block.nodes[:, :, 0, :2], color=BLUE, linewidth=0.3)
             for n in (3, 4, 5, 9, 10, 11):
-                draw_plane(row[1], grid.blocks[n].nodes[:, 0][..., ::2], ORANGE if n == 4 else BLUE)
+                plane, color = grid.blocks[n].nodes[:, 0][..., ::2], ORANGE if n == 4 else BLUE
+                draw_net(row[1], plane, color=color, linewidth=0.3)
             row[0].set(title=f"{CASES[name][1]}: symmetry plane", ylabel="$y$")
             row[1].set(title=f"{CASES[name][1]}: wing and its plane", ylabel="$z$")
             for axes in row:
                 axes.set(xlim=(-0.6, 2.2), ylim=(0, 2.6), xlabel="$x$", aspect="equal")
-
-
-def draw_plane(axes, points: np.ndarray, color: str) -> None:
-    """Draw both families of grid lines of a plane of points (n, m, 2)."""
-    for lines in (points, points.swapaxes(0, 1)):
-        axes.plot(lines[..., 0].T, lines[..., 1].T, color=color, linewidth=0.3)
 
 
 def draw_errors(folder, models: dict, paper: bool) -> None:
@@ -127,10 +118,8 @@ def draw_errors(folder, models: dict, paper: bool) -> None:
     with figure(folder, "table1_errors", size=(7.5, 3.4)) as canvas:
         for axes, (name, pair) in zip(canvas.subplots(1, 2, sharey=True), models.items()):
             for model, label, color in zip(pair, ("chord length", "corrected"), (BLUE, ORANGE)):
-                distance = np.sort(np.linalg.norm(model.residual, axis=1))[::-1]
-                axes.loglog(
-                    np.maximum(distance, 1e-17), np.arange(1, distance.size + 1) / distance.size, color, label=label
-                )
+                distance = np.maximum(np.sort(np.linalg.norm(model.residual, axis=1))[::-1], 1e-17)
+                axes.loglog(distance, np.arange(1, distance.size + 1) / distance.size, color, label=label)
             if paper:
                 axes.axvline(PAPER[name]["rms"], color=GRAY, linestyle=":", label="RMS in the paper")
             axes.set(title=CASES[name][1], xlabel="error of a node (chords)", xlim=(1e-8, 1e-2), ylim=(1e-6, 2))
@@ -139,4 +128,4 @@ def draw_errors(folder, models: dict, paper: bool) -> None:
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)
