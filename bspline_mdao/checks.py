@@ -12,7 +12,16 @@ import numpy as np
 
 from .errors import InputError
 
-__all__ = ["as_array", "as_axes", "as_direction", "as_numbers", "as_vector", "require_kind", "require_list"]
+__all__ = [
+    "as_array",
+    "as_axes",
+    "as_direction",
+    "as_finite_points",
+    "as_numbers",
+    "as_vector",
+    "require_kind",
+    "require_list",
+]
 
 
 def as_array(values, what: str) -> np.ndarray:
@@ -42,6 +51,24 @@ def as_numbers(values, what: str) -> np.ndarray:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{what}: '{values}' are no numbers; give an array of them") from None
+
+
+def as_finite_points(values, n_points: int, what: str) -> np.ndarray:
+    """Return points as an array of shape (n_points, 3) of finite numbers.
+
+    Raises
+    ------
+    InputError
+        If they are something else.
+    """
+    array = as_array(values, what)
+    if array.shape != (n_points, 3):
+        raise InputError(f"{what} of shape {array.shape}; give shape ({n_points}, 3)")
+    is_bad = ~np.isfinite(array).all(axis=1)
+    if is_bad.any():
+        number = int(np.argmax(is_bad))
+        raise InputError(f"{what}: number {number + 1} of {n_points} is {array[number]}, not finite; correct it")
+    return array
 
 
 def as_vector(values, what: str) -> np.ndarray:

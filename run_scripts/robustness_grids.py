@@ -102,7 +102,7 @@ class Body:
     @property
     def falls_back(self) -> bool:
         """Whether control points fall back on a quasi-interpolant, since least squares fold."""
-        return self.model.shares is not None
+        return self.model.candidate_weights is not None
 
     def requests(self, deformations: Sequence[str]) -> list[str]:
         """What can be asked of the body by name: its own shape, if it has one, and deformations."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..errors import FitWarning, InputError
 from ..fit.fitting import fit_grid
 from ..model.fitted_model import FittedModel
-from ..model.report import CANDIDATES, Fallback, FitReport
+from ..model.records import CANDIDATES, Fallback, FitReport
 from .output import (
     check_outputs,
     counts_text,

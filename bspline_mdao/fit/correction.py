@@ -15,7 +15,7 @@ import numpy as np
 
 from ..topology.index_space import Orientation, Section, inner_slices, sections_of, whole_slices
 from .entities import Entity
-from .problem import FitProblem, Progress, Solution, part_of, solve_fit
+from .problem import FitProblem, FitSolution, Progress, part_of, solve_fit
 from .projection import project
 
 STEPS = 3
@@ -39,11 +39,11 @@ def correct_parameters(
     problem: FitProblem,
     parameters: Sequence[np.ndarray],
     nodes: np.ndarray,
-    solution: Solution,
+    solution: FitSolution,
     cycles: int,
     progress: Progress,
-    solve: Callable[..., Solution] = solve_fit,
-) -> tuple[list[np.ndarray], Solution]:
+    solve: Callable[..., FitSolution] = solve_fit,
+) -> tuple[list[np.ndarray], FitSolution]:
     """Correct the parameters of a fit; knots stay as they are.
 
     Each cycle moves the parameters of edges, faces and interiors towards the closest points and solves the fit anew; a
@@ -59,7 +59,7 @@ def correct_parameters(
         Parameters of the nodes of every segment.
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
-    solution : Solution
+    solution : FitSolution
         The fit for these parameters.
     cycles : int
         Number of cycles, at least 1.
@@ -72,7 +72,7 @@ def correct_parameters(
     -------
     parameters : list of ndarray
         The new parameters.
-    solution : Solution
+    solution : FitSolution
         The fit for them.
     """
     followers = _find_followers(problem)
@@ -86,7 +86,7 @@ def correct_parameters(
     return list(parameters), solution
 
 
-def _square(nodes: np.ndarray, solution: Solution) -> float:
+def _square(nodes: np.ndarray, solution: FitSolution) -> float:
     return float(((nodes - solution.fitted) ** 2).sum())
 
 

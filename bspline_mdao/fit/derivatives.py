@@ -8,8 +8,8 @@ With b the control points, A the matrix of an entity and r = x - A b its residua
 where u are the unknown and k the known control points; dA comes from `bspline_mdao.fit.live_mapping`. The reverse runs
 through the same steps backwards.
 
-Where control points fall back on a quasi-interpolant, its weights, the A of its iteration and the shares are those of
-the model's own grid: the fallback is a linear map of the nodes, as the choice that it comes from is made once.
+Where control points fall back on a quasi-interpolant, it, the A of its iteration and the weights of the candidates are
+those of the model's own grid: the fallback is a linear map of the nodes, as the choice that it comes from is made once.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class LiveFit:
     mapping : LiveMapping
         Parameters, knots and matrices of this grid.
     steps : tuple of FitStep
-        Factored least squares; none where no control point has a share of them.
+        Factored least squares; none where they have no weight in any control point.
     least_squares : ndarray, shape (n_control_points, 3)
         Control points by least squares (m).
     mixture : Mixture
@@ -118,7 +118,7 @@ def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
     InputError
         If the model has corrected parameters or the user's own parameters or knots, which are no functions of the grid.
     """
-    mixture = problem_of_mesh(model.topology, model.mesh).mixture(model.parameters, model.shares)
+    mixture = problem_of_mesh(model.topology, model.mesh).mixture(model.parameters, model.candidate_weights)
     if not mixture.has_least_squares:
         return LiveFit(live_mapping(model, nodes), (), np.zeros_like(model.control_points), mixture)
     problem, parameters = live_problem(model, nodes)

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numba import njit
 
-from ..model.report import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
+from ..model.records import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
 from ..splines.volume import Volume
 from .control_counts import LONG, sound_order
-from .problem import FitProblem, Solution
+from .problem import FitProblem, FitSolution
 from .quasi_interpolant import parametric_places
 from .validity import corner_measures, first_marked, folded_cells
 
@@ -24,7 +24,7 @@ def report_errors(
     block_names: Sequence[str],
     parameters: Sequence[np.ndarray],
     nodes: np.ndarray,
-    solution: Solution,
+    solution: FitSolution,
 ) -> FitReport:
     """Measure a fit.
 
@@ -38,7 +38,7 @@ def report_errors(
         Parameters of the nodes of every segment.
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
-    solution : Solution
+    solution : FitSolution
         The fit.
 
     Returns
@@ -68,15 +68,15 @@ def report_errors(
         n_invalid=n_invalid,
         invalid=invalid,
         warnings=(*solution.warnings, *_warn_of_invalid(problem, solution, n_invalid, invalid)),
-        fallback=None if solution.shares is None else _compare(problem, nodes, solution),
+        fallback=None if solution.weights is None else _compare(problem, nodes, solution),
     )
 
 
-def _compare(problem: FitProblem, nodes: np.ndarray, solution: Solution) -> Fallback:
+def _compare(problem: FitProblem, nodes: np.ndarray, solution: FitSolution) -> Fallback:
     """Count what the control points are, and measure the least squares that they are not."""
-    shares, least_squares = solution.shares, solution.least_squares
-    n_points = np.bincount(shares.argmax(axis=1), minlength=len(CANDIDATES)).tolist()
-    n_moved = int((shares[:, 0] < 1.0).sum())
+    weights, least_squares = solution.weights, solution.least_squares
+    n_points = np.bincount(weights.argmax(axis=1), minlength=len(CANDIDATES)).tolist()
+    n_moved = int((weights[:, 0] < 1.0).sum())
     if least_squares is None:
         return Fallback(tuple(n_points), n_moved)
     squares = ((nodes - least_squares.fitted) ** 2).sum(axis=1)
@@ -156,7 +156,7 @@ def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tup
     return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
 
 
-def _warn_of_invalid(problem: FitProblem, solution: Solution, n_invalid: int, invalid) -> Iterator[str]:
+def _warn_of_invalid(problem: FitProblem, solution: FitSolution, n_invalid: int, invalid) -> Iterator[str]:
     """Say where the control mesh is invalid, and what mends it."""
     if n_invalid:
         worst, n_elements = invalid[0], sum(_n_elements(volume.n_control) for volume in problem.mesh.volumes)
@@ -171,14 +171,14 @@ def _n_elements(n_control: Sequence[int]) -> int:
     return math.prod(max(n - 1, 1) for n in n_control)
 
 
-def _advise(problem: FitProblem, solution: Solution, invalid: Sequence[InvalidElement]) -> str:
+def _advise(problem: FitProblem, solution: FitSolution, invalid: Sequence[InvalidElement]) -> str:
     """Say what mends the control mesh of this fit."""
     folded = next((element for element in invalid if element.folded_cell), None)
     reason = ""
     if folded:
         i, j, k = folded.folded_cell
         reason = f"the grid itself is folded or flat there, at cell ({i}, {j}, {k}) of {folded.name}; "
-    if solution.shares is not None:
+    if solution.weights is not None:
         return f"{reason}{'mend it, or live with it' if folded else 'fewer control points leave fewer of them'}"
     segments = zip(problem.topology.segments, problem.mesh.volumes)
     if all(_is_high(window.shape, volume) for window, volume in segments):

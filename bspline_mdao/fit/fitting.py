@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FitWarning, InputError
-from ..model.fitted_model import FitSettings, FittedModel, GridHeader
+from ..model.fitted_model import FittedModel
+from ..model.records import FitSettings, GridHeader
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from ..topology.detection import find_topology
@@ -117,10 +118,10 @@ def fit_grid(
     nodes = grid.to_vector().reshape(-1, 3)
     parameters = segment_parameters(grid, topology, parametrization)
     problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots)
-    share = 1 / (1 + CYCLE_COST * corrections)
-    solution = _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, share))
+    fraction = 1 / (1 + CYCLE_COST * corrections)
+    solution = _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, fraction))
     if corrections:
-        rest = part_of(progress, share, 1)
+        rest = part_of(progress, fraction, 1)
         arguments = problem, parameters, nodes, solution, corrections, rest, _SOLVERS[method]
         parameters, solution = correct_parameters(*arguments)
     names = [block.name for block in grid.blocks]
@@ -141,7 +142,7 @@ def fit_grid(
         header=GridHeader.of(grid),
         report=report,
         settings=FitSettings(_kind(knots), corrections, _kind(parametrization), method, wall_layer),
-        shares=solution.shares,
+        candidate_weights=solution.weights,
     )
 
 

@@ -157,7 +157,7 @@ class FitOperator:
     Parameters
     ----------
     steps : tuple of FitStep
-        In the order of section II.D; none where the mixture has no share of least squares.
+        In the order of section II.D; none where least squares have no weight in the mixture.
     n_nodes, n_control_points : int
         Sizes of the two sides.
     mixture : Mixture
@@ -366,7 +366,7 @@ class GramFactor:
         return self.shift > 0.0
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution of ``(G + shift I) d = right``; both of shape (n, m)."""
+        """FitSolution of ``(G + shift I) d = right``; both of shape (n, m)."""
         routine = dpbtrs if self.is_banded else dpotrs
         return routine(self.lower, right, lower=1)[0]
 

@@ -77,20 +77,20 @@ class FitProblem:
         largest = max((len(entity.unknown_ids) for entity in self.entities), default=0)
         return max(1, min(thread_count(None), LARGEST_GRAM // (8 * largest**2 + 1)))
 
-    def mixture(self, parameters: Sequence[np.ndarray], shares: np.ndarray | None) -> Mixture:
+    def mixture(self, parameters: Sequence[np.ndarray], weights: np.ndarray | None) -> Mixture:
         """Mixture of candidates for these parameters, see `Mixture`."""
-        return Mixture.of(shares, self.mesh, self.sharing, parameters)
+        return Mixture.of(weights, self.mesh, self.sharing, parameters)
 
-    def operator(self, parameters: Sequence[np.ndarray], shares: np.ndarray | None = None) -> FitOperator:
+    def operator(self, parameters: Sequence[np.ndarray], weights: np.ndarray | None = None) -> FitOperator:
         """Linear map from nodes to control points for these parameters, with all factors kept."""
-        mixture = self.mixture(parameters, shares)
+        mixture = self.mixture(parameters, weights)
         with threadpool_limits(1, "blas"):
             steps = tuple(self.steps(parameters)) if mixture.has_least_squares else ()
         return FitOperator(steps, self.n_nodes, self.mesh.n_control_points, mixture)
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class FitSolution:
     """What a fit yields.
 
     Parameters
@@ -101,17 +101,17 @@ class Solution:
         Points of the spline at the nodes (m).
     warnings : tuple of str
         Entities whose data do not determine all control points.
-    shares : ndarray, shape (n_control_points, 6), or None
+    weights : ndarray, shape (n_control_points, 6), or None
         See `Mixture`; None for least squares alone.
-    least_squares : Solution or None
+    least_squares : FitSolution or None
         Least squares for the same parameters, where these were solved and are something else.
     """
 
     control_points: np.ndarray
     fitted: np.ndarray
     warnings: tuple[str, ...] = ()
-    shares: np.ndarray | None = None
-    least_squares: Solution | None = None
+    weights: np.ndarray | None = None
+    least_squares: FitSolution | None = None
 
 
 def problem_of_mesh(topology: Topology, mesh: BSplineMesh) -> FitProblem:
@@ -122,7 +122,7 @@ def problem_of_mesh(topology: Topology, mesh: BSplineMesh) -> FitProblem:
     return FitProblem(topology, sharing, mesh, entities, edge_places)
 
 
-def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> Solution:
+def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Progress | None = None) -> FitSolution:
     """Solve the least squares of all entities, those of a round on several threads, keeping no factor.
 
     The result has the same bits for any number of threads.
@@ -140,7 +140,7 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
 
     Returns
     -------
-    Solution
+    FitSolution
     """
     progress = progress or no_progress
     control_points, fitted = np.zeros((problem.mesh.n_control_points, 3)), np.empty_like(nodes)
@@ -161,7 +161,7 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
                 progress(n_done / problem.n_nodes, "least squares")
     copies = problem.sharing.copies
     fitted[copies[:, 0]] = fitted[copies[:, 1]]
-    return Solution(control_points, fitted, _warn_of_singular(problem.topology, singular))
+    return FitSolution(control_points, fitted, _warn_of_singular(problem.topology, singular))
 
 
 def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[str, ...]:

@@ -203,7 +203,7 @@ def _solve_step(jacobian, is_free, node, point, step, scale, normal, right):
 
 @njit(cache=True, error_model="numpy")
 def _cramer(A, r, out):
-    """Solution of a symmetric 3 x 3 system."""
+    """FitSolution of a symmetric 3 x 3 system."""
     c0, c1, c2 = (
         A[1, 1] * A[2, 2] - A[1, 2] ** 2,
         A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2],

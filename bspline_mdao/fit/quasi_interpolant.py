@@ -22,7 +22,7 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from ..evaluation.evaluator import Evaluator
-from ..model.report import ITERATIONS
+from ..model.records import ITERATIONS
 from ..splines.greville import greville_abscissae
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
@@ -39,7 +39,7 @@ MOST_ROUNDS = 100
 class QuasiInterpolant:
     """Linear maps from the nodes of a grid to control points, for given parameters and knots.
 
-    There is one map for each of `bspline_mdao.model.report.CANDIDATES` but the first: Q with 8, 4, 2 and no
+    There is one map for each of `bspline_mdao.model.records.CANDIDATES` but the first: Q with 8, 4, 2 and no
     iterations, and the grid at its Greville nodes.
 
     Parameters
@@ -88,39 +88,39 @@ class QuasiInterpolant:
         evaluator = Evaluator.build(mesh, own_parameters, own_numbers, len(sampled))
         return cls(sampling, sampled, sampling_matrix(mesh, sharing, nodal), evaluator, greville)
 
-    def forward(self, nodes: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    def forward(self, nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Control points that mix the candidates.
 
         Parameters
         ----------
         nodes : ndarray, shape (n_nodes, 3)
             The grid (m).
-        shares : ndarray, shape (n_control_points, 6)
-            Share of each of `bspline_mdao.model.report.CANDIDATES` in each control point; that of least
+        weights : ndarray, shape (n_control_points, 6)
+            Weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point; that of least
             squares is not looked at.
 
         Returns
         -------
         ndarray, shape (n_control_points, 3)
         """
-        result = shares[:, -1:] * (self.coarse @ nodes)
+        result = weights[:, -1:] * (self.coarse @ nodes)
         samples = points = self.sampling @ nodes[self.sampled]
         for number in range(ITERATIONS[0] + 1):
             if number in ITERATIONS:
-                result += shares[:, 1 + ITERATIONS.index(number), None] * points
+                result += weights[:, 1 + ITERATIONS.index(number), None] * points
             points = points + samples - self.sampling @ self.evaluator.forward(points)
         return result
 
-    def adjoint(self, bar: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    def adjoint(self, bar: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Transpose of `forward`: cotangent of the nodes, shape (n_nodes, 3), of that of the control points."""
-        nodes_bar = self.coarse.T @ (shares[:, -1:] * bar)
+        nodes_bar = self.coarse.T @ (weights[:, -1:] * bar)
         points_bar, samples_bar = np.zeros_like(bar), np.zeros_like(bar)
         for number in range(ITERATIONS[0], -1, -1):
             if number < ITERATIONS[0]:
                 samples_bar = samples_bar + points_bar
                 points_bar = points_bar - self.evaluator.adjoint(self.sampling.T @ points_bar)
             if number in ITERATIONS:
-                points_bar = points_bar + shares[:, 1 + ITERATIONS.index(number), None] * bar
+                points_bar = points_bar + weights[:, 1 + ITERATIONS.index(number), None] * bar
         nodes_bar[self.sampled] += self.sampling.T @ (samples_bar + points_bar)
         return nodes_bar
 
@@ -140,36 +140,36 @@ class Mixture:
 
     Parameters
     ----------
-    shares : ndarray, shape (n_control_points, 6), optional
-        Share of each of `bspline_mdao.model.report.CANDIDATES` in each control point.
+    weights : ndarray, shape (n_control_points, 6), optional
+        Weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point.
     quasi : QuasiInterpolant, optional
-        The candidates; needed where there are shares.
+        The candidates; needed where there are weights.
     """
 
-    shares: np.ndarray | None = None
+    weights: np.ndarray | None = None
     quasi: QuasiInterpolant | None = None
 
     @classmethod
-    def of(cls, shares: np.ndarray | None, mesh: BSplineMesh, sharing: NodeSharing, parameters) -> Mixture:
-        """Set up the candidates where there are shares; the other arguments are those of `QuasiInterpolant.of`."""
-        return cls() if shares is None else cls(shares, QuasiInterpolant.of(mesh, sharing, parameters))
+    def of(cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: NodeSharing, parameters) -> Mixture:
+        """Set up the candidates where there are weights; the other arguments are those of `QuasiInterpolant.of`."""
+        return cls() if weights is None else cls(weights, QuasiInterpolant.of(mesh, sharing, parameters))
 
     @property
     def has_least_squares(self) -> bool:
-        """Whether any control point has a share of least squares."""
-        return self.shares is None or bool(self.shares[:, 0].any())
+        """Whether least squares have a weight in any control point."""
+        return self.weights is None or bool(self.weights[:, 0].any())
 
     def forward(self, least_squares: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Control points, of those by least squares, shape (n_control_points, 3), and the nodes, shape (n_nodes, 3)."""
-        if self.shares is None:
+        if self.weights is None:
             return least_squares
-        return self.shares[:, :1] * least_squares + self.quasi.forward(nodes, self.shares)
+        return self.weights[:, :1] * least_squares + self.quasi.forward(nodes, self.weights)
 
     def adjoint(self, control_bar: np.ndarray, n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `forward`: new arrays, the cotangents of the least squares and of the nodes."""
-        if self.shares is None:
+        if self.weights is None:
             return control_bar.copy(), np.zeros((n_nodes, 3))
-        return self.shares[:, :1] * control_bar, self.quasi.adjoint(control_bar, self.shares)
+        return self.weights[:, :1] * control_bar, self.quasi.adjoint(control_bar, self.weights)
 
 
 LEAST_SQUARES = Mixture()
@@ -250,11 +250,11 @@ def sampling_matrix(mesh: BSplineMesh, sharing: NodeSharing, places: Sequence[np
         last = np.array(rows.shape) - 1
         place = place.reshape(-1, 3)[own - start]
         low = np.minimum(place.astype(int), np.maximum(last - 1, 0))
-        share = place - low
+        fraction = place - low
         for corner in np.ndindex(2, 2, 2):
             i, j, k = np.minimum(low + corner, last).T
             columns.append(source[rows[i, j, k]])
-            values.append(np.prod(np.where(corner, share, 1 - share), axis=1))
+            values.append(np.prod(np.where(corner, fraction, 1 - fraction), axis=1))
             numbers.append(ids[own])
     columns, values, numbers = map(np.concatenate, (columns, values, numbers))
     is_used = values != 0
@@ -265,49 +265,49 @@ def sampling_matrix(mesh: BSplineMesh, sharing: NodeSharing, places: Sequence[np
 @njit(cache=True, nogil=True, error_model="numpy")
 def _find_places(parameters, wanted, places):
     """Move each place along the three lines through it in turn, until its parameters are the wanted ones."""
-    cell, share, is_end = np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(3, dtype=np.bool_)
+    cell, fraction, is_end = np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(3, dtype=np.bool_)
     for q in range(len(wanted)):
         place = places[q]
         for d in range(3):
             last = parameters.shape[d] - 1
             is_end[d] = place[d] <= 0.0 or place[d] >= last  # a point of a face needs the nodes of that face alone
             cell[d] = min(int(place[d]), max(last - 1, 0))
-            share[d] = place[d] - cell[d]
+            fraction[d] = place[d] - cell[d]
         for _ in range(MOST_ROUNDS):
             change = 0.0
             for d in range(3):
                 if not is_end[d]:
                     before = place[d]
-                    _place_on_line(parameters, d, wanted[q, d], cell, share)
-                    place[d] = cell[d] + share[d]
+                    _place_on_line(parameters, d, wanted[q, d], cell, fraction)
+                    place[d] = cell[d] + fraction[d]
                     change = max(change, abs(place[d] - before))
             if change <= CONVERGED:
                 break
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place_on_line(parameters, d, wanted, cell, share):
+def _place_on_line(parameters, d, wanted, cell, fraction):
     """Find the cell along direction d, and the place in it, at which the line through a place has a parameter."""
     low, high = 0, parameters.shape[d] - 1
     while high - low > 1:
         middle = (low + high) // 2
-        if _parameter(parameters, d, middle, cell, share) <= wanted:
+        if _parameter(parameters, d, middle, cell, fraction) <= wanted:
             low = middle
         else:
             high = middle
-    start, end = _parameter(parameters, d, low, cell, share), _parameter(parameters, d, high, cell, share)
+    start, end = _parameter(parameters, d, low, cell, fraction), _parameter(parameters, d, high, cell, fraction)
     part = (wanted - start) / (end - start) if end > start else 0.0
-    cell[d], share[d] = low, min(max(part, 0.0), 1.0)
+    cell[d], fraction[d] = low, min(max(part, 0.0), 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _parameter(parameters, d, number, cell, share):
+def _parameter(parameters, d, number, cell, fraction):
     """Parameter d at a node number of the line along d through a place, bilinear between four grid lines."""
     e, f = (d + 1) % 3, (d + 2) % 3
     total = 0.0
     for a in range(2):
         for b in range(2):
-            weight = (share[e] if a else 1.0 - share[e]) * (share[f] if b else 1.0 - share[f])
+            weight = (fraction[e] if a else 1.0 - fraction[e]) * (fraction[f] if b else 1.0 - fraction[f])
             if weight != 0.0:
                 i = number if d == 0 else cell[0] + (a if e == 0 else b)
                 j = number if d == 1 else cell[1] + (a if e == 1 else b)

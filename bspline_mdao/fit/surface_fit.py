@@ -76,10 +76,10 @@ class SurfaceMiss:
         return cls(float(distances[worst]), float(rms), float(size), len(rows), *place)
 
     def __str__(self) -> str:
-        share = f" ({self.largest / self.size:.2g} of its size)" if self.size else ""
+        size = f" ({self.largest / self.size:.2g} of its size)" if self.size else ""
         patch = f", patch {self.patch}" if self.patch else ""
         return (
-            f"the surface misses its target by {self.largest:.3g} m at most{share}, {self.rms:.3g} m RMS; the worst is "
+            f"the surface misses its target by {self.largest:.3g} m at most{size}, {self.rms:.3g} m RMS; the worst is "
             f"node {self.node} of {self.block}{patch}"
         )
 
@@ -146,7 +146,7 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
         for step in steps:
             step.solve(moves, control_points)
             is_fitted[step.entity.unknown_ids] = True
-        control_points = problem.mixture(model.parameters, model.shares).forward(control_points, moves)
+        control_points = problem.mixture(model.parameters, model.candidate_weights).forward(control_points, moves)
         control_points += model.control_points
         for step in steps:
             fitted[step.entity.rows] += step.evaluate(control_points)

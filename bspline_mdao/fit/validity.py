@@ -1,9 +1,9 @@
 """Valid control meshes: where least squares fold, control points fall back on the quasi-interpolant, smoothly.
 
-The candidates of `bspline_mdao.model.report.CANDIDATES` form a ladder: each is less close to the grid than the
+The candidates of `bspline_mdao.model.records.CANDIDATES` form a ladder: each is less close to the grid than the
 one before, and folds less. It is climbed from its foot. The control mesh found on one rung is the *base* of the next,
 whose points are moved to it where elements are invalid, or much worse than in the base; the move fades out over the
-neighbours. A mesh that has moved to its base everywhere is as valid as that base, so that this ends. The *shares* of
+neighbours. A mesh that has moved to its base everywhere is as valid as that base, so that this ends. The *weights* of
 the candidates in each control point are then part of the model, like its topology: for given parameters the fit stays a
 linear map of the nodes.
 """
@@ -17,9 +17,9 @@ from scipy.ndimage import maximum_filter
 
 from ..cells.hexahedron import cell_quality
 from ..evaluation.evaluator import Evaluator
-from ..model.report import CANDIDATES
+from ..model.records import CANDIDATES
 from ..splines.mesh import BSplineMesh
-from .problem import FitProblem, Solution
+from .problem import FitProblem, FitSolution
 from .quasi_interpolant import Mixture, QuasiInterpolant
 
 MARGIN = 0.3
@@ -61,7 +61,7 @@ def corner_measures(nets: Sequence[np.ndarray]) -> list[np.ndarray]:
     return measures
 
 
-def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares: Solution | None) -> Solution:
+def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares: FitSolution | None) -> FitSolution:
     """Keep least squares where their control mesh is valid, and mix candidates where it is not.
 
     Parameters
@@ -72,22 +72,22 @@ def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares
         Parameters of the nodes of every segment.
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
-    least_squares : Solution or None
+    least_squares : FitSolution or None
         The fit by least squares; None leaves them out.
 
     Returns
     -------
-    Solution
+    FitSolution
         The least squares themselves where they are valid.
     """
     points = None if least_squares is None else least_squares.control_points
     if points is not None and is_valid(problem.mesh.nets(points)):
         return least_squares
     quasi = QuasiInterpolant.of(problem.mesh, problem.sharing, parameters)
-    shares = choose_shares(problem, quasi, nodes, points)
-    mixed = Mixture(shares, quasi).forward(np.zeros((len(shares), 3)) if points is None else points, nodes)
+    weights = choose_weights(problem, quasi, nodes, points)
+    mixed = Mixture(weights, quasi).forward(np.zeros((len(weights), 3)) if points is None else points, nodes)
     fitted = Evaluator.of_grid(problem.topology, problem.mesh, parameters).forward(mixed)
-    return Solution(mixed, fitted, () if points is None else least_squares.warnings, shares, least_squares)
+    return FitSolution(mixed, fitted, () if points is None else least_squares.warnings, weights, least_squares)
 
 
 def is_valid(nets: Sequence[np.ndarray]) -> bool:
@@ -95,7 +95,7 @@ def is_valid(nets: Sequence[np.ndarray]) -> bool:
     return all((measure > 0.0).all() for measure in corner_measures(nets))
 
 
-def choose_shares(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squares: np.ndarray | None) -> np.ndarray:
+def choose_weights(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squares: np.ndarray | None) -> np.ndarray:
     """Mix candidates so that the control mesh is valid wherever the grid is.
 
     Parameters
@@ -112,12 +112,12 @@ def choose_shares(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squ
     Returns
     -------
     ndarray, shape (n_control_points, 6)
-        Shares of `CANDIDATES` in each control point; their sum is 1.
+        Weights of `CANDIDATES` in each control point; their sum is 1.
     """
     mesh = problem.mesh
     candidates = [least_squares, *quasi.candidates(nodes)]
-    base, shares = candidates[-1], np.zeros((mesh.n_control_points, len(CANDIDATES)))
-    shares[:, -1] = 1.0
+    base, weights = candidates[-1], np.zeros((mesh.n_control_points, len(CANDIDATES)))
+    weights[:, -1] = 1.0
     for number in range(len(CANDIDATES) - 2, -1 if least_squares is not None else 0, -1):
         margin = LEAST_MARGIN if number == len(CANDIDATES) - 2 else MARGIN if number else LARGEST_MARGIN
         least = [np.where(m > 0.0, margin * m, m - MARGIN) for m in corner_measures(mesh.nets(base))]
@@ -126,9 +126,9 @@ def choose_shares(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squ
                 bound[held] = -np.inf
         towards = _retreat(mesh, candidates[number], base, least)
         base = _mixed(candidates[number], base, towards)
-        shares *= towards[:, None]
-        shares[:, number] = 1.0 - towards
-    return shares
+        weights *= towards[:, None]
+        weights[:, number] = 1.0 - towards
+    return weights
 
 
 def folded_cells(problem: FitProblem, nodes: np.ndarray) -> list[np.ndarray]:

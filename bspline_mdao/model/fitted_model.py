@@ -2,106 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
 
-from ..checks import as_array
-from ..errors import InputError
+from ..checks import as_finite_points
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import refine
 from ..evaluation.index_scaling import IndexScaling
 from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
-from ..topology.grid import Block, Grid, Patch
+from ..topology.grid import Grid, Patch
 from ..topology.topology import Topology
 from ..walls.grid_map import GridMap
 from ..walls.riders import Riders
-from .report import FitReport
-
-
-@dataclass(frozen=True, eq=False)
-class GridHeader:
-    """What a grid is besides its nodes.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the blocks.
-    patches : tuple of Patch
-        Declared patches.
-    source : str
-        Where the grid came from.
-    dialect : object or None
-        How its file was written.
-    iblanks : tuple of (ndarray or None)
-        Blanking of every block.
-    """
-
-    names: tuple[str, ...]
-    patches: tuple[Patch, ...] = ()
-    source: str = "grid"
-    dialect: object | None = None
-    iblanks: tuple[np.ndarray | None, ...] = ()
-
-    @classmethod
-    def of(cls, grid: Grid) -> GridHeader:
-        """Take the header of a grid."""
-        names, iblanks = tuple(b.name for b in grid.blocks), tuple(b.iblank for b in grid.blocks)
-        return cls(names, grid.patches, grid.source, grid.dialect, iblanks)
-
-    def grid(self, shapes, nodes: np.ndarray) -> Grid:
-        """Grid with these nodes, shape (n_nodes, 3), in blocks of these shapes."""
-        blocks, start = [], 0
-        for name, iblank, shape in zip(self.names, self.iblanks, shapes):
-            stop = start + int(np.prod(shape))
-            blocks.append(Block(nodes[start:stop].reshape(*shape, 3), name, iblank))
-            start = stop
-        return Grid(tuple(blocks), self.patches, self.source, self.dialect)
-
-
-def checked_points(points, n_points: int, what: str) -> np.ndarray:
-    """Points as an array of shape (n_points, 3) of finite numbers.
-
-    Raises
-    ------
-    InputError
-        If they are something else; ``what`` they are begins the message.
-    """
-    array = as_array(points, what)
-    if array.shape != (n_points, 3):
-        raise InputError(f"{what} of shape {array.shape}; give shape ({n_points}, 3)")
-    is_bad = ~np.isfinite(array).all(axis=1)
-    if is_bad.any():
-        number = int(np.argmax(is_bad))
-        raise InputError(f"{what}: number {number + 1} of {n_points} is {array[number]}, not finite; correct it")
-    return array
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How a model was fitted, as far as its derivatives need to know.
-
-    Parameters
-    ----------
-    knots : str
-        ``"curved"``, ``"constant"``, or ``"given"`` for the user's own.
-    corrections : int
-        Cycles of parameter correction.
-    parametrization : str
-        Of the nodes, before correction: one of `bspline_mdao.fit.parameters.EXPONENTS`, or ``"given"`` for the user's.
-    method : str
-        One of `bspline_mdao.fit.fitting.METHODS`; what came of it are the shares of the model.
-    wall_layer : bool
-        Whether nodes near walls follow them as a rigid body and the residual turns with its surroundings.
-    """
-
-    knots: str = "curved"
-    corrections: int = 0
-    parametrization: str = "chord_length"
-    method: str = "valid"
-    wall_layer: bool = True
+from .model_file import read_model, write_model
+from .records import FitReport, FitSettings, GridHeader
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +28,7 @@ class FittedModel:
     Parameters
     ----------
     topology : Topology
-        Blocks, segments and how they hang together, found once and kept through every change of shape.
+        Blocks, segments and their connections, found once and kept through every change of shape.
     mesh : BSplineMesh
         One volume per segment.
     parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)
@@ -126,9 +43,9 @@ class FittedModel:
         How good the fit is.
     settings : FitSettings
         How it was made.
-    shares : ndarray, shape (n_control_points, 6), or None
-        Share in each control point of each of `bspline_mdao.model.report.CANDIDATES`, found once and kept;
-        None where all are least squares.
+    candidate_weights : ndarray, shape (n_control_points, 6), or None
+        Weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point, found once and kept; None where
+        all are least squares.
     """
 
     topology: Topology
@@ -138,8 +55,8 @@ class FittedModel:
     residual: np.ndarray | None
     header: GridHeader
     report: FitReport
-    settings: FitSettings = FitSettings()
-    shares: np.ndarray | None = None
+    settings: FitSettings = field(default_factory=FitSettings)
+    candidate_weights: np.ndarray | None = None
 
     def __post_init__(self):
         self._check("control_points", self.mesh.n_control_points)
@@ -147,7 +64,7 @@ class FittedModel:
             self._check("residual", self.topology.n_nodes)
 
     def _check(self, name: str, n_points: int) -> None:
-        points = checked_points(getattr(self, name), n_points, f"{self.header.source}: {name.replace('_', ' ')}")
+        points = as_finite_points(getattr(self, name), n_points, f"{self.header.source}: {name.replace('_', ' ')}")
         object.__setattr__(self, name, points)
 
     @property
@@ -197,13 +114,13 @@ class FittedModel:
         """
         if control_points is not None:
             what = f"{self.header.source}: control points"
-            points = checked_points(control_points, self.mesh.n_control_points, what)
+            points = as_finite_points(control_points, self.mesh.n_control_points, what)
             return self.header.grid(self.topology.shapes, self.grid_map().at(points).nodes)
         nodes = self.evaluator().forward(self.control_points)
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 
     def riders(self, points: np.ndarray, tolerance: float | None = None) -> Riders:
-        """Let points that were not fitted ride along, those near walls in the layer there.
+        """Find what moves points that were not fitted: the volumes, and near walls the layer there.
 
         Parameters
         ----------
@@ -232,7 +149,7 @@ class FittedModel:
         Parameters
         ----------
         factor : float
-            Cells per direction of the member, by those of the grid.
+            Cells per direction of the member, divided by those of the grid.
 
         Returns
         -------
@@ -250,16 +167,12 @@ class FittedModel:
 
     def save(self, path, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.model.model_file.write_model`."""
-        from .model_file import write_model
-
-        write_model(self, path, compress)
+        write_model({f.name: getattr(self, f.name) for f in fields(self)}, path, compress)
 
     @classmethod
     def load(cls, path) -> FittedModel:
         """Read a model from a file, see `bspline_mdao.model.model_file.read_model`."""
-        from .model_file import read_model
-
-        return read_model(path)
+        return read_model(path, cls)
 
 
 def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:
@@ -270,7 +183,7 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
     model : FittedModel
         The model.
     factor : float
-        Cells per direction of the member, by those of the grid.
+        Cells per direction of the member, divided by those of the grid.
     control_points : ndarray, shape (n_control_points, 3), optional
         Moved control points (m); the fitted ones by default.
 

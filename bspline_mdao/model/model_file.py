@@ -1,7 +1,7 @@
-"""One HDF5 file for a fitted model.
+"""One HDF5 file for a fitted model, written from its fields and read back into them.
 
-Layout, version 3 (in version 2 the settings told a smoothing instead of a method; in version 1 there was no
-parametrization either, and the report told no memory of a factor)::
+Layout, version 3 (in version 2 the settings had a smoothing instead of a method; in version 1 there was no
+parametrization either, and the report had no memory of a factor)::
 
     /                       attributes: format, version, checksum
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
@@ -11,7 +11,7 @@ parametrization either, and the report told no memory of a factor)::
     /parameters/<s>         parameters of its nodes
     /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
     /iblank/<b>             blanking of block b, where it has one
-    /shares                 (n_control_points, 6) shares of the candidates, where not all are least squares
+    /shares                 (n_control_points, 6) weights of the candidates, where not all are least squares
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ import hashlib
 import json
 import math
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
 from pathlib import Path
+from typing import TypeVar
 
 import h5py
 import numpy as np
@@ -37,8 +39,16 @@ from ..splines.volume import Volume
 from ..topology.grid import Patch
 from ..topology.index_space import Interface, Orientation, Window
 from ..topology.topology import BoundaryFace, Collapse, Link, NearMiss, Topology
-from .fitted_model import FitSettings, FittedModel, GridHeader
-from .report import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
+from .records import (
+    CANDIDATES,
+    BlockError,
+    Fallback,
+    FitReport,
+    FitSettings,
+    GridHeader,
+    InvalidElement,
+    WorstNode,
+)
 
 FORMAT = "bspline_mdao fitted model"
 VERSION = 3
@@ -55,13 +65,16 @@ _RECORDS = {
 }
 
 
-def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = True) -> None:
+Model = TypeVar("Model")
+
+
+def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, compress: bool = True) -> None:
     """Write a model; an existing file is replaced only when the new one is complete.
 
     Parameters
     ----------
-    model : FittedModel
-        The model.
+    fields_of_model : mapping of str
+        The fields of a `bspline_mdao.model.fitted_model.FittedModel` by name.
     path : path-like
         The file.
     compress : bool
@@ -72,8 +85,8 @@ def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = Tr
     InputError
         If the file cannot be written, or the model has knots that are functions of the user's.
     """
-    arrays = _arrays_of(model)
-    document = json.dumps(_encode(_document_of(model))).encode()
+    arrays = _arrays_of(**fields_of_model)
+    document = json.dumps(_encode(_document_of(**fields_of_model))).encode()
     options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
     with replaced_hdf5_file(path) as file:
         attributes = {"format": FORMAT, "version": VERSION, "checksum": _checksum(document, arrays)}
@@ -85,17 +98,20 @@ def write_model(model: FittedModel, path: str | os.PathLike, compress: bool = Tr
                 file.create_dataset(name, data=array, **options)
 
 
-def read_model(path: str | os.PathLike) -> FittedModel:
+def read_model(path: str | os.PathLike, make: Callable[..., Model]) -> Model:
     """Read a model.
 
     Parameters
     ----------
     path : path-like
         File that `write_model` made.
+    make : callable
+        Makes the model from its fields, given by name; its `InputError` tells that they are damaged.
 
     Returns
     -------
     FittedModel
+        What ``make`` returns.
 
     Raises
     ------
@@ -108,7 +124,7 @@ def read_model(path: str | os.PathLike) -> FittedModel:
         content, arrays = _read_arrays(path)
         document = json.loads(content)
         _bring_up_to_date(path, document, arrays)
-        return _assemble(_decode(document), arrays)
+        return make(**_fields_of(_decode(document), arrays))
     except InputError as error:
         raise error if str(error).startswith(str(path)) else _damaged(path) from error
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
@@ -171,27 +187,29 @@ def _bring_up_to_date(path, document: dict, arrays: dict[str, np.ndarray]) -> No
         arrays["shares"] = np.eye(len(CANDIDATES))[np.full(len(arrays["control_points"]), len(CANDIDATES) - 1)]
 
 
-def _arrays_of(model: FittedModel) -> dict[str, np.ndarray]:
-    arrays = {"control_points": model.control_points}
-    arrays.update({name: a for name in ("residual", "shares") if (a := getattr(model, name)) is not None})
-    for s, (volume, ids, parameters) in enumerate(zip(model.mesh.volumes, model.mesh.control_ids, model.parameters)):
-        arrays[f"control_ids/{s}"], arrays[f"parameters/{s}"] = ids, parameters
+def _arrays_of(mesh, parameters, control_points, residual, header, candidate_weights, **_) -> dict[str, np.ndarray]:
+    """Arrays of a model's fields by their names in the file."""
+    arrays = {"control_points": control_points, "residual": residual, "shares": candidate_weights}
+    for s, (volume, ids, x) in enumerate(zip(mesh.volumes, mesh.control_ids, parameters)):
+        arrays[f"control_ids/{s}"], arrays[f"parameters/{s}"] = ids, x
         arrays.update({f"knots/{s}/{d}": knots_to_array(knots) for d, knots in enumerate(volume.knots)})
-    arrays.update({f"iblank/{b}": a for b, a in enumerate(model.header.iblanks) if a is not None})
-    return arrays
+    arrays.update({f"iblank/{b}": iblank for b, iblank in enumerate(header.iblanks)})
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
-def _document_of(model: FittedModel) -> dict:
+def _document_of(topology, mesh, header, report, settings, **_) -> dict:
+    """All of a model's fields that are no arrays."""
     return {
-        "topology": model.topology,
-        "header": replace(model.header, iblanks=()),
-        "report": model.report,
-        "settings": model.settings,
-        "orders": tuple(volume.orders for volume in model.mesh.volumes),
+        "topology": topology,
+        "header": replace(header, iblanks=()),
+        "report": report,
+        "settings": settings,
+        "orders": tuple(volume.orders for volume in mesh.volumes),
     }
 
 
-def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
+def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, object]:
+    """Fields of a model from its document and its arrays; ValueError where they do not go together."""
     volumes = [
         Volume(tuple(knots_from_array(arrays[f"knots/{s}/{d}"], order) for d, order in enumerate(orders)))
         for s, orders in enumerate(document["orders"])
@@ -200,28 +218,29 @@ def _assemble(document: dict, arrays: dict[str, np.ndarray]) -> FittedModel:
     header, topology = document["header"], document["topology"]
     _check_topology(topology, header)
     _check_parameters(topology, volumes, arrays)
-    return FittedModel(
-        topology=topology,
-        mesh=BSplineMesh(tuple(volumes), tuple(ids), len(control_points)),
-        parameters=tuple(arrays[f"parameters/{s}"] for s in range(len(volumes))),
-        control_points=control_points,
-        residual=arrays.get("residual"),
-        header=replace(header, iblanks=tuple(arrays.get(f"iblank/{b}") for b in range(len(header.names)))),
-        report=document["report"],
-        settings=document["settings"],
-        shares=_checked_shares(arrays),
-    )
+    return {
+        "topology": topology,
+        "mesh": BSplineMesh(tuple(volumes), tuple(ids), len(control_points)),
+        "parameters": tuple(arrays[f"parameters/{s}"] for s in range(len(volumes))),
+        "control_points": control_points,
+        "residual": arrays.get("residual"),
+        "header": replace(header, iblanks=tuple(arrays.get(f"iblank/{b}") for b in range(len(header.names)))),
+        "report": document["report"],
+        "settings": document["settings"],
+        "candidate_weights": _checked_weights(arrays),
+    }
 
 
-def _checked_shares(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Shares of the candidates; ValueError unless each control point has all of them, and they sum to 1."""
-    shares = arrays.get("shares")
-    if shares is not None:
-        if shares.shape != (len(arrays["control_points"]), len(CANDIDATES)):
-            raise ValueError("shares")
-        if not (np.abs(shares.sum(axis=1) - 1.0) <= 1e-9).all():
-            raise ValueError("shares")
-    return shares
+def _checked_weights(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Weights of the candidates; ValueError unless each control point has all of them, and they sum to 1."""
+    weights = arrays.get("shares")
+    if weights is not None:
+        if weights.shape != (len(arrays["control_points"]), len(CANDIDATES)):
+            raise ValueError("weights")
+        # they are sums and products of few numbers, so that they sum to 1 but for round-off
+        if not (np.abs(weights.sum(axis=1) - 1.0) <= 1e-9).all():
+            raise ValueError("weights")
+    return weights
 
 
 def _check_topology(topology: Topology, header: GridHeader) -> None:
@@ -274,7 +293,7 @@ def _section_shape(topology: Topology, number: int, section) -> list[int]:
 
 
 def _check_orientation(orientation: Orientation, shape, other) -> None:
-    """Raise ValueError unless it carries one shape to the other."""
+    """Raise ValueError unless it turns one shape into the other."""
     is_permutation = sorted(orientation.perm) == [0, 1, 2] and len(orientation.flip) == 3
     if not is_permutation or any(n != other[p] for n, p in zip(shape, orientation.perm)):
         raise ValueError("orientation")

@@ -71,7 +71,9 @@ class Fit(om.ExplicitComponent):
         if self.options["live"]:
             self._live = live_fit(model, baseline.reshape(-1, 3))
         else:
-            self._frozen = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.shares)
+            self._frozen = problem_of_mesh(model.topology, model.mesh).operator(
+                model.parameters, model.candidate_weights
+            )
         self.add_input(GRID_INITIAL, val=baseline, units="m")
         self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         is_live = self.options["live"]

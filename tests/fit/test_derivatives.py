@@ -114,7 +114,7 @@ def reference_fit(model, nodes):
         first = [np.flatnonzero(entity.columns == c)[0] for c in range(len(entity.unknown_ids))]
         b[entity.unknown_ids] = reference_net[first]
         b[entity.unknown_ids] += np.linalg.solve(A_u.T @ A_u, A_u.T @ (nodes[entity.rows] - A @ b[ids]))
-    return frozen.mixture(model.parameters, model.shares).forward(b, nodes), matrices, frozen
+    return frozen.mixture(model.parameters, model.candidate_weights).forward(b, nodes), matrices, frozen
 
 
 @pytest.mark.parametrize("kind", EXPONENTS)

@@ -141,8 +141,8 @@ def test_shared_nodes_are_fitted_bit_for_bit_alike(shape):
 def test_the_transpose_passes_the_dot_test(shape, is_mixed):
     rng = np.random.default_rng(8)
     model = fit_grid(ALL_SHAPES[shape]())
-    shares = rng.dirichlet(np.ones(6), model.report.n_control_points) if is_mixed else None
-    operator = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, shares)
+    weights = rng.dirichlet(np.ones(6), model.report.n_control_points) if is_mixed else None
+    operator = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, weights)
     x = rng.standard_normal((operator.n_nodes, 3))
     b = rng.standard_normal((operator.n_control_points, 3))
     forward, reverse = np.vdot(b, operator.forward(x)), np.vdot(operator.adjoint(b), x)

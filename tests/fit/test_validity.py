@@ -20,7 +20,7 @@ from bspline_mdao.cli.main import run
 from bspline_mdao.fit.problem import problem_of_mesh
 from bspline_mdao.fit.quasi_interpolant import QuasiInterpolant, parametric_places
 from bspline_mdao.fit.validity import elements_with, first_marked
-from bspline_mdao.model.report import CANDIDATES
+from bspline_mdao.model.records import CANDIDATES
 from bspline_mdao.splines.greville import greville_abscissae
 
 
@@ -103,7 +103,7 @@ def test_small_generated_grids_have_valid_control_meshes_within_their_domain(mak
         model = fit_grid(grid)
     nodes = grid.to_vector().reshape(-1, 3)
     assert model.report.n_invalid == 0
-    assert model.shares is None
+    assert model.candidate_weights is None
     assert np.abs(model.control_points).max() < 1.001 * np.abs(nodes).max()
     assert model.report.relative_rms < 0.02
 
@@ -125,7 +125,7 @@ def test_a_valid_grid_has_a_valid_control_mesh_however_least_squares_fold(case, 
     model = fit_grid(grid, method=method, **options)
     assert least_squares.report.n_invalid > 0
     assert model.report.n_invalid == 0
-    np.testing.assert_allclose(model.shares.sum(axis=1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(model.candidate_weights.sum(axis=1), 1.0, atol=1e-14)
     np.testing.assert_allclose(model.regenerate().to_vector(), grid.to_vector(), atol=1e-12)
     fallback = model.report.fallback
     assert sum(fallback.n_points) == model.report.n_control_points
@@ -133,17 +133,17 @@ def test_a_valid_grid_has_a_valid_control_mesh_however_least_squares_fold(case, 
         assert fallback.least_squares_invalid == least_squares.report.n_invalid
         assert fallback.least_squares_rms == least_squares.report.rms
         assert fallback.least_squares_max == pytest.approx(least_squares.report.worst.error, rel=1e-14)
-        alone = model.shares[:, 0] == 1.0
+        alone = model.candidate_weights[:, 0] == 1.0
         assert fallback.n_moved == np.sum(~alone)
         np.testing.assert_array_equal(model.control_points[alone], least_squares.control_points[alone])
     else:
-        assert not model.shares[:, 0].any()
+        assert not model.candidate_weights[:, 0].any()
 
 
 def test_where_least_squares_are_valid_nothing_changes_to_the_last_bit():
     grid = bent_block()
     first, second = (fit_grid(grid, method=method) for method in ("valid", "least_squares"))
-    assert first.shares is None
+    assert first.candidate_weights is None
     assert first.report.fallback is None
     np.testing.assert_array_equal(first.control_points, second.control_points)
 
@@ -153,7 +153,9 @@ def test_the_fallback_turns_and_grows_with_its_grid():
     model = fit_grid(grid, **FOLDING)
     turn, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))
     nodes = 1.7 * grid.to_vector().reshape(-1, 3) @ turn + [1.0, 2.0, 3.0]
-    points = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.shares).forward(nodes)
+    points = (
+        problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.candidate_weights).forward(nodes)
+    )
     np.testing.assert_allclose(points, 1.7 * model.control_points @ turn + [1.0, 2.0, 3.0], atol=1e-12)
 
 
@@ -161,8 +163,8 @@ def test_the_fallback_turns_and_grows_with_its_grid():
 def test_the_frozen_operator_gives_back_the_control_points_of_the_model(corrections):
     grid = folded_block()
     model = fit_grid(grid, corrections=corrections, **FOLDING)
-    assert model.shares is not None
-    operator = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.shares)
+    assert model.candidate_weights is not None
+    operator = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, model.candidate_weights)
     np.testing.assert_allclose(operator.forward(grid.to_vector().reshape(-1, 3)), model.control_points, atol=1e-13)
 
 
@@ -265,6 +267,6 @@ def test_a_file_holds_the_shares(tmp_path):
     model = fit_grid(folded_block(), **FOLDING)
     model.save(tmp_path / "model.h5")
     loaded = FittedModel.load(tmp_path / "model.h5")
-    np.testing.assert_array_equal(loaded.shares, model.shares)
+    np.testing.assert_array_equal(loaded.candidate_weights, model.candidate_weights)
     assert loaded.report == model.report
-    assert loaded.shares.shape == (model.report.n_control_points, len(CANDIDATES))
+    assert loaded.candidate_weights.shape == (model.report.n_control_points, len(CANDIDATES))

@@ -131,7 +131,7 @@ def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_
 def test_a_surface_that_turns_as_a_whole_turns_its_control_points_where_they_fall_back_as_well(m6_grid):
     model = fit_grid(m6_grid, n_control=(7, 6, 5))
     ids = moving_mesh(model).surface_ids
-    assert (model.shares[ids, 0] < 1).any()
+    assert (model.candidate_weights[ids, 0] < 1).any()
     turn, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
     found = fit_surface(model, ids, model.regenerate().to_vector().reshape(-1, 3) @ turn).control_points
     np.testing.assert_allclose(found, model.control_points[ids] @ turn, atol=1e-12)

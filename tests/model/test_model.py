@@ -135,14 +135,14 @@ def test_a_file_of_version_1_is_read(saved):
     again = FittedModel.load(saved)
     assert again.settings == replace(model.settings, method="least_squares")
     assert again.report == model.report
-    assert again.shares is None
+    assert again.candidate_weights is None
     assert again.settings.parametrization == "chord_length"
 
 
 def test_a_file_of_version_2_is_read_if_its_fit_is_still_known(saved):
     as_version(saved, 2, lambda document: smoothed(document, float("inf")))
     model = FittedModel.load(saved)
-    np.testing.assert_array_equal(model.shares, np.tile(np.eye(6)[5], (len(model.control_points), 1)))
+    np.testing.assert_array_equal(model.candidate_weights, np.tile(np.eye(6)[5], (len(model.control_points), 1)))
     as_version(saved, 2, lambda document: document["settings"].update(smoothing=0.1))
     with pytest.raises(InputError, match=r"model\.h5: the fitted model is smoothed, which is no longer known; fit"):
         FittedModel.load(saved)

@@ -1,8 +1,16 @@
-"""What a fit achieved: its errors, its invalid control elements, and where it is not least squares."""
+"""What a fitted model carries besides its arrays: the header of its grid, the settings of its fit and the report on it.
+
+These records are stored in the model's file by the names of their classes and fields
+(`bspline_mdao.model.model_file`): to rename one is to change the format.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from ..topology.grid import Block, Grid, Patch
 
 ITERATIONS = (8, 4, 2, 0)
 """How often the quasi-interpolant is iterated, from the closest candidate to the most robust one."""
@@ -13,6 +21,71 @@ CANDIDATES = (
     "coarse_grid",
 )
 """Where a control point may be, the closest to the grid first, the most robust last."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridHeader:
+    """What a grid is besides its nodes.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the blocks.
+    patches : tuple of Patch
+        Declared patches.
+    source : str
+        Where the grid came from.
+    dialect : object or None
+        How its file was written.
+    iblanks : tuple of (ndarray or None)
+        Blanking of every block.
+    """
+
+    names: tuple[str, ...]
+    patches: tuple[Patch, ...] = ()
+    source: str = "grid"
+    dialect: object | None = None
+    iblanks: tuple[np.ndarray | None, ...] = ()
+
+    @classmethod
+    def of(cls, grid: Grid) -> GridHeader:
+        """Take the header of a grid."""
+        names, iblanks = tuple(b.name for b in grid.blocks), tuple(b.iblank for b in grid.blocks)
+        return cls(names, grid.patches, grid.source, grid.dialect, iblanks)
+
+    def grid(self, shapes, nodes: np.ndarray) -> Grid:
+        """Grid with these nodes, shape (n_nodes, 3), in blocks of these shapes."""
+        blocks, start = [], 0
+        for name, iblank, shape in zip(self.names, self.iblanks, shapes):
+            stop = start + int(np.prod(shape))
+            blocks.append(Block(nodes[start:stop].reshape(*shape, 3), name, iblank))
+            start = stop
+        return Grid(tuple(blocks), self.patches, self.source, self.dialect)
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a model was fitted, as far as its derivatives need to know.
+
+    Parameters
+    ----------
+    knots : str
+        ``"curved"``, ``"constant"``, or ``"given"`` for the user's own.
+    corrections : int
+        Cycles of parameter correction.
+    parametrization : str
+        Of the nodes, before correction: one of `bspline_mdao.fit.parameters.EXPONENTS`, or ``"given"`` for the user's.
+    method : str
+        One of `bspline_mdao.fit.fitting.METHODS`; what came of it are the model's ``candidate_weights``.
+    wall_layer : bool
+        Whether nodes near walls follow them as a rigid body and the residual turns with its surroundings.
+    """
+
+    knots: str = "curved"
+    corrections: int = 0
+    parametrization: str = "chord_length"
+    method: str = "valid"
+    wall_layer: bool = True
 
 
 @dataclass(frozen=True)
@@ -82,7 +155,7 @@ class Fallback:
     Parameters
     ----------
     n_points : tuple of int
-        Control points of which each of `bspline_mdao.fit.quasi_interpolant.CANDIDATES` has the largest share.
+        Control points of which each of `CANDIDATES` has the largest weight.
     n_moved : int
         Control points that are not least squares alone.
     least_squares_invalid : int or None
@@ -107,7 +180,7 @@ class FitReport:
     rms : float
         Root mean square over all nodes of the distance between node and fitted point (m).
     relative_rms : float
-        The same by the mean cell edge of the grid.
+        The same divided by the mean cell edge of the grid.
     mean_edge : float
         Mean length of the cell edges that have a length (m).
     max_error : tuple of three float
