@@ -1,8 +1,15 @@
-"""Smooth lower bounds of the smallest of many numbers, taken in parts.
+"""Smooth lower bounds of the smallest of many numbers, taken in parts, and the table of those that measure a grid.
+
+To add an aggregate of a measure that there is, add its entry to `AGGREGATES`; all else reads that table.
 
 A rule turns an array into a `Part`, the exact extreme and a sum relative to it that cannot overflow; parts of different
 arrays join into one, in the order given. What a number weighs in the result, its derivative, follows from the result
 alone. Numbers that are infinite weigh nothing.
+
+Theory: ``docs/theory/quality.rst``.
+
+G. Kreisselmeier and R. Steinhauser, "Systematic control design by optimizing a vector performance index", IFAC
+Proceedings Volumes 12(7), 1979, pp. 113-117.
 """
 
 from __future__ import annotations
@@ -15,7 +22,7 @@ import numpy as np
 
 from ..errors import InputError
 
-__all__ = ["KreisselmeierSteinhauser", "PNorm", "Part"]
+__all__ = ["AGGREGATES", "Aggregate", "KreisselmeierSteinhauser", "PNorm", "Part"]
 
 
 class Part(NamedTuple):
@@ -63,7 +70,7 @@ class KreisselmeierSteinhauser:
         return (part.extreme - np.log(part.total) / self.rho).item() if part.total else 1.0
 
     def weights(self, x: np.ndarray, value: float) -> np.ndarray:
-        """Derivative of the value in every x."""
+        """Derivative of the value with respect to every x."""
         return self._terms(x, value)
 
     def _terms(self, x, reference):
@@ -91,7 +98,7 @@ class PNorm:
     def part(self, x: np.ndarray) -> Part:
         """Sum over an array."""
         largest = max(0.0, 1.0 - float(x.min(initial=1.0)))
-        return Part(largest, _power(self._shares(x, largest), self.p).sum() if largest > 0.0 else 0.0)
+        return Part(largest, _power(self._deficits(x, largest), self.p).sum() if largest > 0.0 else 0.0)
 
     def join(self, parts: Sequence[Part]) -> Part:
         """Sum over all parts."""
@@ -103,17 +110,17 @@ class PNorm:
         return float(1.0 - part.extreme * part.total ** (1.0 / self.p))
 
     def weights(self, x: np.ndarray, value: float) -> np.ndarray:
-        """Derivative of the value in every x; 0 where all are perfect."""
+        """Derivative of the value with respect to every x; 0 where all are 1 or more."""
         if value >= 1.0:
             return np.zeros_like(x)
-        return _power(self._shares(x, 1.0 - value), self.p - 1)
+        return _power(self._deficits(x, 1.0 - value), self.p - 1)
 
-    def _shares(self, x, largest):
-        """What each misses of 1, by the largest."""
-        shares = 1.0 - x
-        shares /= largest
-        shares[shares < 1e-300 ** (1.0 / self.p)] = 0.0  # their powers would be denormal numbers, which are slow
-        return shares
+    def _deficits(self, x, largest):
+        """Difference of each from 1, divided by the largest."""
+        deficits = 1.0 - x
+        deficits /= largest
+        deficits[deficits < 1e-300 ** (1.0 / self.p)] = 0.0  # their powers would be denormal numbers, which are slow
+        return deficits
 
 
 def _power(x, n):
@@ -125,3 +132,53 @@ def _power(x, n):
         n >>= 1
         x *= x
     return result
+
+
+@dataclass(frozen=True)
+class Aggregate:
+    """A smooth bound of a measure over a whole grid, as a constraint on the worst cell needs it.
+
+    Parameters
+    ----------
+    measure : str
+        Field of `bspline_mdao.cells.block_cells.Measures` that is bounded, or ``"height"`` for the heights of the first
+        cells at walls.
+    rule : {"ks", "pnorm"}
+        `KreisselmeierSteinhauser` or `PNorm`; the latter only of what is at most 1.
+    meaning : str
+        What it is, for the documentation of the outputs.
+    is_upper : bool
+        Whether it bounds the largest number from above: minus the lower bound of the negative numbers.
+    is_default : bool
+        Whether it is an output of the component unless others are asked for.
+    """
+
+    measure: str
+    rule: str
+    meaning: str
+    is_upper: bool = False
+    is_default: bool = False
+
+    @property
+    def is_of_heights(self) -> bool:
+        """Whether it needs walls."""
+        return self.measure == "height"
+
+    def numbers(self, measures) -> np.ndarray:
+        """Return what it bounds among the measures of cells, or among changes or adjoints of them, as a view."""
+        return getattr(measures, self.measure)
+
+
+AGGREGATES = {
+    "quality_ks": Aggregate("q", "ks", "Kreisselmeier-Steinhauser bound of Q", is_default=True),
+    "quality_pnorm": Aggregate("q", "pnorm", "p-norm bound of Q", is_default=True),
+    "corner_ks": Aggregate("triples", "ks", "bound of the corner triple products of unit edges", is_default=True),
+    "corner_pnorm": Aggregate("triples", "pnorm", "p-norm bound of the corner triple products of unit edges"),
+    "jacobian_ks": Aggregate("jacobians", "ks", "bound of the corner Jacobians over the cell's volume in the baseline"),
+    "volume_ks": Aggregate("volume", "ks", "bound of the cell volumes over those of the baseline", is_default=True),
+    "height_low_ks": Aggregate("height", "ks", "lower bound of the first cells' heights at walls over the baseline's"),
+    "height_high_ks": Aggregate(
+        "height", "ks", "upper bound of the first cells' heights at walls over the baseline's", is_upper=True
+    ),
+}
+"""The aggregates that there are, by name."""

@@ -1,4 +1,4 @@
-r"""Heights of the first cells at walls, of a grid and by those of its baseline.
+r"""Heights of the first cells at walls, and their ratios to those of the baseline.
 
 The height at a wall node is the distance of the next node off the wall along the wall's unit normal there::
 
@@ -11,6 +11,8 @@ The height at a wall node is the distance of the next node off the wall along th
 Every window of a face has entries of its own. Where two windows meet in a sharp edge, each side is measured along its
 own normal, and all heights are smooth functions of the nodes. Entries that have no height on the baseline are left out:
 where the line off the wall has collapsed or points into the wall, and where the wall has no normal.
+
+Theory: ``docs/theory/quality.rst``.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from .quads import add_to_nodes, area_vectors, area_vectors_jvp, area_vectors_vj
 __all__ = ["FirstCells", "WallNode"]
 
 KNIFE_EDGE = 1e-6
-"""Length of the summed area vectors, by the sum of their lengths, below which quads around a node have no normal."""
+"""Length of the summed area vectors, relative to the sum of their lengths, below which quads around a node have no
+normal: areas that cancel, as where a surface is folded flat, leave round-off."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class FirstCells:
 
     @classmethod
     def of_baseline(cls, grid: Grid) -> FirstCells:
-        """Look at the walls of a baseline grid.
+        """Find the first cells at the walls of a baseline grid.
 
         Parameters
         ----------
@@ -130,11 +133,11 @@ class FirstCells:
 
     @property
     def n_bytes(self) -> int:
-        """Memory that the state takes."""
+        """Memory that the state takes (B)."""
         return sum(value.nbytes for value in vars(self).values() if isinstance(value, np.ndarray))
 
     def place(self, entry: int) -> WallNode:
-        """Name the wall node of an entry."""
+        """Return the wall node of an entry, with its block and its number there."""
         row = int(self.rows[self.at[entry]])
         for name, shape in zip(self.names, self.shapes):
             if row < np.prod(shape):
@@ -159,7 +162,7 @@ class FirstCells:
         return (edges * _units(normals)[0]).sum(axis=1)
 
     def ratios(self, nodes: np.ndarray) -> np.ndarray:
-        """Heights of a grid by those of the baseline, shape (n,); see `heights`."""
+        """Heights of a grid divided by those of the baseline, shape (n,); see `heights`."""
         return self.heights(nodes) / self.baseline
 
     def ratios_jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:

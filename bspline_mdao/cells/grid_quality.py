@@ -1,9 +1,12 @@
 """Quality of all cells of a grid as a function of its nodes: Q of every cell, aggregates, derivatives.
 
-Aggregates of the heights of the first cells at walls are beside those of all cells.
+Aggregates of the heights of the first cells at walls are beside those of all cells; `.aggregates` has the table of
+them.
 
-The grid is worked through in slabs whose corner measures fit the cache. Slabs depend on the shapes of the blocks alone
-and their results are joined in order, so that nothing depends on the number of threads.
+The grid is worked through in chunks whose corner measures fit the cache. Chunks depend on the shapes of the blocks
+alone and their results are joined in order, so that nothing depends on the number of threads.
+
+Theory: ``docs/theory/quality.rst``.
 """
 
 from __future__ import annotations
@@ -16,22 +19,12 @@ import numpy as np
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
 from ..topology.grid import Grid
-from .aggregates import KreisselmeierSteinhauser, PNorm
-from .block_cells import BlockCells, Slab
+from .aggregates import AGGREGATES, KreisselmeierSteinhauser, PNorm
+from .block_cells import BlockCells, Chunk, Measures, chunk_jvp, chunk_measures, chunk_vjp
 from .first_cells import FirstCells
 from .hexahedron import CellQuality, cell_quality
-from .slab_measures import Measures, slab_jvp, slab_measures, slab_vjp
 
-__all__ = ["AGGREGATES", "GridQuality", "GridValues"]
-
-HEIGHT_SIGNS = {"height_low_ks": 1.0, "height_high_ks": -1.0}
-"""Aggregates of the heights at walls by those of the baseline, and the sign that turns an upper bound into a lower."""
-
-AGGREGATES = (
-    *("quality_ks", "quality_pnorm", "corner_ks", "corner_pnorm", "jacobian_ks", "volume_ks"),
-    *HEIGHT_SIGNS,
-)
-"""Measure and rule of the aggregates that there are."""
+__all__ = ["GridQuality", "GridValues"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +34,7 @@ class GridValues:
     Parameters
     ----------
     aggregates : dict of str to float
-        Smooth bounds, by the names of `AGGREGATES`: lower ones, but for ``height_high_ks``.
+        Smooth bounds, by the names in `.aggregates.AGGREGATES`: lower ones, but for ``height_high_ks``.
     q : ndarray, shape (n_cells,), or None
         Q of every cell: blocks in order, each in C order of its cells. In an adjoint None stands for zeros.
     """
@@ -93,7 +86,7 @@ class GridQuality:
 
     @classmethod
     def of_baseline(cls, grid: Grid, **settings) -> GridQuality:
-        """Look at the cells of a baseline grid, and at the first cells of its walls.
+        """Decide about the cells of a baseline grid, and about the first cells at its walls.
 
         Parameters
         ----------
@@ -128,13 +121,13 @@ class GridQuality:
 
     @property
     def bytes_per_node(self) -> float:
-        """Memory that the state takes."""
+        """Memory that the state takes, divided by the number of nodes (B)."""
         return (sum(block.n_bytes for block in self.blocks) + self.first_cells.n_bytes) / self.n_nodes
 
     @property
     def aggregates(self) -> tuple[str, ...]:
         """Names of the aggregates that the grid has: those of heights only where it has walls."""
-        return tuple(name for name in AGGREGATES if name not in HEIGHT_SIGNS or self.first_cells.baseline.size)
+        return tuple(AGGREGATES) if self.first_cells.baseline.size else tuple(_of_cells(AGGREGATES))
 
     def cells(self, nodes: np.ndarray) -> list[CellQuality]:
         """Measure every cell, block by block.
@@ -149,18 +142,20 @@ class GridQuality:
         list of CellQuality
             One per block that has cells.
         """
-        return [cell_quality(block.nodes_of(nodes), block.left_out_of_block, block.handedness) for block in self.blocks]
+        return [
+            cell_quality(block.nodes_of(nodes), block.degenerate_in_block, block.handedness) for block in self.blocks
+        ]
 
     def require(self, names: Sequence[str]) -> None:
-        """Refuse aggregates that there are not, or not on this grid.
+        """Refuse names of aggregates that do not exist, or not on this grid.
 
         Raises
         ------
         InputError
-            If there is one among the names.
+            If there is such a name.
         """
         missing = next((name for name in names if name not in self.aggregates), None)
-        if missing in HEIGHT_SIGNS:
+        if missing in AGGREGATES:
             raise InputError(
                 f"'{missing}': no wall of the grid has first cells to measure; declare the patches of kind wall"
             )
@@ -191,17 +186,17 @@ class GridQuality:
         names = self.aggregates if names is None else names
         self.require(names)
         q = np.empty(self.n_cells) if cells else None
-        of_cells = [name for name in names if name not in HEIGHT_SIGNS]
+        of_cells = _of_cells(names)
 
-        def work(slab: Slab):
-            measures = slab_measures(slab, nodes)
+        def work(chunk: Chunk):
+            measures = chunk_measures(chunk, nodes)
             if cells:
-                q[slab.in_grid] = measures.q
-            return [self._rule(name).part(measures.of(name)) for name in of_cells]
+                q[chunk.in_grid] = measures.q
+            return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
 
         found = self._height_bounds(nodes, names)
         if of_cells or cells:
-            for name, parts in zip(of_cells, zip(*self._over_slabs(work))):
+            for name, parts in zip(of_cells, zip(*self._over_chunks(work))):
                 found[name] = self._rule(name).value(self._rule(name).join(parts))
         return GridValues({name: found[name] for name in names}, q)
 
@@ -221,18 +216,18 @@ class GridQuality:
             Changes of what ``values`` holds.
         """
         d_q = np.empty(self.n_cells) if values.q is not None else None
-        of_cells = [name for name in values.aggregates if name not in HEIGHT_SIGNS]
+        of_cells = _of_cells(values.aggregates)
 
-        def work(slab: Slab):
-            measures = slab_measures(slab, nodes)
-            change = slab_jvp(slab, nodes, d_nodes, measures)
+        def work(chunk: Chunk):
+            measures = chunk_measures(chunk, nodes)
+            change = chunk_jvp(chunk, nodes, d_nodes, measures)
             if d_q is not None:
-                d_q[slab.in_grid] = change.q
-            return [_sum(self._weights(measures, values, name), change.of(name)) for name in of_cells]
+                d_q[chunk.in_grid] = change.q
+            return [_sum(self._weights(measures, values, name), AGGREGATES[name].numbers(change)) for name in of_cells]
 
         found = self._height_changes(nodes, d_nodes, values.aggregates)
         if of_cells or d_q is not None:
-            found |= dict(zip(of_cells, np.sum(self._over_slabs(work), axis=0).tolist()))
+            found |= dict(zip(of_cells, np.sum(self._over_chunks(work), axis=0).tolist()))
         return GridValues({name: found[name] for name in values.aggregates}, d_q)
 
     def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
@@ -252,26 +247,26 @@ class GridQuality:
         ndarray, shape (n_nodes, 3)
         """
         nodes_bar = np.zeros((self.n_nodes, 3))
-        seeds = {name: seed for name, seed in bar.aggregates.items() if seed != 0.0 and name not in HEIGHT_SIGNS}
+        seeds = {name: bar.aggregates[name] for name in _of_cells(bar.aggregates) if bar.aggregates[name] != 0.0}
 
-        def work(slab: Slab):
-            measures = slab_measures(slab, nodes)
+        def work(chunk: Chunk):
+            measures = chunk_measures(chunk, nodes)
             adjoint = Measures.zeros_like(measures)
             for name, seed in seeds.items():
-                adjoint.of(name)[...] += seed * self._weights(measures, values, name)
+                AGGREGATES[name].numbers(adjoint)[...] += seed * self._weights(measures, values, name)
             if bar.q is not None:
-                adjoint.q[...] += bar.q[slab.in_grid]
-            slab_vjp(slab, nodes, measures, adjoint, nodes_bar)
+                adjoint.q[...] += bar.q[chunk.in_grid]
+            chunk_vjp(chunk, nodes, measures, adjoint, nodes_bar)
 
         if seeds or bar.q is not None:
-            for parity in (0, 1):  # neighbouring slabs share a layer of nodes
-                self._over_slabs(work, parity)
+            for parity in (0, 1):  # neighbouring chunks share a layer of nodes
+                self._over_chunks(work, parity)
         self._add_height_bars(nodes, values.aggregates, bar.aggregates, nodes_bar)
         return nodes_bar
 
     def _height_bounds(self, nodes, names):
-        """Aggregates of heights, if any are asked for; an upper bound is a lower one of the negative numbers."""
-        signs = {name: sign for name, sign in HEIGHT_SIGNS.items() if name in names}
+        """Aggregates of heights among the names; an upper bound is minus the lower one of the negative numbers."""
+        signs = _height_signs(names)
         ratios = self.first_cells.ratios(nodes) if signs else None
         return {
             name: sign * self._rule(name).value(self._rule(name).part(sign * ratios)) for name, sign in signs.items()
@@ -292,29 +287,30 @@ class GridQuality:
             self.first_cells.ratios_vjp(nodes, bar, nodes_bar)
 
     def _height_weights(self, nodes, values):
-        """Derivative in every ratio of the aggregates of heights that there are values of."""
-        signs = {name: sign for name, sign in HEIGHT_SIGNS.items() if name in values}
+        """Derivatives, with respect to every ratio, of the aggregates of heights that there are values of."""
+        signs = _height_signs(values)
         ratios = self.first_cells.ratios(nodes) if signs else None
         return {name: self._rule(name).weights(sign * ratios, sign * values[name]) for name, sign in signs.items()}
 
     def _rule(self, name):
-        if name in HEIGHT_SIGNS:
-            return KreisselmeierSteinhauser(self.rho_height)
-        return KreisselmeierSteinhauser(self.rho) if name.endswith("_ks") else PNorm(self.p)
+        """Rule of an aggregate, with the sharpness that the settings give it."""
+        if AGGREGATES[name].rule == "pnorm":
+            return PNorm(self.p)
+        return KreisselmeierSteinhauser(self.rho_height if AGGREGATES[name].is_of_heights else self.rho)
 
     def _weights(self, measures, values, name):
-        return self._rule(name).weights(measures.of(name), values.aggregates[name])
+        return self._rule(name).weights(AGGREGATES[name].numbers(measures), values.aggregates[name])
 
-    def _over_slabs(self, work, parity: int | None = None) -> list:
-        """Results of ``work`` for all slabs, or for every other one of each block, in order."""
+    def _over_chunks(self, work, parity: int | None = None) -> list:
+        """Results of ``work`` for all chunks, or for every other one of each block, in order."""
         start, step = (0, 1) if parity is None else (parity, 2)
-        slabs = [slab for block in self.blocks for slab in list(block.slabs())[start::step]]
-        results = [None] * len(slabs)
+        chunks = [chunk for block in self.blocks for chunk in list(block.chunks())[start::step]]
+        results = [None] * len(chunks)
 
         def task(number):
-            results[number] = work(slabs[number])
+            results[number] = work(chunks[number])
 
-        run_tasks(task, len(slabs), thread_count(self.n_threads))
+        run_tasks(task, len(chunks), thread_count(self.n_threads))
         return results
 
 
@@ -322,3 +318,13 @@ def _sum(weights, changes):
     """Sum of products, in an order that does not depend on the threads of BLAS."""
     weights *= changes
     return weights.sum()
+
+
+def _of_cells(names) -> list[str]:
+    """Aggregates among the names that measure cells, in their order."""
+    return [name for name in names if not AGGREGATES[name].is_of_heights]
+
+
+def _height_signs(names) -> dict[str, float]:
+    """Sign of each aggregate of heights among the names, in the order of the table: -1 for an upper bound."""
+    return {n: -1.0 if a.is_upper else 1.0 for n, a in AGGREGATES.items() if a.is_of_heights and n in names}

@@ -1,18 +1,15 @@
-"""The hexahedral cell: orthogonality (Eq. 9), corner triple products, corner Jacobians and volume.
+"""Measures of hexahedral cells, of blocks and of lists: Q of Eq. (9), corner triple products, Jacobians, volumes.
 
-Corners are numbered ``c = a + 2 b + 4 d`` with a, b, d = 0, 1 along i, j, k. The three edges that meet at a corner are
-taken in the direction of rising index, whichever end the corner is on::
+Numbering of corners and formulas are those of `.orthogonality`. The triple product of the unit edges at a corner has
+one sign at all corners of a good cell: the handedness of the block. Real blocks are left-handed as often as
+right-handed; everything here is measured relative to the sign that most cells of the block have.
 
-        6-------7
-       /|      /|        k
-      4-------5 |        | j
-      | 2-----|-3        |/
-      |/      |/         0--- i
-      0-------1
+A corner at which an edge has collapsed is *degenerate*: it has no triple product, and does not count.
 
-so that the triple product ``(u x v) . w`` of the unit edges has one sign at all corners of a good cell: the handedness
-of the block. Real blocks are left-handed as often as right-handed; everything here is measured relative to the sign
-that most cells of the block have.
+- `cell_quality` measures all cells of a block.
+- `element_measures` and its derivatives measure a list of elements, corner by corner, for whoever differentiates.
+
+Theory: ``docs/theory/quality.rst``.
 """
 
 from __future__ import annotations
@@ -23,21 +20,27 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from .hexahedron_runs import TINY, as_points, block_summary
+from .cell_loops import as_points, block_summary, list_jvp, list_measures, list_vjp
+from .orthogonality import TINY
 
 __all__ = [
     "COLLAPSE_TOLERANCE",
     "UPPER_CORNERS",
     "CellQuality",
+    "ElementMeasures",
     "cell_quality",
     "collapsed_corners",
+    "element_measures",
+    "element_measures_jvp",
+    "element_measures_vjp",
     "flat_direction",
     "mean_normal",
     "stack_plane",
 ]
 
 COLLAPSE_TOLERANCE = 1e-12
-"""A corner at which an edge is shorter than this fraction of the block's size is left out."""
+"""A corner is degenerate where an edge is shorter than this fraction of the block's size: round-off of coordinates may
+give an edge that has collapsed some length."""
 
 UPPER_CORNERS = np.uint8(0b11110000)
 """Corners 4 to 7: the ones that a planar block does not have."""
@@ -78,16 +81,18 @@ class CellQuality:
         return self.min_corner > 0.0
 
 
-def cell_quality(nodes: np.ndarray, left_out: np.ndarray | None = None, handedness: int | None = None) -> CellQuality:
+def cell_quality(
+    nodes: np.ndarray, degenerate_corners: np.ndarray | None = None, handedness: int | None = None
+) -> CellQuality:
     """Measure all cells of a block, or all elements of a control mesh.
 
     Parameters
     ----------
     nodes : ndarray, shape (ni, nj, nk, 3)
         Node coordinates (m). One direction may have a single node; the block is then measured in its plane.
-    left_out : ndarray of uint8, shape (ni-1, nj-1, nk-1), optional
-        Bit c is set where corner c is left out. `collapsed_corners` of ``nodes`` by default; give that of the baseline
-        while a grid moves, so that the measure stays differentiable.
+    degenerate_corners : ndarray of uint8, shape (ni-1, nj-1, nk-1), optional
+        Bit c is set where corner c is degenerate. `collapsed_corners` of ``nodes`` by default; give that of the
+        baseline while a grid moves, so that the measure stays differentiable.
     handedness : int, optional
         +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves.
 
@@ -102,12 +107,12 @@ def cell_quality(nodes: np.ndarray, left_out: np.ndarray | None = None, handedne
         If fewer than two directions have two nodes.
     """
     flat = flat_direction(nodes.shape)
-    if left_out is None:
-        left_out = collapsed_corners(nodes)
+    if degenerate_corners is None:
+        degenerate_corners = collapsed_corners(nodes)
     if flat is None:
-        return CellQuality(*_measure(nodes, left_out, handedness))
-    left_out = np.moveaxis(left_out, flat, 2) | UPPER_CORNERS
-    *measures, handedness = _measure(_extrude(nodes, flat), left_out, handedness)
+        return CellQuality(*_measure(nodes, degenerate_corners, handedness))
+    degenerate_corners = np.moveaxis(degenerate_corners, flat, 2) | UPPER_CORNERS
+    *measures, handedness = _measure(_extrude(nodes, flat), degenerate_corners, handedness)
     return CellQuality(*(np.moveaxis(values, 2, flat) for values in measures), handedness)
 
 
@@ -128,7 +133,7 @@ def collapsed_corners(nodes: np.ndarray) -> np.ndarray:
     flat = flat_direction(nodes.shape)
     points = as_points(nodes if flat is None else _extrude(nodes, flat))
     size = np.linalg.norm([nodes[..., c].max() - nodes[..., c].min() for c in range(3)])
-    shortest = max(COLLAPSE_TOLERANCE * size, 2.0 * np.sqrt(TINY))
+    shortest = max(COLLAPSE_TOLERANCE * size, 2.0 * np.sqrt(TINY))  # shorter ones would have no unit vector
     if not _has_short_edge(points, shortest):
         bits = np.zeros([n - 1 for n in points.shape], dtype=np.uint8)
     else:
@@ -162,32 +167,133 @@ def mean_normal(plane: np.ndarray) -> np.ndarray:
 
 
 def stack_plane(plane: np.ndarray, normal) -> np.ndarray:
-    """Give nodes (n, m, 3) depth: shape (n, m, 2, 3), the second layer displaced by ``normal``."""
+    """Return nodes (n, m, 3) with depth: shape (n, m, 2, 3), the second layer displaced by ``normal``."""
     return np.stack([plane, plane + normal], axis=2)
 
 
-def _measure(nodes, left_out, handedness):
+@dataclass(frozen=True)
+class ElementMeasures:
+    """Measures of elements, relative to their handedness; or changes or adjoints of them.
+
+    Parameters
+    ----------
+    triples : ndarray, shape (n_e, 8)
+        Corner triple products of unit edges; 1 at degenerate corners.
+    jacobians : ndarray, shape (n_e, 8)
+        Corner Jacobians, triple products of the edges themselves (m^3); infinite at degenerate corners.
+    volume : ndarray, shape (n_e,)
+        Volumes of the trilinear elements (m^3).
+    """
+
+    triples: np.ndarray
+    jacobians: np.ndarray
+    volume: np.ndarray
+
+
+def element_measures(corners: np.ndarray, handedness: np.ndarray, degenerate_corners: np.ndarray) -> ElementMeasures:
+    """Measure elements.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n_e, 8, 3)
+        Corners (m), numbered a + 2 b + 4 d.
+    handedness : ndarray, shape (n_e,)
+        +1 or -1 for each element, or one number for all.
+    degenerate_corners : ndarray of uint8, shape (n_e,)
+        Bit c is set where corner c is degenerate.
+
+    Returns
+    -------
+    ElementMeasures
+
+    Raises
+    ------
+    InputError
+        If the arrays do not fit each other.
+    """
+    sign = _signs(corners, handedness, degenerate_corners)
+    measures = _empty(len(corners))
+    list_measures(_corner_rows(corners), degenerate_corners, *measures)
+    return _handed(measures, sign, _masks(degenerate_corners), 1.0, np.inf)
+
+
+def element_measures_jvp(
+    corners: np.ndarray, d_corners: np.ndarray, handedness: np.ndarray, degenerate_corners: np.ndarray
+) -> ElementMeasures:
+    """Change of the measures with the corners.
+
+    Parameters
+    ----------
+    corners, d_corners : ndarray, shape (n_e, 8, 3)
+        Corners and their change (m).
+    handedness, degenerate_corners
+        See `element_measures`.
+
+    Returns
+    -------
+    ElementMeasures
+        Changes; 0 at degenerate corners.
+    """
+    sign = _signs(corners, handedness, degenerate_corners)
+    changes = _empty(len(corners))
+    list_jvp(_corner_rows(corners), _corner_rows(d_corners), degenerate_corners, *changes)
+    return _handed(changes, sign, _masks(degenerate_corners), 0.0, 0.0)
+
+
+def element_measures_vjp(
+    corners: np.ndarray,
+    handedness: np.ndarray,
+    degenerate_corners: np.ndarray,
+    triples_bar: np.ndarray,
+    volume_bar: np.ndarray,
+    jacobians_bar: np.ndarray | None = None,
+) -> np.ndarray:
+    """Adjoint of the corners from those of the measures.
+
+    Parameters
+    ----------
+    corners, handedness, degenerate_corners
+        See `element_measures`.
+    triples_bar, jacobians_bar : ndarray, shape (n_e, 8)
+        Adjoints of the corner measures; those of degenerate corners are not looked at.
+    volume_bar : ndarray, shape (n_e,)
+        Adjoints of the volumes.
+
+    Returns
+    -------
+    ndarray, shape (n_e, 8, 3)
+    """
+    sign = _signs(corners, handedness, degenerate_corners)
+    if jacobians_bar is None:
+        jacobians_bar = np.zeros((len(corners), 8))
+    bars = [np.ascontiguousarray(sign * np.transpose(bar)) for bar in (triples_bar, jacobians_bar, volume_bar)]
+    rows_bar = np.zeros((8, len(corners), 3))
+    list_vjp(_corner_rows(corners), degenerate_corners, *bars, as_points(rows_bar))
+    return np.ascontiguousarray(rows_bar.transpose(1, 0, 2))
+
+
+def _measure(nodes, degenerate_corners, handedness):
     """Compute the fields of `CellQuality` of a block with cells in all three directions."""
     points = as_points(nodes)
     if handedness is None:
-        middle = left_out.shape[0] // 2
-        measures = _summary(points[middle : middle + 2], left_out[middle : middle + 1], 1)
+        middle = degenerate_corners.shape[0] // 2
+        measures = _summary(points[middle : middle + 2], degenerate_corners[middle : middle + 1], 1)
         handedness = _majority(measures[3])
-        measures = _summary(points, left_out, handedness)
+        measures = _summary(points, degenerate_corners, handedness)
         if _majority(measures[3]) < 0:  # the middle of the block has the other sign than most of it
             handedness = -handedness
-            measures = _summary(points, left_out, handedness)
+            measures = _summary(points, degenerate_corners, handedness)
     else:
-        measures = _summary(points, left_out, handedness)
+        measures = _summary(points, degenerate_corners, handedness)
     return (*measures, handedness)
 
 
-def _summary(points, left_out, handedness):
-    """Measures of a block, of the shape of its cells; zeros where all corners are left out."""
-    left_out = np.ascontiguousarray(left_out)
-    measures = np.empty((4, *left_out.shape))
-    block_summary(points, left_out, float(handedness), *measures.reshape(4, -1))
-    measures[:, left_out == 255] = 0.0
+def _summary(points, degenerate_corners, handedness):
+    """Measures of a block, of the shape of its cells; zeros where all corners are degenerate."""
+    degenerate_corners = np.ascontiguousarray(degenerate_corners)
+    measures = np.empty((4, *degenerate_corners.shape))
+    block_summary(points, degenerate_corners, float(handedness), *measures.reshape(4, -1))
+    measures[:, degenerate_corners == 255] = 0.0
     measures[:, np.isnan(measures[0])] = np.nan  # comparisons lose a NaN
     return measures
 
@@ -198,7 +304,7 @@ def _majority(volume):
 
 
 def _extrude(nodes, flat):
-    """Give a planar block unit depth along its mean normal, its flat direction moved last."""
+    """Return a planar block with unit depth along its mean normal, its flat direction moved last."""
     plane = np.moveaxis(nodes, flat, 2)[:, :, 0]
     return stack_plane(plane, mean_normal(plane))
 
@@ -248,3 +354,40 @@ def _collapsed_bits(x, shortest):
             least = min(_square(here, along_i), _square(here, along_j), _square(here, along_k))
             bits[i, j, k] |= np.uint8(least < shortest * shortest) << np.uint8(corner)
     return bits
+
+
+def _signs(corners, handedness, degenerate_corners):
+    """Check the arrays and return the handedness as numbers."""
+    sign = np.asarray(handedness, dtype=np.float64)
+    n = len(corners)
+    if corners.shape != (n, 8, 3) or sign.shape not in ((), (n,)) or degenerate_corners.shape != (n,):
+        raise InputError(
+            f"elements: corners of shape {corners.shape}, handedness of {sign.shape} and degenerate corners of "
+            f"{degenerate_corners.shape} do not fit; give (n, 8, 3), (n,) and (n,)"
+        )
+    return sign
+
+
+def _corner_rows(corners):
+    return as_points(corners.transpose(1, 0, 2))
+
+
+def _empty(n):
+    return np.empty((8, n)), np.empty((8, n)), np.empty(n)
+
+
+def _masks(degenerate_corners):
+    """Mask of degenerate corners, shape (8, n_e); None if there is none."""
+    return (
+        np.unpackbits(degenerate_corners[None], axis=0, bitorder="little").astype(bool)
+        if degenerate_corners.any()
+        else None
+    )
+
+
+def _handed(measures, sign, masks, triple, jacobian):
+    """Turn right-handed measures by the handedness; degenerate corners get given values."""
+    triples, jacobians, volume = (sign * values for values in measures)
+    if masks is not None:
+        triples[masks], jacobians[masks] = triple, jacobian
+    return ElementMeasures(triples.T, jacobians.T, volume)

@@ -26,14 +26,14 @@ def area_vectors_jvp(corners: np.ndarray, d_corners: np.ndarray) -> np.ndarray:
 
 
 def area_vectors_vjp(corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
-    """Derivatives in the corners, shape (n, 4, 3), of derivatives in the area vectors, shape (n, 3)."""
+    """Adjoint of the corners, shape (n, 4, 3), from that of the area vectors, shape (n, 3)."""
     p, q = _diagonals(corners)
     first, second = 0.5 * np.cross(q, bar), 0.5 * np.cross(bar, p)
     return np.stack([-first, -second, first, second], axis=1)
 
 
 def add_to_nodes(quads: np.ndarray, bar: np.ndarray, n_points: int) -> np.ndarray:
-    """Sum what the corners of quads, shape (n, 4), carry, shape (n, 4, 3), at the nodes: shape (n_points, 3)."""
+    """Sum vectors of the corners, shape (n, 4, 3), of quads, shape (n, 4), at the nodes: shape (n_points, 3)."""
     return np.stack([np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)], axis=-1)
 
 

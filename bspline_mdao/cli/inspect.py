@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ..cells.wall_report import wall_spacings
+from ..cells.report import wall_spacings
 from ..io.atomic import replaced_file
 from ..io.patch_guess import draft_patches, guess_patches
 from ..topology.detection import find_topology

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..cells.first_cells import WallNode
-from ..cells.wall_report import KEPT, PatchHeights, WallSpacing, flat_plate_y_plus
+from ..cells.report import KEPT, PatchHeights, WallSpacing, flat_plate_y_plus
 from .output import print_lines, print_table
 
 HEIGHTS = ("height_min", "height_median", "height_max")

@@ -121,7 +121,7 @@ class MovingMesh:
         return np.concatenate([_hexahedra(ids) for ids in self.blocks])
 
     @cached_property
-    def left_out(self) -> np.ndarray:
+    def degenerate_corners(self) -> np.ndarray:
         """Corners with a collapsed edge on the baseline, as bits, shape (n_elements,), uint8."""
         return np.concatenate([bits.ravel() for bits in self._left_out_by_block])
 
@@ -177,10 +177,10 @@ class MovingMesh:
     def tangled(self, points: np.ndarray) -> Tangling:
         """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
         n_tangled, place, least, ratio = 0, "", np.inf, np.inf
-        for name, ids, left_out, baseline in zip(
+        for name, ids, degenerate_corners, baseline in zip(
             self.names, self.blocks, self._left_out_by_block, self._baseline_quality
         ):
-            quality = cell_quality(points[ids], left_out)
+            quality = cell_quality(points[ids], degenerate_corners)
             corner = quality.min_corner if quality.handedness == baseline.handedness else -np.abs(quality.min_corner)
             corner = np.where(np.isnan(corner), -np.inf, corner)
             corner = np.where(baseline.is_valid, corner, np.inf)
@@ -205,7 +205,7 @@ class MovingMesh:
     @cached_property
     def _baseline_quality(self):
         pairs = zip(self.blocks, self._left_out_by_block)
-        return [cell_quality(self.points[ids], left_out) for ids, left_out in pairs]
+        return [cell_quality(self.points[ids], degenerate_corners) for ids, degenerate_corners in pairs]
 
 
 def _hexahedra(ids: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from ..cells.hexahedron_elements import ElementMeasures, element_measures, element_measures_vjp
+from ..cells.hexahedron import ElementMeasures, element_measures, element_measures_vjp
 from ..mesh.mesh import MovingMesh
 from .regularization import FLAT_CORNER, FLAT_ELEMENT, floored_array
 
@@ -29,7 +29,7 @@ class FlooredMeasures:
     Parameters
     ----------
     mesh : MovingMesh
-        Its baseline decides which corners are left out.
+        Its baseline decides which corners are degenerate.
     points : ndarray, shape (n_points, 3)
         Points (m).
     """
@@ -60,7 +60,7 @@ class FlooredMeasures:
         by_volume = of_volume * slope / (floor * np.sqrt(self._squares.prod(axis=1)))
         by_triples = of_orthogonality * self._orthogonality_by_triples()
         mesh = self.mesh
-        total = element_measures_vjp(self._corners, mesh.handedness, mesh.left_out, by_triples, by_volume)
+        total = element_measures_vjp(self._corners, mesh.handedness, mesh.degenerate_corners, by_triples, by_volume)
         by_lengths = of_volume * (1.0 - self._fullness * slope / floor)
         if by_lengths.any():
             _add_length_gradients(self._corners, by_lengths[:, None] / (4.0 * self._squares), total)
@@ -79,7 +79,7 @@ class FlooredMeasures:
 
     @cached_property
     def _measures(self) -> ElementMeasures:
-        return element_measures(self._corners, self.mesh.handedness, self.mesh.left_out)
+        return element_measures(self._corners, self.mesh.handedness, self.mesh.degenerate_corners)
 
     @cached_property
     def _squares(self) -> np.ndarray:

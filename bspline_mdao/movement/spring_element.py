@@ -113,7 +113,7 @@ def _scatter_sum(local, corners, parts):
 
 
 @njit(cache=True)
-def force(points, elements, signs, left_out, n_springs, settings, displacement):
+def force(points, elements, signs, degenerate_corners, n_springs, settings, displacement):
     """Compute the force K u on every point.
 
     Parameters
@@ -124,7 +124,7 @@ def force(points, elements, signs, left_out, n_springs, settings, displacement):
         Points at the corners.
     signs : ndarray of int8, shape (n_elements,)
         Handedness.
-    left_out : ndarray of uint8, shape (n_elements,)
+    degenerate_corners : ndarray of uint8, shape (n_elements,)
         Bits of the corners without torsional springs.
     n_springs : int
         `N_LINEAL`, or `N_SPRINGS` with torsion.
@@ -145,7 +145,7 @@ def force(points, elements, signs, left_out, n_springs, settings, displacement):
         _gather_sum(displacement, elements[e], u)
         f[:] = 0.0
         for n in range(n_springs):
-            if not _is_left_out(n, left_out[e]):
+            if not _is_left_out(n, degenerate_corners[e]):
                 gradient(x, n, float(signs[e]), settings, g)
                 _add_force_to_sum(g, n, _stretch(g, n, u), n_parts, f)
         _scatter_sum(f, elements[e], total)
@@ -153,7 +153,7 @@ def force(points, elements, signs, left_out, n_springs, settings, displacement):
 
 
 @njit(cache=True)
-def force_jvp(points, elements, signs, left_out, n_springs, settings, displacement, d_points):
+def force_jvp(points, elements, signs, degenerate_corners, n_springs, settings, displacement, d_points):
     """Change of `force` for a change of the points, of as many parts; in the displacement, `force` is linear."""
     total, n_parts = np.zeros_like(displacement), len(displacement)
     x, u, f, g = np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3)), np.empty((4, 3))
@@ -165,7 +165,7 @@ def force_jvp(points, elements, signs, left_out, n_springs, settings, displaceme
         _gather(d_points, elements[e], dx)
         f[:] = 0.0
         for n in range(n_springs):
-            if not _is_left_out(n, left_out[e]):
+            if not _is_left_out(n, degenerate_corners[e]):
                 gradient(x, n, sign, settings, g)
                 gradient_change(x, dx, n, sign, settings, dg)
                 _add_force_to_sum(dg, n, _stretch(g, n, u), n_parts, f)
@@ -175,7 +175,7 @@ def force_jvp(points, elements, signs, left_out, n_springs, settings, displaceme
 
 
 @njit(cache=True)
-def force_vjp(points, elements, signs, left_out, n_springs, settings, displacement, bar):
+def force_vjp(points, elements, signs, degenerate_corners, n_springs, settings, displacement, bar):
     """Transpose of `force_jvp` and of `force`: derivatives by the points and the displacement.
 
     Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar by the force, as a sum of parts.
@@ -192,7 +192,7 @@ def force_vjp(points, elements, signs, left_out, n_springs, settings, displaceme
         x_bar[:] = 0.0
         u_bar[:] = 0.0
         for n in range(n_springs):
-            if not _is_left_out(n, left_out[e]):
+            if not _is_left_out(n, degenerate_corners[e]):
                 gradient(x, n, sign, settings, g)
                 by_u, by_v = _stretch(g, n, u), _stretch(g, n, v)
                 _combine(n, by_v, u, by_u, v, w)
@@ -205,14 +205,14 @@ def force_vjp(points, elements, signs, left_out, n_springs, settings, displaceme
 
 
 @njit(cache=True)
-def add_stiffness(points, elements, signs, left_out, n_springs, settings, rows, slots, data):
+def add_stiffness(points, elements, signs, degenerate_corners, n_springs, settings, rows, slots, data):
     """Add the stiffness of all springs to blocks, see `bspline_mdao.movement.element_stiffness.add_stiffness`."""
     x, g, stiffness = np.empty((8, 3)), np.empty((4, 3)), np.empty((8, 8, 3, 3))
     for e in range(len(elements)):
         _gather(points, elements[e], x)
         stiffness[:] = 0.0
         for n in range(n_springs):
-            if not _is_left_out(n, left_out[e]):
+            if not _is_left_out(n, degenerate_corners[e]):
                 gradient(x, n, float(signs[e]), settings, g)
                 _add_square(g, n, stiffness)
         add_element(stiffness, rows[e], slots[e], data)

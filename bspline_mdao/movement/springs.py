@@ -97,7 +97,7 @@ class SpringElements:
     @property
     def _arguments(self):
         mesh = self.mesh
-        return self.points, mesh.elements, mesh.handedness, mesh.left_out, self.n_springs, self.settings
+        return self.points, mesh.elements, mesh.handedness, mesh.degenerate_corners, self.n_springs, self.settings
 
     def add_stiffness(self, element_rows, slots, data):
         """Add the stiffness to blocks."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import openmdao.api as om
 
-from ..cells.grid_quality import HEIGHT_SIGNS, GridQuality, GridValues
+from ..cells.aggregates import AGGREGATES
+from ..cells.grid_quality import GridQuality, GridValues
 from ..cells.report import QualityReport, inverted_cells, report_quality
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
@@ -26,14 +27,8 @@ class Quality(om.ExplicitComponent):
     name                role    shape        units  meaning
     ==================  ======  ===========  =====  ================================================================
     ``grid``            input   (3 n_nodes)  m      nodes, blocks in file order, each in C order of (i, j, k)
-    ``quality_ks``      output  (1,)                Kreisselmeier-Steinhauser bound of Q
-    ``quality_pnorm``   output  (1,)                p-norm bound of Q
-    ``corner_ks``       output  (1,)                bound of the corner triple products of unit edges
-    ``corner_pnorm``    output  (1,)                p-norm bound of the same
-    ``jacobian_ks``     output  (1,)                bound of the corner Jacobians by the cell's volume in the baseline
-    ``volume_ks``       output  (1,)                bound of the cell volumes by those of the baseline
-    ``height_low_ks``   output  (1,)                lower bound of the first cells' heights at walls by the baseline's
-    ``height_high_ks``  output  (1,)                upper bound of the same
+    ``aggregates``      output  (1,) each           the smooth bounds asked for, by the names and meanings in
+                                                    `bspline_mdao.cells.aggregates.AGGREGATES`
     ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
     ==================  ======  ===========  =====  ================================================================
 
@@ -71,7 +66,7 @@ class Quality(om.ExplicitComponent):
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
-        default = ("quality_ks", "quality_pnorm", "corner_ks", "volume_ks")
+        default = tuple(name for name, aggregate in AGGREGATES.items() if aggregate.is_default)
         self.options.declare("aggregates", default=default, desc="bounds that are outputs")
         self.options.declare("cells", types=bool, default=False, desc="output Q of every cell")
         self.options.declare("rho", default=100.0, desc="sharpness of Kreisselmeier-Steinhauser bounds")
@@ -91,11 +86,11 @@ class Quality(om.ExplicitComponent):
             raise InputError(f"{self.msginfo}: {error}") from error
         self.add_input(GRID, val=baseline.to_vector(), units="m")
         for name in self.options["aggregates"]:
-            self.add_output(name)
+            self.add_output(name, desc=AGGREGATES[name].meaning)
         if self.options["cells"]:
             self.add_output(CELL_QUALITY, shape=self._quality.n_cells)
-        sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst corner of all
-        if HEIGHT_SIGNS.keys() & self.options["aggregates"]:
+        sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
+        if any(AGGREGATES[name].is_of_heights for name in self.options["aggregates"]):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
         check_along_directions(self, difference_step((block.nodes for block in baseline.blocks), sharpness))
 

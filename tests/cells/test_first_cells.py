@@ -5,7 +5,7 @@ import pytest
 
 from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.first_cells import FirstCells
-from bspline_mdao.cells.wall_report import flat_plate_y_plus, report_heights, wall_spacings
+from bspline_mdao.cells.report import flat_plate_y_plus, report_heights, wall_spacings
 from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window

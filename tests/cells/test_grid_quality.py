@@ -9,17 +9,11 @@ import pytest
 from component_cases import movable_model, small_model, two_blocks
 
 from bspline_mdao.cells import grid_quality
-from bspline_mdao.cells.aggregates import KreisselmeierSteinhauser, PNorm
+from bspline_mdao.cells.aggregates import AGGREGATES, KreisselmeierSteinhauser, PNorm
 from bspline_mdao.cells.first_cells import FirstCells
-from bspline_mdao.cells.grid_quality import AGGREGATES, GridQuality, GridValues
-from bspline_mdao.cells.hexahedron_elements import (
-    element_measures,
-    element_measures_jvp,
-    element_measures_vjp,
-    orthogonality,
-    orthogonality_jvp,
-    orthogonality_vjp,
-)
+from bspline_mdao.cells.grid_quality import GridQuality, GridValues
+from bspline_mdao.cells.hexahedron import element_measures, element_measures_jvp, element_measures_vjp
+from bspline_mdao.cells.orthogonality import orthogonality, orthogonality_jvp, orthogonality_vjp
 from bspline_mdao.cells.report import distribution, report_quality
 from bspline_mdao.cli.main import run
 from bspline_mdao.errors import InputError
@@ -57,7 +51,7 @@ GRIDS = {
     "left-handed": (crooked((4, 5, 6))[::-1], crooked((3, 4, 5), seed=5)),
     "collapsed": (wedge(), crooked((3, 4, 5))),
     "planar": (planar(), np.moveaxis(planar(), 2, 0), np.moveaxis(planar(), 2, 1)),
-    "many slabs": (crooked((5, 40, 45)), crooked((12, 30, 31), seed=3)),
+    "many chunks": (crooked((5, 40, 45)), crooked((12, 30, 31), seed=3)),
 }
 """Blocks of grids that the measures must cope with."""
 
@@ -80,8 +74,8 @@ def elements(n=60, seed=0):
     """Crooked elements of both handednesses, some with corners left out."""
     rng = np.random.default_rng(seed)
     corners = CORNERS + 0.3 * rng.uniform(-1.0, 1.0, (n, 8, 3))
-    left_out = np.where(rng.random(n) < 0.3, rng.integers(0, 256, n), 0).astype(np.uint8)
-    return corners, rng.choice([-1, 1], n).astype(np.int8), left_out, rng.standard_normal(corners.shape)
+    degenerate_corners = np.where(rng.random(n) < 0.3, rng.integers(0, 256, n), 0).astype(np.uint8)
+    return corners, rng.choice([-1, 1], n).astype(np.int8), degenerate_corners, rng.standard_normal(corners.shape)
 
 
 def reference(corners, handedness):
@@ -104,9 +98,9 @@ def reference(corners, handedness):
 
 
 def test_measures_of_elements_agree_with_numpy():
-    corners, handedness, left_out, _ = elements()
-    measures, expected = element_measures(corners, handedness, left_out), reference(corners, handedness)
-    is_out = (left_out[:, None] >> np.arange(8)) & 1 == 1
+    corners, handedness, degenerate_corners, _ = elements()
+    measures, expected = element_measures(corners, handedness, degenerate_corners), reference(corners, handedness)
+    is_out = (degenerate_corners[:, None] >> np.arange(8)) & 1 == 1
     assert is_out.any()
     np.testing.assert_allclose(measures.triples, np.where(is_out, 1.0, expected[0]), atol=1e-14)
     np.testing.assert_allclose(measures.jacobians, np.where(is_out, np.inf, expected[1]), atol=1e-14)
@@ -114,21 +108,21 @@ def test_measures_of_elements_agree_with_numpy():
 
 
 def test_changes_of_elements_agree_with_the_complex_step():
-    corners, handedness, left_out, d_corners = elements()
-    changes = element_measures_jvp(corners, d_corners, handedness, left_out)
+    corners, handedness, degenerate_corners, d_corners = elements()
+    changes = element_measures_jvp(corners, d_corners, handedness, degenerate_corners)
     stepped = [part.imag / 1e-30 for part in reference(corners + 1e-30j * d_corners, handedness)]
-    is_out = (left_out[:, None] >> np.arange(8)) & 1 == 1
+    is_out = (degenerate_corners[:, None] >> np.arange(8)) & 1 == 1
     np.testing.assert_allclose(changes.triples, np.where(is_out, 0.0, stepped[0]), atol=1e-12)
     np.testing.assert_allclose(changes.jacobians, np.where(is_out, 0.0, stepped[1]), atol=1e-12)
     np.testing.assert_allclose(changes.volume, stepped[2], atol=1e-12)
 
 
 def test_adjoints_of_elements_are_transposes():
-    corners, handedness, left_out, d_corners = elements()
-    changes = element_measures_jvp(corners, d_corners, handedness, left_out)
+    corners, handedness, degenerate_corners, d_corners = elements()
+    changes = element_measures_jvp(corners, d_corners, handedness, degenerate_corners)
     rng = np.random.default_rng(1)
     triples, jacobians, volume = (rng.standard_normal(x.shape) for x in vars(changes).values())
-    bar = element_measures_vjp(corners, handedness, left_out, triples, volume, jacobians)
+    bar = element_measures_vjp(corners, handedness, degenerate_corners, triples, volume, jacobians)
     forward = np.vdot(triples, changes.triples) + np.vdot(jacobians, changes.jacobians) + volume @ changes.volume
     assert abs(forward - np.vdot(bar, d_corners)) < 1e-13 * np.linalg.norm(bar) * np.linalg.norm(d_corners)
 
@@ -143,9 +137,9 @@ def test_the_derivative_of_q_stands_corners_of_zero():
 
 
 def test_arrays_of_elements_that_do_not_fit_are_refused():
-    corners, handedness, left_out, _ = elements()
+    corners, handedness, degenerate_corners, _ = elements()
     with pytest.raises(InputError, match="do not fit"):
-        element_measures(corners, handedness[:5], left_out)
+        element_measures(corners, handedness[:5], degenerate_corners)
 
 
 @every_grid
@@ -202,9 +196,9 @@ def test_taylor_remainder_of_every_aggregate_is_of_second_order(name):
 
 
 def test_results_do_not_depend_on_the_number_of_threads():
-    grid = grid_of(*GRIDS["many slabs"])
+    grid = grid_of(*GRIDS["many chunks"])
     one, two = (GridQuality.of_baseline(grid, n_threads=n) for n in (1, 2))
-    assert sum(len(list(block.slabs())) for block in one.blocks) > 2
+    assert sum(len(list(block.chunks())) for block in one.blocks) > 2
     values = one.evaluate(nodes_of(grid))
     assert values.aggregates == two.evaluate(nodes_of(grid)).aggregates
     bars = [q.vjp(nodes_of(grid), values, GridValues(dict.fromkeys(AGGREGATES, 1.0))) for q in (one, two)]
@@ -357,7 +351,7 @@ def test_cells_are_measured_for_aggregates_of_cells_alone(monkeypatch):
         quality.jvp(nodes, d_nodes, values)
         quality.vjp(nodes, values, GridValues(dict.fromkeys(names, 1.0)))
 
-    monkeypatch.setattr(grid_quality, "slab_measures", None)
+    monkeypatch.setattr(grid_quality, "chunk_measures", None)
     evaluate_all(["height_low_ks", "height_high_ks"])
     monkeypatch.undo()
     monkeypatch.setattr(FirstCells, "ratios", None)

@@ -118,7 +118,7 @@ def test_corners_left_out_on_the_baseline_stay_left_out_while_the_grid_moves():
     moved = nodes.copy()
     moved[:, 0, :, 2] = [-1e-3, 1e-3]
     assert np.all(collapsed_corners(moved) == 0)
-    kept = cell_quality(moved, left_out=collapsed_corners(nodes))
+    kept = cell_quality(moved, degenerate_corners=collapsed_corners(nodes))
     np.testing.assert_allclose(kept.q, cell_quality(nodes).q, rtol=1e-2)
 
 
@@ -126,7 +126,7 @@ def test_a_cell_without_corners_and_a_cell_with_a_nan_are_not_valid():
     nodes = lattice(4, 3, 3)
     nodes[:2] = nodes[0, 0, 0]
     nodes[3, 2, 2] = np.nan
-    quality = cell_quality(nodes, left_out=collapsed_corners(np.nan_to_num(nodes)))
+    quality = cell_quality(nodes, degenerate_corners=collapsed_corners(np.nan_to_num(nodes)))
     assert not quality.is_valid[0].any()
     assert not quality.is_valid[2, 1, 1]
     assert quality.is_valid[2, 0, 0]

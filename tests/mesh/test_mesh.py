@@ -205,7 +205,7 @@ def test_the_points_of_a_pole_line_inside_are_free():
 def test_collapsed_corners_are_left_out_of_the_judgement_of_wedges():
     mesh = octant()
     n_wedges = 3 * 5
-    assert (mesh.left_out > 0).sum() == n_wedges
+    assert (mesh.degenerate_corners > 0).sum() == n_wedges
     assert mesh.tangled(mesh.points).n_tangled == 0
     moved = mesh.points.copy()
     moved[mesh.blocks[0][1, 1, 2]] *= 3.0

@@ -21,7 +21,7 @@ from mover_cases import (
     wing,
 )
 
-from bspline_mdao.cells.hexahedron_elements import element_measures
+from bspline_mdao.cells.hexahedron import element_measures
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.io.files import read_grid
@@ -282,7 +282,7 @@ def test_stiffness_is_positive_definite_on_fitted_meshes_with_folded_elements(re
     windows = [face.window for face in find_topology(grid).boundary]
     model = fit_grid(replace(grid, patches=guess_patches(grid, windows)), method="least_squares")
     mesh = moving_mesh(model, design="*")
-    triples = element_measures(mesh.points[mesh.elements], mesh.handedness, mesh.left_out).triples
+    triples = element_measures(mesh.points[mesh.elements], mesh.handedness, mesh.degenerate_corners).triples
     assert triples.min() < -0.1
     report = LinearElasticity(mesh, n_increments=2).move(mesh.points, 1.05 * mesh.points[mesh.surface_ids]).report
     assert max(increment.solve.residual for increment in report.increments) < 1e-10

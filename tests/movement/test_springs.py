@@ -35,8 +35,8 @@ def crooked_cube(seed=0, amount=0.3):
     return CUBE + amount * np.random.default_rng(seed).uniform(-1.0, 1.0, (8, 3))
 
 
-def arguments(x, sign=1, n_springs=spring_element.N_SPRINGS, settings=(2.0, 1.0), left_out=0):
-    return x, ONE, np.array([sign], np.int8), np.array([left_out], np.uint8), n_springs, settings
+def arguments(x, sign=1, n_springs=spring_element.N_SPRINGS, settings=(2.0, 1.0), degenerate_corners=0):
+    return x, ONE, np.array([sign], np.int8), np.array([degenerate_corners], np.uint8), n_springs, settings
 
 
 def numbers(x):
@@ -99,7 +99,7 @@ def test_corners_that_are_left_out_have_no_torsion():
     x = crooked_cube()
     unit = crooked_cube(3)[None]
     lineal = spring_element.force(*arguments(x, n_springs=spring_element.N_LINEAL), unit)
-    np.testing.assert_array_equal(spring_element.force(*arguments(x, left_out=255), unit), lineal)
+    np.testing.assert_array_equal(spring_element.force(*arguments(x, degenerate_corners=255), unit), lineal)
 
 
 @pytest.mark.parametrize("network", NETWORKS)

@@ -27,8 +27,8 @@ def block_values(mesh, points, name):
     out, start = [], 0
     for ids in mesh.blocks:
         shape = tuple(n - 1 for n in ids.shape)
-        left_out = mesh.left_out[start : start + np.prod(shape)].reshape(shape)
-        out.append(getattr(cell_quality(points[ids], left_out), name).ravel())
+        degenerate_corners = mesh.degenerate_corners[start : start + np.prod(shape)].reshape(shape)
+        out.append(getattr(cell_quality(points[ids], degenerate_corners), name).ravel())
         start += np.prod(shape)
     return np.concatenate(out)
 

@@ -15,7 +15,7 @@ from euler_cases import with_guessed_patches
 
 import bspline_mdao
 from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid, read_grid
-from bspline_mdao.cells.grid_quality import HEIGHT_SIGNS
+from bspline_mdao.cells.aggregates import AGGREGATES
 from bspline_mdao.design.composition import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -92,7 +92,9 @@ COMPONENTS = {
         for mover in MOVERS
     },
     "Quality": lambda: Quality(model=model(), cells=True),
-    "Quality, heights": lambda: Quality(model=model(), aggregates=HEIGHT_SIGNS, rho_height=50.0),
+    "Quality, heights": lambda: Quality(
+        model=model(), aggregates=[name for name in AGGREGATES if AGGREGATES[name].is_of_heights], rho_height=50.0
+    ),
     "SurfaceControl": lambda: SurfaceControl(
         parametrization=Parametrization(moving_mesh(model()), [Swirl("swirl", 5), Lift("lift")])
     ),

@@ -1,0 +1,294 @@
+"""Orthogonality Q of a hexahedral cell, Eq. (9), beside its Jacobians and its volume: formulas and derivatives.
+
+Corners are numbered ``c = a + 2 b + 4 d`` with a, b, d = 0, 1 along i, j, k. The three edges that meet at a corner are
+taken in the direction of rising index, whichever end the corner is on::
+
+        6-------7
+       /|      /|        k
+      4-------5 |        | j
+      | 2-----|-3        |/
+      |/      |/         0--- i
+      0-------1
+
+Eq. (9) is the product of the corner triple products of unit edges, ``Q = prod_c (u_c x v_c) . w_c``. The triple product
+of the edges themselves is the Jacobian of the corner. Every formula stands here once, as straight-line code on the
+twelve edges of one cell, given as three tuples of four, along i, j and k, each edge a tuple of its components.
+`.cell_loops` calls it for all cells of a block or a list; beside each value stand its change (``_jvp``) and its
+transpose (``_vjp``).
+
+Theory: ``docs/theory/quality.rst``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+__all__ = [
+    "FAST",
+    "TINY",
+    "at_corners",
+    "cell_volume",
+    "cell_volume_jvp",
+    "cell_volume_vjp",
+    "corner_jvp",
+    "corner_measures",
+    "corner_vjp",
+    "edges_vjp",
+    "inverse_lengths",
+    "orthogonality",
+    "orthogonality_jvp",
+    "orthogonality_vjp",
+]
+
+FAST = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": True, "fastmath": {"contract"}}
+"""How straight-line code is compiled: into its caller, whose loop over cells then becomes SIMD instructions; products
+and sums may become fused ones, which round once instead of twice."""
+
+TINY = 1e-190
+"""Added to a squared length before its root is inverted, so that an edge of no length has a triple product of 0. Not
+less: a corner takes the product of three such inverses, 1e95 each."""
+
+
+def orthogonality(triples: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Q of Eq. (9), the product of the corner triple products.
+
+    Parameters
+    ----------
+    triples : ndarray
+        Corner triple products, the corners along ``axis``; 1 at corners that are degenerate.
+    axis : int
+        Axis of the corners.
+
+    Returns
+    -------
+    ndarray
+    """
+    return np.prod(triples, axis=axis)
+
+
+def orthogonality_jvp(triples: np.ndarray, d_triples: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Change of Q with the corner triple products, arrays as for `orthogonality`."""
+    return np.sum(_products_of_others(triples, axis) * d_triples, axis=axis)
+
+
+def orthogonality_vjp(triples: np.ndarray, q_bar: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Adjoint of the corner triple products from that of Q, arrays as for `orthogonality`."""
+    return _products_of_others(triples, axis) * np.expand_dims(q_bar, axis)
+
+
+def _products_of_others(triples, axis):
+    """Products of all corners but one: Q divided by one triple product, which may be zero itself."""
+    corners = np.moveaxis(triples, axis, 0)
+    others = np.ones_like(corners)
+    np.cumprod(corners[:-1], axis=0, out=others[1:])
+    following = np.ones_like(corners[0])
+    for corner in range(len(corners) - 2, -1, -1):
+        following *= corners[corner + 1]
+        others[corner] *= following
+    return np.moveaxis(others, 0, axis)
+
+
+@njit(**FAST)
+def _cross(u, v):
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+
+
+@njit(**FAST)
+def _dot(u, v):
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@njit(**FAST)
+def at_corners(xi, eta, zeta):
+    """Gather what belongs to the twelve edges into triples that belong to the eight corners."""
+    return (
+        (xi[0], eta[0], zeta[0]),
+        (xi[0], eta[1], zeta[1]),
+        (xi[1], eta[0], zeta[2]),
+        (xi[1], eta[1], zeta[3]),
+        (xi[2], eta[2], zeta[0]),
+        (xi[2], eta[3], zeta[1]),
+        (xi[3], eta[2], zeta[2]),
+        (xi[3], eta[3], zeta[3]),
+    )
+
+
+@njit(**FAST)
+def _inverse_length(e):
+    return 1.0 / np.sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + TINY)
+
+
+@njit(**FAST)
+def inverse_lengths(edges):
+    """Inverse lengths of four edges."""
+    return _inverse_length(edges[0]), _inverse_length(edges[1]), _inverse_length(edges[2]), _inverse_length(edges[3])
+
+
+@njit(**FAST)
+def corner_measures(sign, edges, inverses):
+    """Triple product of unit edges, a factor of Eq. (9), and Jacobian of a corner: ``t = J / (|a| |b| |c|)``."""
+    jacobian = sign * _dot(_cross(edges[0], edges[1]), edges[2])
+    return jacobian * (inverses[0] * inverses[1] * inverses[2]), jacobian
+
+
+@njit(**FAST)
+def corner_jvp(sign, edges, inverses, changes):
+    """Change of `corner_measures`.
+
+    ``dJ = (b x c) . da + (c x a) . db + (a x b) . dc`` and ``dt = dJ / (|a| |b| |c|) - t sum_e (e . de) / |e|^2``.
+    """
+    (a, b, c), (i_a, i_b, i_c), (d_a, d_b, d_c) = edges, inverses, changes
+    ab = _cross(a, b)
+    change = sign * (_dot(_cross(b, c), d_a) + _dot(_cross(c, a), d_b) + _dot(ab, d_c))
+    stretch = i_a * i_a * _dot(a, d_a) + i_b * i_b * _dot(b, d_b) + i_c * i_c * _dot(c, d_c)
+    return (i_a * i_b * i_c) * (change - sign * _dot(ab, c) * stretch), change
+
+
+@njit(**FAST)
+def corner_vjp(sign, edges, inverses, triple_bar, jacobian_bar):
+    """Transpose of `corner_jvp`: adjoints of the three edges of a corner."""
+    (a, b, c), (i_a, i_b, i_c) = edges, inverses
+    ab, scaled = _cross(a, b), sign * triple_bar * (i_a * i_b * i_c)
+    factor, shrink = sign * jacobian_bar + scaled, scaled * _dot(ab, c)
+    return (
+        _difference(factor, _cross(b, c), shrink * i_a * i_a, a),
+        _difference(factor, _cross(c, a), shrink * i_b * i_b, b),
+        _difference(factor, ab, shrink * i_c * i_c, c),
+    )
+
+
+@njit(**FAST)
+def _difference(factor, p, shrink, q):
+    """``factor p - shrink q``."""
+    return factor * p[0] - shrink * q[0], factor * p[1] - shrink * q[1], factor * p[2] - shrink * q[2]
+
+
+@njit(**FAST)
+def edges_vjp(corner_bars, volume_bars):
+    """Transpose of `at_corners`: adjoints of the twelve edges, from those at the corners and those of the volume."""
+    b0, b1, b2, b3, b4, b5, b6, b7 = corner_bars
+    a, b, c = volume_bars
+    return (
+        (
+            _sum_of_three(a[0], b0[0], b1[0]),
+            _sum_of_three(a[1], b2[0], b3[0]),
+            _sum_of_three(a[2], b4[0], b5[0]),
+            _sum_of_three(a[3], b6[0], b7[0]),
+        ),
+        (
+            _sum_of_three(b[0], b0[1], b2[1]),
+            _sum_of_three(b[1], b1[1], b3[1]),
+            _sum_of_three(b[2], b4[1], b6[1]),
+            _sum_of_three(b[3], b5[1], b7[1]),
+        ),
+        (
+            _sum_of_three(c[0], b0[2], b4[2]),
+            _sum_of_three(c[1], b1[2], b5[2]),
+            _sum_of_three(c[2], b2[2], b6[2]),
+            _sum_of_three(c[3], b3[2], b7[2]),
+        ),
+    )
+
+
+@njit(**FAST)
+def _sum_of_three(p, q, r):
+    return p[0] + q[0] + r[0], p[1] + q[1] + r[1], p[2] + q[2] + r[2]
+
+
+@njit(**FAST)
+def _sum(p, q, r, s):
+    return p[0] + q[0] + r[0] + s[0], p[1] + q[1] + r[1] + s[1], p[2] + q[2] + r[2] + s[2]
+
+
+@njit(**FAST)
+def _change_across(p, q, r, s):
+    """From the edges p, q on one side of the cell to r, s on the other."""
+    return r[0] + s[0] - p[0] - q[0], r[1] + s[1] - p[1] - q[1], r[2] + s[2] - p[2] - q[2]
+
+
+@njit(**FAST)
+def _shape_vectors(i, j, k):
+    """Four times the mean edges a, b, c of a cell and twice the coefficients d, e, f of xi eta, eta zeta, zeta xi."""
+    return (
+        _sum(i[0], i[1], i[2], i[3]),
+        _sum(j[0], j[1], j[2], j[3]),
+        _sum(k[0], k[1], k[2], k[3]),
+        _change_across(i[0], i[2], i[1], i[3]),
+        _change_across(j[0], j[1], j[2], j[3]),
+        _change_across(i[0], i[1], i[2], i[3]),
+    )
+
+
+@njit(**FAST)
+def cell_volume(i, j, k):
+    """Volume of a trilinear cell: its Jacobian integrated term by term.
+
+    ``V = [a, b, c] + ([a, d, f] + [d, b, e] + [f, e, c]) / 12`` with the mean edges a, b, c and the coefficients d, e,
+    f of xi eta, eta zeta, zeta xi of the trilinear mapping; the multiples that `_shape_vectors` returns are divided
+    out.
+    """
+    a, b, c, d, e, f = _shape_vectors(i, j, k)
+    product = _dot(_cross(a, b), c)
+    products = _dot(_cross(a, d), f) + _dot(_cross(d, b), e) + _dot(_cross(f, e), c)
+    return (product + products / 3.0) / 64.0
+
+
+@njit(**FAST)
+def _combine(p, scale, q):
+    return p[0] + scale * q[0], p[1] + scale * q[1], p[2] + scale * q[2]
+
+
+@njit(**FAST)
+def _volume_gradient(vectors):
+    """Gradient of 64 volumes with respect to the six vectors of `_shape_vectors`; of the last three, three times it."""
+    a, b, c, d, e, f = vectors
+    third = 1.0 / 3.0
+    return (
+        _combine(_cross(b, c), third, _cross(d, f)),
+        _combine(_cross(c, a), third, _cross(e, d)),
+        _combine(_cross(a, b), third, _cross(f, e)),
+        _combine(_cross(f, a), 1.0, _cross(b, e)),
+        _combine(_cross(d, b), 1.0, _cross(c, f)),
+        _combine(_cross(a, d), 1.0, _cross(e, c)),
+    )
+
+
+@njit(**FAST)
+def cell_volume_jvp(edges, changes):
+    """Change of the volume with the edges."""
+    g_a, g_b, g_c, g_d, g_e, g_f = _volume_gradient(_shape_vectors(edges[0], edges[1], edges[2]))
+    d_a, d_b, d_c, d_d, d_e, d_f = _shape_vectors(changes[0], changes[1], changes[2])
+    straight = _dot(g_a, d_a) + _dot(g_b, d_b) + _dot(g_c, d_c)
+    twisted = _dot(g_d, d_d) + _dot(g_e, d_e) + _dot(g_f, d_f)
+    return (straight + twisted / 3.0) / 64.0
+
+
+@njit(**FAST)
+def _weighted(mean, s, p, t, q, scale):
+    """``scale (mean + (s p + t q) / 3)``."""
+    s, t = s / 3.0, t / 3.0
+    return (
+        scale * (mean[0] + s * p[0] + t * q[0]),
+        scale * (mean[1] + s * p[1] + t * q[1]),
+        scale * (mean[2] + s * p[2] + t * q[2]),
+    )
+
+
+@njit(**FAST)
+def cell_volume_vjp(edges, bar):
+    """Adjoints of the edges from that of the volume."""
+    g_a, g_b, g_c, g_d, g_e, g_f = _volume_gradient(_shape_vectors(edges[0], edges[1], edges[2]))
+    bar = bar / 64.0
+    low, high = _weighted(g_b, -1.0, g_e, 0.0, g_e, bar), _weighted(g_b, 1.0, g_e, 0.0, g_e, bar)
+    straight = _weighted(g_c, 0.0, g_e, 0.0, g_e, bar)
+    return (
+        (
+            _weighted(g_a, -1.0, g_d, -1.0, g_f, bar),
+            _weighted(g_a, 1.0, g_d, -1.0, g_f, bar),
+            _weighted(g_a, -1.0, g_d, 1.0, g_f, bar),
+            _weighted(g_a, 1.0, g_d, 1.0, g_f, bar),
+        ),
+        (low, low, high, high),
+        (straight, straight, straight, straight),
+    )
