@@ -184,7 +184,7 @@ def test_doctests_are_collected():
 
 def test_the_suite_leaves_nothing_in_the_temporary_folder(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_suite.py", "-k", "openmdao_lists"],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_suite.py", "-k", "commands_of_the_readme"],
         capture_output=True,
         text=True,
         timeout=300,
@@ -235,32 +235,3 @@ def test_the_commands_of_the_readme_exist():
 
     used = set(re.findall(r"`?bspline-mdao (\w+)", (ROOT / "README.md").read_text()))
     assert used == set(program.commands)
-
-
-def ours(group: str) -> set[str]:
-    """What the package offers to OpenMDAO under the name of a group of entry points."""
-    from importlib.metadata import entry_points
-
-    return {entry.value for entry in entry_points(group=group) if entry.value.startswith("bspline_mdao")}
-
-
-def test_openmdao_lists_the_components():
-    assert ours("openmdao_component") == {
-        "bspline_mdao.om.control_mesh_move:ControlMeshMove",
-        "bspline_mdao.om.fit:Fit",
-        "bspline_mdao.om.grid_evaluate:GridEvaluate",
-        "bspline_mdao.om.live_grid_evaluate:LiveGridEvaluate",
-        "bspline_mdao.om.monotonic:Monotonic",
-        "bspline_mdao.om.quality:Quality",
-        "bspline_mdao.om.surface_control:SurfaceControl",
-        "bspline_mdao.om.surface_control_fit:SurfaceControlFit",
-        "bspline_mdao.om.surface_evaluate:SurfaceEvaluate",
-        "bspline_mdao.om.surface_measure:SurfaceMeasure",
-    }
-    assert ours("openmdao_group") == {
-        "bspline_mdao.om.grid_movement:GridMovement",
-        "bspline_mdao.om.flow.euler_flow:EulerFlow",
-        "bspline_mdao.om.flow.lattice_flow:LatticeFlow",
-        "bspline_mdao.om.flow.vortex_lattice:VortexLattice",
-    }
-    assert ours("openmdao_driver") == {"bspline_mdao.om.drivers.nlopt_driver:NLoptDriver"}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..topology.multiblock import Grid
+from ..topology.grid import Grid
 from .first_cells import FirstCells, WallNode
 from .grid_quality import GridQuality
 from .hexahedron import CellQuality
