@@ -66,6 +66,8 @@ from .generators.wing import flat_section as flat_section
 from .generators.wing import naca_section as naca_section
 from .io.files import read_grid as read_grid
 from .io.files import write_grid as write_grid
+from .io.openfoam import CaseField as CaseField
+from .io.openfoam import write_case as write_case
 from .io.openfoam import write_polymesh as write_polymesh
 from .io.vtk import write_vtk as write_vtk
 from .measures.area import ProjectedArea as ProjectedArea

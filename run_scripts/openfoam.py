@@ -25,7 +25,7 @@ from bspline_mdao.cells.quads import area_vectors
 from bspline_mdao.checks import as_axes
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.stream import stream_axes
-from bspline_mdao.io.openfoam import PolyMesh
+from bspline_mdao.io.openfoam import CaseField, PolyMesh
 from bspline_mdao.topology.topology import Topology
 
 HOME = "/usr/share/openfoam"
@@ -145,7 +145,7 @@ def openfoam_forces(
     if len(wall) == 0:
         raise InputError(f"{topology.source}: no patch is of kind wall; declare patches")
     with tempfile.TemporaryDirectory() as folder:
-        write_case(Path(folder), PolyMesh.of(topology, nodes), stream, max_iterations)
+        PolyMesh.of(topology, nodes).write_case(folder, *flow_case(stream, max_iterations))
         start = time.perf_counter()
         log = run("rhoSimpleFoam", Path(folder))
         seconds = time.perf_counter() - start
@@ -200,48 +200,37 @@ def read_residuals(log: str) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in found.items()}
 
 
-def write_case(case: Path, mesh: PolyMesh, stream: Stream, max_iterations: int) -> None:
-    """Write mesh, fields and settings of a case."""
-    mesh.write(case / "constant" / "polyMesh")
-    ux, uy, uz = stream.velocity
+def flow_case(stream: Stream, max_iterations: int) -> tuple[dict[str, CaseField], dict[str, str]]:
+    """Fields and settings of a case: slip at walls, the free stream on all patches that are no symmetry."""
+    velocity = stream.velocity.tolist()
+    pressure, temperature, vector = (
+        f"uniform {text}" for text in (PRESSURE, TEMPERATURE, f"({' '.join(map(str, velocity))})")
+    )
+    mirror = {"symmetry": "type symmetry;"}
     fields = {
-        "p": ("volScalarField", "[1 -1 -2 0 0 0 0]", f"{PRESSURE}", PRESSURE_CONDITIONS),
-        "T": ("volScalarField", "[0 0 0 1 0 0 0]", f"{TEMPERATURE}", TEMPERATURE_CONDITIONS),
-        "U": ("volVectorField", "[0 1 -1 0 0 0 0]", f"({ux} {uy} {uz})", VELOCITY_CONDITIONS),
+        "p": CaseField(
+            "[1 -1 -2 0 0 0 0]",
+            PRESSURE,
+            {**mirror, "wall": "type zeroGradient;", "other": f"type freestreamPressure; freestreamValue {pressure};"},
+        ),
+        "T": CaseField(
+            "[0 0 0 1 0 0 0]",
+            TEMPERATURE,
+            {
+                **mirror,
+                "wall": "type zeroGradient;",
+                "other": f"type inletOutlet; inletValue {temperature}; value {temperature};",
+            },
+        ),
+        "U": CaseField(
+            "[0 1 -1 0 0 0 0]",
+            velocity,
+            {**mirror, "wall": "type slip;", "other": f"type freestreamVelocity; freestreamValue {vector};"},
+        ),
     }
-    for name, (kind, units, value, conditions) in fields.items():
-        boundary = "".join(
-            f"{patch.name} {{ {conditions.get(patch.kind, conditions['farfield']).format(value)} }}\n"
-            for patch in mesh.boundary
-        )
-        text = f"dimensions {units};\ninternalField uniform {value};\nboundaryField\n{{\n{boundary}}}\n"
-        write_dictionary(case / "0" / name, kind, text)
-    for name, text in SETTINGS.items():
-        write_dictionary(case / name, "dictionary", text % {"iterations": max_iterations, "tolerance": TOLERANCE})
+    numbers = {"iterations": max_iterations, "tolerance": TOLERANCE}
+    return fields, {name: text % numbers for name, text in SETTINGS.items()}
 
-
-def write_dictionary(path: Path, kind: str, text: str) -> None:
-    """Write a file of OpenFOAM's with its head."""
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(f"FoamFile {{ version 2.0; format ascii; class {kind}; object {path.name}; }}\n{text}")
-
-
-PRESSURE_CONDITIONS = {
-    "wall": "type zeroGradient;",
-    "symmetry": "type symmetry;",
-    "farfield": "type freestreamPressure; freestreamValue uniform {0};",
-}
-TEMPERATURE_CONDITIONS = {
-    "wall": "type zeroGradient;",
-    "symmetry": "type symmetry;",
-    "farfield": "type inletOutlet; inletValue uniform {0}; value uniform {0};",
-}
-VELOCITY_CONDITIONS = {
-    "wall": "type slip;",
-    "symmetry": "type symmetry;",
-    "farfield": "type freestreamVelocity; freestreamValue uniform {0};",
-}
-"""Boundary conditions by kind of patch, with the free stream's value; the last for all other kinds."""
 
 SETTINGS = {
     "constant/thermophysicalProperties": f"""

@@ -1,16 +1,22 @@
-"""Grids for OpenFOAM: a folder ``polyMesh`` with points, faces, owner, neighbour and boundary, in ASCII.
+"""Grids and cases for OpenFOAM, in ASCII.
+
+A grid is a folder ``polyMesh`` with points, faces, owner, neighbour and boundary; a case has it in ``constant``, fields
+in ``0``, and dictionaries of settings in ``constant`` and ``system``.
 
 Each shared node is written once. Faces with repeated corners become triangles, those that have collapsed are left out,
 and what remains is in OpenFOAM's order: inner faces by owner and neighbour, the owner being the lower cell, then
 patch after patch.
+
+Format: ``docs/theory/grid_files.rst``.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -21,7 +27,7 @@ from ..topology.grid import Grid
 from ..topology.topology import Topology
 from .atomic import replaced_folder
 
-__all__ = ["FOLDER", "PolyMesh", "write_polymesh"]
+__all__ = ["FOLDER", "CaseField", "PolyMesh", "write_case", "write_polymesh"]
 
 FOLDER = "polyMesh"
 """Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
@@ -47,7 +53,7 @@ def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | N
     grid : Grid
         The grid.
     topology : Topology, optional
-        How its blocks hang together, found from its nodes by default. Give that of the baseline for a grid that was
+        How its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was
         moved.
 
     Raises
@@ -57,6 +63,71 @@ def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | N
         cannot be written.
     """
     PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3)).write(folder)
+
+
+@dataclass(frozen=True)
+class CaseField:
+    """A field of an OpenFOAM case.
+
+    Parameters
+    ----------
+    dimensions : str
+        Exponents of its unit as OpenFOAM writes them, such as ``"[1 -1 -2 0 0 0 0]"`` of a pressure.
+    value : float or sequence of three floats
+        What it begins with in all cells: a scalar or a vector.
+    conditions : mapping of str to str
+        Entries of the patches of each kind, such as ``{"wall": "type zeroGradient;"}``; those under ``"other"`` are for
+        all kinds that are not named, and for the patch ``unassigned``.
+    """
+
+    dimensions: str
+    value: float | Sequence[float]
+    conditions: Mapping[str, str]
+
+
+def write_case(
+    folder: str | os.PathLike,
+    grid: Grid,
+    fields: Mapping[str, CaseField],
+    settings: Mapping[str, str],
+    topology: Topology | None = None,
+) -> None:
+    """Write a case for OpenFOAM: the grid, fields to start from, and settings.
+
+    Parameters
+    ----------
+    folder : path-like
+        The case to make, or to replace these files of.
+    grid : Grid
+        The grid, which becomes ``constant/polyMesh``, see `write_polymesh`.
+    fields : mapping of str to CaseField
+        Fields by their names, such as ``"p"`` and ``"U"``, which become the files of ``0``.
+    settings : mapping of str to str
+        Text of dictionaries by their places, such as ``"system/controlDict"``; the head is written for them.
+    topology : Topology, optional
+        How the blocks are joined, found from the nodes by default. Give that of the baseline for a grid that was
+        moved.
+
+    Raises
+    ------
+    InputError
+        As `write_polymesh`; or if a field has no condition for a patch, is neither scalar nor vector, or a dictionary
+        has no place below the case. Nothing is written then.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import CaseField, flat_plate_grid, write_case
+    >>> conditions = {"wall": "type zeroGradient;", "symmetry": "type symmetry;", "other": "type slip;"}
+    >>> settings = {"system/controlDict": "application potentialFoam; endTime 1; deltaT 1;"}
+    >>> fields = {"p": CaseField("[0 2 -2 0 0 0 0]", 0.0, conditions)}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_case(folder, flat_plate_grid((5, 5, 5)), fields, settings)
+    ...     sorted(os.listdir(folder))
+    ['0', 'constant', 'system']
+    """
+    mesh = PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3))
+    mesh.write_case(folder, fields, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +162,7 @@ class PolyMesh:
         Parameters
         ----------
         topology : Topology
-            How its blocks hang together.
+            How its blocks are joined.
         nodes : ndarray, shape (n_nodes, 3)
             Its nodes (m).
 
@@ -139,6 +210,36 @@ class PolyMesh:
                     file.write(_HEAD.format(kind, self._note() if "label" in kind else "", name) + f"{n}\n(\n")
                     file.writelines(lines)
                     file.write(")\n")
+
+    def write_case(
+        self, folder: str | os.PathLike, fields: Mapping[str, CaseField], settings: Mapping[str, str]
+    ) -> None:
+        """Write a case with this mesh.
+
+        Parameters
+        ----------
+        folder : path-like
+            The case.
+        fields, settings : mapping
+            See `write_case`, the function.
+
+        Raises
+        ------
+        InputError
+            As there.
+        """
+        texts = {("0", name): (*_field_text(name, field, self.boundary), name) for name, field in fields.items()}
+        for place, text in settings.items():
+            parent, name = PurePosixPath(place).parent, PurePosixPath(place).name
+            if str(parent) == "." or ".." in parent.parts or parent.is_absolute():
+                raise InputError(f"OpenFOAM: '{place}' is no place in a case; name it as 'system/controlDict'")
+            texts[str(parent), name] = "dictionary", text, name
+        self.write(Path(folder) / "constant" / FOLDER)
+        for parent in dict.fromkeys(parent for parent, _ in texts):
+            with replaced_folder(Path(folder) / parent) as new:
+                for kind, text, name in (entry for (where, _), entry in texts.items() if where == parent):
+                    head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
+                    (new / name).write_text(head + text, encoding="ascii")
 
     def _files(self) -> dict[str, tuple[str, int, Iterable[str]]]:
         """Class, number of entries and text of every file."""
@@ -197,3 +298,25 @@ def _entry(patch: BoundaryFaces) -> str:
     """Entry of a patch in the file ``boundary``."""
     sizes = f"nFaces {patch.stop - patch.start};\n        startFace {patch.start};"
     return f"    {patch.name}\n    {{\n        type {TYPES.get(patch.kind, 'patch')};\n        {sizes}\n    }}\n"
+
+
+def _field_text(name: str, field: CaseField, boundary: Sequence[BoundaryFaces]) -> tuple[str, str]:
+    """Class of a field and its text below the head."""
+    value = np.asarray(field.value, dtype=float)
+    if value.shape not in ((), (3,)):
+        raise InputError(f"OpenFOAM: field '{name}' has a value of shape {value.shape}; give a number or three")
+    entries = []
+    for patch in boundary:
+        condition = field.conditions.get(patch.kind or "other", field.conditions.get("other"))
+        if condition is None:
+            raise InputError(
+                f"OpenFOAM: field '{name}' has no condition for patch '{patch.name}' of kind {patch.kind or 'other'}; "
+                f"add it, or one for 'other'"
+            )
+        entries.append(f"{patch.name} {{ {condition} }}\n")
+    words = f"({' '.join(map(str, value.tolist()))})" if value.ndim else str(value.tolist())
+    start = f"dimensions {field.dimensions};\ninternalField uniform {words};\n"
+    return (
+        "volVectorField" if value.ndim else "volScalarField",
+        f"{start}boundaryField\n{{\n{''.join(entries)}}}\n",
+    )

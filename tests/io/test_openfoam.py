@@ -12,12 +12,14 @@ import pytest
 from topology_cases import box, c_grid, grid_of, o_grid, patch, smooth_box, sphere_octants, split, turned_and_shuffled
 
 from bspline_mdao import (
+    CaseField,
     InputError,
     ball_grid,
     find_topology,
     fit_grid,
     flat_plate_grid,
     onera_m6_grid,
+    write_case,
     write_grid,
     write_polymesh,
 )
@@ -244,6 +246,50 @@ def test_the_command_line_writes_for_openfoam_twice_over(tmp_path, monkeypatch):
         mesh = read(Path("case/constant/polyMesh"))
         assert mesh.owner.max() + 1 == n_cells
         assert set(mesh.boundary) == {"wing_upper", "wing_lower", "symmetry", "farfield"}
+
+
+CONDITIONS = {"wall": "type slip;", "symmetry": "type symmetry;", "other": "type fixedValue; value uniform (1 0 0);"}
+
+
+def test_a_case_has_its_mesh_fields_and_settings(tmp_path):
+    fields = {
+        "U": CaseField("[0 1 -1 0 0 0 0]", (1.0, 0.5, 0.0), CONDITIONS),
+        "p": CaseField("[0 2 -2 0 0 0 0]", 2.5, {"other": "type zeroGradient;"}),
+    }
+    settings = {"system/controlDict": "endTime 1;\n", "constant/turbulenceProperties": "simulationType laminar;\n"}
+    write_case(tmp_path / "case", onera_m6_grid((5, 6, 7)), fields, settings)
+    mesh = read(tmp_path / "case" / "constant" / "polyMesh")
+    velocity, pressure = ((tmp_path / "case" / "0" / name).read_text() for name in "Up")
+    assert velocity.startswith("FoamFile { version 2.0; format ascii; class volVectorField; object U; }\n")
+    assert "dimensions [0 1 -1 0 0 0 0];\ninternalField uniform (1.0 0.5 0.0);\n" in velocity
+    assert "internalField uniform 2.5;" in pressure
+    kinds = {"wing_upper": "wall", "wing_lower": "wall", "symmetry": "symmetry", "farfield": "other"}
+    assert set(mesh.boundary) == set(kinds)
+    for name, kind in kinds.items():
+        assert f"{name} {{ {CONDITIONS[kind]} }}\n" in velocity
+        assert f"{name} {{ type zeroGradient; }}\n" in pressure
+    for place, text in settings.items():
+        head = f"FoamFile {{ version 2.0; format ascii; class dictionary; object {Path(place).name}; }}\n"
+        assert (tmp_path / "case" / place).read_text() == head + text
+
+
+@pytest.mark.parametrize(
+    ("field", "settings", "message"),
+    [
+        (
+            CaseField("[]", 1.0, {"wall": "type slip;"}),
+            {},
+            "no condition for patch 'symmetry' of kind symmetry; add it",
+        ),
+        (CaseField("[]", (1.0, 2.0), CONDITIONS), {}, r"'U' has a value of shape \(2,\); give a number or three"),
+        (CaseField("[]", 1.0, CONDITIONS), {"controlDict": ""}, "'controlDict' is no place in a case"),
+        (CaseField("[]", 1.0, CONDITIONS), {"../controlDict": ""}, "is no place in a case"),
+    ],
+)
+def test_a_case_that_cannot_be_is_refused_and_nothing_is_written(tmp_path, field, settings, message):
+    with pytest.raises(InputError, match=message):
+        write_case(tmp_path / "case", onera_m6_grid((5, 6, 7)), {"U": field}, settings)
+    assert not (tmp_path / "case").exists()
 
 
 def check_mesh(case):
