@@ -1,21 +1,20 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
-from .design.axis import ReferenceAxis as ReferenceAxis
-from .design.collinear import Collinear as Collinear
-from .design.composition import Parametrization as Parametrization
+from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
 from .design.lattice import Lattice as Lattice
+from .design.linear_constraints import Collinear as Collinear
 from .design.linear_constraints import InPlane as InPlane
 from .design.linear_constraints import Linked as Linked
+from .design.linear_constraints import Mirrored as Mirrored
 from .design.linear_constraints import Opposite as Opposite
 from .design.linear_constraints import Pinned as Pinned
 from .design.linear_constraints import Together as Together
-from .design.local import Local as Local
-from .design.mirrored import Mirrored as Mirrored
 from .design.motion import UnsteadyGrid as UnsteadyGrid
 from .design.motion import flapping as flapping
 from .design.motion import pitching as pitching
 from .design.named_deformations import parse_deformation as parse_deformation
+from .design.parametrization import Parametrization as Parametrization
 from .design.planform import Camber as Camber
 from .design.planform import Chord as Chord
 from .design.planform import Dihedral as Dihedral
@@ -24,6 +23,7 @@ from .design.planform import Sweep as Sweep
 from .design.planform import Taper as Taper
 from .design.planform import ThicknessFactor as ThicknessFactor
 from .design.planform import Twist as Twist
+from .design.reference_axis import ReferenceAxis as ReferenceAxis
 from .design.selection import Beyond as Beyond
 from .design.selection import InBlock as InBlock
 from .design.selection import InBox as InBox

@@ -23,8 +23,8 @@ from bspline_mdao import (
     SurfaceGrid,
     moving_mesh,
 )
-from bspline_mdao.design.axis import ReferenceAxis
-from bspline_mdao.design.selection_algebra import Selection
+from bspline_mdao.design.reference_axis import ReferenceAxis
+from bspline_mdao.design.selection import Selection
 from bspline_mdao.design.variable import Variable
 from bspline_mdao.flow.span_strips import SpanStrips
 from bspline_mdao.measures.measure import Measure

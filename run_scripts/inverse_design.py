@@ -20,8 +20,8 @@ from totals import check_totals
 from wing_drawings import section_of
 
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
-from bspline_mdao.design.composition import Parametrization
-from bspline_mdao.design.local import Local
+from bspline_mdao.design.displacement import Local
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.design.selection import NearPlane
 from bspline_mdao.names import GRID
 

@@ -19,8 +19,8 @@ from bspline_mdao import (
     moving_mesh,
     rectangular_wing,
 )
-from bspline_mdao.design.axis import ReferenceAxis
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.parametrization import Parametrization
+from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.variable import Variable
 from bspline_mdao.measures.measure import Measure
 from bspline_mdao.mesh.mesh import MovingMesh

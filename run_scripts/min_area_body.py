@@ -17,8 +17,8 @@ from optimisation import DRIVERS, Run, optimise, set_up, write_n2
 from totals import check_totals, move_at_random
 
 from bspline_mdao import FittedModel, GridMovement, brick_grid, fit_grid, moving_mesh
-from bspline_mdao.design.composition import Parametrization
-from bspline_mdao.design.local import Local
+from bspline_mdao.design.displacement import Local
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.measures.area import SurfaceArea
 from bspline_mdao.measures.volume import EnclosedVolume
 from bspline_mdao.mesh.surface import SurfaceGrid

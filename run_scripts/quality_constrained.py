@@ -22,8 +22,8 @@ from totals import check_totals, move_at_random
 from bspline_mdao import FittedModel, GridMovement, LinearElasticity, Quality, brick_grid, fit_grid, moving_mesh
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import QualityReport, report_quality
-from bspline_mdao.design.composition import Parametrization
-from bspline_mdao.design.local import Local
+from bspline_mdao.design.displacement import Local
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.names import GRID
 

@@ -10,8 +10,8 @@ from lattice_wing import LINES, RectangularWing, started
 from optimisation import DRIVERS, flow_in_one, optimise, write_n2
 from totals import check_totals
 
-from bspline_mdao.design.axis import ReferenceAxis
 from bspline_mdao.design.planform import Twist
+from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.om.flow.aerostructure import Aerostructure, Spar
 
 STATIONS = 4

@@ -14,8 +14,8 @@ from optimisation import DRIVERS, Run, flow_in_one, optimise, write_n2
 from totals import check_totals
 
 from bspline_mdao import VortexLattice
-from bspline_mdao.design.axis import ReferenceAxis
 from bspline_mdao.design.planform import Chord, Sweep, Taper, Twist
+from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.variable import Variable
 from bspline_mdao.flow.wake import Wake, least_drag
 

@@ -5,14 +5,11 @@ from functools import cache
 import numpy as np
 
 from bspline_mdao import onera_m6_grid
-from bspline_mdao.design.axis import ReferenceAxis
-from bspline_mdao.design.collinear import Collinear
 from bspline_mdao.design.free_form import FreeForm
 from bspline_mdao.design.lattice import Lattice
-from bspline_mdao.design.linear_constraints import InPlane, Linked, Opposite, Pinned, Together
-from bspline_mdao.design.local import Local
-from bspline_mdao.design.mirrored import Mirrored
+from bspline_mdao.design.linear_constraints import Collinear, InPlane, Linked, Mirrored, Opposite, Pinned, Together
 from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
+from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.selection import NearPlane
 from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.fit.fitting import fit_grid

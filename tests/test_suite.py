@@ -184,7 +184,17 @@ def test_doctests_are_collected():
 
 def test_the_suite_leaves_nothing_in_the_temporary_folder(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_suite.py", "-k", "commands_of_the_readme"],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "tests/test_suite.py",
+            "-k",
+            "commands_of_the_readme",
+        ],
         capture_output=True,
         text=True,
         timeout=300,

@@ -14,8 +14,7 @@ import numpy as np
 from ..cells.grid_quality import GridQuality
 from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from ..design.deformation import Deformation
-from ..design.named_deformations import parse_deformation
-from ..design.points_file import GivenPoints
+from ..design.named_deformations import GivenPoints, parse_deformation
 from ..errors import InputError, MovementError
 from ..fit.surface_fit import SurfaceMiss
 from ..io.atomic import replaced_file

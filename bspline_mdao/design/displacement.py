@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
 from ..errors import InputError
-from .variable import MapPartials, block_diagonal
+from .selection import Where, rows_of
+from .surface_normals import surface_normals
+from .variable import Carried, Layout, MapPartials, block_diagonal
 
-__all__ = ["Direction", "Displacement", "directions_of", "displacements", "selector"]
+__all__ = ["Direction", "Displacement", "Local", "directions_of", "displacements", "selector"]
 
 Direction = str | Sequence[float] | np.ndarray
 """Coordinate axes by name (``"z"``, ``"xyz"``), a vector, or one vector or several for every point."""
@@ -41,6 +44,58 @@ class Displacement:
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`; nothing depends on where."""
         return MapPartials(eye_array(points.size, format="csr"), self.matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """Move surface control points one by one.
+
+    Every selected point has one value per direction, point by point in the order of ``mesh.surface_ids``. A value is a
+    displacement, and initially zero. Carried points, such as those of axes and lattices, stay.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable.
+    where : Selection or array_like of int, optional
+        Which points; numbers are rows of ``mesh.surface_ids``. All by default.
+    direction : str or array_like
+        Coordinate axes by name, ``"z"`` or several as in ``"xyz"``; ``"normal"``, the unit normal of the baseline
+        into the fluid (see `bspline_mdao.design.surface_normals`); a vector, shape (3,); vectors of the selected
+        points, shape (n, 3); or m of them for every point, shape (n, 3, m). Vectors are displacements per unit of
+        the value, of any length.
+    units : str, optional
+        Units of the values: m by default, None where the vectors carry them.
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
+    >>> from bspline_mdao.design.parametrization import Parametrization
+    >>> from bspline_mdao.design.selection import Nearest
+    >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+    >>> parametrization = Parametrization(mesh, [Local("bump", Nearest((0.4, 0.05, 0.5)), "normal")])
+    >>> parametrization.initial["bump"]
+    array([0.])
+    """
+
+    name: str
+    where: Where | None = None
+    direction: Direction = "xyz"
+    units: str | None = "m"
+    carried: ClassVar[tuple[Carried, ...]] = ()
+
+    def bind(self, layout: Layout) -> Displacement:
+        """Select the points and find their directions on the baseline.
+
+        Raises
+        ------
+        InputError
+            If nothing is selected, or the directions do not fit what is.
+        """
+        mesh = layout.mesh
+        rows = np.arange(layout.n_surface) if self.where is None else rows_of(self.where, mesh, f"'{self.name}'")
+        directions = directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], f"'{self.name}'")
+        return Displacement(displacements(rows, directions, len(layout.points)))
 
 
 def directions_of(direction: Direction, n: int, normals: Callable[[], np.ndarray] | None, what: str) -> np.ndarray:

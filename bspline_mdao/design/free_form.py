@@ -8,8 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from .displacement import Direction, Displacement, directions_of, displacements
-from .embedding import Embedding
-from .lattice import Lattice
+from .lattice import Embedding, Lattice
 from .variable import Carried, Layout
 
 __all__ = ["FreeForm"]
@@ -43,7 +42,7 @@ class FreeForm:
     Examples
     --------
     >>> from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
-    >>> from bspline_mdao.design.composition import Parametrization
+    >>> from bspline_mdao.design.parametrization import Parametrization
     >>> mesh = moving_mesh(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
     >>> shape = FreeForm("shape", Lattice.box(mesh, n=(4, 2, 3)), direction="y")
     >>> Parametrization(mesh, [shape]).initial["shape"].size

@@ -6,17 +6,39 @@ them. Those that follow patches and symmetry are in `collinear` and `mirrored`.
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
+from ..checks import as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
 from ..numerics.planes import nearest_plane
-from .equations import Equations
-from .pairing import Directions, Where, axes_of, pairs_of, place_of, rows_of
+from .elimination import Equations
+from .selection import Selection, Where, rows_of
 
-__all__ = ["InPlane", "Linked", "Opposite", "Pinned", "Together"]
+__all__ = [
+    "Collinear",
+    "Directions",
+    "InPlane",
+    "Linked",
+    "Mirrored",
+    "Opposite",
+    "Pinned",
+    "Together",
+    "axes_of",
+    "pairs_of",
+    "place_of",
+    "surface_seams",
+]
+
+Directions = str | np.ndarray | Sequence | None
+"""Coordinates by letter (``"xz"``), one vector or several; None for all three coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,31 +142,6 @@ class Linked:
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
-    """Points that all move alike; the first leads.
-
-    Parameters
-    ----------
-    where : Selection or array_like of int
-        The points; numbers are rows of ``mesh.surface_ids``.
-    directions : str, array_like or None
-        In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
-    name : str
-        For messages.
-    """
-
-    where: Where
-    directions: Directions = None
-    name: str = "together"
-
-    def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
-        """Equations ``n . (d - d_first) = 0`` for each other point and direction n."""
-        rows = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
-        pairs = np.column_stack([np.full(len(rows) - 1, rows[0]), rows[1:]])
-        return _of_pairs(len(points), pairs, axes_of(self.directions, self.name), -1.0)
-
-
-@dataclass(frozen=True, eq=False)
 class Opposite:
     """Pairs of points with equal and opposite displacements, so that local variables neither twist nor shift.
 
@@ -169,6 +166,267 @@ class Opposite:
         return _of_pairs(len(points), pairs, axes_of(self.directions, self.name), 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Points that all move alike; the first leads.
+
+    Parameters
+    ----------
+    where : Selection or array_like of int
+        The points; numbers are rows of ``mesh.surface_ids``.
+    directions : str, array_like or None
+        In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
+    name : str
+        For messages.
+    """
+
+    where: Where
+    directions: Directions = None
+    name: str = "together"
+
+    def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
+        """Equations ``n . (d - d_first) = 0`` for each other point and direction n."""
+        rows = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
+        pairs = np.column_stack([np.full(len(rows) - 1, rows[0]), rows[1:]])
+        return _of_pairs(len(points), pairs, axes_of(self.directions, self.name), -1.0)
+
+
 def _of_pairs(n_surface: int, pairs: np.ndarray, axes: np.ndarray, sign: float) -> Equations:
     """Equations ``n . (d_follower + sign d_leader) = 0``."""
     return Equations.of(n_surface, pairs, np.stack([sign * axes, axes], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Collinear:
+    """Control points across seams between sides of blocks stay in line, in the ratio of the baseline (G1).
+
+    The points on the seam follow their two neighbours, where nothing else holds them.
+
+    Parameters
+    ----------
+    where : Selection, array_like of int or None
+        Points on seams, as rows of ``mesh.surface_ids`` in case of numbers; what else is selected is left out. By
+        default all at which the baseline is smooth.
+    max_kink : float
+        Largest angle of the baseline between the two sides at which it counts as smooth (deg).
+    name : str
+        For messages.
+    """
+
+    where: Where | None = None
+    max_kink: float = 5.0
+    name: str = "collinear"
+
+    def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
+        """Equations ``(d_+ - d_0) + r (d_- - d_0) = 0`` at each point of a seam, where r is the ratio of the lengths.
+
+        Raises
+        ------
+        InputError
+            If no point is on a seam, or the baseline has a kink at one that was asked for.
+        """
+        triples = surface_seams(mesh)
+        if self.where is not None:
+            triples = triples[np.isin(triples[:, 1], rows_of(self.where, mesh, f"linear constraint '{self.name}'"))]
+        before, after = np.diff(points[triples], axis=1).transpose(1, 0, 2)
+        kinks = _angles(before, after)
+        is_smooth = kinks <= self.max_kink
+        self._check(mesh, triples, kinks, is_smooth)
+        ratios = _lengths(after[is_smooth]) / _lengths(before[is_smooth])
+        weights = np.stack([ratios, -(1.0 + ratios), np.ones_like(ratios)], axis=1) / (1.0 + ratios)[:, None]
+        coefficients = weights[:, None, :, None] * np.eye(3)[:, None]
+        return Equations.of(len(points), triples[is_smooth], coefficients, follower=1)
+
+    def _check(self, mesh, triples, kinks, is_smooth):
+        """Refuse to be about nothing, and kinks where smoothness was asked for."""
+        if not len(triples) or (self.where is None and not is_smooth.any()):
+            raise InputError(
+                f"linear constraint '{self.name}': no point is on a seam at which the surface is smooth; leave it out"
+            )
+        if self.where is not None and not is_smooth.all():
+            worst = np.argmax(np.where(is_smooth, -np.inf, kinks))
+            raise InputError(
+                f"linear constraint '{self.name}': the surface has a kink of {kinks[worst]:.3g} deg at "
+                f"{place_of(mesh, triples[worst, 1])}; leave it out, or raise max_kink from {self.max_kink:g}"
+            )
+
+
+def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angles between vectors (deg), shape (n,); 180 where one has no length."""
+    crossed = _lengths(np.cross(a, b))
+    angles = np.degrees(np.arctan2(crossed, np.sum(a * b, axis=-1)))
+    return np.where(_lengths(a) * _lengths(b) > 0.0, angles, 180.0)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vectors, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Mirrored:
+    """Points that move as the mirror images of others; points on the plane stay in it.
+
+    Parameters
+    ----------
+    normal : array_like, shape (3,)
+        Normal of the plane, towards the side that leads.
+    point : array_like, shape (3,)
+        A point of the plane (m).
+    leaders : Selection, array_like of int or None
+        The points that lead; by default all on the plane and on the side that the normal points to.
+    followers : Selection, array_like of int or None
+        Among which each leader has its partner; by default all surface control points.
+    tolerance : float
+        How far from the mirrored place of a leader its partner may be, relative to the size of the mesh.
+    name : str
+        For messages.
+    """
+
+    normal: np.ndarray
+    point: np.ndarray = (0.0, 0.0, 0.0)
+    leaders: Where | None = None
+    followers: Where | None = None
+    tolerance: float = 1e-6
+    name: str = "mirrored"
+
+    def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
+        """Equations ``d_follower - (I - 2 n n^T) d_leader = 0`` for each leader.
+
+        Raises
+        ------
+        InputError
+            If a leader has no partner, or several.
+        """
+        normal, near = axes_of(self.normal, self.name)[0], self.tolerance * mesh.size
+        heights = (points - as_vector(self.point, f"linear constraint '{self.name}': point")) @ normal
+        leaders = self._on_the_side_of_the_normal(heights, near) if self.leaders is None else self.leaders
+        followers = np.arange(len(points)) if self.followers is None else self.followers
+        leaders, followers = (
+            rows_of(leaders, mesh, f"linear constraint '{self.name}'"),
+            rows_of(followers, mesh, f"linear constraint '{self.name}'"),
+        )
+        mirrored = (points - 2.0 * heights[:, None] * normal)[leaders]
+        partners = followers[self._partners(mesh, cKDTree(points[followers]), mirrored, leaders, near)]
+        reflection = np.eye(3) - 2.0 * np.outer(normal, normal)
+        return Equations.of(
+            len(points), np.column_stack([leaders, partners]), np.stack([-reflection, np.eye(3)], axis=1)
+        )
+
+    def _on_the_side_of_the_normal(self, heights, near) -> np.ndarray:
+        rows = np.flatnonzero(heights >= -near)
+        if not len(rows):
+            raise InputError(
+                f"linear constraint '{self.name}': no point is on the side that the normal points to, the nearest is "
+                f"{-heights.max():.3g} m off the plane; turn the normal, or move the plane"
+            )
+        return rows
+
+    def _partners(self, mesh, tree, mirrored, leaders, near) -> np.ndarray:
+        """Number of the one point of the tree at each mirrored place."""
+        counts = tree.query_ball_point(mirrored, near, return_length=True)
+        gaps, partners = tree.query(mirrored)
+        for leader, count, gap in zip(leaders[counts != 1], counts[counts != 1], gaps[counts != 1]):
+            none = f"no partner, the nearest point is {gap:.3g} m off its mirrored place; move the plane"
+            several = f"{count} partners within {near:.3g} m of its mirrored place; move the plane"
+            raise InputError(
+                f"linear constraint '{self.name}': {place_of(mesh, leader)} has {several if count else none}, "
+                f"change the tolerance, or name leaders and followers"
+            )
+        return partners
+
+
+def surface_seams(mesh: MovingMesh) -> np.ndarray:
+    """Find all seams of the surface.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        The mesh.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 3)
+        Rows of ``mesh.surface_ids``: the point next to the seam on one side, on the seam, and on the other side, each
+        triple once. Where an edge is collapsed and has no such point, there is no triple.
+    """
+    sides = defaultdict(list)
+    for face in _faces(mesh):
+        for edge, inner in _edges(face):
+            ahead, back = tuple(edge.tolist()), tuple(edge[::-1].tolist())
+            sides[min(ahead, back)].append(inner if ahead <= back else inner[::-1])
+    triples = [np.column_stack([pair[0], edge, pair[1]]) for edge, pair in sides.items() if len(pair) == 2]
+    triples = np.concatenate([np.zeros((0, 3), dtype=np.int64), *triples])
+    a, on, b = np.moveaxis(triples, 1, 0)
+    return _once(triples[(a != on) & (on != b) & (a != b)])
+
+
+def _faces(mesh: MovingMesh) -> Iterator[np.ndarray]:
+    """Sides of blocks on the surface, as rows; neither those between two blocks nor those without extent."""
+    found = defaultdict(list)
+    for ids in mesh.blocks:
+        for side in range(6):
+            face = mesh.surface_rows[np.take(ids, -(side % 2), axis=side // 2)]
+            if (face >= 0).all() and not _has_collapsed(face):
+                found[np.unique(face).tobytes()].append(face)
+    return (faces[0] for faces in found.values() if len(faces) == 1)
+
+
+def _has_collapsed(face: np.ndarray) -> bool:
+    """Whether all points along one direction are one."""
+    return bool((face == face[:1]).all() or (face == face[:, :1]).all())
+
+
+def _edges(face: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The four edges of a face, each with the line of points next to it."""
+    for lines in (face, face.T):
+        yield lines[0], lines[1]
+        yield lines[-1], lines[-2]
+
+
+def _once(triples: np.ndarray) -> np.ndarray:
+    """Triples without those that are the same, read in either direction."""
+    ordered = np.where((triples[:, :1] > triples[:, 2:]), triples[:, ::-1], triples)
+    return triples[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]
+
+
+def place_of(mesh: MovingMesh, row: int) -> str:
+    """Name a surface control point for a message."""
+    return mesh.place_of_point(mesh.surface_ids[row])
+
+
+def axes_of(directions: Directions, name: str) -> np.ndarray:
+    """Rows of directions, shape (n, 3), scaled to length one where they are not along coordinates."""
+    if directions is None or isinstance(directions, str):
+        letters = "xyz" if directions is None else directions
+        if not letters or set(letters) - set("xyz"):
+            raise InputError(f"linear constraint '{name}': no direction is called '{directions}'; give some of 'xyz'")
+        return np.eye(3)[["xyz".index(letter) for letter in letters]]
+    vectors = np.atleast_2d(as_numbers(directions, f"linear constraint '{name}': direction"))
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    if vectors.shape[1:] != (3,) or not np.isfinite(lengths).all() or not (lengths > 0.0).all():
+        raise InputError(f"linear constraint '{name}': give directions of three coordinates that are not all zero")
+    return vectors / lengths
+
+
+def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndarray, name: str) -> np.ndarray:
+    """Pairs (leader, follower) of rows, shape (n, 2).
+
+    One leader leads all. Numbers are paired in their order; selections so that the sum of squared distances on the
+    baseline is least, which a shift of one side as a whole does not change.
+
+    Raises
+    ------
+    InputError
+        If there are not as many followers as leaders.
+    """
+    first, second = (rows_of(where, mesh, f"linear constraint '{name}'") for where in (leaders, followers))
+    if len(first) == 1:
+        return np.column_stack([np.repeat(first, len(second)), second])
+    if len(first) != len(second):
+        raise InputError(
+            f"linear constraint '{name}': {len(first)} points cannot be paired with {len(second)}; give as many"
+        )
+    if isinstance(leaders, Selection) or isinstance(followers, Selection):
+        distances = cdist(points[second], points[first], "sqeuclidean")
+        first = first[linear_sum_assignment(distances)[1]]
+    return np.column_stack([first, second])

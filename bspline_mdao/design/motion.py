@@ -13,12 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.frame import surface_frame
+from ..mesh.frame import mesh_frame
 from ..mesh.mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from ..movement.mover import MovementReport, Mover, differentiable
-from .deformation import Deformation, planes_of
-from .point_maps import Bend, Pitch, PointMap, amount_jvp, jvp
+from .deformation import Bend, Deformation, Pitch, PointMap, amount_jvp, jvp
 
 __all__ = ["GridState", "Motion", "Oscillation", "SurfaceMotion", "UnsteadyGrid", "flapping", "pitching"]
 
@@ -114,7 +113,7 @@ def pitching(
     SurfaceMotion
         The angle is ``mean + amplitude sin(2 pi frequency time)``.
     """
-    return SurfaceMotion(mesh, (Oscillation(Pitch(_frame(mesh), mean, at), amplitude, frequency, mean),))
+    return SurfaceMotion(mesh, (Oscillation(Pitch(mesh_frame(mesh), mean, at), amplitude, frequency, mean),))
 
 
 def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float = 0.0) -> SurfaceMotion:
@@ -134,7 +133,7 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
     SurfaceMotion
         The angle of the tip is ``mean + amplitude sin(2 pi frequency time)``.
     """
-    bend = Bend(_frame(mesh), mean, at=0.0, length=1.0)
+    bend = Bend(mesh_frame(mesh), mean, at=0.0, length=1.0)
     return SurfaceMotion(mesh, (Oscillation(bend, amplitude, frequency, mean),))
 
 
@@ -232,7 +231,3 @@ class UnsteadyGrid:
     @cached_property
     def _differentiable_mover(self) -> Mover:
         return differentiable(self.mover)
-
-
-def _frame(mesh: MovingMesh):
-    return surface_frame(mesh.points[mesh.surface_ids], planes_of(mesh))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,34 +12,43 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.frame import Frame, Plane, surface_frame
+from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
 from ..mesh.mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from ..topology.index_space import Window
-from .bumps import random_bumps
-from .deformation import Deformation, planes_of
-from .parsing import Request, parse_requests
-from .point_maps import Bend, Dihedral, Pitch, PointMap, ScaleChord, ScaleThickness, Stretch, Sweep, Translate, Twist
-from .points_file import SUFFIXES, GivenPoints, read_points
+from .deformation import (
+    Bend,
+    Deformation,
+    Dihedral,
+    GivenPoints,
+    Pitch,
+    PointMap,
+    ScaleChord,
+    ScaleThickness,
+    Stretch,
+    Sweep,
+    Translate,
+    Twist,
+    random_bumps,
+)
 
-__all__ = ["DEFORMATIONS", "parse_deformation", "wall_spacing"]
+__all__ = [
+    "DEFORMATIONS",
+    "SUFFIXES",
+    "Request",
+    "parse_deformation",
+    "parse_requests",
+    "read_points",
+    "wall_spacing",
+]
 
+SUFFIXES = (".csv", ".dat", ".npy", ".txt")
+"""Files that hold points, NumPy's own and text with three numbers a line, parted by commas or blanks."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 _INBOARD = 0.1
 """Points from this part of the span inboard of an arc tell how thick the surface is on it."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """What a deformation may need to know of the surface as it is when its turn comes."""
-
-    model: FittedModel
-    points: np.ndarray
-    planes: tuple[Plane, ...]
-
-    @cached_property
-    def frame(self) -> Frame:
-        return surface_frame(self.points, self.planes)
 
 
 def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: MovingMesh) -> Deformation:
@@ -77,7 +87,7 @@ def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: Movin
     texts = [spec] if isinstance(spec, str) else list(spec)
     if not any(text.strip() for text in texts):
         raise InputError(f"deformation: nothing is asked for; the names are {', '.join(DEFORMATIONS)}")
-    points, planes, maps = mesh.points[mesh.surface_ids], planes_of(mesh), []
+    points, planes, maps = mesh.points[mesh.surface_ids], mesh_planes(mesh), []
     for request in [request for text in texts for request in _requests(text)]:
         maps.append(_make(request, _Surface(model, points, planes)))
         points = maps[-1].apply(points)
@@ -98,6 +108,175 @@ def wall_spacing(model: FittedModel) -> float:
     if not heights:
         raise InputError(f"{model.header.source}: no patch is a wall, so it has no cell height; give the height in m")
     return float(np.median(np.concatenate(heights)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """What a deformation may need to know of the surface as it is when its turn comes."""
+
+    model: FittedModel
+    points: np.ndarray
+    planes: tuple[Plane, ...]
+
+    @cached_property
+    def frame(self) -> Frame:
+        return surface_frame(self.points, self.planes)
+
+
+def read_points(path, n_points: int) -> np.ndarray:
+    """Read points from a file.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line,
+        commas or blanks between them; a heading and lines that begin with ``#`` are passed over.
+    n_points : int
+        How many there should be.
+
+    Returns
+    -------
+    ndarray, shape (n_points, 3)
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or does not hold ``n_points`` points of finite coordinates.
+    """
+    path = Path(path)
+    try:
+        values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else _read_text(path)
+        values = np.asarray(values, dtype=np.float64)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); check the name") from None
+    except (ValueError, TypeError, EOFError) as error:
+        raise InputError(
+            f"{path}: not a list of points ({str(error).splitlines()[0]}); see the documentation"
+        ) from None
+    if values.size != 3 * n_points or (values.ndim == 2 and values.shape[1] != 3) or values.ndim > 2:
+        raise InputError(
+            f"{path}: an array of shape {values.shape}; the surface has {n_points} points of 3 coordinates"
+        )
+    points = values.reshape(-1, 3)
+    is_bad = ~np.isfinite(points).all(axis=1)
+    if is_bad.any():
+        raise InputError(f"{path}: point {np.argmax(is_bad) + 1} is not finite; repair the file")
+    return points
+
+
+def _read_text(path):
+    """Rows of numbers; the first line may be a heading."""
+    lines = path.read_text(encoding="utf-8-sig").replace(",", " ").splitlines()
+    rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if rows and not _is_numeric(rows[0]):
+        rows = rows[1:]
+    if any(len(row) != 3 for row in rows):
+        number = next(n for n, row in enumerate(rows, start=1) if len(row) != 3)
+        raise ValueError(f"point {number} has {len(rows[number - 1])} coordinates")
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _is_numeric(words):
+    try:
+        [float(word) for word in words]
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Request:
+    """One deformation as it was asked for.
+
+    Parameters
+    ----------
+    text : str
+        The words, for messages.
+    name, value : str
+        What is asked for, and how much.
+    at : str or None
+        What follows an ``@``.
+    options : dict of str
+        Further values by name.
+    """
+
+    text: str
+    name: str
+    value: str
+    at: str | None
+    options: dict[str, str]
+
+    def fail(self, reason: str) -> InputError:
+        """Error that names these words."""
+        return InputError(f"deformation '{self.text}': {reason}")
+
+    def only(self, *keys: str) -> None:
+        """Refuse options other than these; ``"@"`` stands for a place."""
+        unknown = [key for key in (*self.options, *(["@"] if self.at is not None else [])) if key not in keys]
+        if unknown:
+            known = " and ".join(keys) if keys else "no option"
+            raise self.fail(f"'{unknown[0]}' is not known here; {self.name} takes {known}")
+
+    def number(self, key: str | None = None, default: float | None = None, low=-math.inf, high=math.inf) -> float:
+        """Read a number, the value itself or an option (``"@"``: the place), between bounds, both excluded."""
+        text = self.value if key is None else self.at if key == "@" else self.options.get(key)
+        if text is None:
+            return default
+        return self._between(self._match(text, f"({_NUMBER})", "a number"), low, high)
+
+    def angle(self, limit: float = 360.0) -> float:
+        """Read the value as an angle below a limit (deg); in radians. Degrees are understood without a unit."""
+        text = self.value.removesuffix("deg")
+        if text.endswith("rad"):
+            degrees = math.degrees(self._match(text, f"({_NUMBER})rad", "an angle such as 30deg"))
+        else:
+            degrees = self._match(text, f"({_NUMBER})", "an angle such as 30deg")
+        return math.radians(self._between(degrees, -limit, limit))
+
+    def vector(self) -> tuple[float, float, float]:
+        """Read the value as three numbers."""
+        match = re.fullmatch(f"({_NUMBER})/({_NUMBER})/({_NUMBER})", self.value)
+        if match is None:
+            raise self.fail("give three lengths with strokes between them, such as translate=0.1/0/0")
+        return tuple(float(word) for word in match.groups())
+
+    def _match(self, text, pattern, what) -> float:
+        match = re.fullmatch(pattern, text)
+        if match is None:
+            raise self.fail(f"'{text}' is not {what}")
+        return float(match[1])
+
+    def _between(self, number, low, high) -> float:
+        if not low < number < high:
+            bounds = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+            raise self.fail(f"{number:g} is out of bounds; give a number {bounds}")
+        return number
+
+
+def parse_requests(text: str) -> list[Request]:
+    """Take deformations joined by ``+`` apart.
+
+    Raises
+    ------
+    InputError
+        If the words are not of the form ``name=value``.
+
+    Examples
+    --------
+    >>> [(request.name, request.value, request.at) for request in parse_requests("stretch=2+bend=120deg@0.7")]
+    [('stretch', '2', None), ('bend', '120deg', '0.7')]
+    """
+    return [_parse(part.strip()) for part in re.split(r"\+(?=\s*[a-z])", text)]
+
+
+def _parse(text: str) -> Request:
+    first, *rest = text.split(",")
+    pairs = [re.fullmatch(r"\s*([a-z]+)\s*=\s*([^=]+?)\s*", word) for word in (first, *rest)]
+    if not all(pairs):
+        raise InputError(f"deformation '{text}' is not of the form name=value; write for example twist=30deg")
+    (name, value), *options = [pair.groups() for pair in pairs]
+    value, *place = value.split("@", 1)
+    return Request(text, name, value.strip(), place[0].strip() if place else None, dict(options))
 
 
 def _first_heights(nodes: np.ndarray, window: Window) -> np.ndarray:

@@ -9,25 +9,33 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError
-from .axis import ReferenceAxis
 from .displacement import Displacement
-from .formulas import scaled, slope, turned
-from .hung_rows import HungRows
-from .sections import SectionMap, along_vectors
-from .shifts import ShiftMap
-from .stations import StationSpline
-from .variable import Carried, DesignMap, Layout
+from .lattice import Lattice
+from .reference_axis import HungRows, ReferenceAxis, StationSpline
+from .section_formulas import scaled, slope, turned
+from .variable import Carried, DesignMap, Layout, MapPartials, rates_of
 
-if TYPE_CHECKING:
-    from .lattice import Lattice
-
-__all__ = ["Camber", "Chord", "Dihedral", "Span", "Sweep", "Taper", "ThicknessFactor", "Twist", "parabola"]
+__all__ = [
+    "Camber",
+    "Chord",
+    "Dihedral",
+    "SectionMap",
+    "ShiftMap",
+    "Span",
+    "Sweep",
+    "Taper",
+    "ThicknessFactor",
+    "Twist",
+    "along_vectors",
+    "parabola",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +182,10 @@ class Taper(AlongAxis):
         return SectionMap(1.0, hung, hung.section_axes, csr_array(hung.stations[:, None]), _similar)
 
 
+def _similar(factor):
+    return scaled(factor, factor)
+
+
 def parabola(part: np.ndarray) -> np.ndarray:
     """Camber line ``4 part (1 - part)`` over the parts of the chord: 1 in the middle."""
     return 4.0 * part * (1.0 - part)
@@ -256,5 +268,180 @@ def _slope_of_degrees(angle):
     return slope(np.radians(1.0) * angle)
 
 
-def _similar(factor):
-    return scaled(factor, factor)
+@dataclass(frozen=True, eq=False)
+class SectionMap:
+    """Multiply places in the planes of sections, about the axis as it is, by a matrix of an amount per section.
+
+    Row x with the axis point c, the axes E (2 x 3) of its section and the amount a moves to
+    ``x + E^T (M(a) - 1) E (x - c)``.
+
+    Parameters
+    ----------
+    neutral : float
+        Amount, and value, at which nothing moves.
+    hung : HungRows
+        Where the rows hang.
+    axes : ndarray, shape (n_rows, 2, 3)
+        Two orthonormal directions in the plane of each row's section.
+    spline : csr_array, shape (n_rows, n_values)
+        Amounts of sections, less the neutral one, of values less the neutral one.
+    matrices : callable
+        Matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe.
+    """
+
+    neutral: float
+    hung: HungRows
+    axes: np.ndarray
+    spline: csr_array
+    matrices: Callable[[np.ndarray], np.ndarray]
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Neutral values."""
+        return np.full(self.spline.shape[1], self.neutral)
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres."""
+        changes = self.matrices(self._amounts(values)) - np.eye(2)
+        return points + self._in_space(np.einsum("nij,nj->ni", changes, self._in_plane(points)))
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+        amounts = self._amounts(values)
+        changes = self.axes.swapaxes(1, 2) @ (self.matrices(amounts) - np.eye(2)) @ self.axes
+        rates = rates_of(self.matrices, amounts)
+        moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
+        return MapPartials(self._by_points(changes), along_vectors(moved, self.spline))
+
+    def _amounts(self, values):
+        return self.neutral + self.spline @ (values - self.neutral)
+
+    def _in_plane(self, points):
+        """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
+        return np.einsum("nij,nj->ni", self.axes, points - self.hung.centres(points))
+
+    def _in_space(self, local):
+        return np.einsum("nij,ni->nj", self.axes, local)
+
+    def _by_points(self, changes) -> csr_array:
+        """Derivative by the row itself and by the points of the axis, of changes (n_rows, 3, 3)."""
+        weights, n = self.hung.weights.tocoo(), len(changes)
+        influenced = np.concatenate([np.arange(n), weights.row])
+        influences = np.concatenate([np.arange(n), self.hung.axis_rows[weights.col]])
+        by_axis = -weights.data[:, None, None] * changes[weights.row]
+        data = np.concatenate([np.eye(3) + changes, by_axis])
+        rows = np.broadcast_to(3 * influenced[:, None, None] + np.arange(3)[:, None], data.shape)
+        columns = np.broadcast_to(3 * influences[:, None, None] + np.arange(3), data.shape)
+        return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n))
+
+
+def along_vectors(vectors: np.ndarray, amounts: csr_array) -> csr_array:
+    """Displacements along a vector per row, shape (n_rows, 3), of amounts per row and value, shape (n_rows, n_values).
+
+    Returns
+    -------
+    csr_array, shape (3 n_rows, n_values)
+        xyz interleaved; entries that happen to be zero are kept.
+    """
+    entries = amounts.tocoo()
+    data = vectors[entries.row] * entries.data[:, None]
+    rows = 3 * entries.row[:, None] + np.arange(3)
+    shape = 3 * amounts.shape[0], amounts.shape[1]
+    return csr_array((data.ravel(), (rows.ravel(), np.repeat(entries.col, 3))), shape=shape)
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftMap:
+    """Shift sections in one direction by the integral of a slope along the axis, from its first point on.
+
+    The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``, which
+    counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
+    direction d by the sums up to them, and rows as the axis at their stations, with weights W:
+    ``x_p + d sum_qi W_pq [i < q] l_i B_ik m_k``. So sections keep hanging where they are.
+
+    Parameters
+    ----------
+    neutral : float
+        Value at which the slope is none.
+    hung : HungRows
+        Where the rows hang.
+    direction : ndarray, shape (3,)
+        In which sections are shifted.
+    paths : ndarray, shape (n_axis - 1, 3)
+        Unit vector for every segment of the axis, along which its length counts.
+    spline : StationSpline
+        Between the values.
+    slopes : callable
+        Slopes, shape (n_values,), of values; complex-safe, one by one.
+    """
+
+    neutral: float
+    hung: HungRows
+    direction: np.ndarray
+    paths: np.ndarray
+    spline: StationSpline
+    slopes: Callable[[np.ndarray], np.ndarray]
+
+    @property
+    def initial(self) -> np.ndarray:
+        """Neutral values."""
+        return np.full(self.spline.n_values, self.neutral)
+
+    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Move all rows, shape (n_rows, 3), in metres."""
+        shifts = self._sums @ (self._lengths(points) * (self._means @ self.slopes(values)))
+        return points + shifts[:, None] * self.direction
+
+    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
+        """Differentiate `apply`."""
+        rates = rates_of(self.slopes, values)
+        by_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
+        by_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
+        return MapPartials(self._of_points(by_points), self._matrix(by_values, self._values_felt))
+
+    def _lengths(self, points):
+        return np.sum(np.diff(points[self.hung.axis_rows], axis=0) * self.paths, axis=1)
+
+    @cached_property
+    def _means(self) -> np.ndarray:
+        """Mean influence of every value over every segment, shape (n_axis - 1, n_values)."""
+        knots = self.hung.knots
+        return np.diff(self.spline.integral(knots), axis=0) / np.diff(knots)[:, None]
+
+    @cached_property
+    def _sums(self) -> np.ndarray:
+        """How much of the slope over every segment reaches every row, shape (n_rows, n_axis - 1)."""
+        n = len(self.hung.knots)
+        return self.hung.weights @ np.tri(n, n - 1, -1)
+
+    @cached_property
+    def _steps(self) -> np.ndarray:
+        """Derivatives of the lengths of segments by the points of the axis, shape (n_axis - 1, 3 n_axis)."""
+        n = len(self.hung.knots)
+        differences = np.eye(n)[1:] - np.eye(n)[:-1]
+        return (differences[:, :, None] * self.paths[:, None]).reshape(n - 1, 3 * n)
+
+    @cached_property
+    def _values_felt(self) -> np.ndarray:
+        return (self._sums != 0.0) @ (self._means != 0.0)
+
+    @cached_property
+    def _points_felt(self) -> np.ndarray:
+        return (self._sums != 0.0) @ (self._steps != 0.0)
+
+    def _of_points(self, rates) -> csr_array:
+        """Derivative of the rows by the rows, of that of the shifts by the points of the axis."""
+        shifts = self._matrix(rates, self._points_felt).tocoo()
+        columns = (3 * self.hung.axis_rows[:, None] + np.arange(3)).ravel()
+        n = shifts.shape[0]
+        data = np.concatenate([np.ones(n), shifts.data])
+        rows, columns = np.append(np.arange(n), shifts.row), np.append(np.arange(n), columns[shifts.col])
+        return csr_array((data, (rows, columns)), shape=(n, n))
+
+    def _matrix(self, rates, felt) -> csr_array:
+        """Displacements of shifts whose rates (n_rows, n) may differ from zero where they are felt."""
+        coordinates = np.flatnonzero(self.direction)
+        shifted, by = np.nonzero(felt)
+        data = rates[shifted, by][:, None] * self.direction[coordinates]
+        rows, columns = 3 * shifted[:, None] + coordinates, np.repeat(by, len(coordinates))
+        return csr_array((data.ravel(), (rows.ravel(), columns)), shape=(3 * len(rates), rates.shape[1]))

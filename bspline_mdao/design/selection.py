@@ -8,6 +8,7 @@ A selection is a small object that is resolved on the baseline of a mesh. Select
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,12 +20,108 @@ from ..errors import InputError
 from ..mesh.boundary import boundary_points, matching_patches
 from ..mesh.mesh import MovingMesh
 from ..model.fitted_model import FittedModel
-from .selection_algebra import Selection
 
-__all__ = ["Beyond", "InBlock", "InBox", "NearPlane", "Nearest", "OnPatch", "Selection", "SurfaceRows"]
+__all__ = [
+    "Beyond",
+    "InBlock",
+    "InBox",
+    "NearPlane",
+    "Nearest",
+    "OnPatch",
+    "Selection",
+    "SurfaceRows",
+    "Where",
+    "rows_of",
+]
 
 TOUCHING = 1e-9
 """Distance, relative to the size of the mesh, up to which a point counts as on a limit."""
+
+
+class Selection(ABC):
+    """Some of the surface control points of a mesh."""
+
+    @abstractmethod
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        """Whether each surface control point is selected, shape (n_surface,), on the baseline."""
+
+    @abstractmethod
+    def __str__(self) -> str:
+        """What is asked for, for messages."""
+
+    def rows(self, mesh: MovingMesh) -> np.ndarray:
+        """Rows of the selected points in ``mesh.surface_ids``, ascending.
+
+        Raises
+        ------
+        InputError
+            If there are none, or what is asked for does not exist.
+        """
+        rows = np.flatnonzero(self.mask(mesh))
+        if not len(rows):
+            raise InputError(f"selection: none of the {len(mesh.surface_ids)} surface control points is {self}")
+        return rows
+
+    def __and__(self, other: Selection) -> Selection:
+        return _Both(self, other) if isinstance(other, Selection) else NotImplemented
+
+    def __or__(self, other: Selection) -> Selection:
+        return _Either(self, other) if isinstance(other, Selection) else NotImplemented
+
+    def __invert__(self) -> Selection:
+        return _Not(self)
+
+
+Where = Selection | np.ndarray | Sequence[int]
+"""Surface control points: a selection, or rows of ``mesh.surface_ids``."""
+
+
+def rows_of(where: Where, mesh: MovingMesh, what: str) -> np.ndarray:
+    """Rows of surface control points, at least one; ``what`` is for messages."""
+    if isinstance(where, Selection):
+        return where.rows(mesh)
+    rows, n = np.atleast_1d(where), len(mesh.surface_ids)
+    if not rows.size or rows.ndim > 1 or not np.issubdtype(rows.dtype, np.integer):
+        raise InputError(f"{what}: give a selection, or numbers of surface control points")
+    if rows.min() < 0 or rows.max() >= n:
+        wrong = rows[(rows < 0) | (rows >= n)][0]
+        raise InputError(f"{what}: there is no surface control point {wrong}; give numbers from 0 to {n - 1}")
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Both(Selection):
+    a: Selection
+    b: Selection
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        return self.a.mask(mesh) & self.b.mask(mesh)
+
+    def __str__(self) -> str:
+        return f"({self.a} and {self.b})"
+
+
+@dataclass(frozen=True, eq=False)
+class _Either(Selection):
+    a: Selection
+    b: Selection
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        return self.a.mask(mesh) | self.b.mask(mesh)
+
+    def __str__(self) -> str:
+        return f"({self.a} or {self.b})"
+
+
+@dataclass(frozen=True, eq=False)
+class _Not(Selection):
+    a: Selection
+
+    def mask(self, mesh: MovingMesh) -> np.ndarray:
+        return ~self.a.mask(mesh)
+
+    def __str__(self) -> str:
+        return f"not {self.a}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,7 @@ import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array, eye_array, issparse, vstack
 
 from ..errors import InputError
-from .pattern import sum_on_pattern
-from .variable import Carried, Layout, MapPartials, block_diagonal
+from .variable import Carried, Layout, MapPartials, block_diagonal, sum_on_pattern
 
 __all__ = ["UserVariable"]
 

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.sparse import bsr_array, csr_array
+from scipy.sparse import bsr_array, coo_array, csr_array
 
 from ..mesh.mesh import MovingMesh
 
@@ -24,8 +24,11 @@ __all__ = [
     "MapPartials",
     "Variable",
     "block_diagonal",
+    "ones_like",
     "pointwise_jacobian",
+    "product_on_pattern",
     "rates_of",
+    "sum_on_pattern",
 ]
 
 _STEP = 1e-40
@@ -74,6 +77,24 @@ class Layout:
                 return slice(start, start + len(item.points))
             start += len(item.points)
         raise KeyError(f"{carried!r} is not carried; a variable lists what it needs in 'carried'")
+
+
+def ones_like(matrix: csr_array) -> csr_array:
+    """The same pattern with ones."""
+    return csr_array((np.ones_like(matrix.data), matrix.indices, matrix.indptr), shape=matrix.shape)
+
+
+def sum_on_pattern(*matrices: csr_array) -> csr_array:
+    """Sum of matrices, with an entry wherever one of them has one."""
+    parts = [matrix.tocoo() for matrix in matrices]
+    rows, columns, data = (np.concatenate([getattr(p, name) for p in parts]) for name in ("row", "col", "data"))
+    return coo_array((data, (rows, columns)), shape=matrices[0].shape).tocsr()
+
+
+def product_on_pattern(a: csr_array, b: csr_array) -> csr_array:
+    """Product of two matrices, with an entry wherever entries of theirs meet."""
+    pattern = ones_like(a) @ ones_like(b)
+    return sum_on_pattern(0.0 * pattern, a @ b)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .mesh import MovingMesh
 
-__all__ = ["Frame", "Plane", "surface_frame"]
+__all__ = ["Frame", "Plane", "mesh_frame", "mesh_planes", "surface_frame"]
 
 _BINS = 8
 """Parts of the span, each of which gives one point of the middle line."""
@@ -110,6 +111,28 @@ def surface_frame(points: np.ndarray, planes: tuple[Plane, ...] = ()) -> Frame:
     return Frame(low @ axes, axes, float(high[0] - low[0]), float(high[2] - low[2]), _middle_line(local - low))
 
 
+def mesh_frame(mesh: MovingMesh) -> Frame:
+    """Find the directions of the surface of a control mesh by `surface_frame`.
+
+    Raises
+    ------
+    InputError
+        If the surface has no span.
+    """
+    return surface_frame(mesh.points[mesh.surface_ids], mesh_planes(mesh))
+
+
+def mesh_planes(mesh: MovingMesh) -> tuple[Plane, ...]:
+    """Planes of symmetry that the surface of a mesh ends on; without one, the other planes in which points slide."""
+    places = mesh.points[mesh.surface_ids[mesh.rail_rows]]
+    found = list(zip(mesh.rail_normals, np.sum(places * mesh.rail_normals, axis=1)))
+    planes: list[Plane] = []
+    for normal, offset in found or mesh.planes:
+        if not any(_coincide(plane, normal, offset, mesh.size) for plane in planes):
+            planes.append(Plane(normal, float(offset)))
+    return tuple(planes)
+
+
 def _span_axis(points, planes):
     """Direction of the span, away from the plane it starts on, and where it starts."""
     if not planes:
@@ -140,3 +163,10 @@ def _middle_line(local):
     if len(middles) == 1:
         return np.array([middles[0, :2], [0.0, 0.0]])
     return np.polynomial.polynomial.polyfit(middles[:, 2], middles[:, :2], 1)
+
+
+def _coincide(plane, normal, offset, size):
+    """Whether a plane has this normal and offset but for round-off and sign."""
+    sign = np.sign(plane.normal @ normal)
+    is_parallel = np.abs(sign * normal - plane.normal).max() < 1e-6
+    return is_parallel and abs(sign * offset - plane.offset) < 1e-6 * size

@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..checks import require_list
-from ..design.composition import Parametrization
+from ..design.parametrization import Parametrization
 from ..errors import InputError
 from ..measures.measure import MEMBERS
 from ..mesh.boundary import moving_mesh, require_mesh_of

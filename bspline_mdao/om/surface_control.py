@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..design.composition import Parametrization
+from ..design.parametrization import Parametrization
 from ..names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from .jacobian import (
     SMOOTH_STEP,

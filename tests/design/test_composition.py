@@ -10,13 +10,13 @@ from parametrization_cases import surface_of
 from scipy.sparse import vstack
 
 from bspline_mdao import fit_grid, moving_mesh, onera_m6_grid
-from bspline_mdao.design.axis import ReferenceAxis
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.displacement import Local
 from bspline_mdao.design.free_form import FreeForm
 from bspline_mdao.design.lattice import Lattice
 from bspline_mdao.design.linear_constraints import InPlane, Linked, Opposite, Pinned, Together
-from bspline_mdao.design.local import Local
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.design.planform import Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
+from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.selection import InBlock, InBox, SurfaceRows
 from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.errors import InputError

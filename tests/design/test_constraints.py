@@ -8,12 +8,17 @@ from scipy.sparse import csr_array, vstack
 from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 
 from bspline_mdao import onera_m6_grid
-from bspline_mdao.design.collinear import Collinear
-from bspline_mdao.design.elimination import eliminate
-from bspline_mdao.design.equations import Equations
-from bspline_mdao.design.linear_constraints import InPlane, Linked, Opposite, Pinned, Together
-from bspline_mdao.design.mirrored import Mirrored
-from bspline_mdao.design.seams import surface_seams
+from bspline_mdao.design.elimination import Equations, eliminate
+from bspline_mdao.design.linear_constraints import (
+    Collinear,
+    InPlane,
+    Linked,
+    Mirrored,
+    Opposite,
+    Pinned,
+    Together,
+    surface_seams,
+)
 from bspline_mdao.design.selection import InBox, NearPlane, SurfaceRows
 from bspline_mdao.errors import InputError
 from bspline_mdao.numerics.planes import nearest_plane

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from bspline_mdao import InputError, find_topology, fit_grid, moving_mesh, onera_m6_grid, parse_deformation, read_grid
-from bspline_mdao.design.bumps import random_bumps
-from bspline_mdao.design.deformation import Deformation, planes_of
-from bspline_mdao.design.named_deformations import DEFORMATIONS, wall_spacing
-from bspline_mdao.design.point_maps import (
+from bspline_mdao.design.deformation import (
     Bend,
+    Deformation,
     Dihedral,
     Pitch,
     ScaleChord,
@@ -21,11 +19,12 @@ from bspline_mdao.design.point_maps import (
     Twist,
     amount_jvp,
     jvp,
+    random_bumps,
     vjp,
 )
-from bspline_mdao.design.points_file import GivenPoints
+from bspline_mdao.design.named_deformations import DEFORMATIONS, GivenPoints, wall_spacing
 from bspline_mdao.io.patch_guess import guess_patches
-from bspline_mdao.mesh.frame import Plane, surface_frame
+from bspline_mdao.mesh.frame import Plane, mesh_planes, surface_frame
 
 SYMMETRY = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
 
@@ -242,7 +241,7 @@ def test_surface_without_span_is_refused():
 
 
 def test_planes_of_a_mesh_are_found_once(mesh):
-    (plane,) = planes_of(mesh)
+    (plane,) = mesh_planes(mesh)
     assert (np.abs(plane.normal).tolist(), plane.offset) == ([0.0, 0.0, 1.0], pytest.approx(0.0, abs=1e-15))
 
 
@@ -302,7 +301,7 @@ def test_leaving_the_symmetry_plane_is_refused(model, mesh, surface):
         InputError, match=r"point \(\d+, \d+, 1\) of block \d would leave its plane of symmetry by 0.5 m"
     ):
         parse_deformation("translate=0/0/0.5", model, mesh).apply(surface)
-    across = Pitch(replace(surface_frame(surface, planes_of(mesh)), axes=np.eye(3)[[2, 1, 0]]), 0.3)
+    across = Pitch(replace(surface_frame(surface, mesh_planes(mesh)), axes=np.eye(3)[[2, 1, 0]]), 0.3)
     with pytest.raises(InputError, match="plane of symmetry"):
         Deformation(mesh, (across,)).apply(surface)
 

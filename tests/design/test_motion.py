@@ -8,8 +8,8 @@ import pytest
 from test_docs import code_blocks
 
 from bspline_mdao import InputError, LinearElasticity, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao.design.deformation import Translate
 from bspline_mdao.design.motion import Oscillation, SurfaceMotion, UnsteadyGrid, flapping, pitching
-from bspline_mdao.design.point_maps import Translate
 from bspline_mdao.movement.transfinite import Transfinite
 
 

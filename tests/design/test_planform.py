@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from bspline_mdao import InputError, SurfaceGrid, fit_grid, moving_mesh, onera_m6_grid
-from bspline_mdao.design.axis import ReferenceAxis
-from bspline_mdao.design.chord_lines import chord_lines
-from bspline_mdao.design.composition import Parametrization
 from bspline_mdao.design.lattice import Lattice
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
-from bspline_mdao.design.stations import StationSpline
+from bspline_mdao.design.reference_axis import ReferenceAxis, StationSpline, chord_lines
 from bspline_mdao.design.variable import Layout
 from bspline_mdao.mesh.mesh import MovingMesh
 

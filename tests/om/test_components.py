@@ -11,7 +11,7 @@ from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain, s
 from openmdao.utils.assert_utils import assert_check_partials
 
 import bspline_mdao.om
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from parametrization_cases import CONSTRAINTS, VARIABLES, assert_exact, surface_of, swelling, wing_model
 
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.design.variable import Layout
 from bspline_mdao.mesh.boundary import moving_mesh
 

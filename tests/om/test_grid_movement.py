@@ -7,7 +7,7 @@ from component_cases import Heights, Shear, Swirl, movable_model, small_model
 
 from bspline_mdao import fit_grid, flat_plate_grid
 from bspline_mdao.cells.grid_quality import GridQuality
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.surface import SurfaceGrid

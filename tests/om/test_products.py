@@ -16,7 +16,7 @@ from euler_cases import with_guessed_patches
 import bspline_mdao
 from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid, read_grid
 from bspline_mdao.cells.aggregates import AGGREGATES
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.mesh.surface import SurfaceGrid

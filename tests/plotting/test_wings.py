@@ -17,8 +17,8 @@ from bspline_mdao import (
     moving_mesh,
     naca_section,
 )
-from bspline_mdao.design.axis import ReferenceAxis
-from bspline_mdao.design.composition import Parametrization
+from bspline_mdao.design.parametrization import Parametrization
+from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.plotting import (
     draw_ellipse,
     draw_planform,

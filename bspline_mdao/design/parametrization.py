@@ -18,8 +18,7 @@ from ..errors import InputError
 from ..mesh.mesh import MovingMesh, require_mesh
 from ..names import ALL_NAMES
 from .elimination import Elimination, eliminate
-from .pattern import ones_like
-from .variable import Carried, DesignMap, Layout, MapPartials, Variable
+from .variable import Carried, DesignMap, Layout, MapPartials, Variable, ones_like
 
 __all__ = ["Parametrization", "SurfacePartials"]
 
