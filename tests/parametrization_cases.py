@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 
 from bspline_mdao import onera_m6_grid
+from bspline_mdao.design.displacement import Local
 from bspline_mdao.design.free_form import FreeForm
 from bspline_mdao.design.lattice import Lattice
 from bspline_mdao.design.linear_constraints import Collinear, InPlane, Linked, Mirrored, Opposite, Pinned, Together
