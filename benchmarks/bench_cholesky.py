@@ -31,7 +31,7 @@ from bspline_mdao.movement.young_modulus import OrthogonalityLaw
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.cholmod import Cholmod
 from bspline_mdao.sparse.pardiso import Pardiso
-from bspline_mdao.sparse.solution import Solution, residual_norm
+from bspline_mdao.sparse.blocks import Solution, residual_norm
 
 SIZES = {"2k": (7, 7, 5), "5k": (9, 9, 7), "16k": (13, 13, 9), "51k": (19, 19, 14), "150k": (27, 27, 20)}
 """Control points of every block, by the number of unique ones."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from bspline_mdao.mesh.mesh import MovingMesh
 from bspline_mdao.sparse.blocks import BlockPattern
-from bspline_mdao.sparse.element_pattern import slots
+from bspline_mdao.sparse.blocks import slots
 
 
 def crooked_points(shape, amount, seed=0):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
-from bspline_mdao.sparse.element_pattern import slots
+from bspline_mdao.sparse.blocks import slots
 
 
 def box_elements(shape):

@@ -12,7 +12,7 @@ import numpy as np
 from ..mesh.boundary import boundary_points
 from ..mesh.mesh import MovingMesh
 from ..movement.assembly import Unknowns
-from ..sparse.solvers import default_solver
+from ..sparse.cholesky import default_solver
 from ..topology.topology import Topology, shared_ids
 from .control_counts import NODES_PER_SPAN, ControlCounts, choose_counts
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..mesh.mesh import MovingMesh
 from ..sparse.blocks import BlockMatrix, BlockPattern
-from ..sparse.element_pattern import slots
+from ..sparse.blocks import slots
 
 __all__ = ["Unknowns"]
 
@@ -50,7 +50,7 @@ class Unknowns:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """Place of every pair of corners, see `bspline_mdao.sparse.element_pattern.slots`."""
+        """Place of every pair of corners, see `bspline_mdao.sparse.blocks.slots`."""
         return slots(self.pattern, self.element_rows)
 
     def matrix(self, add_stiffness: Callable[[np.ndarray, np.ndarray, np.ndarray], None]) -> BlockMatrix:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
-from ..sparse.solvers import default_solver
+from ..sparse.cholesky import default_solver
 from . import element, element_stiffness
 from .equilibrium import EquilibriumMover
 from .increments import AUTO

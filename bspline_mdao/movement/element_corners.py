@@ -49,7 +49,7 @@ def add_element(stiffness, rows, slots, data):
     rows : ndarray of int32, shape (8,)
         Block row of every corner, -1 where it has none.
     slots : ndarray of int32, shape (36,)
-        Place of every pair of corners, see `bspline_mdao.sparse.element_pattern.slots`.
+        Place of every pair of corners, see `bspline_mdao.sparse.blocks.slots`.
     data : ndarray, shape (n_blocks, 3, 3)
         Blocks of the lower triangle, added to.
     """

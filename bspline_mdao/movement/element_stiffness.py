@@ -72,7 +72,7 @@ def add_stiffness(points, elements, signs, modulus, lame, rows, slots, data):
     rows : ndarray of int32, shape (n_elements, 8)
         Block row of every corner, -1 where it has none.
     slots : ndarray of int32, shape (n_elements, 36)
-        Place of every pair of corners, see `bspline_mdao.sparse.element_pattern.slots`.
+        Place of every pair of corners, see `bspline_mdao.sparse.blocks.slots`.
     data : ndarray, shape (n_blocks, 3, 3)
         Blocks of the lower triangle, added to.
     """

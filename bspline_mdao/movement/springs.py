@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..mesh.mesh import MovingMesh
-from ..sparse.solvers import default_solver
+from ..sparse.cholesky import default_solver
 from . import spring_element
 from .equilibrium import EquilibriumMover
 from .increments import AUTO

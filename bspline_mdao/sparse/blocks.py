@@ -10,15 +10,168 @@ Only the lower triangle is stored, by rows::
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
-from numba import njit
 
 from ..errors import InputError
-from .element_pattern import lower_pattern
 
-__all__ = ["BlockMatrix", "BlockPattern"]
+if TYPE_CHECKING:
+    from .blocks import BlockPattern
+from __future__ import annotations
+
+from numba import njit
+
+# FOLDED DOCSTRING (rework): What every solver of a sparse symmetric system gives back.
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Solution of a linear system and how it was found.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, 3) or (n, 3, m)
+        The solution, or those of m right-hand sides.
+    iterations : int
+        Iterations, or steps of refinement.
+    residual : float
+        Residual in the 2-norm, relative to the right-hand side (the largest, where there are several).
+    seconds : float
+        Time that it took by the wall clock (s).
+    """
+
+    x: np.ndarray
+    iterations: int
+    residual: float
+    seconds: float
+
+
+def check_right(right: np.ndarray, n: int) -> np.ndarray:
+    """Right-hand side as floating-point numbers; `InputError` unless its shape is (n, 3) or (n, 3, m)."""
+    if right.ndim not in (2, 3) or right.shape[:2] != (n, 3):
+        raise InputError(f"right-hand side of shape {right.shape}; give shape ({n}, 3), or ({n}, 3, m) for several")
+    return np.asarray(right, np.float64)
+
+
+def relative_residual(residual: np.ndarray, right: np.ndarray) -> float:
+    """Largest 2-norm of a residual relative to its right-hand side, shapes (n, 3) or (n, 3, m); 0 where both are 0."""
+    norms, scales = (np.sqrt(np.einsum("ij...,ij...->...", v, v)) for v in (residual, right))
+    return float(np.max(np.divide(norms, scales, out=np.where(norms > 0, np.inf, 0.0), where=scales > 0), initial=0.0))
+
+
+def product(matrix: BlockMatrix, x: np.ndarray) -> np.ndarray:
+    """Product of a matrix with one vector, shape (n, 3), or with several, shape (n, 3, m)."""
+    if x.ndim == 2:
+        return matrix.dot(x)
+    sides = [matrix.dot(x[..., side]) for side in range(x.shape[2])]
+    return np.stack(sides, axis=2) if sides else np.zeros_like(x)
+
+
+def residual_norm(matrix: BlockMatrix, x: np.ndarray, right: np.ndarray) -> float:
+    """Relative residual of a solution; see `relative_residual`."""
+    return relative_residual(right - product(matrix, x), right)
+
+
+# FOLDED DOCSTRING (rework): The graph of a block pattern: who couples with whom, both ways, without the diagonal.
+
+
+class Graph(NamedTuple):
+    """Undirected graph in compressed rows.
+
+    Parameters
+    ----------
+    starts : ndarray of int64, shape (n + 1,)
+        Where the neighbours of each point start.
+    neighbours : ndarray of int32, shape (n_edges,)
+        Neighbours of every point, each edge at both ends, no point its own neighbour.
+    """
+
+    starts: np.ndarray
+    neighbours: np.ndarray
+
+
+def graph_of(pattern) -> Graph:
+    """Graph of a `BlockPattern`; neighbours come out ascending."""
+    lower = scipy.sparse.csr_array(
+        (np.ones(len(pattern.indices), np.int8), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
+    )
+    strict = scipy.sparse.tril(lower, k=-1, format="csr")
+    both = (strict + strict.T).tocsr()
+    both.sort_indices()
+    return Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
+
+
+# FOLDED DOCSTRING (rework): From elements to a block pattern: which points meet, and where each pair of an element's corners is stored.
+
+
+def slots(pattern: BlockPattern, element_points: np.ndarray) -> np.ndarray:
+    """Where the blocks of element matrices go.
+
+    Parameters
+    ----------
+    pattern : BlockPattern
+        Pattern that holds all pairs of an element's points, as `BlockPattern.of_elements` makes it.
+    element_points : ndarray of int32, shape (n_elements, m)
+        Block row of every corner; -1 where a point has no freedom.
+
+    Returns
+    -------
+    ndarray of int32, shape (n_elements, m (m + 1) / 2)
+        Place in ``data`` of the pair of corners (a, b), b <= a, in column ``a (a + 1) / 2 + b``; -1 where one of them
+        has no freedom. With p = ``element_points[e]`` and the element's block ``K_ab``, what is to be added there is
+
+        - ``K_ab`` where ``p[a] > p[b]`` or a = b,
+        - ``K_ab^T`` where ``p[a] < p[b]``, because only the lower triangle is stored,
+        - ``K_ab + K_ab^T`` where ``p[a] == p[b]`` but a > b, in an element with a collapsed edge.
+    """
+    points = np.asarray(element_points, np.int64)
+    a, b = np.tril_indices(points.shape[1])
+    rows, columns = np.maximum(points[:, a], points[:, b]), np.minimum(points[:, a], points[:, b])
+    row_of = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    places = np.searchsorted(row_of * pattern.n + pattern.indices, rows * pattern.n + columns)
+    return np.where(columns < 0, -1, places).astype(np.int32)
+
+
+def lower_pattern(element_points: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lower triangle of the pattern that couples all points of an element, see `BlockPattern.of_elements`.
+
+    Parameters
+    ----------
+    element_points : ndarray of int, shape (n_elements, m)
+        Block row of every corner; -1 where a point has no freedom.
+    n : int
+        Block rows.
+
+    Returns
+    -------
+    indptr : ndarray of int64, shape (n + 1,)
+    indices : ndarray of int32
+        Columns of every row, ascending, the diagonal always among them.
+    """
+    elements, corners = np.nonzero(element_points >= 0)
+    shape = (len(element_points), n)
+    holds = scipy.sparse.csr_array(
+        (np.ones(len(elements), np.int32), (elements, element_points[elements, corners])), shape=shape
+    )
+    coupled = scipy.sparse.tril(holds.T @ holds + scipy.sparse.eye_array(n, dtype=np.int32), format="csr")
+    coupled.sort_indices()
+    return coupled.indptr.astype(np.int64), coupled.indices.astype(np.int32)
+
+
+__all__ = [
+    "BlockMatrix",
+    "BlockPattern",
+    "Graph",
+    "Solution",
+    "check_right",
+    "graph_of",
+    "product",
+    "relative_residual",
+    "residual_norm",
+    "slots",
+]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,23 +8,70 @@ from functools import cached_property
 from itertools import zip_longest
 
 import numpy as np
+from numba import njit
 
 from ..errors import InputError, MovementError
 from ..numerics.threads import Crew, thread_count
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern
 from .conjugate_gradient import preconditioned_solve
-from .fronts import Fronts, lay_out
-from .graph import graph_of
+from .fronts import Fronts, Stages, find_stages, lay_out
+from .blocks import graph_of
 from .lapack import one_blas_thread, routines
+from .multifrontal import rounds
 from .ordering import fill_reducing_order
-from .scaling import inverse_root_diagonal, scaled_blocks
-from .solution import Solution, check_right, residual_norm
-from .stages import Stages, find_stages
-from .supernodes import Supernodes, find_supernodes
-from .tiled_front import rounds
+from .blocks import Solution, check_right, residual_norm
+from .symbolic import Supernodes, find_supernodes
 
-__all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
+# FOLDED DOCSTRING (rework): The solver to use when nobody has said which.
+
+
+def default_solver() -> Cholesky:
+    """Best direct solver of those installed.
+
+    That is our own `Cholesky`, whatever else is there: on control meshes it takes less time than CHOLMOD and PARDISO
+    (``benchmarks/bench_cholesky.py``).
+    """
+    return Cholesky()
+
+
+# FOLDED DOCSTRING (rework): Symmetric scaling of a block matrix to unit diagonal, so that single precision can hold it.
+
+
+@njit(cache=True)
+def inverse_root_diagonal(indptr, data):
+    """One over the root of every diagonal entry, shape (n, 3); 1 where the entry is not positive."""
+    n = len(indptr) - 1
+    scale = np.ones((n, 3))
+    for row in range(n):
+        for r in range(3):
+            entry = data[indptr[row + 1] - 1, r, r]
+            if entry > 0.0:
+                scale[row, r] = 1.0 / np.sqrt(entry)
+    return scale
+
+
+@njit(cache=True)
+def scaled_blocks(indptr, indices, data, scale):
+    """Blocks with rows and columns multiplied by the scale, in single precision; float32, shape (n_blocks, 3, 3)."""
+    scaled = np.empty(data.shape, np.float32)
+    for row in range(len(indptr) - 1):
+        for block in range(indptr[row], indptr[row + 1]):
+            for r in range(3):
+                for c in range(3):
+                    scaled[block, r, c] = data[block, r, c] * scale[row, r] * scale[indices[block], c]
+    return scaled
+
+
+__all__ = [
+    "Cholesky",
+    "CholeskyAnalysis",
+    "CholeskyFactor",
+    "Memory",
+    "default_solver",
+    "inverse_root_diagonal",
+    "scaled_blocks",
+]
 
 CG_TOLERANCE = 1e-12
 """Relative residual at which conjugate gradients end."""

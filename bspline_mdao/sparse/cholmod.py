@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from ..errors import InputError, MovementError
 from .blocks import BlockMatrix, BlockPattern
 from .conjugate_gradient import preconditioned_solve
-from .solution import Solution, check_right, residual_norm
+from .blocks import Solution, check_right, residual_norm
 
 __all__ = ["Cholmod", "CholmodAnalysis", "CholmodFactor"]
 

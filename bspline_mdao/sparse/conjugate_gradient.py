@@ -11,9 +11,9 @@ from numba import njit
 
 from ..errors import MovementError
 from .blocks import BlockMatrix, BlockPattern
-from .graph import graph_of
+from .blocks import graph_of
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
-from .solution import Solution, check_right
+from .blocks import Solution, check_right
 
 __all__ = [
     "ConjugateGradients",

@@ -6,13 +6,364 @@ the best one is carried back to the graph, level by level, and improved on each.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from .coarsening import coarsen
-from .separator_search import SEPARATOR, improve
+# FOLDED DOCSTRING (rework): Smaller copies of a weighted graph: points joined in pairs along their heaviest edges.
+#
+# A separator of the copy is one of the graph, and moving one point of the copy moves many of the graph: what a local
+# search cannot do on the graph itself, it can do there [Hendrickson and Leland, Proc. Supercomputing '95; Karypis and
+# Kumar, SIAM J. Sci. Comput. 20 (1998)].
 
-__all__ = ["find_separator"]
+
+@njit(cache=True)
+def coarsen(starts, neighbours, edge_weights, weights, heaviest):
+    """Join the points of a graph in pairs.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+    edge_weights, weights : ndarray of int32
+        Weights of its edges (at both ends) and of its points.
+    heaviest : int
+        No pair is heavier than this.
+
+    Returns
+    -------
+    starts, neighbours, edge_weights, weights
+        The smaller graph.
+    coarse : ndarray of int32, shape (n,)
+        Its point that each point went into.
+    """
+    partner = _match(starts, neighbours, edge_weights, weights, heaviest)
+    coarse, n_coarse = _number_pairs(partner)
+    return (*_contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coarse), coarse)
+
+
+@njit(cache=True)
+def common_neighbours(starts, neighbours):
+    """Weights of edges for the first level: one, and one for each common neighbour of the ends.
+
+    In a mesh of hexahedra this tells neighbours along a mesh line from those across a diagonal, so that the pairs, and
+    the pairs of pairs, are boxes of the mesh.
+    """
+    weights, seen_by = np.ones(len(neighbours), np.int32), np.full(len(starts) - 1, -1, np.int32)
+    for point in range(len(starts) - 1):
+        for other in neighbours[starts[point] : starts[point + 1]]:
+            seen_by[other] = point
+        for edge in range(starts[point], starts[point + 1]):
+            other = neighbours[edge]
+            if other < point:
+                continue
+            for third in neighbours[starts[other] : starts[other + 1]]:
+                weights[edge] += seen_by[third] == point
+            mirrored = starts[other] + np.searchsorted(neighbours[starts[other] : starts[other + 1]], point)
+            weights[mirrored] = weights[edge]
+    return weights
+
+
+@njit(cache=True)
+def _match(starts, neighbours, edge_weights, weights, heaviest):
+    """Partner of every point over its heaviest edge to a point that is still free; itself if there is none."""
+    n = len(weights)
+    partner = np.full(n, -1, np.int32)
+    for point in range(n):
+        if partner[point] != -1:
+            continue
+        best, best_weight = point, 0
+        for edge in range(starts[point], starts[point + 1]):
+            other = neighbours[edge]
+            is_free = partner[other] == -1 and weights[point] + weights[other] <= heaviest
+            if is_free and edge_weights[edge] > best_weight:
+                best, best_weight = other, edge_weights[edge]
+        partner[point] = best
+        partner[best] = point
+    return partner
+
+
+@njit(cache=True)
+def _number_pairs(partner):
+    """Number of the pair of every point, and the number of pairs."""
+    coarse, n_coarse = np.empty(len(partner), np.int32), 0
+    for point in range(len(partner)):
+        if partner[point] >= point:
+            coarse[point] = coarse[partner[point]] = n_coarse
+            n_coarse += 1
+    return coarse, n_coarse
+
+
+@njit(cache=True)
+def _contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coarse):
+    """The graph of the pairs: parallel edges become one of their total weight, edges within a pair vanish."""
+    new_starts, new_weights = np.zeros(n_coarse + 1, np.int64), np.zeros(n_coarse, np.int32)
+    new_neighbours, new_edge_weights = np.empty_like(neighbours), np.empty_like(edge_weights)
+    place = np.full(n_coarse, -1, np.int64)
+    end = 0
+    for point in range(len(partner)):
+        if partner[point] < point:
+            continue
+        pair, first = coarse[point], end
+        for member in range(2 if partner[point] > point else 1):
+            node = partner[point] if member else point
+            new_weights[pair] += weights[node]
+            for edge in range(starts[node], starts[node + 1]):
+                other = coarse[neighbours[edge]]
+                if other == pair:
+                    continue
+                if place[other] < first:
+                    place[other] = end
+                    new_neighbours[end], new_edge_weights[end] = other, 0
+                    end += 1
+                new_edge_weights[place[other]] += edge_weights[edge]
+        new_starts[pair + 1] = end
+    return new_starts, new_neighbours[:end].copy(), new_edge_weights[:end].copy(), new_weights
+
+
+# FOLDED DOCSTRING (rework): Local search for a smaller vertex separator.
+#
+# Every point is on side 0, on side 1 or in the separator (2), and no edge joins the two sides. A *move* takes a point of
+# the separator to one side and its neighbours on the other side into the separator; its *gain* is what the separator
+# loses in weight. In a pass all moves go to the same side, the best first, also where the gain is negative, so that the
+# separator can travel over a ridge; then everything after the best separator seen is undone [Fiduccia and Mattheyses,
+# Proc. 19th Design Automation Conf. (1982); Ashcraft and Liu, SIAM J. Matrix Anal. Appl. 19 (1998)].
+
+# FOLDED DOCSTRING (rework): A heap of points by gain, largest first, in which the gain of any point can rise.
+
+
+class Heap(NamedTuple):
+    """Binary heap; points of equal gain come in the order of their numbers.
+
+    Parameters
+    ----------
+    points : ndarray of int32, shape (n,)
+        The heap; only the first ``size[0]`` count.
+    places : ndarray of int32, shape (n,)
+        Place of every point in it, or -1.
+    gains : ndarray of int64, shape (n,)
+        Gain of every point.
+    size : ndarray of int64, shape (1,)
+        Number of points in the heap.
+    """
+
+    points: np.ndarray
+    places: np.ndarray
+    gains: np.ndarray
+    size: np.ndarray
+
+
+@njit(cache=True)
+def empty_heap(n):
+    """Heap for points 0 to n - 1, without any."""
+    return Heap(np.empty(n, np.int32), np.full(n, -1, np.int32), np.zeros(n, np.int64), np.zeros(1, np.int64))
+
+
+@njit(cache=True)
+def reset(heap):
+    """Take all points out."""
+    for place in range(heap.size[0]):
+        heap.places[heap.points[place]] = -1
+    heap.size[0] = 0
+
+
+@njit(cache=True)
+def push(heap, point, gain):
+    """Put a point in, or raise its gain if it is in."""
+    place = heap.places[point]
+    if place == -1:
+        place = heap.size[0]
+        heap.size[0] += 1
+    heap.gains[point] = gain
+    while place > 0:
+        above = heap.points[(place - 1) // 2]
+        if not _is_before(heap, point, above):
+            break
+        heap.points[place] = above
+        heap.places[above] = place
+        place = (place - 1) // 2
+    heap.points[place] = point
+    heap.places[point] = place
+
+
+@njit(cache=True)
+def pop(heap):
+    """Take the point of largest gain out and return it."""
+    top = heap.points[0]
+    heap.places[top] = -1
+    heap.size[0] -= 1
+    if heap.size[0]:
+        _down(heap, heap.points[heap.size[0]])
+    return top
+
+
+@njit(cache=True)
+def _is_before(heap, a, b):
+    """Whether point a comes before point b."""
+    return heap.gains[a] > heap.gains[b] or (heap.gains[a] == heap.gains[b] and a < b)
+
+
+@njit(cache=True)
+def _down(heap, point):
+    """Put a point at the top and move it down as far as it belongs."""
+    place = 0
+    while 2 * place + 1 < heap.size[0]:
+        below = 2 * place + 1
+        if below + 1 < heap.size[0] and _is_before(heap, heap.points[below + 1], heap.points[below]):
+            below += 1
+        if not _is_before(heap, heap.points[below], point):
+            break
+        heap.points[place] = heap.points[below]
+        heap.places[heap.points[place]] = place
+        place = below
+    heap.points[place] = point
+    heap.places[point] = place
+
+
+SEPARATOR = np.int8(2)
+
+UNEVENNESS = 0.3
+"""Price of an uneven cut: a separator that leaves one side empty counts as so much larger."""
+
+
+@njit(cache=True)
+def improve(starts, neighbours, weights, parts, heaviest, n_passes, patience):
+    """Improve a separator in place, by passes towards one side and the other in turn.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+    weights : ndarray of int32, shape (n,)
+        Weights of its points.
+    parts : ndarray of int8, shape (n,)
+        Part of every point: 0, 1 or `SEPARATOR`. Changed.
+    heaviest : int
+        Weight that no side shall exceed.
+    n_passes : int
+        Passes at most.
+    patience : int
+        Moves without a better separator that end a pass.
+
+    Returns
+    -------
+    float
+        The `score` of the result.
+    """
+    totals = _part_weights(weights, parts)
+    heap, log = empty_heap(len(weights)), np.empty(2 * len(weights), np.int64)
+    side, n_idle = 0 if totals[0] <= totals[1] else 1, 0
+    for _ in range(n_passes):
+        before = score(totals, heaviest)
+        _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience)
+        n_idle = n_idle + 1 if score(totals, heaviest) >= before else 0
+        if n_idle == 2:
+            break
+        side = 1 - side
+    return score(totals, heaviest)
+
+
+@njit(cache=True)
+def _part_weights(weights, parts):
+    """Weights of the two sides and of the separator."""
+    totals = np.zeros(3, np.int64)
+    for point in range(len(weights)):
+        totals[parts[point]] += weights[point]
+    return totals
+
+
+@njit(cache=True)
+def score(totals, heaviest):
+    """What is to be small: the separator, more so where it cuts unevenly, and the excess of the heavier side."""
+    heavier, lighter = max(totals[0], totals[1]), min(totals[0], totals[1])
+    imbalance = (heavier - lighter) / max(1, heavier + lighter)
+    return totals[2] * (1.0 + UNEVENNESS * imbalance) + 4.0 * max(0, heavier - heaviest)
+
+
+@njit(cache=True)
+def _gain(starts, neighbours, weights, parts, point, side):
+    """What the separator loses in weight when a point of it moves to a side."""
+    gain = np.int64(weights[point])
+    for other in neighbours[starts[point] : starts[point + 1]]:
+        if parts[other] == 1 - side:
+            gain -= weights[other]
+    return gain
+
+
+@njit(cache=True)
+def _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience):
+    """Move to a side until nothing is left or patience ends, then go back to the best separator.
+
+    The log holds each move as the points that it pulled into the separator and then, inverted bitwise, the point.
+    """
+    reset(heap)
+    for point in range(len(weights)):
+        if parts[point] == SEPARATOR:
+            push(heap, point, _gain(starts, neighbours, weights, parts, point, side))
+    best, best_end, end, n_since = score(totals, heaviest), 0, 0, 0
+    while n_since < patience and heap.size[0] and totals[side] <= heaviest:
+        end = _move(starts, neighbours, weights, parts, totals, heap, log, end, pop(heap), side)
+        n_since += 1
+        if score(totals, heaviest) < best:
+            best, best_end, n_since = score(totals, heaviest), end, 0
+    _undo(weights, parts, totals, log[best_end:end], side)
+
+
+@njit(cache=True)
+def _move(starts, neighbours, weights, parts, totals, heap, log, end, point, side):
+    """Move a point of the separator to a side; return the new end of the log."""
+    parts[point] = side
+    totals[side] += weights[point]
+    totals[2] -= weights[point]
+    for other in neighbours[starts[point] : starts[point + 1]]:
+        if parts[other] == 1 - side:
+            _pull(starts, neighbours, weights, parts, totals, heap, other, side)
+            log[end] = other
+            end += 1
+    log[end] = ~np.int64(point)
+    return end + 1
+
+
+@njit(cache=True)
+def _pull(starts, neighbours, weights, parts, totals, heap, point, side):
+    """Take a point of the other side into the separator."""
+    parts[point] = SEPARATOR
+    totals[1 - side] -= weights[point]
+    totals[2] += weights[point]
+    gain = np.int64(weights[point])
+    for other in neighbours[starts[point] : starts[point + 1]]:
+        if parts[other] == SEPARATOR and heap.places[other] != -1:
+            push(heap, other, heap.gains[other] + weights[point])
+        elif parts[other] == 1 - side:
+            gain -= weights[other]
+    push(heap, point, gain)
+
+
+@njit(cache=True)
+def _undo(weights, parts, totals, log, side):
+    """Take back the moves of a piece of the log."""
+    for entry in log[::-1]:
+        point = ~entry if entry < 0 else entry
+        before, after = (side, 2) if entry < 0 else (2, 1 - side)
+        parts[point] = after
+        totals[before] -= weights[point]
+        totals[after] += weights[point]
+
+
+__all__ = [
+    "Heap",
+    "SEPARATOR",
+    "coarsen",
+    "common_neighbours",
+    "empty_heap",
+    "find_separator",
+    "improve",
+    "pop",
+    "push",
+    "reset",
+    "score",
+]
 
 N_COARSEST = 80
 """Points at which coarsening ends."""

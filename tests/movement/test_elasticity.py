@@ -31,7 +31,7 @@ from bspline_mdao.movement.assembly import Unknowns
 from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity
 from bspline_mdao.movement.element import lame_constants
 from bspline_mdao.movement.young_modulus import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
-from bspline_mdao.sparse.solvers import default_solver
+from bspline_mdao.sparse.cholesky import default_solver
 from bspline_mdao.topology.detection import find_topology
 
 MESHES = [channel, oblique_channel, plate, wing]

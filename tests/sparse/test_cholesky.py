@@ -19,7 +19,7 @@ from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.cholmod import Cholmod
 from bspline_mdao.sparse.pardiso import Pardiso
-from bspline_mdao.sparse.solvers import default_solver
+from bspline_mdao.sparse.cholesky import default_solver
 
 PEERS = {"sksparse": Cholmod(), "pypardiso": Pardiso()}
 SOLVERS = [Cholesky(), Cholesky(single=True)] + [

@@ -10,8 +10,8 @@ from bspline_mdao.errors import MovementError
 from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.conjugate_gradient import ConjugateGradients, preconditioned_solve
-from bspline_mdao.sparse.fill_pattern import fill_pattern
-from bspline_mdao.sparse.graph import graph_of
+from bspline_mdao.sparse.incomplete import fill_pattern
+from bspline_mdao.sparse.blocks import graph_of
 from bspline_mdao.sparse.incomplete import incomplete_factor, incomplete_pattern, narrow_order
 
 SHAPE = (4, 5, 6)

@@ -5,18 +5,18 @@ import pytest
 from sparse_cases import box_elements, random_pattern
 
 from bspline_mdao.sparse.blocks import BlockPattern
-from bspline_mdao.sparse.coarsening import common_neighbours
-from bspline_mdao.sparse.elimination_tree import column_counts, elimination_tree, postorder
-from bspline_mdao.sparse.graph import graph_of
+from bspline_mdao.sparse.separators import common_neighbours
+from bspline_mdao.sparse.symbolic import column_counts, elimination_tree, postorder
+from bspline_mdao.sparse.blocks import graph_of
 from bspline_mdao.sparse.ordering import (
     LARGEST_FOR_MINIMUM_DEGREE,
     fill_reducing_order,
     minimum_degree,
     nested_dissection,
 )
-from bspline_mdao.sparse.separator_search import SEPARATOR
+from bspline_mdao.sparse.separators import SEPARATOR
 from bspline_mdao.sparse.separators import find_separator
-from bspline_mdao.sparse.supernodes import find_supernodes
+from bspline_mdao.sparse.symbolic import find_supernodes
 
 
 def box_graph(shape, periodic=False):

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
-from ...sparse.graph import Graph
+from ...sparse.blocks import Graph
 from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
 
 BLOCK = 5
