@@ -28,10 +28,10 @@ from bspline_mdao.movement.assembly import Unknowns
 from bspline_mdao.movement.elasticity import ElasticElements
 from bspline_mdao.movement.element import lame_constants
 from bspline_mdao.movement.young_modulus import OrthogonalityLaw
+from bspline_mdao.sparse.blocks import LinearSolution, residual_norm
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.cholmod import Cholmod
 from bspline_mdao.sparse.pardiso import Pardiso
-from bspline_mdao.sparse.blocks import Solution, residual_norm
 
 SIZES = {"2k": (7, 7, 5), "5k": (9, 9, 7), "16k": (13, 13, 9), "51k": (19, 19, 14), "150k": (27, 27, 20)}
 """Control points of every block, by the number of unique ones."""
@@ -84,7 +84,7 @@ class SuperLUFactor:
         x = np.empty(right.size)
         x[self.order] = self.factor.solve(right.ravel()[self.order])
         x = x.reshape(right.shape)
-        return Solution(x, 0, residual_norm(self.matrix, x, right), 0.0)
+        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), 0.0)
 
 
 SOLVERS = (Cholesky(n_threads=1), Cholesky(single=True, n_threads=1), Cholmod(), Pardiso(), SuperLU())

@@ -21,15 +21,13 @@ from scipy.sparse import bsr_array, coo_array
 from threadpoolctl import threadpool_limits
 
 from bspline_mdao import Spacing, hh_wing_grid, rectangular_wing
-from bspline_mdao.flow.euler.block_ilu import BlockFactor
 from bspline_mdao.flow.euler.discretization import Linearization
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.krylov import RESTART, solve_system
-from bspline_mdao.flow.euler.newton import FlowSolution, solve_flow
-from bspline_mdao.flow.euler.preconditioner import compact_factor
+from bspline_mdao.flow.euler.newton import RESTART, FlowSolution, solve_flow, solve_system
+from bspline_mdao.flow.euler.preconditioner import BlockFactor, compact_factor
+from bspline_mdao.flow.euler.reconstruction import INNER
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
-from bspline_mdao.flow.euler.stencil import INNER
 from bspline_mdao.topology.detection import find_topology
 
 SHAPES = {36_864: (17, 17, 13), 117_504: (25, 25, 18)}

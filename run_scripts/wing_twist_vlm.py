@@ -17,7 +17,7 @@ from bspline_mdao import VortexLattice
 from bspline_mdao.design.planform import Chord, Sweep, Taper, Twist
 from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.variable import Variable
-from bspline_mdao.flow.wake import Wake, least_drag
+from bspline_mdao.flow.induced_drag import Wake, least_drag
 
 LIFT = 0.5
 """Lift coefficient, of the area of the rectangular wing."""

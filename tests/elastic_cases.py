@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 
 from bspline_mdao.mesh.mesh import MovingMesh
-from bspline_mdao.sparse.blocks import BlockPattern
-from bspline_mdao.sparse.blocks import slots
+from bspline_mdao.sparse.blocks import BlockPattern, slots
 
 
 def crooked_points(shape, amount, seed=0):

@@ -19,13 +19,12 @@ from topology_cases import (
 
 from bspline_mdao import ball_grid
 from bspline_mdao.cells.cell_faces import CellFaces
-from bspline_mdao.flow.euler.areas import area_vectors
 from bspline_mdao.flow.euler.discretization import Discretization, Linearization
-from bspline_mdao.flow.euler.face_states import OPEN, SHUT
+from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import factor_pattern
-from bspline_mdao.flow.euler.stencil import FARFIELD, FIRST, MEAN, SLIP
+from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, MEAN, OPEN, SHUT, SLIP
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.grid import Grid

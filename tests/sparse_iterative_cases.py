@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
-from bspline_mdao.sparse.blocks import slots
+from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern, slots
 
 
 def box_elements(shape):

@@ -12,7 +12,7 @@ import numpy as np
 from ..mesh.boundary import boundary_points
 from ..mesh.mesh import MovingMesh
 from ..movement.assembly import Unknowns
-from ..sparse.cholesky import default_solver
+from ..sparse.cholesky import Cholesky
 from ..topology.topology import Topology, shared_ids
 from .control_counts import NODES_PER_SPAN, ControlCounts, choose_counts
 
@@ -87,4 +87,4 @@ def predict_factor_bytes(topology: Topology, n_control: np.ndarray) -> int | Non
     nowhere = np.zeros((n_points, 3))
     mesh = MovingMesh(ids, topology.segment_names, nowhere, np.zeros(0, dtype=np.int32), is_free)
     unknowns = Unknowns(mesh)
-    return default_solver().analyze(unknowns.pattern, nowhere[unknowns.point_ids]).factor_bytes
+    return Cholesky().analyze(unknowns.pattern, nowhere[unknowns.point_ids]).factor_bytes

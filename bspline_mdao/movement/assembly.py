@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..mesh.mesh import MovingMesh
-from ..sparse.blocks import BlockMatrix, BlockPattern
-from ..sparse.blocks import slots
+from ..sparse.blocks import BlockMatrix, BlockPattern, slots
 
 __all__ = ["Unknowns"]
 

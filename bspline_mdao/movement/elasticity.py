@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import MovingMesh
-from ..sparse.cholesky import default_solver
+from ..sparse.cholesky import Cholesky
 from . import element, element_stiffness
 from .equilibrium import EquilibriumMover
 from .increments import AUTO
@@ -50,7 +50,7 @@ class LinearElasticity(EquilibriumMover):
     poisson_ratio: float = -0.2
     n_increments: int | str = AUTO
     stiffness: StiffnessLaw = field(default_factory=OrthogonalityLaw)
-    solver: object = field(default_factory=default_solver)
+    solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None
 
     def __post_init__(self):

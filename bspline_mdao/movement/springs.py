@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..mesh.mesh import MovingMesh
-from ..sparse.cholesky import default_solver
+from ..sparse.cholesky import Cholesky
 from . import spring_element
 from .equilibrium import EquilibriumMover
 from .increments import AUTO
@@ -47,7 +47,7 @@ class LinealSprings(_Springs):
     mesh: MovingMesh
     n_increments: int | str = AUTO
     power: float = 1.0
-    solver: object = field(default_factory=default_solver)
+    solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None
 
     @property
@@ -77,7 +77,7 @@ class TorsionalSprings(_Springs):
     mesh: MovingMesh
     n_increments: int | str = AUTO
     torsion: float = 0.01
-    solver: object = field(default_factory=default_solver)
+    solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None
 
     @property

@@ -1,173 +1,32 @@
-"""Sparse symmetric matrices of 3 x 3 blocks, one block row per point.
+"""Sparse symmetric matrices of 3 x 3 blocks, one block row per point, and linear systems with them.
 
 Only the lower triangle is stored, by rows::
 
     row 0   [d]                     d = diagonal block, last of its row, both of its halves filled
     row 1   [b d]                   b = block (row, column) with column < row; the one above the diagonal is b^T
     row 2   [  b d] ...
+
+Theory: ``docs/theory/sparse.rst``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
-
-from ..errors import InputError
-
-if TYPE_CHECKING:
-    from .blocks import BlockPattern
-from __future__ import annotations
-
 from numba import njit
 
-# FOLDED DOCSTRING (rework): What every solver of a sparse symmetric system gives back.
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Solution of a linear system and how it was found.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n, 3) or (n, 3, m)
-        The solution, or those of m right-hand sides.
-    iterations : int
-        Iterations, or steps of refinement.
-    residual : float
-        Residual in the 2-norm, relative to the right-hand side (the largest, where there are several).
-    seconds : float
-        Time that it took by the wall clock (s).
-    """
-
-    x: np.ndarray
-    iterations: int
-    residual: float
-    seconds: float
-
-
-def check_right(right: np.ndarray, n: int) -> np.ndarray:
-    """Right-hand side as floating-point numbers; `InputError` unless its shape is (n, 3) or (n, 3, m)."""
-    if right.ndim not in (2, 3) or right.shape[:2] != (n, 3):
-        raise InputError(f"right-hand side of shape {right.shape}; give shape ({n}, 3), or ({n}, 3, m) for several")
-    return np.asarray(right, np.float64)
-
-
-def relative_residual(residual: np.ndarray, right: np.ndarray) -> float:
-    """Largest 2-norm of a residual relative to its right-hand side, shapes (n, 3) or (n, 3, m); 0 where both are 0."""
-    norms, scales = (np.sqrt(np.einsum("ij...,ij...->...", v, v)) for v in (residual, right))
-    return float(np.max(np.divide(norms, scales, out=np.where(norms > 0, np.inf, 0.0), where=scales > 0), initial=0.0))
-
-
-def product(matrix: BlockMatrix, x: np.ndarray) -> np.ndarray:
-    """Product of a matrix with one vector, shape (n, 3), or with several, shape (n, 3, m)."""
-    if x.ndim == 2:
-        return matrix.dot(x)
-    sides = [matrix.dot(x[..., side]) for side in range(x.shape[2])]
-    return np.stack(sides, axis=2) if sides else np.zeros_like(x)
-
-
-def residual_norm(matrix: BlockMatrix, x: np.ndarray, right: np.ndarray) -> float:
-    """Relative residual of a solution; see `relative_residual`."""
-    return relative_residual(right - product(matrix, x), right)
-
-
-# FOLDED DOCSTRING (rework): The graph of a block pattern: who couples with whom, both ways, without the diagonal.
-
-
-class Graph(NamedTuple):
-    """Undirected graph in compressed rows.
-
-    Parameters
-    ----------
-    starts : ndarray of int64, shape (n + 1,)
-        Where the neighbours of each point start.
-    neighbours : ndarray of int32, shape (n_edges,)
-        Neighbours of every point, each edge at both ends, no point its own neighbour.
-    """
-
-    starts: np.ndarray
-    neighbours: np.ndarray
-
-
-def graph_of(pattern) -> Graph:
-    """Graph of a `BlockPattern`; neighbours come out ascending."""
-    lower = scipy.sparse.csr_array(
-        (np.ones(len(pattern.indices), np.int8), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
-    )
-    strict = scipy.sparse.tril(lower, k=-1, format="csr")
-    both = (strict + strict.T).tocsr()
-    both.sort_indices()
-    return Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
-
-
-# FOLDED DOCSTRING (rework): From elements to a block pattern: which points meet, and where each pair of an element's corners is stored.
-
-
-def slots(pattern: BlockPattern, element_points: np.ndarray) -> np.ndarray:
-    """Where the blocks of element matrices go.
-
-    Parameters
-    ----------
-    pattern : BlockPattern
-        Pattern that holds all pairs of an element's points, as `BlockPattern.of_elements` makes it.
-    element_points : ndarray of int32, shape (n_elements, m)
-        Block row of every corner; -1 where a point has no freedom.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_elements, m (m + 1) / 2)
-        Place in ``data`` of the pair of corners (a, b), b <= a, in column ``a (a + 1) / 2 + b``; -1 where one of them
-        has no freedom. With p = ``element_points[e]`` and the element's block ``K_ab``, what is to be added there is
-
-        - ``K_ab`` where ``p[a] > p[b]`` or a = b,
-        - ``K_ab^T`` where ``p[a] < p[b]``, because only the lower triangle is stored,
-        - ``K_ab + K_ab^T`` where ``p[a] == p[b]`` but a > b, in an element with a collapsed edge.
-    """
-    points = np.asarray(element_points, np.int64)
-    a, b = np.tril_indices(points.shape[1])
-    rows, columns = np.maximum(points[:, a], points[:, b]), np.minimum(points[:, a], points[:, b])
-    row_of = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
-    places = np.searchsorted(row_of * pattern.n + pattern.indices, rows * pattern.n + columns)
-    return np.where(columns < 0, -1, places).astype(np.int32)
-
-
-def lower_pattern(element_points: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lower triangle of the pattern that couples all points of an element, see `BlockPattern.of_elements`.
-
-    Parameters
-    ----------
-    element_points : ndarray of int, shape (n_elements, m)
-        Block row of every corner; -1 where a point has no freedom.
-    n : int
-        Block rows.
-
-    Returns
-    -------
-    indptr : ndarray of int64, shape (n + 1,)
-    indices : ndarray of int32
-        Columns of every row, ascending, the diagonal always among them.
-    """
-    elements, corners = np.nonzero(element_points >= 0)
-    shape = (len(element_points), n)
-    holds = scipy.sparse.csr_array(
-        (np.ones(len(elements), np.int32), (elements, element_points[elements, corners])), shape=shape
-    )
-    coupled = scipy.sparse.tril(holds.T @ holds + scipy.sparse.eye_array(n, dtype=np.int32), format="csr")
-    coupled.sort_indices()
-    return coupled.indptr.astype(np.int64), coupled.indices.astype(np.int32)
-
+from ..errors import InputError
 
 __all__ = [
     "BlockMatrix",
     "BlockPattern",
     "Graph",
-    "Solution",
+    "LinearSolution",
     "check_right",
     "graph_of",
-    "product",
     "relative_residual",
     "residual_norm",
     "slots",
@@ -217,11 +76,17 @@ class BlockPattern:
         Parameters
         ----------
         element_points : ndarray of int32, shape (n_elements, m)
-            Block row of every corner; -1 where a point has no freedom. A number may occur twice in an element.
+            Block row of every corner; -1 where a point is fixed. A number may occur twice in an element.
         n : int
             Block rows. A row without an element holds its diagonal alone.
         """
-        return cls(*lower_pattern(np.ascontiguousarray(element_points, np.int32), n))
+        elements, corners = np.nonzero(element_points >= 0)
+        points = np.asarray(element_points, np.int32)[elements, corners]
+        shape = (len(element_points), n)
+        holds = scipy.sparse.csr_array((np.ones(len(elements), np.int32), (elements, points)), shape=shape)
+        coupled = scipy.sparse.tril(holds.T @ holds + scipy.sparse.eye_array(n, dtype=np.int32), format="csr")
+        coupled.sort_indices()
+        return cls(coupled.indptr.astype(np.int64), coupled.indices.astype(np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +115,10 @@ class BlockMatrix:
             raise InputError(f"block matrix: data of shape {self.data.shape}; give shape {shape} as in the pattern")
 
     def dot(self, x: np.ndarray) -> np.ndarray:
-        """Product with ``x``, shape (n, 3)."""
+        """Product with one vector, shape (n, 3), or with m of them, shape (n, 3, m)."""
+        if x.ndim == 3:
+            sides = [self.dot(x[..., side]) for side in range(x.shape[2])]
+            return np.stack(sides, axis=2) if sides else np.zeros_like(x)
         if x.shape != (self.pattern.n, 3):
             raise InputError(f"block matrix: vector of shape {x.shape}; give shape ({self.pattern.n}, 3)")
         return _product(self.pattern.indptr, self.pattern.indices, self.data, np.ascontiguousarray(x, np.float64))
@@ -260,6 +128,100 @@ class BlockMatrix:
         size = 3 * self.pattern.n
         indptr, rows, values = _lower_columns(self.pattern.indptr, self.pattern.indices, self.data)
         return scipy.sparse.csc_array((values, rows, indptr), shape=(size, size))
+
+
+def slots(pattern: BlockPattern, element_points: np.ndarray) -> np.ndarray:
+    """Places of the blocks of element matrices in the data of a `BlockMatrix`.
+
+    Parameters
+    ----------
+    pattern : BlockPattern
+        Pattern that holds all pairs of an element's points, as `BlockPattern.of_elements` makes it.
+    element_points : ndarray of int32, shape (n_elements, m)
+        Block row of every corner; -1 where a point is fixed.
+
+    Returns
+    -------
+    ndarray of int32, shape (n_elements, m (m + 1) / 2)
+        Place in ``data`` of the pair of corners (a, b), b <= a, in column ``a (a + 1) / 2 + b``; -1 where one of them
+        is fixed. With p = ``element_points[e]`` and the element's block ``K_ab``, what is to be added there is
+
+        - ``K_ab`` where ``p[a] > p[b]`` or a = b,
+        - ``K_ab^T`` where ``p[a] < p[b]``, because only the lower triangle is stored,
+        - ``K_ab + K_ab^T`` where ``p[a] == p[b]`` but a > b, in an element with a collapsed edge.
+    """
+    points = np.asarray(element_points, np.int64)
+    a, b = np.tril_indices(points.shape[1])
+    rows, columns = np.maximum(points[:, a], points[:, b]), np.minimum(points[:, a], points[:, b])
+    row_of = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+    places = np.searchsorted(row_of * pattern.n + pattern.indices, rows * pattern.n + columns)
+    return np.where(columns < 0, -1, places).astype(np.int32)
+
+
+class Graph(NamedTuple):
+    """The graph of a block pattern: who couples with whom, both ways, without the diagonal; in compressed rows.
+
+    Parameters
+    ----------
+    starts : ndarray of int64, shape (n + 1,)
+        Where the neighbours of each point start.
+    neighbours : ndarray of int32, shape (n_edges,)
+        Neighbours of every point, each edge at both ends, no point its own neighbour.
+    """
+
+    starts: np.ndarray
+    neighbours: np.ndarray
+
+
+def graph_of(pattern: BlockPattern) -> Graph:
+    """Make the graph of a pattern; the neighbours of every point are ascending."""
+    lower = scipy.sparse.csr_array(
+        (np.ones(len(pattern.indices), np.int8), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
+    )
+    strict = scipy.sparse.tril(lower, k=-1, format="csr")
+    both = (strict + strict.T).tocsr()
+    both.sort_indices()
+    return Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSolution:
+    """LinearSolution of a linear system and how it was found.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, 3) or (n, 3, m)
+        The solution, or those of m right-hand sides.
+    iterations : int
+        Iterations, or steps of refinement.
+    residual : float
+        Residual in the 2-norm, relative to the right-hand side (the largest, where there are several).
+    seconds : float
+        Time that it took by the wall clock (s).
+    """
+
+    x: np.ndarray
+    iterations: int
+    residual: float
+    seconds: float
+
+
+def check_right(right: np.ndarray, n: int) -> np.ndarray:
+    """Right-hand side as floating-point numbers; `InputError` unless its shape is (n, 3) or (n, 3, m)."""
+    if right.ndim not in (2, 3) or right.shape[:2] != (n, 3):
+        raise InputError(f"right-hand side of shape {right.shape}; give shape ({n}, 3), or ({n}, 3, m) for several")
+    return np.asarray(right, np.float64)
+
+
+def relative_residual(residual: np.ndarray, right: np.ndarray) -> float:
+    """Largest 2-norm of a residual relative to its right-hand side, shapes (n, 3) or (n, 3, m); 0 where both are 0."""
+    norms, scales = (np.sqrt(np.einsum("ij...,ij...->...", v, v)) for v in (residual, right))
+    return float(np.max(np.divide(norms, scales, out=np.where(norms > 0, np.inf, 0.0), where=scales > 0), initial=0.0))
+
+
+def residual_norm(matrix: BlockMatrix, x: np.ndarray, right: np.ndarray) -> float:
+    """Residual of a solution in the 2-norm, relative to the right-hand side; the largest, where there are several."""
+    return relative_residual(right - matrix.dot(x), right)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})

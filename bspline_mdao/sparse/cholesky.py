@@ -1,4 +1,10 @@
-"""Sparse Cholesky factorisation: nested dissection, supernodes and multifrontal elimination."""
+"""Sparse Cholesky factorisation: nested dissection, supernodes and multifrontal elimination.
+
+Its stages have a file each: the order (`.ordering`, with separators from `.separators`), the elimination tree and the
+supernodes (`.symbolic`), storage and schedule of their fronts (`.fronts`), and the arithmetic (`.multifrontal`).
+
+Theory: ``docs/theory/sparse.rst``.
+"""
 
 from __future__ import annotations
 
@@ -13,73 +19,26 @@ from numba import njit
 from ..errors import InputError, MovementError
 from ..numerics.threads import Crew, thread_count
 from . import multifrontal
-from .blocks import BlockMatrix, BlockPattern
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
 from .conjugate_gradient import preconditioned_solve
 from .fronts import Fronts, Stages, find_stages, lay_out
-from .blocks import graph_of
 from .lapack import one_blas_thread, routines
 from .multifrontal import rounds
 from .ordering import fill_reducing_order
-from .blocks import Solution, check_right, residual_norm
 from .symbolic import Supernodes, find_supernodes
 
-# FOLDED DOCSTRING (rework): The solver to use when nobody has said which.
+__all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
 
-
-def default_solver() -> Cholesky:
-    """Best direct solver of those installed.
-
-    That is our own `Cholesky`, whatever else is there: on control meshes it takes less time than CHOLMOD and PARDISO
-    (``benchmarks/bench_cholesky.py``).
-    """
-    return Cholesky()
-
-
-# FOLDED DOCSTRING (rework): Symmetric scaling of a block matrix to unit diagonal, so that single precision can hold it.
-
-
-@njit(cache=True)
-def inverse_root_diagonal(indptr, data):
-    """One over the root of every diagonal entry, shape (n, 3); 1 where the entry is not positive."""
-    n = len(indptr) - 1
-    scale = np.ones((n, 3))
-    for row in range(n):
-        for r in range(3):
-            entry = data[indptr[row + 1] - 1, r, r]
-            if entry > 0.0:
-                scale[row, r] = 1.0 / np.sqrt(entry)
-    return scale
-
-
-@njit(cache=True)
-def scaled_blocks(indptr, indices, data, scale):
-    """Blocks with rows and columns multiplied by the scale, in single precision; float32, shape (n_blocks, 3, 3)."""
-    scaled = np.empty(data.shape, np.float32)
-    for row in range(len(indptr) - 1):
-        for block in range(indptr[row], indptr[row + 1]):
-            for r in range(3):
-                for c in range(3):
-                    scaled[block, r, c] = data[block, r, c] * scale[row, r] * scale[indices[block], c]
-    return scaled
-
-
-__all__ = [
-    "Cholesky",
-    "CholeskyAnalysis",
-    "CholeskyFactor",
-    "Memory",
-    "default_solver",
-    "inverse_root_diagonal",
-    "scaled_blocks",
-]
 
 CG_TOLERANCE = 1e-12
-"""Relative residual at which conjugate gradients end."""
+"""Relative residual at which conjugate gradients end, or earlier where rounding leaves more: `preconditioned_solve`."""
 
 
 @dataclass(frozen=True)
 class Cholesky:
-    """Direct solver that needs nothing beyond numba and SciPy.
+    """Direct solver that needs nothing beyond numba and SciPy: the default.
+
+    On control meshes it takes less time than CHOLMOD and PARDISO (``benchmarks/bench_cholesky.py``).
 
     Parameters
     ----------
@@ -149,7 +108,7 @@ class _Loan:
 
 @dataclass(frozen=True, eq=False)
 class CholeskyAnalysis:
-    """What can be known of a factorisation from the pattern alone.
+    """The factorisation of a pattern: everything about it that does not depend on numbers.
 
     Parameters
     ----------
@@ -199,9 +158,9 @@ class CholeskyAnalysis:
         if matrix.pattern is not self.pattern:
             raise InputError("Cholesky: the matrix has another pattern; analyze its own")
         if self.settings.single:
-            scale = inverse_root_diagonal(self.pattern.indptr, matrix.data)
-            scaled = scaled_blocks(self.pattern.indptr, self.pattern.indices, matrix.data, scale)
-            panels, failed = self._factor(scaled)
+            scale = _inverse_root_diagonal(self.pattern.indptr, matrix.data)
+            scaled = _scaled_blocks(self.pattern.indptr, self.pattern.indices, matrix.data, scale)
+            panels, failed = self._factor(scaled)  # rounded to single precision, a definite matrix may not be one
             if failed < 0:
                 return CholeskyFactor(self, matrix, panels, scale)
         panels, failed = self._factor(matrix.data)
@@ -295,13 +254,13 @@ class CholeskyFactor:
         stages = [ranges[start:end] for start, end in zip(starts, starts[1:])]
         with one_blas_thread(), Crew(self.analysis.settings.threads) as crew:
             for tasks in stages:
-                beyond = [np.zeros((len(x) - 3 * firsts[last], n_sides), dtype) for _, last in tasks]
+                later = [np.zeros((len(x) - 3 * firsts[last], n_sides), dtype) for _, last in tasks]
 
-                def forward(task, tasks=tasks, beyond=beyond):
-                    multifrontal.solve_forward(*tasks[task], *structure, self.panels, x, beyond[task])
+                def forward(task, tasks=tasks, later=later):
+                    multifrontal.solve_forward(*tasks[task], *structure, self.panels, x, later[task])
 
                 crew.run(forward, len(tasks))
-                for (_, last), part in zip(tasks, beyond):
+                for (_, last), part in zip(tasks, later):
                     x[3 * firsts[last] :] -= part
             for tasks in reversed(stages):
 
@@ -311,8 +270,8 @@ class CholeskyFactor:
                 crew.run(backward, len(tasks))
         return x.reshape(right.shape)[supernodes.rank].astype(np.float64)
 
-    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> Solution:
-        """Solve. How many digits that leaves, `cancellation` tells; who needs more refines the solution.
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
+        """Solve for a right-hand side. `cancellation` tells how many digits the solution has; refine it for more.
 
         Parameters
         ----------
@@ -324,11 +283,36 @@ class CholeskyFactor:
 
         Returns
         -------
-        Solution
+        LinearSolution
         """
         start = time.perf_counter()
         right = check_right(right, self.matrix.pattern.n)
         if self.panels.dtype == np.float32 or (matrix is not None and matrix is not self.matrix):
             return preconditioned_solve(self.matrix if matrix is None else matrix, self, right, CG_TOLERANCE)
         x = self.apply(right)
-        return Solution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+
+
+@njit(cache=True)
+def _inverse_root_diagonal(indptr, data):
+    """One over the root of every diagonal entry, shape (n, 3); 1 where the entry is not positive."""
+    n = len(indptr) - 1
+    scale = np.ones((n, 3))
+    for row in range(n):
+        for r in range(3):
+            entry = data[indptr[row + 1] - 1, r, r]
+            if entry > 0.0:
+                scale[row, r] = 1.0 / np.sqrt(entry)
+    return scale
+
+
+@njit(cache=True)
+def _scaled_blocks(indptr, indices, data, scale):
+    """Blocks with rows and columns multiplied by the scale, in single precision; float32, shape (n_blocks, 3, 3)."""
+    scaled = np.empty(data.shape, np.float32)
+    for row in range(len(indptr) - 1):
+        for block in range(indptr[row], indptr[row + 1]):
+            for r in range(3):
+                for c in range(3):
+                    scaled[block, r, c] = data[block, r, c] * scale[row, r] * scale[indices[block], c]
+    return scaled

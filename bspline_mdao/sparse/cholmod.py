@@ -9,9 +9,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..errors import InputError, MovementError
-from .blocks import BlockMatrix, BlockPattern
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, residual_norm
 from .conjugate_gradient import preconditioned_solve
-from .blocks import Solution, check_right, residual_norm
 
 __all__ = ["Cholmod", "CholmodAnalysis", "CholmodFactor"]
 
@@ -94,11 +93,11 @@ class CholmodFactor:
         with threadpool_limits(1, "blas"):
             return self.factor(columns).reshape(right.shape)
 
-    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> Solution:
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve, or solve with another matrix preconditioned by this factor; see `CholeskyFactor.solve`."""
         start = time.perf_counter()
         right = check_right(right, self.matrix.pattern.n)
         if matrix is not None and matrix is not self.matrix:
             return preconditioned_solve(matrix, self, right)
         x = self.apply(right)
-        return Solution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)

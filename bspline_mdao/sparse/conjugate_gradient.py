@@ -10,10 +10,8 @@ import numpy as np
 from numba import njit
 
 from ..errors import MovementError
-from .blocks import BlockMatrix, BlockPattern
-from .blocks import graph_of
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
-from .blocks import Solution, check_right
 
 __all__ = [
     "ConjugateGradients",
@@ -129,7 +127,7 @@ class PreconditionedMatrix:
         """Apply the preconditioner to a right-hand side, shape (n, 3)."""
         return self.preconditioner.apply(right)
 
-    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> Solution:
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve for a right-hand side, shape (n, 3) or (n, 3, m); with ``matrix`` in place of the own one, if given."""
         matrix = self.matrix if matrix is None else matrix
         return preconditioned_solve(
@@ -144,7 +142,7 @@ def preconditioned_solve(
     tolerance: float = 1e-12,
     start: np.ndarray | None = None,
     max_iterations: int = 20_000,
-) -> Solution:
+) -> LinearSolution:
     """Solve with conjugate gradients and the factor of this matrix or one like it.
 
     The iteration's own residual drifts from the true one by rounding. So the true one is computed when the former is
@@ -172,7 +170,7 @@ def preconditioned_solve(
 
     Returns
     -------
-    Solution
+    LinearSolution
         With the true residual, and the largest number of iterations where there are several right-hand sides.
 
     Raises
@@ -189,11 +187,11 @@ def preconditioned_solve(
         x[side], *report = _solve_one(matrix, factor, right[side], tolerance, start[side], max_iterations)
         found.append(report)
     iterations, residuals = zip(*found)
-    return Solution(x, max(iterations), max(residuals), time.perf_counter() - clock)
+    return LinearSolution(x, max(iterations), max(residuals), time.perf_counter() - clock)
 
 
 def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
-    """Solution, iterations and true relative residual of one right-hand side."""
+    """LinearSolution, iterations and true relative residual of one right-hand side."""
     right = np.ascontiguousarray(right)
     size = np.sqrt(_dot(right, right))
     if size == 0.0:

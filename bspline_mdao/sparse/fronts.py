@@ -1,4 +1,4 @@
-"""Where everything goes in a multifrontal factorisation: known before there are numbers.
+"""Storage and schedule of the fronts of a multifrontal factorisation, which are found before there are numbers.
 
 A front is stored in two pieces, both column by column: the *panel* of its own columns, which becomes a piece of the
 factor, and the *update* of its rows, which is added to the front of the parent and forgotten::
@@ -6,6 +6,8 @@ factor, and the *update* of its rows, which is added to the front of the parent 
     own columns    rows
     [ L_11          .  ]      3 (size + n_rows) scalar rows in the panel,
     [ L_21       update]      3 n_rows in the update, of which the lower half counts
+
+Theory: ``docs/theory/sparse.rst``, "Fronts".
 """
 
 from __future__ import annotations
@@ -17,22 +19,23 @@ from numba import njit
 
 from .symbolic import Supernodes, front_seconds
 
-# FOLDED DOCSTRING (rework): Which fronts can be factored at the same time.
-#
-# The large fronts near the roots, the *trunk*, are tasks of their own, which threads share (`.tiled_front`). What hangs
-# on them is cut into *branches*: runs of whole subtrees of about equal work, each for one thread. Branches come first; a
-# front of the trunk comes when all below it is done. The cut depends on the pattern alone, and so do all sums: results
-# are the same for any number of threads.
+__all__ = ["Fronts", "Stages", "find_stages", "lay_out"]
+
 
 LARGEST_BRANCH = 0.05
-"""Share of all work that a branch has at most."""
+"""Part of all work that a branch has at most: small enough for threads to end together."""
 
 LEAST_WORK = 0.02
-"""Factorisations that take less time (s) are one branch."""
+"""Factorisations that take less time (s) are one branch: threads would take longer to start than they save."""
 
 
 class Stages(NamedTuple):
-    """Tasks of a factorisation: a stage can start when the one before it has ended.
+    """Schedule of a factorisation on several threads: a stage can start when the one before it has ended.
+
+    The large fronts near the roots, the *trunk*, are tasks of their own, whose tiles threads share. The subtrees below
+    them are cut into *branches*: sets of whole subtrees of about equal work, each for one thread. Branches come first;
+    a front of the trunk comes when all below it is done. The cut depends on the pattern alone, and so do all sums:
+    results are the same for any number of threads.
 
     Parameters
     ----------
@@ -87,9 +90,6 @@ def _cut(sizes, n_rows, parents):
             if parents[s] != -1:
                 height[parents[s]] = max(height[parents[s]], height[s])
     return ranges[:n_tasks], stages[:n_tasks], work[:n_tasks]
-
-
-__all__ = ["Fronts", "Stages", "find_stages", "lay_out"]
 
 
 class Fronts(NamedTuple):

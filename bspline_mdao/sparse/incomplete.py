@@ -1,4 +1,7 @@
-"""Incomplete factorisation L D L^T of a symmetric matrix of 3 x 3 blocks, with level of fill p: ILU(p)."""
+"""Incomplete factorisation L D L^T of a symmetric matrix of 3 x 3 blocks, with level of fill p: ILU(p), section III.B.
+
+Theory: ``docs/theory/sparse_iterative.rst``.
+"""
 
 from __future__ import annotations
 
@@ -10,90 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..errors import MovementError
-from .blocks import BlockMatrix
-from .blocks import Graph
-
-# FOLDED DOCSTRING (rework): Pattern of an incomplete factor with level of fill p.
-#
-# Block (i, j) of the factor, j < i, is kept where a path of at most p + 1 edges leads from i to j in the graph of the
-# matrix through points that are all eliminated before j [1]_. A search in breadth from every j therefore gives a column
-# of the pattern without any levels being stored.
-#
-# .. [1] Hysom and Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789, 2002.
-
-
-def fill_pattern(neighbour_starts, neighbours, order, fill: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the strict lower triangle of the incomplete factor, by rows.
-
-    Parameters
-    ----------
-    neighbour_starts, neighbours : ndarray
-        The graph of the matrix: neighbours of every point, in compressed rows, without the point itself.
-    order : ndarray of int, shape (n,)
-        Points in the order of elimination.
-    fill : int
-        Level of fill p; 0 keeps the pattern of the matrix.
-
-    Returns
-    -------
-    starts : ndarray of int64, shape (n + 1,)
-    columns : ndarray of int32
-        Columns of each row, ascending; rows and columns are places in the order of elimination.
-    """
-    rank = np.empty(len(order), np.int32)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    starts = _count(neighbour_starts, neighbours, order, rank, fill)
-    return starts, _columns(neighbour_starts, neighbours, order, rank, fill, starts)
-
-
-@njit(cache=True)
-def _count(neighbour_starts, neighbours, order, rank, fill):
-    """Where the rows of the factor start."""
-    n = len(order)
-    starts, queue, seen = np.zeros(n + 1, np.int64), np.empty(n, np.int32), np.full(n, -1, np.int32)
-    for column in range(n):
-        for place in range(_reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)):
-            if queue[place] > column:
-                starts[queue[place] + 1] += 1
-    return np.cumsum(starts)
-
-
-@njit(cache=True)
-def _columns(neighbour_starts, neighbours, order, rank, fill, starts):
-    """Columns of the rows; they come out ascending because the columns are taken in order."""
-    n = len(order)
-    columns, ends = np.empty(starts[n], np.int32), starts[:n].copy()
-    queue, seen = np.empty(n, np.int32), np.full(n, -1, np.int32)
-    for column in range(n):
-        for place in range(_reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)):
-            row = queue[place]
-            if row > column:
-                columns[ends[row]] = column
-                ends[row] += 1
-    return columns
-
-
-@njit(cache=True)
-def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue):
-    """Write the ranks that at most ``fill`` points of lower rank separate from ``column`` to ``queue``; their number.
-
-    The search goes on from ranks below ``column`` only.
-    """
-    seen[column], queue[0] = column, column
-    first, last = 0, 1
-    for _ in range(fill + 1):
-        reached = last
-        for place in range(first, last):
-            if place > 0 and queue[place] > column:
-                continue
-            point = order[queue[place]]
-            for other in neighbours[neighbour_starts[point] : neighbour_starts[point + 1]]:
-                if seen[rank[other]] != column:
-                    seen[rank[other]], queue[reached] = column, rank[other]
-                    reached += 1
-        first, last = last, reached
-    return last
-
+from .blocks import BlockMatrix, Graph
 
 __all__ = [
     "IncompleteFactor",
@@ -104,6 +24,7 @@ __all__ = [
     "narrow_order",
 ]
 
+
 LARGEST_SHIFT = 10.0
 """Where retries with ever larger shifts end: the factor is then hardly better than the diagonal."""
 
@@ -113,7 +34,7 @@ SMALLEST_SHIFT, SHIFT_GROWTH = 1e-3, 4.0
 
 @dataclass(frozen=True, eq=False)
 class IncompletePattern:
-    """Where an incomplete factor has blocks.
+    """Pattern of an incomplete factor.
 
     Parameters
     ----------
@@ -143,7 +64,7 @@ class IncompleteFactor:
     inverse_diagonal : ndarray, shape (n, 3, 3)
         Inverses of the blocks of D.
     shift : float
-        Share of the diagonal blocks that was added to them.
+        Part of the diagonal blocks that was added to them.
     breakdowns : tuple of (float, int)
         Smaller shifts that were tried first, and the number of pivots that were not positive with each.
     """
@@ -167,18 +88,105 @@ class IncompleteFactor:
         return _solve(pattern.order, pattern.starts, pattern.columns, self.lower, self.inverse_diagonal, right)
 
 
+def narrow_order(graph: Graph) -> np.ndarray:
+    """Order points by reverse Cuthill and McKee (1969), which gives the fewest iterations of the orders measured."""
+    n, edges = len(graph.starts) - 1, np.ones(len(graph.neighbours), np.int8)
+    return reverse_cuthill_mckee(csr_array((edges, graph.neighbours, graph.starts), shape=(n, n)), True)
+
+
 def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> IncompletePattern:
-    """Find where the incomplete factor of level ``fill`` has blocks, for points eliminated in ``order``."""
+    """Find the pattern of the factor of level of fill ``fill``, for points that are eliminated in ``order``."""
     order = np.ascontiguousarray(order, np.int32)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=np.int32)
     return IncompletePattern(order, rank, *fill_pattern(*graph, order, fill))
 
 
-def narrow_order(graph: Graph) -> np.ndarray:
-    """Order of elimination by reverse Cuthill and McKee, which gives the fewest iterations of those measured."""
-    n, edges = len(graph.starts) - 1, np.ones(len(graph.neighbours), np.int8)
-    return reverse_cuthill_mckee(csr_array((edges, graph.neighbours, graph.starts), shape=(n, n)), True)
+def fill_pattern(neighbour_starts, neighbours, order, fill: int) -> tuple[np.ndarray, np.ndarray]:
+    """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1]_.
+
+    Block (i, j) of the factor, j < i, is kept where a path of at most p + 1 edges leads from i to j in the graph of the
+    matrix through points that are all eliminated before j. For every j:
+
+    1. Search in breadth from j, p + 1 edges far.
+    2. Go on from points only that are eliminated before j.
+    3. Every later point that is reached is a row of column j.
+
+    No levels are stored.
+
+    Parameters
+    ----------
+    neighbour_starts, neighbours : ndarray
+        The graph of the matrix: neighbours of every point, in compressed rows, without the point itself.
+    order : ndarray of int, shape (n,)
+        Points in the order of elimination.
+    fill : int
+        Level of fill p; 0 keeps the pattern of the matrix.
+
+    Returns
+    -------
+    starts : ndarray of int64, shape (n + 1,)
+    columns : ndarray of int32
+        Columns of each row, ascending; rows and columns are places in the order of elimination.
+
+    References
+    ----------
+    .. [1] D. Hysom, A. Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789,
+       2002.
+    """
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    starts = _count(neighbour_starts, neighbours, order, rank, fill)
+    return starts, _columns(neighbour_starts, neighbours, order, rank, fill, starts)
+
+
+@njit(cache=True)
+def _count(neighbour_starts, neighbours, order, rank, fill):
+    """Where the rows of the factor start."""
+    n = len(order)
+    starts, queue, seen = np.zeros(n + 1, np.int64), np.empty(n, np.int32), np.full(n, -1, np.int32)
+    for column in range(n):
+        for place in range(_reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)):
+            if queue[place] > column:  # step 3
+                starts[queue[place] + 1] += 1
+    return np.cumsum(starts)
+
+
+@njit(cache=True)
+def _columns(neighbour_starts, neighbours, order, rank, fill, starts):
+    """Columns of the rows; they come out ascending because the columns are taken in order."""
+    n = len(order)
+    columns, ends = np.empty(starts[n], np.int32), starts[:n].copy()
+    queue, seen = np.empty(n, np.int32), np.full(n, -1, np.int32)
+    for column in range(n):
+        for place in range(_reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)):
+            row = queue[place]
+            if row > column:  # step 3
+                columns[ends[row]] = column
+                ends[row] += 1
+    return columns
+
+
+@njit(cache=True)
+def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue):
+    """Write the ranks that at most ``fill`` points of lower rank separate from ``column`` to ``queue``; their number.
+
+    The search goes on from ranks below ``column`` only.
+    """
+    seen[column], queue[0] = column, column
+    first, last = 0, 1
+    for _ in range(fill + 1):  # step 1
+        reached = last
+        for place in range(first, last):
+            if place > 0 and queue[place] > column:  # step 2
+                continue
+            point = order[queue[place]]
+            for other in neighbours[neighbour_starts[point] : neighbour_starts[point + 1]]:
+                if seen[rank[other]] != column:
+                    seen[rank[other]], queue[reached] = column, rank[other]
+                    reached += 1
+        first, last = last, reached
+    return last
 
 
 def incomplete_factor(
@@ -195,10 +203,10 @@ def incomplete_factor(
         If no sensible shift is enough.
     """
     lower, diagonal = np.empty((len(pattern.columns), 3, 3), dtype), np.empty((len(pattern.order), 3, 3))
-    breakdowns = []
+    source, breakdowns = (matrix.pattern.indptr, matrix.pattern.indices, matrix.data), []
     while shift <= LARGEST_SHIFT:
         lower[:] = 0.0
-        _scatter(matrix.pattern, matrix.data, 1.0 + shift, pattern, lower, diagonal)
+        _place_blocks(*source, pattern.rank, pattern.starts, pattern.columns, 1.0 + shift, lower, diagonal)
         n_failed, first = _factorize(pattern.starts, pattern.columns, lower, diagonal)
         if n_failed == 0:
             return IncompleteFactor(pattern, lower, diagonal, shift, tuple(breakdowns))
@@ -208,12 +216,6 @@ def incomplete_factor(
         f"incomplete factor: {n_failed} pivots are not positive with a shift of {breakdowns[-1][0]:g}, the first at "
         f"block row {pattern.order[first] + 1}; look for an inverted or collapsed element there, or use a direct solver"
     )
-
-
-def _scatter(source, data, scale, pattern, lower, diagonal):
-    """Put the matrix where the factor will be."""
-    arrays = pattern.rank, pattern.starts, pattern.columns
-    _place_blocks(source.indptr, source.indices, data, *arrays, scale, lower, diagonal)
 
 
 @njit(cache=True, nogil=True)
@@ -234,7 +236,15 @@ def _place_blocks(indptr, indices, data, rank, starts, columns, scale, lower, di
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _factorize(starts, columns, lower, diagonal):
-    """Factor row by row in place, diagonal blocks into their inverses: how many pivots are not positive, first row."""
+    """Factor row by row in place, diagonal blocks into their inverses: how many pivots are not positive, first row.
+
+    With S = L D, row i of an incomplete factorisation by rows (the order that Saad, Iterative Methods for Sparse Linear
+    Systems, 2nd ed., section 10.3, calls IKJ), for every entry j of its pattern, ascending:
+
+    1. ``S_ij = A_ij - sum_k S_ik L_jk^T``, over the k < j where both rows have an entry: fill elsewhere is dropped.
+    2. ``L_ij = S_ij D_j^-1``.
+    3. ``D_i = A_ii - sum_j L_ij S_ij^T``.
+    """
     n, n_failed, first_failed = len(starts) - 1, 0, -1
     place_of = np.full(n, -1, np.int32)
     scaled = np.empty((max(1, np.max(np.diff(starts))), 3, 3))  # blocks of the row times D
@@ -248,11 +258,11 @@ def _factorize(starts, columns, lower, diagonal):
             for other in range(starts[columns[entry]], starts[columns[entry] + 1]):
                 place = place_of[columns[other]]
                 if place >= 0:
-                    _subtract_product(block, scaled[place], lower[other])
+                    _subtract_product(block, scaled[place], lower[other])  # step 1
             place_of[columns[entry]] = entry - first
         for entry in range(first, starts[row + 1]):
             place_of[columns[entry]] = -1
-            _divide(scaled[entry - first], diagonal[columns[entry]], lower[entry], diagonal[row])
+            _divide(scaled[entry - first], diagonal[columns[entry]], lower[entry], diagonal[row])  # steps 2 and 3
         n_wrong = _invert(diagonal[row])
         if n_wrong and not n_failed:
             first_failed = row

@@ -1,7 +1,6 @@
-"""Fill-reducing orders: minimum degree for small graphs, nested dissection for the others.
+"""Fill-reducing orders of elimination: minimum degree for small graphs, nested dissection for the others.
 
-In nested dissection, a separator cuts the graph in two; it is eliminated last, and each side before it, in the same
-way. Eliminating one side does not touch the other [George, SIAM J. Numer. Anal. 10 (1973)].
+Theory: ``docs/theory/sparse.rst``, "Order of elimination".
 """
 
 from __future__ import annotations
@@ -13,15 +12,143 @@ from scipy.sparse.linalg import spilu
 
 from .separators import SEPARATOR, common_neighbours, find_separator
 
-# FOLDED DOCSTRING (rework): Minimum degree order of a small piece of a graph, with its surroundings taken into account.
+__all__ = ["_minimum_degree_of_piece", "fill_reducing_order", "minimum_degree", "nested_dissection"]
+
+
+LARGEST_FOR_MINIMUM_DEGREE = 4000
+"""Graphs of at most so many points are ordered by SciPy's minimum degree. It fills the factor 1.1 to 1.3 times as much,
+which costs less there than it takes to dissect the graph, and nothing is to be compiled for it."""
+
+N_LEAF = 100
+"""Pieces of at most so many points are not cut any more: minimum degree does them better, and as fast."""
+
+
+def fill_reducing_order(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+    """Order the points of a graph so that the factor stays sparse, by the method that suits its size.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Points in the order of their elimination.
+    """
+    is_small = len(starts) - 1 <= LARGEST_FOR_MINIMUM_DEGREE
+    return minimum_degree(starts, neighbours) if is_small else nested_dissection(starts, neighbours)
 
 
 @njit(cache=True)
-def by_minimum_degree(starts, neighbours, points, place):
-    """Order of points in which the one with fewest neighbours is eliminated next.
+def nested_dissection(starts, neighbours):
+    """Order the points of a graph by nested dissection [1]_.
 
-    The neighbours of every point are kept as a set of bits. Points outside count as neighbours but are never
-    eliminated: they are those of separators, which come later.
+    1. Cut the graph in two by a separator.
+    2. Number the points of the separator last, and those of each side, in one piece, before them: eliminating one side
+       does not touch the other.
+    3. Treat each side in the same way; order pieces of at most `N_LEAF` points by minimum degree.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Points in the order of their elimination.
+
+    References
+    ----------
+    .. [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
+    """
+    n = len(starts) - 1
+    order, place = np.arange(n).astype(np.int32), np.full(n, -1, np.int32)
+    edge_weights = common_neighbours(starts, neighbours)
+    pieces = [(0, n)]
+    while pieces:
+        first, last = pieces.pop()
+        points = np.sort(order[first:last])
+        if len(points) <= N_LEAF:
+            order[first:last] = _minimum_degree_of_piece(starts, neighbours, points, place)
+            continue
+        parts = find_separator(*_subgraph(starts, neighbours, edge_weights, points, place))  # step 1
+        middle, end = first + np.sum(parts == 0), last - np.sum(parts == SEPARATOR)
+        order[first:middle], order[middle:end], order[end:last] = (  # step 2
+            points[parts == 0],
+            points[parts == 1],
+            points[parts == SEPARATOR],
+        )
+        if end < last or first < middle < end:  # step 3, unless nothing was cut
+            pieces.append((first, middle))
+            pieces.append((middle, end))
+    return order
+
+
+@njit(cache=True)
+def _subgraph(starts, neighbours, edge_weights, points, place):
+    """Graph of some points alone; ``place`` is -1 everywhere, and again afterwards."""
+    for number in range(len(points)):
+        place[points[number]] = number
+    n_edges = 0
+    for point in points:
+        n_edges += starts[point + 1] - starts[point]
+    new_starts, end = np.zeros(len(points) + 1, np.int64), 0
+    new_neighbours, new_weights = np.empty(n_edges, np.int32), np.empty(n_edges, np.int32)
+    for number in range(len(points)):
+        point = points[number]
+        for edge in range(starts[point], starts[point + 1]):
+            if place[neighbours[edge]] != -1:
+                new_neighbours[end], new_weights[end] = place[neighbours[edge]], edge_weights[edge]
+                end += 1
+        new_starts[number + 1] = end
+    for point in points:
+        place[point] = -1
+    return new_starts, new_neighbours[:end].copy(), new_weights[:end].copy()
+
+
+def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+    """Order the points of a graph by multiple minimum degree [1]_, as SuperLU in SciPy has it.
+
+    SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Points in the order of their elimination.
+
+    References
+    ----------
+    .. [1] J. W. H. Liu, "Modification of the minimum-degree algorithm by multiple elimination", ACM Trans. Math. Softw.
+       11 (1985), 141-153.
+    """
+    n = len(starts) - 1
+    if n < 2:
+        return np.arange(n, dtype=np.int32)
+    edges = scipy.sparse.csc_array((np.full(len(neighbours), -1.0), neighbours, starts), shape=(n, n))
+    dominant = (edges + scipy.sparse.diags_array(np.diff(starts) + 1.0)).tocsc()
+    factor = spilu(
+        dominant,
+        drop_tol=1.0,
+        fill_factor=1.0,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return np.argsort(factor.perm_c).astype(np.int32)
+
+
+@njit(cache=True)
+def _minimum_degree_of_piece(starts, neighbours, points, place):
+    """Order a small piece of a graph by minimum degree, with its surroundings taken into account.
+
+    Points outside count as neighbours but are never eliminated: they are those of separators, which come later.
 
     Parameters
     ----------
@@ -70,22 +197,32 @@ def _number_with_surroundings(starts, neighbours, points, place):
 
 @njit(cache=True)
 def _eliminate(bits):
-    """Order of elimination of the rows of a symmetric pattern; the pattern is overwritten."""
+    """Order of elimination of the rows of a symmetric pattern; the pattern is overwritten.
+
+    The neighbours of every point are a set of bits. As long as points are left [1]_:
+
+    1. Take the one of least degree, its number of neighbours, for the next pivot; the first of several.
+    2. Eliminate it: its neighbours become neighbours of each other.
+    3. Count the neighbours of these anew.
+
+    .. [1] A. George, J. W. H. Liu, "The evolution of the minimum degree ordering algorithm", SIAM Review 31 (1989),
+       1-19.
+    """
     m = len(bits)
     order, is_left = np.empty(m, np.int32), np.ones(m, np.bool_)
     degrees = np.array([_count(bits[row]) for row in range(m)])
     for step in range(m):
-        pivot = -1
+        pivot = -1  # step 1
         for row in range(m):
             if is_left[row] and (pivot == -1 or degrees[row] < degrees[pivot]):
                 pivot = row
         order[step], is_left[pivot] = pivot, False
         for row in range(m):
             if is_left[row] and _has(bits[pivot], row):
-                bits[row] |= bits[pivot]
+                bits[row] |= bits[pivot]  # step 2
                 _clear(bits[row], row)
                 _clear(bits[row], pivot)
-                degrees[row] = _count(bits[row])
+                degrees[row] = _count(bits[row])  # step 3
     return order
 
 
@@ -103,7 +240,7 @@ def _clear(bits, number):
 
 @njit(cache=True)
 def _count(bits):
-    """Size of a set."""
+    """Size of a set: bits are counted in pairs, fours and bytes, and a product adds up the bytes."""
     total = 0
     for word in bits:
         x = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
@@ -111,120 +248,3 @@ def _count(bits):
         x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
         total += np.int64((x * np.uint64(0x0101010101010101)) >> np.uint64(56))
     return total
-
-
-__all__ = ["by_minimum_degree", "fill_reducing_order", "minimum_degree", "nested_dissection"]
-
-LARGEST_FOR_MINIMUM_DEGREE = 4000
-"""Graphs of at most so many points are ordered by SciPy's minimum degree. It fills the factor 1.1 to 1.3 times as much,
-which costs less there than it takes to dissect the graph, and nothing is to be compiled for it."""
-
-N_LEAF = 100
-"""Pieces of at most so many points are not cut any more."""
-
-
-def fill_reducing_order(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-    """Order in which to eliminate the points of a graph, so that the factor stays sparse.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-    """
-    is_small = len(starts) - 1 <= LARGEST_FOR_MINIMUM_DEGREE
-    return minimum_degree(starts, neighbours) if is_small else nested_dissection(starts, neighbours)
-
-
-def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-    """Order by multiple minimum degree [Liu, ACM Trans. Math. Softw. 11 (1985)], as SuperLU in SciPy has it.
-
-    SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-    """
-    n = len(starts) - 1
-    if n < 2:
-        return np.arange(n, dtype=np.int32)
-    edges = scipy.sparse.csc_array((np.full(len(neighbours), -1.0), neighbours, starts), shape=(n, n))
-    dominant = (edges + scipy.sparse.diags_array(np.diff(starts) + 1.0)).tocsc()
-    factor = spilu(
-        dominant,
-        drop_tol=1.0,
-        fill_factor=1.0,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return np.argsort(factor.perm_c).astype(np.int32)
-
-
-@njit(cache=True)
-def nested_dissection(starts, neighbours):
-    """Order in which to eliminate the points of a graph.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Points in the order of their elimination.
-    """
-    n = len(starts) - 1
-    order, place = np.arange(n).astype(np.int32), np.full(n, -1, np.int32)
-    edge_weights = common_neighbours(starts, neighbours)
-    pieces = [(0, n)]
-    while pieces:
-        first, last = pieces.pop()
-        points = np.sort(order[first:last])
-        if len(points) <= N_LEAF:
-            order[first:last] = by_minimum_degree(starts, neighbours, points, place)
-            continue
-        parts = find_separator(*_piece(starts, neighbours, edge_weights, points, place))
-        middle, end = first + np.sum(parts == 0), last - np.sum(parts == SEPARATOR)
-        order[first:middle], order[middle:end], order[end:last] = (
-            points[parts == 0],
-            points[parts == 1],
-            points[parts == SEPARATOR],
-        )
-        if end < last or first < middle < end:
-            pieces.append((first, middle))
-            pieces.append((middle, end))
-    return order
-
-
-@njit(cache=True)
-def _piece(starts, neighbours, edge_weights, points, place):
-    """Graph of some points alone; ``place`` is -1 everywhere, and again afterwards."""
-    for number in range(len(points)):
-        place[points[number]] = number
-    n_edges = 0
-    for point in points:
-        n_edges += starts[point + 1] - starts[point]
-    new_starts, end = np.zeros(len(points) + 1, np.int64), 0
-    new_neighbours, new_weights = np.empty(n_edges, np.int32), np.empty(n_edges, np.int32)
-    for number in range(len(points)):
-        point = points[number]
-        for edge in range(starts[point], starts[point + 1]):
-            if place[neighbours[edge]] != -1:
-                new_neighbours[end], new_weights[end] = place[neighbours[edge]], edge_weights[edge]
-                end += 1
-        new_starts[number + 1] = end
-    for point in points:
-        place[point] = -1
-    return new_starts, new_neighbours[:end].copy(), new_weights[:end].copy()

@@ -1,7 +1,8 @@
-"""Small sets of points that cut a graph in two: the multilevel way.
+"""Small sets of points that cut a graph in two: vertex separators by the multilevel method.
 
-The graph is coarsened until few points are left; there separators are grown from several starting points and improved;
-the best one is carried back to the graph, level by level, and improved on each.
+Every point of a graph is on side 0, on side 1 or in the separator (2), and no edge joins the two sides.
+
+Theory: ``docs/theory/sparse.rst``, "Order of elimination".
 """
 
 from __future__ import annotations
@@ -11,16 +12,132 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-# FOLDED DOCSTRING (rework): Smaller copies of a weighted graph: points joined in pairs along their heaviest edges.
-#
-# A separator of the copy is one of the graph, and moving one point of the copy moves many of the graph: what a local
-# search cannot do on the graph itself, it can do there [Hendrickson and Leland, Proc. Supercomputing '95; Karypis and
-# Kumar, SIAM J. Sci. Comput. 20 (1998)].
+__all__ = ["SEPARATOR", "coarsen", "common_neighbours", "find_separator", "improve", "score"]
+
+
+SEPARATOR = np.int8(2)
+
+N_COARSEST = 80
+"""Points at which coarsening ends."""
+
+N_STARTS = 4
+"""Separators that are grown on the coarsest graph."""
+
+LARGEST_SIDE = 0.58
+"""Largest part of the weight that one side may have. Even cuts make a flat elimination tree; a little room lets the
+separator find a narrow place."""
+
+N_PASSES, PATIENCE, PATIENCE_COARSEST = 4, 40, 25
+"""Passes of the search at most, and moves without gain that end one, on every level and on the
+coarsest."""
+
+UNEVENNESS = 0.3
+"""Price of an uneven cut: a separator that leaves one side empty counts as larger by this part of itself."""
+
+EXCESS = 4.0
+"""Price of a side that is too heavy, per weight in excess: more than any point that moves can save."""
+
+
+@njit(cache=True)
+def find_separator(starts, neighbours, edge_weights):
+    """Cut a graph in two by the multilevel method [1]_ [2]_.
+
+    1. Coarsen: join the points in pairs, and the pairs again, until few are left.
+    2. Partition the coarsest graph: grow several separators, improve each, and take the best.
+    3. Uncoarsen: take the separator over to the next finer graph, where each point is in the part of its pair, and
+       improve it there; again, until the graph is the given one.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+    edge_weights : ndarray of int32
+        How closely the ends of its edges belong together.
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        Part of every point: side 0, side 1 or `SEPARATOR`. No edge joins the two sides.
+
+    References
+    ----------
+    .. [1] B. Hendrickson, R. Leland, "A multilevel algorithm for partitioning graphs", Proc. Supercomputing '95.
+    .. [2] G. Karypis, V. Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs", SIAM J.
+       Sci. Comput. 20 (1998), 359-392.
+    """
+    n = len(starts) - 1
+    weights = np.ones(n, np.int32)
+    heaviest = max(1, int(LARGEST_SIDE * n))
+    levels = [(starts, neighbours, weights)]
+    maps = [np.empty(0, np.int32)]
+    while len(weights) > N_COARSEST:  # step 1
+        heaviest_pair = 3 * n // (2 * N_COARSEST) + 1  # else a few heavy points would swallow the coarsest graph
+        starts, neighbours, edge_weights, weights, coarse = coarsen(
+            starts, neighbours, edge_weights, weights, heaviest_pair
+        )
+        if len(weights) > 0.95 * len(coarse):  # hardly any pairs are light enough: more levels would be copies
+            break
+        levels.append((starts, neighbours, weights))
+        maps.append(coarse)
+    starts, neighbours, weights = levels[-1]
+    parts = _best_grown(starts, neighbours, weights, heaviest)  # step 2
+    for level in range(len(levels) - 2, -1, -1):  # step 3
+        parts = parts[maps[level + 1]]
+        starts, neighbours, weights = levels[level]
+        improve(starts, neighbours, weights, parts, heaviest, N_PASSES, PATIENCE)
+    return parts
+
+
+@njit(cache=True)
+def _best_grown(starts, neighbours, weights, heaviest):
+    """Smallest of several separators, grown from points spread over the numbering."""
+    n = len(weights)
+    best, best_parts = np.inf, np.zeros(n, np.int8)
+    for number in range(min(n, N_STARTS)):
+        parts = _grow(starts, neighbours, weights, number * n // min(n, N_STARTS))
+        score = improve(starts, neighbours, weights, parts, heaviest, N_PASSES, PATIENCE_COARSEST)
+        if score < best:
+            best, best_parts = score, parts
+    return best_parts
+
+
+@njit(cache=True)
+def _grow(starts, neighbours, weights, first):
+    """Side 0: half of the weight, breadth first from a point; separator: its neighbours; side 1: the rest."""
+    n, half = len(weights), np.sum(weights) // 2
+    parts = np.ones(n, np.int8)
+    queue, head, tail, total, unseen = np.empty(n, np.int32), 0, 1, 0, 0
+    is_seen = np.zeros(n, np.bool_)
+    queue[0] = first
+    is_seen[first] = True
+    while total < half:
+        if head == tail:
+            while is_seen[unseen]:
+                unseen += 1
+            queue[tail] = unseen
+            is_seen[unseen] = True
+            tail += 1
+        point = queue[head]
+        head += 1
+        parts[point] = 0
+        total += weights[point]
+        for other in neighbours[starts[point] : starts[point + 1]]:
+            if not is_seen[other]:
+                is_seen[other] = True
+                queue[tail] = other
+                tail += 1
+    for point in queue[head:tail]:
+        parts[point] = SEPARATOR
+    return parts
 
 
 @njit(cache=True)
 def coarsen(starts, neighbours, edge_weights, weights, heaviest):
-    """Join the points of a graph in pairs.
+    """Join the points of a graph in pairs, each along the heaviest edge to a point that is still free.
+
+    A separator of the smaller graph is one of the graph, and moving one of its points moves many of the graph: what a
+    local search cannot do on the graph itself, it can do there. This is the heavy-edge matching of Karypis and Kumar
+    (1998), but for the weights of edges, see `common_neighbours`, and the fixed order of the points: nothing is random.
 
     Parameters
     ----------
@@ -122,19 +239,149 @@ def _contract(starts, neighbours, edge_weights, weights, partner, coarse, n_coar
     return new_starts, new_neighbours[:end].copy(), new_edge_weights[:end].copy(), new_weights
 
 
-# FOLDED DOCSTRING (rework): Local search for a smaller vertex separator.
-#
-# Every point is on side 0, on side 1 or in the separator (2), and no edge joins the two sides. A *move* takes a point of
-# the separator to one side and its neighbours on the other side into the separator; its *gain* is what the separator
-# loses in weight. In a pass all moves go to the same side, the best first, also where the gain is negative, so that the
-# separator can travel over a ridge; then everything after the best separator seen is undone [Fiduccia and Mattheyses,
-# Proc. 19th Design Automation Conf. (1982); Ashcraft and Liu, SIAM J. Matrix Anal. Appl. 19 (1998)].
+@njit(cache=True)
+def improve(starts, neighbours, weights, parts, heaviest, n_passes, patience):
+    """Make a separator smaller in place, by passes towards one side and the other in turn.
 
-# FOLDED DOCSTRING (rework): A heap of points by gain, largest first, in which the gain of any point can rise.
+    A *move* takes a point of the separator to one side and its neighbours on the other side into the separator; its
+    *gain* is what the separator loses in weight. A pass [1]_, in the form for separators of points [2]_:
+
+    1. Find the gains of all points of the separator.
+    2. Make the move of largest gain, also where that is negative, so that the separator can travel over a ridge.
+    3. Update the gains around it.
+    4. Note when the separator is the best so far; go on with step 2 until that was too long ago.
+    5. Undo all moves after the best one.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        The graph.
+    weights : ndarray of int32, shape (n,)
+        Weights of its points.
+    parts : ndarray of int8, shape (n,)
+        Part of every point: 0, 1 or `SEPARATOR`. Changed.
+    heaviest : int
+        Weight that no side shall exceed.
+    n_passes : int
+        Passes at most.
+    patience : int
+        Moves without a better separator that end a pass.
+
+    Returns
+    -------
+    float
+        The `score` of the result.
+
+    References
+    ----------
+    .. [1] C. M. Fiduccia, R. M. Mattheyses, "A linear-time heuristic for improving network partitions", Proc. 19th
+       Design Automation Conf. (1982).
+    .. [2] C. Ashcraft, J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
+    """
+    totals = _part_weights(weights, parts)
+    heap, log = empty_heap(len(weights)), np.empty(2 * len(weights), np.int64)
+    side, n_idle = 0 if totals[0] <= totals[1] else 1, 0
+    for _ in range(n_passes):
+        before = score(totals, heaviest)
+        _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience)
+        n_idle = n_idle + 1 if score(totals, heaviest) >= before else 0
+        if n_idle == 2:
+            break
+        side = 1 - side
+    return score(totals, heaviest)
+
+
+@njit(cache=True)
+def score(totals, heaviest):
+    """Weight of a separator, with penalties for uneven sides and for a side that is too heavy; to be minimised."""
+    heavier, lighter = max(totals[0], totals[1]), min(totals[0], totals[1])
+    imbalance = (heavier - lighter) / max(1, heavier + lighter)
+    return totals[2] * (1.0 + UNEVENNESS * imbalance) + EXCESS * max(0, heavier - heaviest)
+
+
+@njit(cache=True)
+def _part_weights(weights, parts):
+    """Weights of the two sides and of the separator."""
+    totals = np.zeros(3, np.int64)
+    for point in range(len(weights)):
+        totals[parts[point]] += weights[point]
+    return totals
+
+
+@njit(cache=True)
+def _gain(starts, neighbours, weights, parts, point, side):
+    """Loss of the separator in weight when a point of it moves to a side."""
+    gain = np.int64(weights[point])
+    for other in neighbours[starts[point] : starts[point + 1]]:
+        if parts[other] == 1 - side:
+            gain -= weights[other]
+    return gain
+
+
+@njit(cache=True)
+def _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience):
+    """Move to a side until nothing is left or patience ends, then go back to the best separator; steps as in `improve`.
+
+    The log holds each move as the points that it pulled into the separator and then, inverted bitwise, the point.
+    """
+    reset(heap)
+    for point in range(len(weights)):  # step 1
+        if parts[point] == SEPARATOR:
+            push(heap, point, _gain(starts, neighbours, weights, parts, point, side))
+    best, best_end, end, n_since = score(totals, heaviest), 0, 0, 0
+    while n_since < patience and heap.size[0] and totals[side] <= heaviest:
+        end = _move(starts, neighbours, weights, parts, totals, heap, log, end, pop(heap), side)  # steps 2 and 3
+        n_since += 1
+        if score(totals, heaviest) < best:  # step 4
+            best, best_end, n_since = score(totals, heaviest), end, 0
+    _undo(weights, parts, totals, log[best_end:end], side)  # step 5
+
+
+@njit(cache=True)
+def _move(starts, neighbours, weights, parts, totals, heap, log, end, point, side):
+    """Move a point of the separator to a side; return the new end of the log."""
+    parts[point] = side
+    totals[side] += weights[point]
+    totals[2] -= weights[point]
+    for other in neighbours[starts[point] : starts[point + 1]]:
+        if parts[other] == 1 - side:
+            _pull(starts, neighbours, weights, parts, totals, heap, other, side)
+            log[end] = other
+            end += 1
+    log[end] = ~np.int64(point)
+    return end + 1
+
+
+@njit(cache=True)
+def _pull(starts, neighbours, weights, parts, totals, heap, point, side):
+    """Take a point of the other side into the separator."""
+    parts[point] = SEPARATOR
+    totals[1 - side] -= weights[point]
+    totals[2] += weights[point]
+    gain = np.int64(weights[point])
+    for other in neighbours[starts[point] : starts[point + 1]]:
+        if parts[other] == SEPARATOR and heap.places[other] != -1:
+            push(heap, other, heap.gains[other] + weights[point])
+        elif parts[other] == 1 - side:
+            gain -= weights[other]
+    push(heap, point, gain)
+
+
+@njit(cache=True)
+def _undo(weights, parts, totals, log, side):
+    """Take back the moves of a piece of the log."""
+    for entry in log[::-1]:
+        point = ~entry if entry < 0 else entry
+        before, after = (side, 2) if entry < 0 else (2, 1 - side)
+        parts[point] = after
+        totals[before] -= weights[point]
+        totals[after] += weights[point]
 
 
 class Heap(NamedTuple):
-    """Binary heap; points of equal gain come in the order of their numbers.
+    """Binary heap of points by gain, largest first, in which the gain of any point can rise.
+
+    Points of equal gain come in the order of their numbers, so that results do not depend on the order of pushes.
 
     Parameters
     ----------
@@ -219,238 +466,3 @@ def _down(heap, point):
         place = below
     heap.points[place] = point
     heap.places[point] = place
-
-
-SEPARATOR = np.int8(2)
-
-UNEVENNESS = 0.3
-"""Price of an uneven cut: a separator that leaves one side empty counts as so much larger."""
-
-
-@njit(cache=True)
-def improve(starts, neighbours, weights, parts, heaviest, n_passes, patience):
-    """Improve a separator in place, by passes towards one side and the other in turn.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-    weights : ndarray of int32, shape (n,)
-        Weights of its points.
-    parts : ndarray of int8, shape (n,)
-        Part of every point: 0, 1 or `SEPARATOR`. Changed.
-    heaviest : int
-        Weight that no side shall exceed.
-    n_passes : int
-        Passes at most.
-    patience : int
-        Moves without a better separator that end a pass.
-
-    Returns
-    -------
-    float
-        The `score` of the result.
-    """
-    totals = _part_weights(weights, parts)
-    heap, log = empty_heap(len(weights)), np.empty(2 * len(weights), np.int64)
-    side, n_idle = 0 if totals[0] <= totals[1] else 1, 0
-    for _ in range(n_passes):
-        before = score(totals, heaviest)
-        _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience)
-        n_idle = n_idle + 1 if score(totals, heaviest) >= before else 0
-        if n_idle == 2:
-            break
-        side = 1 - side
-    return score(totals, heaviest)
-
-
-@njit(cache=True)
-def _part_weights(weights, parts):
-    """Weights of the two sides and of the separator."""
-    totals = np.zeros(3, np.int64)
-    for point in range(len(weights)):
-        totals[parts[point]] += weights[point]
-    return totals
-
-
-@njit(cache=True)
-def score(totals, heaviest):
-    """What is to be small: the separator, more so where it cuts unevenly, and the excess of the heavier side."""
-    heavier, lighter = max(totals[0], totals[1]), min(totals[0], totals[1])
-    imbalance = (heavier - lighter) / max(1, heavier + lighter)
-    return totals[2] * (1.0 + UNEVENNESS * imbalance) + 4.0 * max(0, heavier - heaviest)
-
-
-@njit(cache=True)
-def _gain(starts, neighbours, weights, parts, point, side):
-    """What the separator loses in weight when a point of it moves to a side."""
-    gain = np.int64(weights[point])
-    for other in neighbours[starts[point] : starts[point + 1]]:
-        if parts[other] == 1 - side:
-            gain -= weights[other]
-    return gain
-
-
-@njit(cache=True)
-def _one_pass(starts, neighbours, weights, parts, totals, heap, log, side, heaviest, patience):
-    """Move to a side until nothing is left or patience ends, then go back to the best separator.
-
-    The log holds each move as the points that it pulled into the separator and then, inverted bitwise, the point.
-    """
-    reset(heap)
-    for point in range(len(weights)):
-        if parts[point] == SEPARATOR:
-            push(heap, point, _gain(starts, neighbours, weights, parts, point, side))
-    best, best_end, end, n_since = score(totals, heaviest), 0, 0, 0
-    while n_since < patience and heap.size[0] and totals[side] <= heaviest:
-        end = _move(starts, neighbours, weights, parts, totals, heap, log, end, pop(heap), side)
-        n_since += 1
-        if score(totals, heaviest) < best:
-            best, best_end, n_since = score(totals, heaviest), end, 0
-    _undo(weights, parts, totals, log[best_end:end], side)
-
-
-@njit(cache=True)
-def _move(starts, neighbours, weights, parts, totals, heap, log, end, point, side):
-    """Move a point of the separator to a side; return the new end of the log."""
-    parts[point] = side
-    totals[side] += weights[point]
-    totals[2] -= weights[point]
-    for other in neighbours[starts[point] : starts[point + 1]]:
-        if parts[other] == 1 - side:
-            _pull(starts, neighbours, weights, parts, totals, heap, other, side)
-            log[end] = other
-            end += 1
-    log[end] = ~np.int64(point)
-    return end + 1
-
-
-@njit(cache=True)
-def _pull(starts, neighbours, weights, parts, totals, heap, point, side):
-    """Take a point of the other side into the separator."""
-    parts[point] = SEPARATOR
-    totals[1 - side] -= weights[point]
-    totals[2] += weights[point]
-    gain = np.int64(weights[point])
-    for other in neighbours[starts[point] : starts[point + 1]]:
-        if parts[other] == SEPARATOR and heap.places[other] != -1:
-            push(heap, other, heap.gains[other] + weights[point])
-        elif parts[other] == 1 - side:
-            gain -= weights[other]
-    push(heap, point, gain)
-
-
-@njit(cache=True)
-def _undo(weights, parts, totals, log, side):
-    """Take back the moves of a piece of the log."""
-    for entry in log[::-1]:
-        point = ~entry if entry < 0 else entry
-        before, after = (side, 2) if entry < 0 else (2, 1 - side)
-        parts[point] = after
-        totals[before] -= weights[point]
-        totals[after] += weights[point]
-
-
-__all__ = [
-    "Heap",
-    "SEPARATOR",
-    "coarsen",
-    "common_neighbours",
-    "empty_heap",
-    "find_separator",
-    "improve",
-    "pop",
-    "push",
-    "reset",
-    "score",
-]
-
-N_COARSEST = 80
-"""Points at which coarsening ends."""
-
-N_STARTS = 4
-"""Separators that are grown on the coarsest graph."""
-
-LARGEST_SIDE = 0.58
-"""Largest share of the weight that one side may have."""
-
-
-@njit(cache=True)
-def find_separator(starts, neighbours, edge_weights):
-    """Cut a graph in two.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        The graph.
-    edge_weights : ndarray of int32
-        How closely the ends of its edges belong together.
-
-    Returns
-    -------
-    ndarray of int8, shape (n,)
-        Part of every point: side 0, side 1 or `SEPARATOR`. No edge joins the two sides.
-    """
-    n = len(starts) - 1
-    weights = np.ones(n, np.int32)
-    heaviest = max(1, int(LARGEST_SIDE * n))
-    levels = [(starts, neighbours, weights)]
-    maps = [np.empty(0, np.int32)]
-    while len(weights) > N_COARSEST:
-        starts, neighbours, edge_weights, weights, coarse = coarsen(
-            starts, neighbours, edge_weights, weights, 3 * n // (2 * N_COARSEST) + 1
-        )
-        if len(weights) > 0.95 * len(coarse):
-            break
-        levels.append((starts, neighbours, weights))
-        maps.append(coarse)
-    starts, neighbours, weights = levels[-1]
-    parts = _best_grown(starts, neighbours, weights, heaviest)
-    for level in range(len(levels) - 2, -1, -1):
-        parts = parts[maps[level + 1]]
-        starts, neighbours, weights = levels[level]
-        improve(starts, neighbours, weights, parts, heaviest, 4, 40)
-    return parts
-
-
-@njit(cache=True)
-def _best_grown(starts, neighbours, weights, heaviest):
-    """Smallest of several separators, grown from points spread over the numbering."""
-    n = len(weights)
-    best, best_parts = np.inf, np.zeros(n, np.int8)
-    for number in range(min(n, N_STARTS)):
-        parts = _grow(starts, neighbours, weights, number * n // min(n, N_STARTS))
-        score = improve(starts, neighbours, weights, parts, heaviest, 4, 25)
-        if score < best:
-            best, best_parts = score, parts
-    return best_parts
-
-
-@njit(cache=True)
-def _grow(starts, neighbours, weights, first):
-    """Side 0: half of the weight, breadth first from a point; separator: its neighbours; side 1: the rest."""
-    n, half = len(weights), np.sum(weights) // 2
-    parts = np.ones(n, np.int8)
-    queue, head, tail, total, unseen = np.empty(n, np.int32), 0, 1, 0, 0
-    is_seen = np.zeros(n, np.bool_)
-    queue[0] = first
-    is_seen[first] = True
-    while total < half:
-        if head == tail:
-            while is_seen[unseen]:
-                unseen += 1
-            queue[tail] = unseen
-            is_seen[unseen] = True
-            tail += 1
-        point = queue[head]
-        head += 1
-        parts[point] = 0
-        total += weights[point]
-        for other in neighbours[starts[point] : starts[point + 1]]:
-            if not is_seen[other]:
-                is_seen[other] = True
-                queue[tail] = other
-                tail += 1
-    for point in queue[head:tail]:
-        parts[point] = SEPARATOR
-    return parts

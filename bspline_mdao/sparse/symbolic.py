@@ -1,8 +1,11 @@
-"""Supernodes: runs of columns of the factor that share their rows and are eliminated as one dense front.
+"""Symbolic analysis of an elimination: its tree, and the supernodes of the factor.
 
+A supernode is a set of neighbouring columns of the factor that share their rows and are eliminated as one dense front.
 The *front* of a supernode has its own points first and then its *rows*, the later points that elimination couples with
 them. A fundamental supernode has no zero in its front. Merging one into its parent stores some zeros, but makes larger
 dense matrices: it is done where a model of the time of a front says that it pays.
+
+Theory: ``docs/theory/sparse.rst``, "Fronts".
 """
 
 from __future__ import annotations
@@ -12,128 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-# FOLDED DOCSTRING (rework): The elimination tree of a symmetric pattern in a given order, and how full the columns of its factor are.
-#
-# In the factor L of the reordered matrix, the parent of column j is the row of the first entry below the diagonal. Every
-# row of L is a subtree with its root on the diagonal, whose leaves are among the entries of that row of the matrix
-# [Liu, The role of elimination trees in sparse factorization, SIAM J. Matrix Anal. Appl. 11 (1990)].
-
-
-@njit(cache=True)
-def elimination_tree(starts, neighbours, order, rank):
-    """Parents in the elimination tree.
-
-    Parameters
-    ----------
-    starts, neighbours : ndarray of int
-        Graph of the matrix.
-    order, rank : ndarray of int32, shape (n,)
-        Point at every place of the order, and its inverse.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Parent of every place; -1 for a root.
-    """
-    n = len(order)
-    parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
-    for row in range(n):
-        point = order[row]
-        for neighbour in neighbours[starts[point] : starts[point + 1]]:
-            node = rank[neighbour]
-            while node < row and node != -1:
-                above = ancestor[node]
-                ancestor[node] = row
-                if above == -1:
-                    parent[node] = row
-                node = above if above != row else -1
-    return parent
-
-
-@njit(cache=True)
-def postorder(parent):
-    """Nodes of a forest, children (ascending) before their parents, every subtree in one piece; int32, shape (n,)."""
-    n = len(parent)
-    first_child, next_sibling = np.full(n + 1, -1, np.int32), np.full(n, -1, np.int32)
-    for node in range(n - 1, -1, -1):
-        next_sibling[node] = first_child[parent[node]]  # roots hang on the entry behind the last
-        first_child[parent[node]] = node
-    result, stack, n_done, top = np.empty(n, np.int32), np.empty(n, np.int32), 0, 0
-    stack[0] = root = first_child[n]
-    while top >= 0 and root != -1:
-        node = stack[top]
-        child = first_child[node]
-        if child != -1:
-            first_child[node] = next_sibling[child]
-            top += 1
-            stack[top] = child
-            continue
-        result[n_done] = node
-        n_done += 1
-        top -= 1
-        if top < 0 and next_sibling[root] != -1:
-            root = next_sibling[root]
-            stack[0], top = root, 0
-    return result
-
-
-@njit(cache=True)
-def column_counts(starts, neighbours, order, rank, parent):
-    """Entries of every column of the factor, the diagonal included; the order must be a postorder of its tree.
-
-    Column j holds row i when j is in the subtree of row i. Walking from leaf to leaf of each such subtree, every leaf
-    adds its path to the root and takes away what it shares with the leaf before it, the path from their lowest common
-    ancestor [Gilbert, Ng and Peyton, SIAM J. Matrix Anal. Appl. 15 (1994)].
-    """
-    n = len(order)
-    counts = np.zeros(n, np.int64)
-    first = _first_descendants(parent)
-    previous_leaf, newest_first = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
-    ancestor = np.arange(n).astype(np.int32)
-    for node in range(n):
-        if first[node] == node:
-            counts[node] += 1
-        if parent[node] != -1:
-            counts[parent[node]] -= 1
-        for neighbour in neighbours[starts[order[node]] : starts[order[node] + 1]]:
-            row = rank[neighbour]
-            if row <= node or first[node] <= newest_first[row]:
-                continue
-            newest_first[row] = first[node]
-            counts[node] += 1
-            if previous_leaf[row] != -1:
-                counts[_root(ancestor, previous_leaf[row])] -= 1
-            previous_leaf[row] = node
-        if parent[node] != -1:
-            ancestor[node] = parent[node]
-    for node in range(n):
-        if parent[node] != -1:
-            counts[parent[node]] += counts[node]
-    return counts
-
-
-@njit(cache=True)
-def _first_descendants(parent):
-    """Smallest node of the subtree of every node of a postordered forest."""
-    first = np.arange(len(parent)).astype(np.int32)
-    for node in range(len(parent)):
-        if parent[node] != -1:
-            first[parent[node]] = min(first[parent[node]], first[node])
-    return first
-
-
-@njit(cache=True)
-def _root(ancestor, node):
-    """Root of a node among the subtrees seen so far, with path compression."""
-    root = node
-    while ancestor[root] != root:
-        root = ancestor[root]
-    while ancestor[node] != root:
-        ancestor[node], node = root, ancestor[node]
-    return root
-
-
-__all__ = ["Supernodes", "column_counts", "elimination_tree", "find_supernodes", "postorder"]
+__all__ = ["Supernodes", "column_counts", "elimination_tree", "find_supernodes", "front_seconds", "postorder"]
 
 
 class Supernodes(NamedTuple):
@@ -166,6 +48,12 @@ class Supernodes(NamedTuple):
 def find_supernodes(starts, neighbours, order: np.ndarray) -> Supernodes:
     """Analyse the elimination of a graph in a given order, which is changed to an equivalent one.
 
+    1. Find the elimination tree and number it in postorder, which leaves the fill as it is.
+    2. Count the entries of the columns of the factor.
+    3. Join columns to fundamental supernodes [1]_.
+    4. Merge supernodes into their parents where some stored zeros pay [2]_ [3]_.
+    5. Find the rows of every front.
+
     Parameters
     ----------
     starts, neighbours : ndarray of int
@@ -176,14 +64,23 @@ def find_supernodes(starts, neighbours, order: np.ndarray) -> Supernodes:
     Returns
     -------
     Supernodes
+
+    References
+    ----------
+    .. [1] J. W. H. Liu, E. G. Ng, B. W. Peyton, "On finding supernodes for sparse matrix computations", SIAM J. Matrix
+       Anal. Appl. 14 (1993), 242-252.
+    .. [2] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
+       Trans. Math. Softw. 9 (1983), 302-325.
+    .. [3] C. Ashcraft, R. Grimes, "The influence of relaxed supernode partitions on the multifrontal method", ACM
+       Trans. Math. Softw. 15 (1989), 291-309.
     """
-    order, rank, parent = _in_postorder(starts, neighbours, order)
-    counts = column_counts(starts, neighbours, order, rank, parent)
-    members, sizes, parents = _merged(*_fundamental(parent, counts))
+    order, rank, parent = _in_postorder(starts, neighbours, order)  # step 1
+    counts = column_counts(starts, neighbours, order, rank, parent)  # step 2
+    members, sizes, parents = _merged(*_fundamental(parent, counts))  # steps 3 and 4
     order = order[members]
     rank = _inverse(order)
     firsts = np.concatenate(([0], np.cumsum(sizes))).astype(np.int32)
-    row_starts, rows = _front_rows(starts, neighbours, order, rank, firsts, parents)
+    row_starts, rows = _front_rows(starts, neighbours, order, rank, firsts, parents)  # step 5
     rows = rows[np.lexsort((rows, np.repeat(np.arange(len(sizes)), np.diff(row_starts))))]
     return Supernodes(order, rank, firsts, parents, row_starts, rows)
 
@@ -206,8 +103,147 @@ def _inverse(permutation):
 
 
 @njit(cache=True)
+def elimination_tree(starts, neighbours, order, rank):
+    """Find the elimination tree of a symmetric pattern in a given order [1]_.
+
+    In the factor L of the reordered matrix, the parent of column j is the row of the first entry below the diagonal.
+    Row after row, for every entry of the matrix left of the diagonal:
+
+    1. Climb from its column towards the root of the subtree that it is in so far.
+    2. Let every node on the way point to the row: the next climb is short (path compression).
+    3. Where a root is met, the row becomes its parent.
+
+    Parameters
+    ----------
+    starts, neighbours : ndarray of int
+        Graph of the matrix.
+    order, rank : ndarray of int32, shape (n,)
+        Point at every place of the order, and its inverse.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Parent of every place; -1 for a root.
+
+    References
+    ----------
+    .. [1] J. W. H. Liu, "The role of elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11 (1990),
+       134-172.
+    """
+    n = len(order)
+    parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    for row in range(n):
+        point = order[row]
+        for neighbour in neighbours[starts[point] : starts[point + 1]]:
+            node = rank[neighbour]
+            while node < row and node != -1:  # step 1
+                above = ancestor[node]
+                ancestor[node] = row  # step 2
+                if above == -1:  # step 3
+                    parent[node] = row
+                node = above if above != row else -1
+    return parent
+
+
+@njit(cache=True)
+def postorder(parent):
+    """Nodes of a forest, children (ascending) before their parents, every subtree in one piece; int32, shape (n,)."""
+    n = len(parent)
+    first_child, next_sibling = np.full(n + 1, -1, np.int32), np.full(n, -1, np.int32)
+    for node in range(n - 1, -1, -1):
+        next_sibling[node] = first_child[parent[node]]  # roots are children of an entry behind the last
+        first_child[parent[node]] = node
+    result, stack, n_done, top = np.empty(n, np.int32), np.empty(n, np.int32), 0, 0
+    stack[0] = root = first_child[n]
+    while top >= 0 and root != -1:
+        node = stack[top]
+        child = first_child[node]
+        if child != -1:
+            first_child[node] = next_sibling[child]
+            top += 1
+            stack[top] = child
+            continue
+        result[n_done] = node
+        n_done += 1
+        top -= 1
+        if top < 0 and next_sibling[root] != -1:
+            root = next_sibling[root]
+            stack[0], top = root, 0
+    return result
+
+
+@njit(cache=True)
+def column_counts(starts, neighbours, order, rank, parent):
+    """Count the entries of every column of the factor, the diagonal included, without making the factor [1]_.
+
+    The order must be a postorder of its tree. Every row i of the factor is a subtree with its root on the diagonal, and
+    column j holds row i when j is in that subtree; its leaves are among the entries of that row of the matrix. The
+    count of a column is a sum of weights over its descendants:
+
+    1. Every leaf of the tree adds one, for its diagonal; every other node takes one away from its parent for itself.
+    2. A node is a leaf of row i if no descendant of it is one: nothing of its subtree has been seen in that row.
+    3. A leaf of a row adds its path to the root,
+    4. and takes away what it shares with the leaf before it: the path from their lowest common ancestor.
+    5. Sum the weights towards the roots.
+
+    .. [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
+       Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
+    """
+    n = len(order)
+    counts = np.zeros(n, np.int64)
+    first = _first_descendants(parent)
+    previous_leaf, newest_first = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    ancestor = np.arange(n).astype(np.int32)
+    for node in range(n):
+        if first[node] == node:  # step 1
+            counts[node] += 1
+        if parent[node] != -1:
+            counts[parent[node]] -= 1
+        for neighbour in neighbours[starts[order[node]] : starts[order[node] + 1]]:
+            row = rank[neighbour]
+            if row <= node or first[node] <= newest_first[row]:  # step 2
+                continue
+            newest_first[row] = first[node]
+            counts[node] += 1  # step 3
+            if previous_leaf[row] != -1:
+                counts[_root(ancestor, previous_leaf[row])] -= 1  # step 4
+            previous_leaf[row] = node
+        if parent[node] != -1:
+            ancestor[node] = parent[node]
+    for node in range(n):  # step 5
+        if parent[node] != -1:
+            counts[parent[node]] += counts[node]
+    return counts
+
+
+@njit(cache=True)
+def _first_descendants(parent):
+    """Smallest node of the subtree of every node of a postordered forest."""
+    first = np.arange(len(parent)).astype(np.int32)
+    for node in range(len(parent)):
+        if parent[node] != -1:
+            first[parent[node]] = min(first[parent[node]], first[node])
+    return first
+
+
+@njit(cache=True)
+def _root(ancestor, node):
+    """Root of a node among the subtrees seen so far, with path compression."""
+    root = node
+    while ancestor[root] != root:
+        root = ancestor[root]
+    while ancestor[node] != root:
+        ancestor[node], node = root, ancestor[node]
+    return root
+
+
+@njit(cache=True)
 def _fundamental(parent, counts):
-    """Runs of columns with equal rows: first column of each, its size, its number of rows, its parent."""
+    """Join neighbouring columns with equal rows: first column of each supernode, its size, number of rows, and parent.
+
+    A column goes on with the one before it where it is its parent and has one entry less. That joins more than the
+    definition asks for, which wants it to be the only child: other children add no row that is not there.
+    """
     n = len(parent)
     supernode, firsts, n_supernodes = np.empty(n, np.int32), np.empty(n + 1, np.int32), 0
     for column in range(n):
@@ -228,7 +264,11 @@ def _fundamental(parent, counts):
 
 @njit(cache=True)
 def front_seconds(size, n_rows):
-    """Model of the time of a front of so many own points and rows: arithmetic, memory, calls (s)."""
+    """Model of the time of a front of so many own points and rows (s).
+
+    Arithmetic at 35 Gflop/s, traffic of the update and of the panel, and 4 microseconds for calls. These are constants,
+    so that supernodes, and with them all round-off, are the same on every machine.
+    """
     own, rest = 3.0 * size, 3.0 * n_rows
     arithmetic = own * (own * own / 3.0 + own * rest + rest * rest)
     return arithmetic / 3.5e10 + 6e-10 * rest * rest + 2e-9 * own * (own + rest) + 4e-6
@@ -236,7 +276,7 @@ def front_seconds(size, n_rows):
 
 @njit(cache=True)
 def _merged(firsts, sizes, n_rows, parents):
-    """Merge supernodes into their parents where that saves time.
+    """Merge supernodes into their parents where `front_seconds` says that it saves time.
 
     Returns the columns in their new order, the sizes and the parents of the supernodes that remain.
     """

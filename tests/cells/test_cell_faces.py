@@ -19,7 +19,7 @@ from topology_cases import (
 
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.errors import InputError
-from bspline_mdao.flow.euler.areas import area_vectors
+from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
 

@@ -18,8 +18,8 @@ from euler_cases import (
     with_guessed_patches,
 )
 
+from bspline_mdao.flow.euler.forces import EntropyDrag
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.wall import EntropyDrag
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.io.files import read_grid
 

@@ -24,8 +24,8 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.flow_forces import FlowForces
 from bspline_mdao.testing import central_difference
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")

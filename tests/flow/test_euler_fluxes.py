@@ -6,10 +6,9 @@ from euler_cases import case_of, every_kind, faces_of, one_of_each_kind, slip_fa
 from topology_cases import box, grid_of, smooth_box
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.flow.euler.face_states import shock_sensor
 from bspline_mdao.flow.euler.flux import ROUNDING, face_flux
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.stencil import FARFIELD, MEAN, THIRD, Stencil
+from bspline_mdao.flow.euler.reconstruction import FARFIELD, MEAN, THIRD, Stencil, shock_sensor
 
 STEP = 1e-30
 

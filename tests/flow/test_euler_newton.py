@@ -10,11 +10,18 @@ from topology_cases import smooth_box
 
 from bspline_mdao import flat_plate_grid
 from bspline_mdao.flow.euler import newton
-from bspline_mdao.flow.euler.block_ilu import BLOCK, BlockFactor, FactorPattern
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.krylov import solve_system
-from bspline_mdao.flow.euler.preconditioner import COMPACT_DISSIPATION, compact_factor, factor_pattern, time_terms
-from bspline_mdao.flow.euler.stencil import FIRST, INNER, MEAN
+from bspline_mdao.flow.euler.newton import solve_system
+from bspline_mdao.flow.euler.preconditioner import (
+    BLOCK,
+    COMPACT_DISSIPATION,
+    BlockFactor,
+    FactorPattern,
+    compact_factor,
+    factor_pattern,
+    time_terms,
+)
+from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
 
 SINGLE = np.finfo(np.float32).eps
 

@@ -7,10 +7,9 @@ import pytest
 from euler_cases import one_of_each_kind
 
 from bspline_mdao import flat_plate_grid, onera_m6_grid
-from bspline_mdao.flow.euler.continuation import solve_by_dissipation
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.newton import solve_flow
+from bspline_mdao.flow.euler.newton import solve_by_dissipation, solve_flow
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.topology.detection import find_topology
 

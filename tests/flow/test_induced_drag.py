@@ -26,9 +26,8 @@ from bspline_mdao import (
 )
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.fit.surface_fit import replace_nodes
-from bspline_mdao.flow.induced_drag import InducedDrag
+from bspline_mdao.flow.induced_drag import InducedDrag, Wake
 from bspline_mdao.flow.span_strips import SpanStrips
-from bspline_mdao.flow.wake import Wake
 
 AXES = np.eye(3)[[0, 2, 1]]
 """Of the project's grids: x downstream, z along the span, y up."""

@@ -19,12 +19,11 @@ from bspline_mdao import (
     hh_wing_grid,
     naca_section,
 )
-from bspline_mdao.flow.force_coefficients import ForceCoefficients
+from bspline_mdao.flow.force_coefficients import ForceCoefficients, WingCoefficients
 from bspline_mdao.flow.induced_drag import InducedDrag
 from bspline_mdao.flow.span_strips import SpanStrips
-from bspline_mdao.flow.wing_coefficients import WingCoefficients
 from bspline_mdao.mesh.surface import SurfaceGrid
-from bspline_mdao.om.flow.lattice_forces import LatticeForces
+from bspline_mdao.om.flow.lattice_flow import LatticeForces
 from bspline_mdao.om.flow.vortex_lattice import VortexLattice
 from bspline_mdao.testing import total_difference
 

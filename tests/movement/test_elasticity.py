@@ -31,7 +31,7 @@ from bspline_mdao.movement.assembly import Unknowns
 from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity
 from bspline_mdao.movement.element import lame_constants
 from bspline_mdao.movement.young_modulus import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
-from bspline_mdao.sparse.cholesky import default_solver
+from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.topology.detection import find_topology
 
 MESHES = [channel, oblique_channel, plate, wing]
@@ -41,7 +41,7 @@ MESHES = [channel, oblique_channel, plate, wing]
 class CountingSolver:
     """The default solver, with a list of the matrices that were factorised."""
 
-    solver: object = field(default_factory=default_solver)
+    solver: object = field(default_factory=Cholesky)
     factorised: list = field(default_factory=list)
     factors: list = field(default_factory=list)
     n_alive: list = field(default_factory=list)

@@ -14,8 +14,8 @@ from test_suite import kinds
 from bspline_mdao import Parametrization, moving_mesh
 from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.flow_forces import FlowForces
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.mesh.surface_inverse import SurfaceInverse
 from bspline_mdao.mesh.surface_map import SurfaceMap

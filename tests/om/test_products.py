@@ -27,11 +27,10 @@ from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.om.fit import Fit
-from bspline_mdao.om.flow.euler_forces import EulerForces
+from bspline_mdao.om.flow.euler_flow import EulerForces
 from bspline_mdao.om.flow.euler_state import EulerState
-from bspline_mdao.om.flow.lattice_flow import UnfoldedLattice
-from bspline_mdao.om.flow.lattice_forces import LatticeForces
-from bspline_mdao.om.flow.wake_forces import WakeForces
+from bspline_mdao.om.flow.lattice_flow import LatticeForces, UnfoldedLattice
+from bspline_mdao.om.flow.vortex_lattice import WakeForces
 from bspline_mdao.om.grid_evaluate import GridEvaluate
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
@@ -44,7 +43,8 @@ from bspline_mdao.testing import assert_partials, central_difference
 
 pytest.importorskip("mphys", reason="MPhys is not installed")
 
-from bspline_mdao.om.mphys import flow_group, geometry, warper
+from bspline_mdao.om.mphys import builders as flow_group
+from bspline_mdao.om.mphys import geometry, warper
 
 ROOT = Path(__file__).parents[2]
 MOVERS = (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, Held, Shear)

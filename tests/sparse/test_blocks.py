@@ -5,8 +5,7 @@ import pytest
 from sparse_cases import box_elements, definite_matrix, dense, random_pattern
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
-from bspline_mdao.sparse.blocks import slots
+from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern, slots
 
 
 def assembled(element_points, element_matrices, n):

@@ -7,12 +7,10 @@ import pytest
 from sparse_iterative_cases import dense, stiffness
 
 from bspline_mdao.errors import MovementError
-from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
+from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern, graph_of
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.conjugate_gradient import ConjugateGradients, preconditioned_solve
-from bspline_mdao.sparse.incomplete import fill_pattern
-from bspline_mdao.sparse.blocks import graph_of
-from bspline_mdao.sparse.incomplete import incomplete_factor, incomplete_pattern, narrow_order
+from bspline_mdao.sparse.incomplete import fill_pattern, incomplete_factor, incomplete_pattern, narrow_order
 
 SHAPE = (4, 5, 6)
 COMPLETE = 100

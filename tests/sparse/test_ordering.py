@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 from sparse_cases import box_elements, random_pattern
 
-from bspline_mdao.sparse.blocks import BlockPattern
-from bspline_mdao.sparse.separators import common_neighbours
-from bspline_mdao.sparse.symbolic import column_counts, elimination_tree, postorder
-from bspline_mdao.sparse.blocks import graph_of
+from bspline_mdao.sparse.blocks import BlockPattern, graph_of
 from bspline_mdao.sparse.ordering import (
     LARGEST_FOR_MINIMUM_DEGREE,
     fill_reducing_order,
     minimum_degree,
     nested_dissection,
 )
-from bspline_mdao.sparse.separators import SEPARATOR
-from bspline_mdao.sparse.separators import find_separator
-from bspline_mdao.sparse.symbolic import find_supernodes
+from bspline_mdao.sparse.separators import SEPARATOR, common_neighbours, find_separator
+from bspline_mdao.sparse.symbolic import column_counts, elimination_tree, find_supernodes, postorder
 
 
 def box_graph(shape, periodic=False):

@@ -8,16 +8,155 @@ may fall by `LARGEST_FALL` at most, and the residual may rise by `LARGEST_RISE`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, gmres
+from threadpoolctl import threadpool_limits
 
-from .block_ilu import FactorPattern
 from .discretization import Discretization
-from .krylov import solve_system
-from .preconditioner import compact_factor, time_terms
+from .preconditioner import FactorPattern, compact_factor, time_terms
 
-__all__ = ["FlowSolution", "NewtonStep", "relative_residual", "solve_flow"]
+# FOLDED DOCSTRING (rework): Linear systems with the Jacobian of the residual or its transpose: GMRES, preconditioned from the right.
+
+RESTART = 50
+"""Vectors after which GMRES starts again: more save few products and take 40 bytes per cell each."""
+
+
+ROUNDING = 16.0 * np.finfo(float).eps
+"""Residual by the norm of the solution, with a matrix of the size of one, that is left by rounding."""
+
+LEAST = 1e-10
+"""Tolerance that one run of GMRES can be asked for: its own residual drifts from the true one."""
+
+
+@dataclass(frozen=True, eq=False)
+class KrylovSolution:
+    """Solution of a linear system.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_cells, 5)
+    n_products : int
+        Products with the matrix.
+    is_converged : bool
+        Whether the tolerance was reached.
+    """
+
+    x: np.ndarray
+    n_products: int
+    is_converged: bool
+
+
+def solve_system(
+    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
+) -> KrylovSolution:
+    """Solve a linear system in the states of all cells.
+
+    Parameters
+    ----------
+    product, precondition : callable
+        Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
+    right : ndarray, shape (n_cells, 5)
+        Right-hand side.
+    tolerance : float
+        Norm of the residual by that of the right-hand side.
+    max_products : int
+        Products with the matrix after which it is given up.
+    """
+    n_products = 0
+
+    def preconditioned(y):
+        nonlocal n_products
+        n_products += 1
+        return product(precondition(y.reshape(right.shape))).ravel()
+
+    operator = LinearOperator((right.size, right.size), preconditioned, dtype=float)
+    n_cycles = max(1, max_products // RESTART)
+    with threadpool_limits(1, user_api="blas"):  # on a busy machine its threads only wait for each other
+        y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
+    return KrylovSolution(precondition(y.reshape(right.shape)), n_products, info == 0)
+
+
+def solve_refined(
+    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
+) -> KrylovSolution:
+    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
+
+    Corrections are solved for as long as they halve the true residual; parameters are those of `solve_system`.
+    """
+    x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
+    while True:
+        norm, asked = np.linalg.norm(rest), tolerance * np.linalg.norm(right)
+        if norm <= asked or norm > 0.5 * before or n_products >= max_products:
+            return KrylovSolution(x, n_products, bool(norm <= max(asked, ROUNDING * np.linalg.norm(x))))
+        share = max(0.5 * asked / norm, LEAST)
+        correction = solve_system(product, precondition, rest, share, max_products - n_products)
+        x, n_products, before = x + correction.x, n_products + correction.n_products, norm
+        rest = right - product(x)
+
+
+# FOLDED DOCSTRING (rework): Steady states where Newton's steps find none from the uniform stream: by way of flows with more dissipation.
+#
+# Where flow separates from sharp edges, as from those of a flat plate at an angle, a steady state of a scheme of little
+# dissipation draws Newton's steps from close by only. With all of the third difference dissipated it is found from the
+# uniform stream; from there the dissipation is lowered to that of the scheme. Such flows need not be the only ones of
+# their grid, and the way can end at a dissipation below which there is none nearby.
+
+LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)
+"""Shares of the third difference that are dissipated on the way."""
+
+STAGE_TOLERANCE, STAGE_STEPS = 1e-6, 20
+"""Residual of the flows on the way, and their Newton steps at most."""
+
+
+def solve_by_dissipation(
+    discretization: Discretization,
+    areas: np.ndarray,
+    stream: np.ndarray,
+    *,
+    pattern: FactorPattern,
+    tolerance: float = 1e-10,
+    max_steps: int = 200,
+    progress: Callable[[NewtonStep], None] | None = None,
+) -> FlowSolution:
+    """Solve for the steady flow from the uniform stream; parameters and result are those of `solve_flow`.
+
+    The history is that of all flows on the way, each by the residual of its own uniform stream; where one ends, it has
+    the residual with the dissipation of the next.
+    """
+    levels = [level for level in LEVELS if level > discretization.dissipation]
+    settings = {"pattern": pattern, "progress": progress}
+    states, history, n_left = None, (), max_steps
+    for level in levels:
+        solution = solve_flow(
+            replace(discretization, dissipation=level),
+            areas,
+            stream,
+            states=states,
+            tolerance=max(tolerance, STAGE_TOLERANCE),
+            max_steps=min(STAGE_STEPS, n_left),
+            **settings,
+        )
+        states, history = solution.states, history[:-1] + solution.history
+        n_left = max_steps - len(history) + 1 if solution.is_converged else 0
+        if not n_left:
+            break
+    solution = solve_flow(
+        discretization, areas, stream, states=states, tolerance=tolerance, max_steps=n_left, **settings
+    )
+    return replace(solution, history=history[:-1] + solution.history)
+
+
+__all__ = [
+    "FlowSolution",
+    "KrylovSolution",
+    "NewtonStep",
+    "relative_residual",
+    "solve_flow",
+    "solve_refined",
+    "solve_system",
+]
 
 FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
 """CFL number of the first step from the uniform stream, and where growth and cuts end."""

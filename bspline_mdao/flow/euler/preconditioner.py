@@ -6,13 +6,229 @@ difference is dissipated: all of it at shocks, where the Jacobian itself is as c
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
+from scipy.sparse import csr_array
 
-from .block_ilu import BlockFactor, FactorPattern
+from ...sparse.blocks import Graph
+from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
 from .discretization import Discretization, Linearization
 from .gas import GAMMA
-from .stencil import FIRST, INNER, MEAN
+from .reconstruction import FIRST, INNER, MEAN
+
+# FOLDED DOCSTRING (rework): Incomplete factorisation L U of a matrix of 5 x 5 blocks with a symmetric pattern, with level of fill.
+#
+# Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block of U at
+# ``(column, row)``; the blocks of L are by the pivots. Both triangles are made, and solved with, row by row of this one
+# pattern, forwards and transposed.
+
+BLOCK = 5
+
+
+@dataclass(frozen=True, eq=False)
+class FactorPattern(IncompletePattern):
+    """Where the factor has blocks, and where the faces of the grid put theirs.
+
+    Parameters
+    ----------
+    order, rank, starts, columns : ndarray
+        See `IncompletePattern`; points are cells.
+    places : ndarray of int64, shape (n_pairs,)
+        Entry of every pair of neighbours.
+    """
+
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, left: np.ndarray, right: np.ndarray, n: int, fill: int) -> FactorPattern:
+        """Order the cells by reverse Cuthill and McKee and find the fill.
+
+        Parameters
+        ----------
+        left, right : ndarray of int, shape (n_pairs,)
+            Pairs of neighbours.
+        n : int
+            Number of cells.
+        fill : int
+            Level of fill.
+        """
+        ends = np.concatenate([left, right]), np.concatenate([right, left])
+        both = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
+        both.sum_duplicates()
+        graph = Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
+        found = incomplete_pattern(graph, narrow_order(graph), fill)
+        places = _find(found.starts, found.columns, found.rank[left], found.rank[right])
+        return cls(found.order, found.rank, found.starts, found.columns, places)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFactor:
+    """Incomplete factor.
+
+    Parameters
+    ----------
+    pattern : FactorPattern
+    lower, upper : ndarray, shape (n_blocks, 5, 5)
+        Blocks of L below its unit diagonal and of U above its diagonal.
+    pivots : ndarray, shape (n, 5, 5)
+        Inverses of the diagonal blocks of U.
+    """
+
+    pattern: FactorPattern
+    lower: np.ndarray
+    upper: np.ndarray
+    pivots: np.ndarray
+
+    @classmethod
+    def of(cls, pattern: FactorPattern, lower, upper, diagonal) -> BlockFactor:
+        """Factor a matrix whose blocks are in place, by rank; they are overwritten."""
+        _factorize(pattern.starts, pattern.columns, lower, upper, diagonal)
+        return cls(pattern, lower, upper, diagonal.astype(lower.dtype))
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solve ``L U x = right``, shape (n, 5)."""
+        p = self.pattern
+        return _solve(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
+
+    def solve_transposed(self, right: np.ndarray) -> np.ndarray:
+        """Solve ``U^T L^T x = right``, shape (n, 5)."""
+        p = self.pattern
+        return _solve_transposed(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
+
+
+@njit(cache=True, error_model="numpy")
+def _find(starts, columns, left, right):
+    """Entries of pairs of rows."""
+    places = np.empty(len(left), np.int64)
+    for n in range(len(left)):
+        row, column = max(left[n], right[n]), min(left[n], right[n])
+        places[n] = starts[row] + np.searchsorted(columns[starts[row] : starts[row + 1]], column)
+    return places
+
+
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"})
+def _subtract(block, left, right):
+    """Subtract the product of two blocks from a block."""
+    for a in range(BLOCK):
+        l0, l1, l2, l3, l4 = left[a, 0], left[a, 1], left[a, 2], left[a, 3], left[a, 4]
+        for b in range(BLOCK):
+            block[a, b] -= l0 * right[0, b] + l1 * right[1, b] + l2 * right[2, b] + l3 * right[3, b] + l4 * right[4, b]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _invert(block, inverse):
+    """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
+    for a in range(BLOCK):
+        for b in range(BLOCK):
+            inverse[a, b] = 1.0 if a == b else 0.0
+    for k in range(BLOCK):
+        pivot = k
+        for a in range(k + 1, BLOCK):
+            if abs(block[a, k]) > abs(block[pivot, k]):
+                pivot = a
+        for b in range(BLOCK):
+            block[k, b], block[pivot, b] = block[pivot, b], block[k, b]
+            inverse[k, b], inverse[pivot, b] = inverse[pivot, b], inverse[k, b]
+        by_pivot = 1.0 / block[k, k]
+        for b in range(BLOCK):
+            block[k, b] *= by_pivot
+            inverse[k, b] *= by_pivot
+        for a in range(BLOCK):
+            factor = block[a, k] if a != k else 0.0
+            for b in range(BLOCK):
+                block[a, b] -= factor * block[k, b]
+                inverse[a, b] -= factor * inverse[k, b]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _factorize(starts, columns, lower, upper, diagonal):
+    """Factor row by row in place, the diagonal blocks into their inverses."""
+    n = len(starts) - 1
+    place_of = np.full(n, -1, np.int64)
+    product = np.empty((BLOCK, BLOCK))
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            column = columns[entry]
+            for other in range(starts[column], starts[column + 1]):
+                place = place_of[columns[other]]
+                if place >= 0:
+                    _subtract(lower[entry], lower[place], upper[other])
+                    _subtract(upper[entry], lower[other], upper[place])
+            product[:] = 0.0
+            _subtract(product, lower[entry], diagonal[column])
+            lower[entry] = -product
+            _subtract(diagonal[row], lower[entry], upper[entry])
+            place_of[column] = entry
+        for entry in range(starts[row], starts[row + 1]):
+            place_of[columns[entry]] = -1
+        product[:] = diagonal[row]
+        _invert(product, diagonal[row])
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
+def _solve(rank, starts, columns, lower, upper, pivots, right):
+    """Solve with L, then with U."""
+    n = len(rank)
+    x = np.empty((n, BLOCK))
+    for point in range(n):
+        x[rank[point]] = right[point]
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = lower[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                total = 0.0
+                for b in range(BLOCK):
+                    total += block[a, b] * z[b]
+                x[row, a] -= total
+    y = np.empty(BLOCK)
+    for row in range(n - 1, -1, -1):
+        for a in range(BLOCK):
+            total = 0.0
+            for b in range(BLOCK):
+                total += pivots[row, a, b] * x[row, b]
+            y[a] = total
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = upper[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                total = 0.0
+                for b in range(BLOCK):
+                    total += block[a, b] * y[b]
+                z[a] -= total
+        x[row] = y
+    return x[rank]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
+def _solve_transposed(rank, starts, columns, lower, upper, pivots, right):
+    """Solve with the transpose of U, then with that of L."""
+    n = len(rank)
+    x = np.empty((n, BLOCK))
+    for point in range(n):
+        x[rank[point]] = right[point]
+    y = np.empty(BLOCK)
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = upper[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                factor = z[a]
+                for b in range(BLOCK):
+                    x[row, b] -= block[a, b] * factor
+        y[:] = 0.0
+        for a in range(BLOCK):
+            for b in range(BLOCK):
+                y[b] += pivots[row, a, b] * x[row, a]
+        x[row] = y
+    for row in range(n - 1, -1, -1):
+        for entry in range(starts[row], starts[row + 1]):
+            block, z = lower[entry], x[columns[entry]]
+            for a in range(BLOCK):
+                factor = x[row, a]
+                for b in range(BLOCK):
+                    z[b] -= block[a, b] * factor
+    return x[rank]
+
 
 FILL = 1
 """Level of fill of the factor."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import openmdao.api as om
 
-from .lattice_states import STREAM, lattice_surface, openaerostruct
+from .vortex_lattice import STREAM, lattice_surface, openaerostruct
 
 
 @dataclass(frozen=True)

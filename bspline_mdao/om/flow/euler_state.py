@@ -9,14 +9,19 @@ import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
-from ...flow.euler.block_ilu import BlockFactor, FactorPattern
-from ...flow.euler.continuation import solve_by_dissipation
 from ...flow.euler.discretization import Linearization
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
-from ...flow.euler.krylov import LinearSolution, solve_refined
-from ...flow.euler.newton import FlowSolution, NewtonStep, relative_residual, solve_flow
-from ...flow.euler.preconditioner import compact_factor
+from ...flow.euler.newton import (
+    FlowSolution,
+    KrylovSolution,
+    NewtonStep,
+    relative_residual,
+    solve_by_dissipation,
+    solve_flow,
+    solve_refined,
+)
+from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_factor
 from ...flow.euler.sequencing import states_from_coarse
 from ...flow.stream import RADIAN
 from ...names import GRID
@@ -281,7 +286,7 @@ class _Tangent:
     def is_at(self, point) -> bool:
         return all(map(np.array_equal, point, self.point))
 
-    def solve(self, right: np.ndarray, tolerance: float) -> LinearSolution:
+    def solve(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with the Jacobian in the states."""
 
         def product(x):
@@ -292,7 +297,7 @@ class _Tangent:
 
         return solve_refined(product, precondition, right / self.sizes, tolerance)
 
-    def solve_transposed(self, right: np.ndarray, tolerance: float) -> LinearSolution:
+    def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with its transpose."""
 
         def product(x):
