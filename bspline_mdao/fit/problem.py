@@ -81,11 +81,26 @@ class FitProblem:
         """Mixture of candidates for these parameters, see `Mixture`."""
         return Mixture.of(weights, self.mesh, self.sharing, parameters)
 
-    def operator(self, parameters: Sequence[np.ndarray], weights: np.ndarray | None = None) -> FitOperator:
-        """Linear map from nodes to control points for these parameters, with all factors kept."""
+    def operator(
+        self,
+        parameters: Sequence[np.ndarray],
+        weights: np.ndarray | None = None,
+        entities: Sequence[Entity] | None = None,
+    ) -> FitOperator:
+        """Linear map from nodes to control points for these parameters, with all factors kept.
+
+        Parameters
+        ----------
+        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
+            Parameters of the nodes of every segment.
+        weights : ndarray, shape (n_control_points, 6), optional
+            Weights of the candidates, see `Mixture`; least squares alone by default.
+        entities : sequence of Entity, optional
+            Those whose control points are wanted, in order; all by default.
+        """
         mixture = self.mixture(parameters, weights)
         with threadpool_limits(1, "blas"):
-            steps = tuple(self.steps(parameters)) if mixture.has_least_squares else ()
+            steps = tuple(self.steps(parameters, entities)) if mixture.has_least_squares else ()
         return FitOperator(steps, self.n_nodes, self.mesh.n_control_points, mixture)
 
 

@@ -1,28 +1,60 @@
-"""Surface control points of a fitted model for another surface of the same topology."""
+"""Surface control points of a fitted model for given surface nodes, where the nodes are those of no spline as well.
+
+With ``x(s)`` the nodes of surface control points s (`bspline_mdao.mesh.surface_map`) and w the given nodes, both ways
+here are steps
+
+    s <- s + L (w - x(s))
+
+and differ in the linear map L from nodes to control points:
+
+- `fit_surface` takes one step from the baseline, with the L of the fit itself (section II.D: corners, edges and faces
+  in turn, the model's own candidates). It keeps control points whose nodes have not moved, and follows motions and
+  stretches of the whole surface exactly. It is what sets up the moves of section IV.
+- `SurfaceLeastSquares` repeats steps with the pseudo-inverse of dx/ds until the difference is orthogonal to all that
+  control points can do: the surface nearest to the nodes, with its exact derivative.
+
+Theory: ``docs/theory/fit.rst``.
+
+References
+----------
+A. Bjorck, "Numerical Methods for Least Squares Problems", SIAM, 1996: normal equations, their iterative refinement, and
+Gauss-Newton steps.
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import SuperLU, splu
 
-from ..errors import InputError
+from ..errors import InputError, MovementError
+from ..mesh.mesh import MovingMesh
+from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..model.fitted_model import FittedModel
-from ..topology.index_space import Window, block_rows
+from ..topology.index_space import Window
+from ..topology.sharing import block_rows
 from ..topology.topology import Topology
-from .entities import Entity
 from .problem import problem_of_mesh
 
-__all__ = ["SurfaceFit", "SurfaceMiss", "fit_surface", "replace_nodes"]
-
 LOGGER = logging.getLogger(__name__)
-"""Tells how far each surface misses its target: a warning beyond `NOTABLE_MISS`."""
+"""Logs how far each surface misses its target: a warning beyond `NOTABLE_MISS`."""
 
 NOTABLE_MISS = 1e-3
-"""A surface that misses its target by this fraction of its size is not left to those who ask."""
+"""A surface that misses its target by more than this fraction of its size is a warning in the log."""
+
+
+_SMALLEST_PIVOT = 1e-13
+"""Pivot, relative to the largest, below which nodes do not determine the control points."""
+
+_MOST_STEPS = 60
+"""Steps after which nodes count as such that no control points are nearest to."""
+
+_ROUND_OFF = 1e-15
+"""A step is the last one where it is shorter than this part of what it changes."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +116,7 @@ class SurfaceMiss:
         )
 
     def log(self, prefix: str = "") -> None:
-        """Tell it: as a warning if it is notable, and else to those who ask for information."""
+        """Log it: as a warning if it is notable, and as information if not."""
         is_notable = self.largest > NOTABLE_MISS * self.size
         LOGGER.log(logging.WARNING if is_notable else logging.INFO, "%s%s", prefix, self)
 
@@ -125,7 +157,7 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     -------
     SurfaceFit
         Surface control points, in the order of ``surface_ids``, and how far the surface misses the nodes: control
-        points have fewer freedoms than nodes. That is logged, too, see `LOGGER`.
+        points have fewer degrees of freedom than nodes. That is logged, too, see `LOGGER`.
 
     Raises
     ------
@@ -137,44 +169,190 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     problem = problem_of_mesh(model.topology, model.mesh)
     is_surface = np.zeros(model.mesh.n_control_points, dtype=bool)
     is_surface[surface_ids] = True
-    on_surface = tuple(entity for entity in problem.entities if _lies_on(entity, is_surface))
-    control_points, is_fitted = np.zeros_like(model.control_points), np.zeros_like(is_surface)
-    moves = nodes - model.regenerate().to_vector().reshape(-1, 3)
-    fitted = np.zeros_like(nodes)
-    with threadpool_limits(1, "blas"):
-        steps = list(problem.steps(model.parameters, on_surface))
-        for step in steps:
-            step.solve(moves, control_points)
-            is_fitted[step.entity.unknown_ids] = True
-        control_points = problem.mixture(model.parameters, model.candidate_weights).forward(control_points, moves)
-        control_points += model.control_points
-        for step in steps:
-            fitted[step.entity.rows] += step.evaluate(control_points)
-    if not is_fitted[surface_ids].all():
-        missing = surface_ids[np.argmin(is_fitted[surface_ids])]
+    entities = [entity for entity in problem.entities if is_surface[entity.control_ids].all()]
+    is_surface[[i for entity in entities for i in entity.unknown_ids]] = False
+    if is_surface.any():
+        missing = surface_ids[np.argmax(is_surface[surface_ids])]
         raise InputError(
             f"{model.header.source}: control point {missing + 1} belongs to no face of the surface; give whole faces"
         )
-    rows = np.concatenate([entity.rows for entity in on_surface])
-    fitted[rows] += _residual(model, problem.sharing.source_rows()[rows], surface_ids, control_points)
-    miss = SurfaceMiss.of(model.topology, problem.sharing.source_rows(), rows, fitted[rows], nodes[rows])
+    operator = problem.operator(model.parameters, model.candidate_weights, entities)
+    moves = nodes - model.regenerate().to_vector().reshape(-1, 3)
+    control_points = model.control_points[surface_ids] + operator.forward(moves)[surface_ids]
+    rows = np.unique(np.concatenate([entity.rows for entity in entities]))
+    fitted = SurfaceMap.of_rows(model, surface_ids, rows).apply(control_points)
+    miss = SurfaceMiss.of(model.topology, problem.sharing.source_rows(), rows, fitted, nodes[rows])
     miss.log(f"{model.header.source}: ")
-    return SurfaceFit(control_points[surface_ids], miss)
+    return SurfaceFit(control_points, miss)
 
 
-def _residual(model: FittedModel, rows: np.ndarray, surface_ids: np.ndarray, control_points: np.ndarray) -> np.ndarray:
-    """Residual of surface nodes by their rows, turned where it turns; 0 where there is none."""
-    if model.residual is None:
-        return np.zeros((len(rows), 3))
-    turning = model.grid_map().turning
-    if turning is None:
-        return model.residual[rows]
-    moved = model.control_points.copy()
-    moved[surface_ids] = control_points[surface_ids]
-    unique, place = np.unique(rows, return_inverse=True)
-    nodes = turning.rows(unique)
-    turn = turning.of_rows(nodes).at(moved)
-    return nodes.turned(turn.matrices, turn.normals, model.residual[unique])[place]
+@dataclass(frozen=True, eq=False)
+class SurfaceLeastSquares:
+    """Least squares for control points s, whose nodes ``x(s) = A s + T(s) r + c`` shall be closest to given ones, w.
+
+    With ``A+`` the pseudo-inverse of A, by its normal equations, the steps ``s <- s + P A+ (w - x(s))`` end where
+    the difference is orthogonal to all that control points can do. Where no residual turns the second one is a step of
+    refinement. P keeps control points in planes of symmetry, which least squares alone would leave where the nodes
+    are those of no spline. Nodes of a spline surface give back its control points to round-off.
+
+    Parameters
+    ----------
+    surface_map : SurfaceMap
+        From control points to nodes.
+    numbers : ndarray of int, shape (n,)
+        Which of the nodes are given, in which order.
+    mesh : MovingMesh
+        Its surface points are those that are looked for.
+    matrix : csr_array, shape (n, n_surface)
+        A.
+    factor : SuperLU
+        Of the transpose of A times A.
+    """
+
+    surface_map: SurfaceMap
+    numbers: np.ndarray
+    mesh: MovingMesh
+    matrix: csr_array
+    factor: SuperLU
+
+    def __reduce__(self):
+        """Take the factor along as what it is made of: SuperLU cannot be pickled."""
+        return SurfaceLeastSquares.of, (self.surface_map, self.mesh, self.numbers)
+
+    @classmethod
+    def of(cls, surface_map: SurfaceMap, mesh: MovingMesh, numbers: np.ndarray | None = None) -> SurfaceLeastSquares:
+        """Invert the map of a surface.
+
+        Parameters
+        ----------
+        surface_map : SurfaceMap
+            From control points to nodes.
+        mesh : MovingMesh
+            The mesh that it was made for.
+        numbers : ndarray of int, shape (n,), optional
+            Which nodes are given, in which order; all of the surface in its own by default.
+
+        Raises
+        ------
+        InputError
+            If the nodes do not determine all surface control points.
+        """
+        numbers = np.arange(surface_map.matrix.shape[0]) if numbers is None else numbers
+        matrix = csr_array(surface_map.matrix[numbers])
+        return cls(surface_map, numbers, mesh, matrix, _factor(matrix))
+
+    def at(self, nodes: np.ndarray) -> FittedSurface:
+        """Control points and their derivative at nodes, shape (n, 3), in metres.
+
+        Raises
+        ------
+        MovementError
+            If the steps do not end.
+        """
+        initial = self.mesh.points[self.mesh.surface_ids]
+
+        def step(control_points: np.ndarray) -> np.ndarray:
+            state = self.surface_map.at(control_points)
+            return self._slide(self._fit(nodes - state.nodes[self.numbers]))
+
+        control_points = _refined(step, initial.copy())
+        return FittedSurface(self, control_points, self.surface_map.at(control_points))
+
+    def _fit(self, change: np.ndarray) -> np.ndarray:
+        """A+ times a change of nodes."""
+        return self.factor.solve(self.matrix.T @ change)
+
+    def _fit_transpose(self, bar: np.ndarray) -> np.ndarray:
+        return self.matrix @ self.factor.solve(bar, "T")
+
+    def _slide(self, change: np.ndarray) -> np.ndarray:
+        """Take what would leave planes of symmetry off a change of control points; its own transpose."""
+        rows, normals, slid = self.mesh.rail_rows, self.mesh.rail_normals, change.copy()
+        np.subtract.at(slid, rows, np.sum(change[rows] * normals, axis=1)[:, None] * normals)
+        return slid
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSurface:
+    """Control points that were fitted to nodes, and their derivative.
+
+    Parameters
+    ----------
+    of : SurfaceLeastSquares
+        What fitted them.
+    control_points : ndarray, shape (n_surface, 3)
+        The surface control points (m).
+    state : SurfaceState
+        The nodes of these control points.
+    """
+
+    of: SurfaceLeastSquares
+    control_points: np.ndarray
+    state: SurfaceState
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Where the control points put the nodes that were given, shape (n, 3), in metres."""
+        return self.state.nodes[self.of.numbers]
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
+        of = self.of
+
+        def step(found: np.ndarray) -> np.ndarray:
+            return of._slide(of._fit(change - self.state.jvp(found)[of.numbers]))
+
+        return _refined(step, np.zeros_like(self.control_points))
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`, shape (n, 3), of ``bar``, shape (n_surface, 3)."""
+        of, slid = self.of, self.of._slide(bar)
+
+        def step(found: np.ndarray) -> np.ndarray:
+            nodes_bar = np.zeros_like(self.state.nodes)
+            np.add.at(nodes_bar, of.numbers, of._fit_transpose(found))
+            return of._slide(slid - self.state.vjp(nodes_bar))
+
+        return of._fit_transpose(_refined(step, np.zeros_like(slid)))
+
+
+def _refined(step: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
+    """Add steps to values until these stay as they are, or round-off alone keeps the steps from getting shorter.
+
+    Raises
+    ------
+    MovementError
+        If they do not.
+    """
+    before = np.inf
+    for number in range(_MOST_STEPS):
+        change = step(values)
+        values = values + change
+        size, length = np.abs(values).max(), np.abs(change).max()
+        # steps shrink by a large factor each; one of 1e-12 that does not even halve the one before is made of round-off
+        if length <= _ROUND_OFF * size or (number > 1 and before <= 1e-12 * size and length > 0.5 * before):
+            return values
+        before = length
+    raise MovementError(
+        f"surface: no control points are found for these nodes in {_MOST_STEPS} steps, the last of {length:.3g} m; "
+        f"take a smaller deformation"
+    )
+
+
+def _factor(matrix: csr_array) -> SuperLU:
+    """Factor of the normal equations."""
+    undetermined = InputError(
+        f"surface: its {matrix.shape[0]} nodes do not determine the {matrix.shape[1]} control points of the design "
+        f"surface; give the nodes of all its patches"
+    )
+    try:
+        factor = splu((matrix.T @ matrix).tocsc())
+    except RuntimeError as error:  # SuperLU met a zero pivot
+        raise undetermined from error
+    pivots = np.abs(factor.U.diagonal())
+    if pivots.min() < _SMALLEST_PIVOT * pivots.max():
+        raise undetermined
+    return factor
 
 
 def replace_nodes(topology: Topology, nodes: np.ndarray, pieces: Sequence[tuple[Window, np.ndarray]]) -> np.ndarray:
@@ -202,11 +380,6 @@ def replace_nodes(topology: Topology, nodes: np.ndarray, pieces: Sequence[tuple[
         there = ids[rows[window.block][window.slices]]
         values[there], is_new[there] = points, True
     return np.where(is_new[ids][:, None], values[ids], nodes)
-
-
-def _lies_on(entity: Entity, is_surface: np.ndarray) -> bool:
-    """Whether all control points of an entity are on the surface."""
-    return bool(is_surface[entity.control_ids].all())
 
 
 def _place_on_patch(topology: Topology, source: np.ndarray, row: int) -> tuple[str, str, tuple[int, int, int]]:

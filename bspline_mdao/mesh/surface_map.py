@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -31,7 +32,7 @@ class SurfaceMap:
     matrix : csr_array, shape (n, n_surface)
         A, the basis values at the nodes.
     constant : ndarray, shape (n, 3)
-        c (m): what control points that are held contribute, and the residual of the fit where it does not turn.
+        c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn.
     turned : _TurnedRows or None
         The residual, where the model carries it and lets it turn.
     """
@@ -53,21 +54,45 @@ class SurfaceMap:
         require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
             raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
-        matrix = _evaluator(model, surface).matrix()
-        _require_known(matrix, mesh, surface)
-        is_design = np.zeros(mesh.n_points, dtype=bool)
-        is_design[mesh.surface_ids] = True
-        if not matrix[:, mesh.surface_ids].data.any():
+        found = cls.of_rows(model, mesh.surface_ids, surface.rows, partial(_require_known, mesh, surface))
+        if not found.matrix.data.any():
             raise InputError(
                 f"surface: {surface.names[0]} and the rest do not depend on the design surface; name others"
             )
-        constant = matrix @ np.where(is_design[:, None], 0.0, model.control_points)
+        return found
+
+    @classmethod
+    def of_rows(cls, model: FittedModel, surface_ids: np.ndarray, rows: np.ndarray, require=None) -> SurfaceMap:
+        """Take some rows out of the evaluation of the grid.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The fitted grid.
+        surface_ids : ndarray of int, shape (n_surface,)
+            Numbers of the surface control points; all others count as fixed.
+        rows : ndarray of int, shape (n,)
+            Rows of the nodes in the grid vector, ascending; of nodes that are one, the first.
+        require : callable, optional
+            Called with each matrix that the nodes depend on control points by (that of the nodes, and that of the
+            corners of spans that their residual turns with) and with whether it is the second; may refuse it.
+        """
+        require = require or (lambda matrix, turned: None)
+        matrix = _evaluator(model, rows).matrix()
+        require(matrix, False)
+        is_surface = np.zeros(len(model.control_points), dtype=bool)
+        is_surface[surface_ids] = True
+        constant = matrix @ np.where(is_surface[:, None], 0.0, model.control_points)
         turned = None
         if model.residual is not None and model.settings.wall_layer:
-            turned = _TurnedRows.of(model, mesh, surface)
+            turning = model.grid_map().turning
+            face_nodes = turning.rows(rows)
+            require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
+            turning = turning.of_rows(face_nodes)
+            turned = _TurnedRows(turning, face_nodes, model.residual[rows], surface_ids, model.control_points)
         elif model.residual is not None:
-            constant += model.residual[surface.rows]
-        return cls(csr_array(matrix[:, mesh.surface_ids]), constant, turned)
+            constant += model.residual[rows]
+        return cls(csr_array(matrix[:, surface_ids]), constant, turned)
 
     @property
     def is_linear(self) -> bool:
@@ -146,15 +171,6 @@ class _TurnedRows:
     surface_ids: np.ndarray
     control_points: np.ndarray
 
-    @classmethod
-    def of(cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid) -> _TurnedRows:
-        turning = model.grid_map().turning
-        rows = turning.rows(surface.rows)
-        seen = turning.seen_by(rows)
-        _require_known(turning.corners.matrix()[seen], mesh, surface, turned=True)
-        residual, ids = model.residual[surface.rows], mesh.surface_ids
-        return cls(turning.of_rows(rows), rows, residual, ids, model.control_points)
-
     def at(self, control_points: np.ndarray) -> Turn:
         moved = self.control_points.copy()
         moved[self.surface_ids] = control_points
@@ -173,18 +189,18 @@ class _TurnedRows:
         return turn.rows_vjp(self.rows, self.residual, bar)[self.surface_ids]
 
 
-def _evaluator(model: FittedModel, surface: SurfaceGrid) -> Evaluator:
-    """Evaluation of the surface's nodes alone, each in the volume that evaluates it in the grid."""
+def _evaluator(model: FittedModel, rows: np.ndarray) -> Evaluator:
+    """Evaluation of some nodes alone, by their rows, each in the volume that evaluates it in the grid."""
     number = np.full(model.n_nodes, -1)
-    number[surface.rows] = np.arange(surface.n_points)
+    number[rows] = np.arange(len(rows))
     sharing = node_sharing(model.topology)
-    wanted = [own & (number[rows] >= 0) for rows, own in zip(sharing.rows, sharing.is_evaluated)]
+    wanted = [own & (number[block] >= 0) for block, own in zip(sharing.rows, sharing.is_evaluated)]
     parameters = [x[mask] for x, mask in zip(model.parameters, wanted)]
-    rows = [number[rows[mask]] for rows, mask in zip(sharing.rows, wanted)]
-    return Evaluator.build(model.mesh, parameters, rows, surface.n_points)
+    numbers = [number[block[mask]] for block, mask in zip(sharing.rows, wanted)]
+    return Evaluator.build(model.mesh, parameters, numbers, len(rows))
 
 
-def _require_known(matrix: csr_array, mesh: MovingMesh, surface: SurfaceGrid, turned: bool = False) -> None:
+def _require_known(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
     """Refuse nodes, or corners of spans that their residual turns with, that depend on what a mover decides."""
     is_known = ~mesh.is_free.any(axis=1)
     nodes, points = matrix.nonzero()

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..fit.surface_fit import LOGGER, SurfaceMiss
+from ..fit.surface_fit import LOGGER, FittedSurface, SurfaceLeastSquares, SurfaceMiss
 from ..mesh.mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..mesh.surface_inverse import FittedSurface, SurfaceInverse
 from ..mesh.surface_map import SurfaceMap
 from ..model.fitted_model import FittedModel
 from ..movement.mover import PLANE_TOLERANCE
@@ -83,7 +82,7 @@ class SurfaceControlFit(om.ExplicitComponent):
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
         numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         self._last = None
-        self._inverse = SurfaceInverse.of(SurfaceMap.of(model, mesh, surface), mesh, numbers)
+        self._inverse = SurfaceLeastSquares.of(SurfaceMap.of(model, mesh, surface), mesh, numbers)
         self._initial = surface.points[numbers]
         self._planes = [(np.isin(numbers, ids), normal) for ids, normal in surface.on_planes(model)]
         self._places = model.topology, node_sharing(model.topology).source_rows(), surface.rows[numbers]

@@ -13,11 +13,11 @@ from test_suite import kinds
 
 from bspline_mdao import Parametrization, moving_mesh
 from bspline_mdao.design.user_defined import UserVariable
+from bspline_mdao.fit.surface_fit import SurfaceLeastSquares
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.mesh.surface import SurfaceGrid
-from bspline_mdao.mesh.surface_inverse import SurfaceInverse
 from bspline_mdao.mesh.surface_map import SurfaceMap
 from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.elasticity import LinearElasticity
@@ -118,7 +118,7 @@ def inverted(inverse):
 
 
 def inverse():
-    return SurfaceInverse.of(SurfaceMap.of(wing_model(), mesh(), SurfaceGrid.of(wing_model())), mesh())
+    return SurfaceLeastSquares.of(SurfaceMap.of(wing_model(), mesh(), SurfaceGrid.of(wing_model())), mesh())
 
 
 def parametrized(variables, constraints=()):
@@ -144,7 +144,7 @@ THINGS = {
         for kind, make in geometry_cases.MEASURES.items()
     },
     "SurfaceGrid": (lambda: SurfaceGrid.of(wing_model()), lambda surface: [surface.points, surface.quads]),
-    "SurfaceInverse": (inverse, inverted),
+    "SurfaceLeastSquares": (inverse, inverted),
     "FlowGrid": (flow, flown),
     "FlowForces": (lambda: FlowForces.of(flow(), nodes(), 1.16), forced),
 }

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bspline_mdao import InputError, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao.fit.surface_fit import SurfaceLeastSquares
 from bspline_mdao.mesh.surface import SurfaceGrid
-from bspline_mdao.mesh.surface_inverse import SurfaceInverse
 from bspline_mdao.mesh.surface_map import SurfaceMap
 
 
@@ -42,7 +42,7 @@ def test_nodes_of_a_spline_surface_give_its_control_points_to_round_off(wing, nu
     numbers = numbers(surface_map)
     control_points = moved_points(mesh)
     nodes = surface_map.apply(control_points)
-    found = SurfaceInverse.of(surface_map, mesh, numbers).at(nodes if numbers is None else nodes[numbers])
+    found = SurfaceLeastSquares.of(surface_map, mesh, numbers).at(nodes if numbers is None else nodes[numbers])
     np.testing.assert_allclose(found.control_points, control_points, atol=1e-13)
 
 
@@ -51,7 +51,7 @@ def test_residual_of_other_nodes_is_orthogonal_to_all_that_control_points_can_do
     nodes = surface_map.apply(moved_points(mesh))
     free = replace(mesh, rail_rows=mesh.rail_rows[:0], rail_normals=mesh.rail_normals[:0])
     nodes += 0.01 * np.random.default_rng(3).normal(size=nodes.shape)
-    residual = nodes - SurfaceInverse.of(surface_map, free).at(nodes).nodes
+    residual = nodes - SurfaceLeastSquares.of(surface_map, free).at(nodes).nodes
     assert np.linalg.norm(residual) > 0.1
     np.testing.assert_allclose(surface_map.matrix.T @ residual, 0.0, atol=1e-12)
 
@@ -60,7 +60,7 @@ def test_control_points_stay_in_planes_of_symmetry_whatever_the_nodes_above_them
     surface_map, mesh = wing
     nodes = surface_map.apply(moved_points(mesh))
     nodes += 0.02 * np.random.default_rng(5).normal(size=nodes.shape)
-    found = SurfaceInverse.of(surface_map, mesh).at(nodes).control_points
+    found = SurfaceLeastSquares.of(surface_map, mesh).at(nodes).control_points
     off = (found - mesh.points[mesh.surface_ids])[mesh.rail_rows]
     assert len(off)
     assert np.abs(np.sum(off * mesh.rail_normals, axis=1)).max() < 1e-15
@@ -69,7 +69,7 @@ def test_control_points_stay_in_planes_of_symmetry_whatever_the_nodes_above_them
 @pytest.mark.parametrize("is_spline", [True, False])
 def test_products_with_the_derivative_are_exact_and_transposed(wing, is_spline):
     surface_map, mesh = wing
-    inverse, rng = SurfaceInverse.of(surface_map, mesh, numbers_in_disorder(surface_map)), np.random.default_rng(4)
+    inverse, rng = SurfaceLeastSquares.of(surface_map, mesh, numbers_in_disorder(surface_map)), np.random.default_rng(4)
     nodes = surface_map.apply(moved_points(mesh))[inverse.numbers]
     nodes += 0.0 if is_spline else 0.003 * rng.normal(size=nodes.shape)
     fitted, change = inverse.at(nodes), rng.normal(size=nodes.shape)
@@ -88,5 +88,5 @@ def test_nodes_that_do_not_determine_the_control_points_are_refused(wing):
     surface_map, mesh = wing
     n = surface_map.matrix.shape[0]
     with pytest.raises(InputError, match=f"its {n // 2} nodes do not determine") as error:
-        SurfaceInverse.of(surface_map, mesh, np.arange(n // 2))
+        SurfaceLeastSquares.of(surface_map, mesh, np.arange(n // 2))
     assert "\n" not in str(error.value)
