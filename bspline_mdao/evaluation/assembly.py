@@ -9,6 +9,7 @@ import scipy.sparse
 from numba import njit
 
 from ..numerics.lanes import LANES
+from ..splines.volume import basis_products, sub_net_ids
 from .kernels import control_point_steps
 from .runs import Runs
 
@@ -46,19 +47,16 @@ def assemble(runs: Sequence[Runs], control_ids, n_rows: int, n_control_points: i
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill(orders, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, ids, indptr, indices, data):
     """Write the entries of the nodes of one volume, then those of their copies."""
-    factors = np.empty((3, max(orders)))
-    for run in range(corners.size):
-        steps = control_point_steps(n_control, corners[run])
-        for node in range(starts[run], starts[run + 1]):
-            _unpack(orders, basis, starts[run], starts[run + 1], node, factors)
-            entry = indptr[rows[node]]
-            for a in range(orders[0]):
-                for b in range(orders[1]):
-                    for c in range(orders[2]):
-                        indices[entry] = ids[corners[run] + a * steps[0] + b * steps[1] + c * steps[2]]
-                        data[entry] = factors[0, a] * factors[1, b] * factors[2, c]
-                        entry += 1
     n_entries = orders[0] * orders[1] * orders[2]
+    values, sub_net = np.empty(orders[0] + orders[1] + orders[2]), np.empty(n_entries, dtype=np.int64)
+    for run in range(corners.size):
+        sub_net_ids(orders, corners[run], control_point_steps(n_control, corners[run]), sub_net)
+        for node in range(starts[run], starts[run + 1]):
+            unpack(orders, basis, starts[run], starts[run + 1], node, values)
+            first = indptr[rows[node]]
+            basis_products(orders, values, data[first : first + n_entries])
+            for m in range(n_entries):
+                indices[first + m] = ids[sub_net[m]]
     for copy in range(copy_nodes.size):
         target, source = indptr[copy_rows[copy]], indptr[rows[copy_nodes[copy]]]
         indices[target : target + n_entries] = indices[source : source + n_entries]
@@ -66,15 +64,18 @@ def _fill(orders, n_control, starts, corners, basis, rows, copy_nodes, copy_rows
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _unpack(orders, basis, start, end, node, factors):
-    """Write all functions of a node of the run ``start <= node < end`` to ``factors``; the anchor's is 1 - the rest."""
+def unpack(orders, basis, start, end, node, values):
+    """Write all functions of a node of the run ``start <= node < end`` to ``values``; the anchor's is 1 - the rest."""
     lane = (node - start) % LANES
     first = node - lane
     n = min(LANES, end - first)
     entry = first * (orders[0] + orders[1] + orders[2] - 3) + lane
+    m = 0
     for d in range(3):
-        factors[d, 0] = 1.0
-        for a in range(1, orders[d]):
-            factors[d, a] = basis[entry]
-            factors[d, 0] -= basis[entry]
+        anchor, values[m] = m, 1.0
+        for _ in range(1, orders[d]):
+            m += 1
+            values[m] = basis[entry]
+            values[anchor] -= basis[entry]
             entry += n
+        m += 1

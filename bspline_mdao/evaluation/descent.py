@@ -10,9 +10,10 @@ import numpy as np
 from numba import njit
 
 from ..numerics.threads import run_tasks
-from ..splines.volume import Volume, evaluate, evaluate_gradients
+from ..splines.basis import bilinear_gradients
+from ..splines.knots import BilinearKnots, ConstantKnots, Knots
+from ..splines.volume import Volume, evaluate, evaluate_gradients, point_and_gradient
 from .closest_point import advance, column_norm, is_collapsed, start
-from .point_mapping import bilinear_corners, map_point, map_point_scratch
 
 __all__ = ["descend"]
 
@@ -75,6 +76,55 @@ def descend(
 
         run_tasks(follow, -(-len(points) // _POINTS_PER_TASK), n_threads)
     return parameters, distance
+
+
+def bilinear_corners(knots: Knots) -> np.ndarray | None:
+    """Knots on the four edges, shape (2, 2, N + p), Eq. (5); None where they are a user's functions."""
+    if isinstance(knots, BilinearKnots):
+        return knots.corners
+    if isinstance(knots, ConstantKnots):
+        return np.ascontiguousarray(np.broadcast_to(knots.knots, (2, 2, knots.knots.size)))
+    return None
+
+
+@njit(cache=True, error_model="numpy")
+def map_point_scratch(corners, control_points):
+    """Scratch arrays of `map_point`."""
+    n_knots = max(corners[0].shape[2], corners[1].shape[2], corners[2].shape[2])
+    n_functions = corners[0].shape[2] + corners[1].shape[2] + corners[2].shape[2] - sum(control_points.shape[:3])
+    return np.empty(n_knots), np.empty((n_knots, 3)), np.empty((n_functions, 4)), np.empty((n_functions, 3))
+
+
+@njit(cache=True, error_model="numpy")
+def map_point(corners, control_points, xi, scratch, position, jacobian):
+    """Write one point of a volume with bilinear knots and its derivatives to ``position`` and ``jacobian``.
+
+    Parameters
+    ----------
+    corners : tuple of three ndarrays, shape (2, 2, N_d + p_d)
+        Knots of each direction, see `bilinear_corners`.
+    control_points : ndarray, shape (N0, N1, N2, 3)
+        Control points.
+    xi : ndarray, shape (3,)
+        Parameters.
+    scratch : tuple
+        From `map_point_scratch`.
+    position, jacobian : ndarray, shapes (3,) and (3, 3)
+        Overwritten; column d of the Jacobian belongs to parameter d. It is 0 in a degenerate direction, whose parameter
+        is not free to change, even where the knots of others depend on it.
+    """
+    knots, d_T, gradients, sums = scratch
+    n = control_points.shape
+    p_0, p_1, p_2 = corners[0].shape[2] - n[0], corners[1].shape[2] - n[1], corners[2].shape[2] - n[2]
+    rows_0, rows_1, rows_2 = gradients[:p_0], gradients[p_0 : p_0 + p_1], gradients[p_0 + p_1 :]
+    i = bilinear_gradients(corners[0], p_0, 0, xi[0], xi[1], xi[2], knots, d_T, rows_0)
+    j = bilinear_gradients(corners[1], p_1, 1, xi[1], xi[2], xi[0], knots, d_T, rows_1)
+    k = bilinear_gradients(corners[2], p_2, 2, xi[2], xi[0], xi[1], knots, d_T, rows_2)
+    first = i - p_0 + 1, j - p_1 + 1, k - p_2 + 1
+    point_and_gradient(control_points, first, (p_0, p_1, p_2), gradients, sums, position, jacobian)
+    for d in range(3):
+        if n[d] == 1:
+            jacobian[:, d] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -16,8 +16,7 @@ from numba import njit
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
 from ..splines.mesh import BSplineMesh
-from ..splines.volume import Volume
-from .basis_gradients import gradient_jets
+from ..splines.volume import evaluate_gradients, volume_basis_gradients
 
 CHUNK_NODES = 2**13
 """Nodes per chunk, at least."""
@@ -25,7 +24,7 @@ CHUNK_NODES = 2**13
 CHUNKS_PER_VOLUME = 16
 """Chunks per volume, at most: bounds the memory that the transpose needs."""
 
-_SLICE = 1024  # points at a time, so that their basis jets stay in the cache
+_SLICE = 1024  # points at a time, so that their basis functions stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +49,7 @@ class MappingGradients:
     --------
     >>> import numpy as np
     >>> from bspline_mdao.splines.knots import ConstantKnots
+    >>> from bspline_mdao.splines.volume import Volume
     >>> line = Volume.of(ConstantKnots.uniform(n_control=2, order=2))
     >>> mesh = BSplineMesh((line,), (np.arange(2).reshape(2, 1, 1),), 2)
     >>> gradients = MappingGradients(mesh, [np.array([[0.5, 0.0, 0.0]])])
@@ -87,16 +87,14 @@ class MappingGradients:
         """
         self._check(control_points, (self.mesh.n_control_points, 3), "control points")
         nets = [np.ascontiguousarray(net, dtype=float) for net in self.mesh.nets(control_points)]
-        gradients = [np.zeros((len(p), 3, 3)) for p in self.parameters]
+        gradients = [np.empty((len(p), 3, 3)) for p in self.parameters]
         chunks = self._chunks()
 
-        def evaluate(number: int):
+        def differentiate(number: int):
             v, part = chunks[number]
-            for points in _slices(part):
-                firsts, jets = _jets(self.mesh.volumes[v], self.parameters[v][points])
-                _contract_gradients(nets[v], *firsts, *jets, gradients[v][points])
+            gradients[v][part] = evaluate_gradients(self.mesh.volumes[v], nets[v], self.parameters[v][part])
 
-        run_tasks(evaluate, len(chunks), thread_count(self.n_threads))
+        run_tasks(differentiate, len(chunks), thread_count(self.n_threads))
         return gradients
 
     def adjoint(self, bars: Sequence[np.ndarray]) -> np.ndarray:
@@ -118,11 +116,13 @@ class MappingGradients:
 
         def accumulate(number: int):
             v, part = chunks[number]
-            sums[number] = np.zeros((*self.mesh.volumes[v].n_control, 3))
-            for points in _slices(part):
-                firsts, jets = _jets(self.mesh.volumes[v], self.parameters[v][points])
+            volume = self.mesh.volumes[v]
+            sums[number] = np.zeros((*volume.n_control, 3))
+            for start in range(part.start, part.stop, _SLICE):
+                points = slice(start, min(start + _SLICE, part.stop))
+                basis = volume_basis_gradients(volume, self.parameters[v][points])
                 bar = np.ascontiguousarray(bars[v][points], dtype=float)
-                _contract_gradients_transposed(sums[number], *firsts, *jets, bar)
+                _add_gradients_transposed(sums[number], volume.orders, *basis, bar)
 
         run_tasks(accumulate, len(chunks), thread_count(self.n_threads))
         out = np.zeros((self.mesh.n_control_points, 3))
@@ -144,70 +144,24 @@ class MappingGradients:
             raise InputError(f"metrics: {name} of shape {array.shape}; give real ones of shape {shape}")
 
 
-def _slices(part: slice) -> list[slice]:
-    return [slice(start, min(start + _SLICE, part.stop)) for start in range(part.start, part.stop, _SLICE)]
-
-
-def _jets(volume: Volume, parameters: np.ndarray):
-    """First control points and gradient jets of the basis functions of each direction."""
-    return zip(*[gradient_jets(volume.knots[d], d, parameters) for d in range(3)])
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contract_gradients(B, firsts_0, firsts_1, firsts_2, jets_0, jets_1, jets_2, out):
-    """Add the derivatives of Eq. (3) to ``out``, shape (n, 3, 3): nested sums of jets, one per coordinate."""
-    line, plane, total = np.empty((3, 4)), np.empty((3, 4)), np.empty((3, 4))
-    for q in range(out.shape[0]):
-        total[:] = 0.0
-        for a in range(jets_0.shape[1]):
-            plane[:] = 0.0
-            for b in range(jets_1.shape[1]):
-                line[:] = 0.0
-                for c in range(jets_2.shape[1]):
-                    point = B[firsts_0[q] + a, firsts_1[q] + b, firsts_2[q] + c]
-                    for d in range(3):
-                        for m in range(4):
-                            line[d, m] += point[d] * jets_2[q, c, m]
-                _add_products(jets_1[q, b], line, plane)
-            _add_products(jets_0[q, a], plane, total)
-        for d in range(3):
-            for m in range(3):
-                out[q, d, m] += total[d, 1 + m]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _contract_gradients_transposed(B, firsts_0, firsts_1, firsts_2, jets_0, jets_1, jets_2, bar):
-    """Add the transposed product with ``bar``, shape (n, 3, 3), to ``B``."""
-    total, plane, line = np.zeros((3, 4)), np.empty((3, 4)), np.empty((3, 4))
+def _add_gradients_transposed(B, orders, firsts, gradients, bar):
+    """Add the transpose of the derivatives of Eq. (3), applied to ``bar``, shape (n, 3, 3), to ``B``."""
+    p_0, p_1, p_2 = orders
+    weights = np.empty((gradients.shape[1], 3))
     for q in range(bar.shape[0]):
-        for d in range(3):
-            for m in range(3):
-                total[d, 1 + m] = bar[q, d, m]
-        for a in range(jets_0.shape[1]):
-            _transposed_products(jets_0[q, a], total, plane)
-            for b in range(jets_1.shape[1]):
-                _transposed_products(jets_1[q, b], plane, line)
-                for c in range(jets_2.shape[1]):
-                    point = B[firsts_0[q] + a, firsts_1[q] + b, firsts_2[q] + c]
-                    for d in range(3):
-                        for m in range(4):
-                            point[d] += line[d, m] * jets_2[q, c, m]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_products(factor, jets, out):
-    """Add the products of a gradient jet with three others to ``out``, shape (3, 4)."""
-    for d in range(3):
-        out[d, 0] += factor[0] * jets[d, 0]
-        for m in range(1, 4):
-            out[d, m] += factor[0] * jets[d, m] + factor[m] * jets[d, 0]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _transposed_products(factor, bar, out):
-    """Write what `_add_products` makes of ``bar``, transposed in the three jets."""
-    for d in range(3):
-        out[d, 0] = factor[0] * bar[d, 0]
-        for m in range(1, 4):
-            out[d, 0] += factor[m] * bar[d, m]
-            out[d, m] = factor[0] * bar[d, m]
+        values = gradients[q, :, 0]
+        for m in range(weights.shape[0]):
+            for x in range(3):
+                weights[m, x] = 0.0
+                for k in range(3):
+                    weights[m, x] += gradients[q, m, 1 + k] * bar[q, x, k]
+        for a in range(p_0):
+            for b in range(p_0, p_0 + p_1):
+                v_01 = values[a] * values[b]
+                line = B[firsts[q, 0] + a, firsts[q, 1] + b - p_0]
+                for c in range(p_2):
+                    value = values[p_0 + p_1 + c]
+                    for x in range(3):
+                        w_01 = weights[a, x] * values[b] + values[a] * weights[b, x]
+                        line[firsts[q, 2] + c, x] += w_01 * value + v_01 * weights[p_0 + p_1 + c, x]

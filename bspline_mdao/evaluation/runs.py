@@ -14,12 +14,9 @@ import numpy as np
 from numba import njit
 
 from ..numerics.lanes import LANES
-from ..splines.basis import basis_values, find_span
-from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots
-from ..splines.volume import Volume
+from ..splines.basis import basis
+from ..splines.volume import Volume, sort_by_key
 from .contraction import MARGIN
-
-_CHUNK = 4096  # points at a time where the knots are a user's functions
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +93,12 @@ def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies:
     """
     orders, n_control = volume.orders, volume.n_control
     corners, values = _corners_and_functions(volume, parameters)
-    starts_of_corners, order = _counting_sort(corners, int(np.prod(n_control)))
-    used = np.flatnonzero(np.diff(starts_of_corners))
-    starts = np.append(starts_of_corners[used], len(rows))
-    basis = np.zeros(values.size + LANES)
-    store_groups(starts, order, values, basis)
+    used, starts, order = sort_by_key(corners, int(np.prod(n_control)))
+    packed = np.zeros(values.size + LANES)
+    store_groups(starts, order, values, packed)
     copy_nodes, copy_rows = _sort_copies(order, copies)
     sorted_rows = np.concatenate([rows[order], np.zeros(MARGIN, dtype=np.int64)]).astype(np.uint32)
-    return Runs(orders, n_control, starts, used, basis, sorted_rows, copy_nodes, copy_rows)
+    return Runs(orders, n_control, starts, used, packed, sorted_rows, copy_nodes, copy_rows)
 
 
 def _corners_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.ndarray]:
@@ -113,68 +108,21 @@ def _corners_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.n
     column = 0
     for d, knots in enumerate(volume.knots):
         end = column + knots.order - 1
-        _direction(knots, *(parameters[:, (d + offset) % 3] for offset in range(3)), corners, values[:, column:end])
+        spans, functions = basis(knots, *(parameters[:, (d + offset) % 3] for offset in range(3)))
+        _choose_anchors(knots.n_control, parameters[:, d], spans, functions, corners, values[:, column:end])
         column = end
     return corners, values
 
 
-def _direction(knots: Knots, xi, s, t, corners, values):
-    """Add one direction to the corners, and write its functions."""
-    if isinstance(knots, BilinearKnots):
-        _bilinear_functions(knots.corners, knots.order, xi, s, t, corners, values)
-    elif isinstance(knots, ConstantKnots):
-        _functions(knots.knots[None], knots.order, xi, corners, values)
-    else:
-        for start in range(0, len(xi), _CHUNK):
-            at = slice(start, start + _CHUNK)
-            _functions(knots.values(s[at].copy(), t[at].copy()), knots.order, xi[at], corners[at], values[at])
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _bilinear_functions(edge_knots, order, xi, s, t, corners, values):
-    T, work = np.empty(edge_knots.shape[2]), np.empty(order)
+def _choose_anchors(n_control, xi, spans, functions, corners, out):
+    """Add one direction to the corners, and write its functions but for the anchor's, from it on."""
+    order = functions.shape[1]
     for q in range(xi.size):
-        bilinear_knots(edge_knots, s[q], t[q], T)
-        corners[q] = corners[q] * (T.size - order) + _anchored_functions(T, order, xi[q], work, values[q])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _functions(knots, order, xi, corners, values):
-    """Knots of shape (n, N + p), or (1, N + p) for all."""
-    n_control, work = knots.shape[1] - order, np.empty(order)
-    for q in range(xi.size):
-        T = knots[min(q, knots.shape[0] - 1)]
-        corners[q] = corners[q] * n_control + _anchored_functions(T, order, xi[q], work, values[q])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _anchored_functions(T, order, xi, work, out):
-    """Write the functions at ``xi`` but for the anchor's, from it on; return the anchor's number."""
-    n_control = T.size - order
-    span = find_span(T, order, n_control, xi)
-    basis_values(T, order, span, xi, work)
-    if span == n_control - 1 and (span > order - 1 or xi > 0.5):
+        is_high = spans[q] == n_control - 1 and (spans[q] > order - 1 or xi[q] > 0.5)
+        corners[q] = corners[q] * n_control + (spans[q] if is_high else spans[q] - order + 1)
         for m in range(order - 1):
-            out[m] = work[order - 2 - m]
-        return span
-    for m in range(order - 1):
-        out[m] = work[m + 1]
-    return span - order + 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _counting_sort(keys, n_keys):
-    """First place of each key, shape (n_keys + 1,), and the stable order that sorts the keys."""
-    starts, order = np.zeros(n_keys + 1, dtype=np.int64), np.empty(keys.size, dtype=np.int64)
-    for key in keys:
-        starts[key + 1] += 1
-    for key in range(n_keys):
-        starts[key + 1] += starts[key]
-    places = starts[:-1].copy()
-    for q in range(keys.size):
-        order[places[keys[q]]] = q
-        places[keys[q]] += 1
-    return starts, order
+            out[q, m] = functions[q, order - 2 - m if is_high else m + 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..splines.basis import basis
-from ..splines.volume import Volume
+from ..splines.knots import ConstantKnots
+from ..splines.volume import Volume, basis_products, sort_by_key, sub_net_ids, volume_basis
 
-_CHUNK = 4096  # points at a time, so that their knots stay in the cache
+ACROSS = ConstantKnots.uniform(1, 1)
+"""Knots across a face or edge: the one function is 1."""
+
 _ROWS = 256  # most rows of one dense product
 
 
@@ -108,55 +110,28 @@ def build_design_matrix(volume: Volume, parameters: np.ndarray, is_free=(True, T
     -------
     DesignMatrix
     """
-    n_control = tuple(n if free else 1 for n, free in zip(volume.n_control, is_free))
-    orders = tuple(p if free else 1 for p, free in zip(volume.orders, is_free))
-    firsts = np.zeros((len(parameters), 3), dtype=np.int64)
-    bases = [np.ones((len(parameters), 1))] * 3
-    for d in np.flatnonzero(is_free):
-        spans, bases[d] = _direction_basis(volume, d, parameters)
-        firsts[:, d] = spans - (orders[d] - 1)
-    key = np.ravel_multi_index(firsts.T, n_control)
-    node_order = np.argsort(key.astype(np.uint16) if key.max(initial=0) < 2**16 else key, kind="stable").astype(
-        np.int32
+    section = Volume(tuple(knots if free else ACROSS for knots, free in zip(volume.knots, is_free)))
+    firsts, values = volume_basis(section, parameters)
+    keys = np.ravel_multi_index(firsts.T, section.n_control)
+    used, starts, node_order = sort_by_key(keys, int(np.prod(section.n_control)))
+    firsts = np.stack(np.unravel_index(used, section.n_control), axis=1)
+    return DesignMatrix(
+        section.n_control, section.orders, node_order.astype(np.int32), values[node_order], starts, firsts
     )
-    starts = np.flatnonzero(np.diff(key[node_order], prepend=-1, append=-1))
-    values = np.concatenate(bases, axis=1)[node_order]
-    return DesignMatrix(n_control, orders, node_order, values, starts, firsts[node_order[starts[:-1]]])
-
-
-def _direction_basis(volume: Volume, d: int, parameters: np.ndarray):
-    """Spans and basis values of one direction, a cache-full of nodes at a time."""
-    xi, s, t = (np.ascontiguousarray(parameters[:, (d + offset) % 3]) for offset in range(3))
-    spans, values = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, volume.orders[d]))
-    for start in range(0, xi.size, _CHUNK):
-        chunk = slice(start, start + _CHUNK)
-        spans[chunk], values[chunk] = basis(volume.knots[d], xi[chunk], s[chunk], t[chunk])
-    return spans, values
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _fill_rows(values, start, stop, orders, rows):
-    """Products of the basis values of nodes ``start .. stop - 1``: dense rows of A."""
-    p_0, p_1, p_2 = orders
+    """Dense rows of A of the nodes ``start .. stop - 1``."""
     for q in range(start, stop):
-        for a in range(p_0):
-            for b in range(p_1):
-                product = values[q, a] * values[q, p_0 + b]
-                first = (a * p_1 + b) * p_2
-                for c in range(p_2):
-                    rows[q - start, first + c] = product * values[q, p_0 + p_1 + c]
+        basis_products(orders, values[q], rows[q - start])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _local_points(n_control, orders, first, points):
     """Numbers of the control points of a run."""
-    m = 0
-    for a in range(orders[0]):
-        for b in range(orders[1]):
-            base = ((first[0] + a) * n_control[1] + first[1] + b) * n_control[2] + first[2]
-            for c in range(orders[2]):
-                points[m] = base + c
-                m += 1
+    steps = n_control[1] * n_control[2], n_control[2], 1
+    sub_net_ids(orders, first[0] * steps[0] + first[1] * steps[1] + first[2], steps, points)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from ..splines.basis import basis_jacobian, find_span
-from ..splines.knots import BilinearKnots, Knots, bilinear_knots
-from ..splines.volume import Volume
+from ..splines.basis import basis_derivatives, find_span
+from ..splines.knots import BilinearKnots, Knots, bilinear_knots, bilinear_slopes
+from ..splines.volume import Volume, partial_sums
 from .design_matrix import DesignMatrix
 
 
@@ -84,8 +84,8 @@ class LiveMatrix:
         matrix, values_bar = self.matrix, np.zeros_like(self.matrix.values)
         for bar, points in pairs:
             _add_values_bar(
-                *(matrix.n_control, matrix.orders, matrix.values, matrix.starts, matrix.firsts, matrix.node_order),
-                *(np.ascontiguousarray(bar), np.ascontiguousarray(points), values_bar),
+                *(matrix.orders, matrix.values, matrix.starts, matrix.firsts, matrix.node_order),
+                *(np.ascontiguousarray(bar), points.reshape(*matrix.n_control, 3), values_bar),
             )
         sorted_bar, corners_bar = np.zeros_like(self.parameters), [np.zeros_like(c) for c in self.corners]
         for d in self.free:
@@ -117,52 +117,46 @@ def _cyclic(parameters: np.ndarray, d: int) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _knot_slopes(c, i, s, t):
-    """Differentiate knot i in s and t."""
-    by_s = (1.0 - t) * (c[1, 0, i] - c[0, 0, i]) + t * (c[1, 1, i] - c[0, 1, i])
-    by_t = (1.0 - s) * (c[0, 1, i] - c[0, 0, i]) + s * (c[1, 1, i] - c[1, 0, i])
-    return by_s, by_t
-
-
-@njit(cache=True, error_model="numpy")
 def _values_jvp(corners, d_corners, order, point, d_point, d_values):
+    """Write the change of the basis values of one direction, in the one variable that all moves with."""
     n_knots = corners.shape[2]
-    T, dT, work = np.empty(n_knots), np.empty(n_knots), np.empty((order, 2 * order - 1))
+    T, slopes, d_T = np.empty(n_knots), np.empty((2, n_knots)), np.empty((n_knots, 1))
+    work = np.empty((order, 2))
     for q in range(len(point)):
         xi, s, t = point[q]
         bilinear_knots(corners, s, t, T)
-        bilinear_knots(d_corners, s, t, dT)
+        bilinear_knots(d_corners, s, t, d_T[:, 0])
         span = find_span(T, order, n_knots - order, xi)
-        basis_jacobian(T, order, span, xi, work)
+        first, end = span - order + 2, span + order
+        bilinear_slopes(corners, s, t, first, end, slopes[0], slopes[1])
+        for i in range(first, end):
+            d_T[i, 0] += slopes[0, i] * d_point[q, 1] + slopes[1, i] * d_point[q, 2]
+        basis_derivatives(T, d_T, order, span, xi, (d_point[q, 0],), work)
         for a in range(order):
-            d_values[q, a] = work[a, 0] * d_point[q, 0]
-        for m in range(2 * order - 2):
-            i = span - order + 2 + m
-            by_s, by_t = _knot_slopes(corners, i, s, t)
-            change = dT[i] + by_s * d_point[q, 1] + by_t * d_point[q, 2]
-            for a in range(order):
-                d_values[q, a] += work[a, 1 + m] * change
+            d_values[q, a] = work[a, 1]
 
 
 @njit(cache=True, error_model="numpy")
 def _values_vjp(corners, order, point, values_bar, point_bar, corners_bar):
-    n_knots = corners.shape[2]
-    T, work = np.empty(n_knots), np.empty((order, 2 * order - 1))
+    """Transpose of `_values_jvp`: add to the cotangents of parameters and edge knots."""
+    n_knots, n_local = corners.shape[2], 2 * order - 2
+    T, slopes, work = np.empty(n_knots), np.empty((2, n_knots)), np.empty((order, 2 + n_local))
+    variables = np.eye(1 + n_local)  # the parameter, and the local knots
     for q in range(len(point)):
         xi, s, t = point[q]
         bilinear_knots(corners, s, t, T)
         span = find_span(T, order, n_knots - order, xi)
-        basis_jacobian(T, order, span, xi, work)
+        first, end = span - order + 2, span + order
+        bilinear_slopes(corners, s, t, first, end, slopes[0], slopes[1])
+        basis_derivatives(T[first:end], variables[1:], order, order - 2, xi, variables[0], work)
         for a in range(order):
-            point_bar[q, 0] += work[a, 0] * values_bar[q, a]
-        for m in range(2 * order - 2):
+            point_bar[q, 0] += work[a, 1] * values_bar[q, a]
+        for i in range(first, end):
             bar = 0.0
             for a in range(order):
-                bar += work[a, 1 + m] * values_bar[q, a]
-            i = span - order + 2 + m
-            by_s, by_t = _knot_slopes(corners, i, s, t)
-            point_bar[q, 1] += by_s * bar
-            point_bar[q, 2] += by_t * bar
+                bar += work[a, 2 + i - first] * values_bar[q, a]
+            point_bar[q, 1] += slopes[0, i] * bar
+            point_bar[q, 2] += slopes[1, i] * bar
             corners_bar[0, 0, i] += (1.0 - s) * (1.0 - t) * bar
             corners_bar[1, 0, i] += s * (1.0 - t) * bar
             corners_bar[0, 1, i] += (1.0 - s) * t * bar
@@ -170,22 +164,12 @@ def _values_vjp(corners, order, point, values_bar, point_bar, corners_bar):
 
 
 @njit(cache=True, error_model="numpy")
-def _add_values_bar(n_control, orders, values, starts, firsts, node_order, bar, points, values_bar):
-    """Add the cotangent of the basis values for that of A b, node by node."""
-    p_0, p_1, p_2 = orders
+def _add_values_bar(orders, values, starts, firsts, node_order, bar, points, values_bar):
+    """Add the cotangent of the basis values for that of A b, node by node; ``points`` has shape (N0, N1, N2, 3)."""
+    sums = np.empty((values.shape[1], 3))
     for run in range(len(firsts)):
-        i, j, k = firsts[run]
         for q in range(starts[run], starts[run + 1]):
             x, y, z = bar[node_order[q]]
-            for a in range(p_0):
-                for b in range(p_1):
-                    first = ((i + a) * n_control[1] + j + b) * n_control[2] + k
-                    v_0, v_1 = values[q, a], values[q, p_0 + b]
-                    sum_2 = 0.0
-                    for c in range(p_2):
-                        point = points[first + c]
-                        weight = x * point[0] + y * point[1] + z * point[2]
-                        values_bar[q, p_0 + p_1 + c] += v_0 * v_1 * weight
-                        sum_2 += values[q, p_0 + p_1 + c] * weight
-                    values_bar[q, a] += v_1 * sum_2
-                    values_bar[q, p_0 + b] += v_0 * sum_2
+            partial_sums(points, firsts[run], orders, values[q], sums)
+            for m in range(values.shape[1]):
+                values_bar[q, m] += x * sums[m, 0] + y * sums[m, 1] + z * sums[m, 2]

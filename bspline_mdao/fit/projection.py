@@ -8,9 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..splines.basis import basis_jacobian, basis_values, find_span
-from ..splines.knots import Knots
-from ..splines.volume import Volume
+from ..splines.volume import Volume, point_and_gradient, volume_basis_gradients
 
 LARGEST_STEP = 0.45
 """Largest step of a parameter relative to the room to its neighbours: the order along grid lines is kept."""
@@ -21,7 +19,7 @@ SMALLEST_GAP = 0.1
 CLOSE = 1e-3
 """A node closer than this fraction of the initial RMS distance of its section is left alone by default."""
 
-_CHUNK = 2048  # points at a time, so that their knots stay in the cache
+_CHUNK = 2048  # points at a time, so that their basis functions stay in the cache
 _DAMPING = 1e-12  # of the scaled normal equations, for directions in which the mapping does not move
 
 
@@ -102,77 +100,19 @@ def _gauss_newton(volume: Volume, control_points, parameters, free, nodes) -> tu
     is_free = np.isin(np.arange(3), free)
     for start in range(0, len(nodes), _CHUNK):
         chunk = slice(start, start + _CHUNK)
-        directions = [_knots_at(knots, d, parameters[chunk]) for d, knots in enumerate(volume.knots)]
-        knots, slopes = zip(*directions)
-        arguments = volume.orders, control_points, parameters[chunk], is_free, nodes[chunk]
-        _gauss_newton_chunk(*knots, *slopes, *arguments, points[chunk], steps[chunk])
+        firsts, gradients = volume_basis_gradients(volume, parameters[chunk])
+        arguments = control_points, volume.orders, firsts, gradients, is_free, nodes[chunk]
+        _gauss_newton_chunk(*arguments, points[chunk], steps[chunk])
     return points, steps
 
 
-def _knots_at(knots: Knots, d: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Knots of direction d at points, and their derivatives in the next two directions."""
-    s, t = (np.ascontiguousarray(parameters[:, (d + offset) % 3]) for offset in (1, 2))
-    return knots.values(s, t), knots.gradients(s, t)
-
-
 @njit(cache=True, error_model="numpy")
-def _gauss_newton_chunk(T0, T1, T2, S0, S1, S2, orders, B, parameters, is_free, nodes, points, steps):
-    largest = max(orders)
-    values, work = np.zeros((3, largest)), np.empty((largest, 2 * largest - 1))
-    slopes, sums = np.zeros((3, 3, largest)), np.empty((3, largest, 3))
-    jacobian, normal, scale, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+def _gauss_newton_chunk(B, orders, firsts, gradients, is_free, nodes, points, steps):
+    sums, jacobian = np.empty((gradients.shape[1], 3)), np.empty((3, 3))
+    normal, scale, right = np.empty((3, 3)), np.empty(3), np.empty(3)
     for q in range(len(nodes)):
-        x = parameters[q]
-        i = _direction(T0[q], S0[q], orders[0], 0, x, values, slopes, work)
-        j = _direction(T1[q], S1[q], orders[1], 1, x, values, slopes, work)
-        k = _direction(T2[q], S2[q], orders[2], 2, x, values, slopes, work)
-        _partial_sums(B, i, j, k, orders, values, sums)
-        for c in range(3):
-            points[q, c] = 0.0
-            for a in range(orders[0]):
-                points[q, c] += values[0, a] * sums[0, a, c]
-            for m in range(3):
-                jacobian[c, m] = 0.0
-                for d in range(3):
-                    for a in range(orders[d]):
-                        jacobian[c, m] += slopes[d, m, a] * sums[d, a, c]
+        point_and_gradient(B, firsts[q], orders, gradients[q], sums, points[q], jacobian)
         _solve_step(jacobian, is_free, nodes[q], points[q], steps[q], scale, normal, right)
-
-
-@njit(cache=True, error_model="numpy")
-def _direction(T, S, order, d, x, values, slopes, work):
-    """Basis values of direction d and their slopes in all three parameters; returns the first control point."""
-    span = find_span(T, order, T.size - order, x[d])
-    basis_values(T, order, span, x[d], values[d])
-    basis_jacobian(T, order, span, x[d], work)
-    first = span - order + 2  # the first local knot
-    for a in range(order):
-        by_s, by_t = 0.0, 0.0
-        for m in range(2 * order - 2):
-            by_s += work[a, 1 + m] * S[first + m, 0]
-            by_t += work[a, 1 + m] * S[first + m, 1]
-        slopes[d, d, a] = work[a, 0]
-        slopes[d, (d + 1) % 3, a], slopes[d, (d + 2) % 3, a] = by_s, by_t
-    return span - order + 1
-
-
-@njit(cache=True, error_model="numpy")
-def _partial_sums(B, i, j, k, orders, values, sums):
-    """Control points summed with the basis of two directions, for each function of the third."""
-    sums[:] = 0.0
-    for a in range(orders[0]):
-        for b in range(orders[1]):
-            ab, x, y, z = values[0, a] * values[1, b], 0.0, 0.0, 0.0
-            for c in range(orders[2]):
-                point = B[i + a, j + b, k + c]
-                x += values[2, c] * point[0]
-                y += values[2, c] * point[1]
-                z += values[2, c] * point[2]
-                for m in range(3):
-                    sums[2, c, m] += ab * point[m]
-            for m, sum_2 in enumerate((x, y, z)):
-                sums[0, a, m] += values[1, b] * sum_2
-                sums[1, b, m] += values[0, a] * sum_2
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""B-spline basis functions, Eqs. (2) and (4): values and derivatives in the parameter and in the knots.
+"""B-spline basis functions, Eqs. (2) and (4): values and derivatives in the parameters and in the knots.
 
 On the span ``T[s] <= xi < T[s+1]`` (numbered from 0) only the ``p`` functions ``s-p+1 .. s`` differ from zero, and they
 depend on the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` alone. They are found by the de Boor triangle: from one
@@ -6,6 +6,10 @@ order to the next each function passes the share ``(xi - a) / (b - a)`` of its v
 right-hand neighbour and keeps the rest. So no interval is empty, the sum stays one, and at an end of the parameter
 range the end function is one to the last bit. The first and the last span continue beyond the ends, so that ``xi = 1``,
 and a parameter that round-off has carried out of [0, 1], need no special care.
+
+The triangle stands here three times: in numbers (`raise_order`), with first derivatives in any variables that parameter
+and knots depend on (`basis_derivatives`), and with second derivatives in three (`basis_jets_at`).
+Theory: ``docs/theory/splines.rst``.
 
 The functions with an ``out`` argument are called from other numba kernels, once per point; the ones without it take
 arrays of points and an object of `bspline_mdao.splines.knots`.
@@ -20,7 +24,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .jets import JET_SIZES, jet_product, jet_quotient
+from .knots import BilinearKnots, ConstantKnots, bilinear_knots, bilinear_slopes
+
+JET_SIZES = (1, 4, 10)
+"""Length of a *jet*, a truncated Taylor series in three variables, of degree 0, 1 and 2: the value, then the gradient,
+then the upper half of the Hessian. ``f, f_0, f_1, f_2, f_00, f_01, f_02, f_11, f_12, f_22``. Sums of jets are sums of
+arrays."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -63,71 +72,88 @@ def basis_values(T, order, s, xi, out):
     """
     out[0] = 1.0
     for r in range(1, order):
-        _raise_order(T, s + 1 - r, r, xi, out)
+        raise_order(T, s, r, xi, out)
 
 
 @njit(cache=True, error_model="numpy")
-def _raise_order(T, first, r, xi, values):
-    """Take the ``r`` functions of order ``r`` on a span to the ``r + 1`` of order ``r + 1``, in place."""
+def raise_order(T, s, r, xi, values):
+    """Take the ``r`` functions of order ``r`` on span ``s`` to the ``r + 1`` of order ``r + 1``, in place."""
     received = 0.0
     for m in range(r):
-        a, b = T[first + m], T[first + m + r]
+        a, b = T[s + 1 - r + m], T[s + 1 + m]
         passed = (xi - a) / (b - a) * values[m]
         values[m] += received - passed
         received = passed
     values[r] = received
 
 
-@njit(cache=True, error_model="numpy")
-def basis_jacobian(T, order, s, xi, out):
-    """Write the derivatives of the ``p`` functions on span ``s`` in the parameter and in the local knots to ``out``.
+@njit(cache=True, error_model="numpy", forceinline=True)
+def basis_derivatives(T, d_T, order, s, xi, d_xi, out):
+    """Write the ``p`` functions on span ``s`` and their derivatives in any number of variables to ``out``, Eq. (4).
 
-    The triangle of `basis_values` is differentiated step by step. Column 0 holds the values that this takes, until the
-    last step turns them into derivatives in ``xi``.
+    The triangle of `basis_values`, differentiated step by step: the parameter and the knots may depend on the
+    variables. With ``d_T`` one in one entry of each column they are the derivatives in single knots.
 
     Parameters
     ----------
-    T, order, s, xi
-        As for `basis_values`.
-    out : ndarray, shape (>= p, >= 2p - 1)
-        ``out[i, 0]`` receives the derivative of ``N_{s-p+1+i}`` in ``xi``, ``out[i, 1 + m]`` the one in
-        ``T[s-p+2+m]``.
+    T : ndarray, shape (N + p,)
+        Knots.
+    d_T : ndarray, shape (N + p, n)
+        Derivatives of the knots in the variables; only those of the local knots are read.
+    order, s : int
+        Order p and span.
+    xi : float
+        Parameter.
+    d_xi : tuple of n floats, or ndarray, shape (n,)
+        Derivatives of the parameter in the variables; as a tuple its length is known to the compiler.
+    out : ndarray, shape (>= p, 1 + n)
+        Receives the functions (column 0) and their derivatives.
     """
-    out[:order, : 2 * order - 1] = 0.0
-    out[0, 0] = 1.0
+    out[0, 0], out[0, 1:] = 1.0, 0.0
     for r in range(1, order):
-        first = s + 1 - r
-        for column in range(order - r, order + r):
-            _raise_order_knot_derivative(T, first, r, xi, s - order + 1 + column, out, column)
-        if r < order - 1:
-            _raise_order(T, first, r, xi, out[:, 0])
-    _raise_order_derivative(T, s + 2 - order, order - 1, out[:, 0])
+        out[r] = 0.0
+        for m in range(r - 1, -1, -1):  # downwards, so that what is passed on lands behind
+            low, high = s + 1 - r + m, s + 1 + m
+            per_width = 1.0 / (T[high] - T[low])
+            share, value = (xi - T[low]) * per_width, out[m, 0]
+            for n in range(len(d_xi)):
+                d_share = (d_xi[n] - d_T[low, n] - share * (d_T[high, n] - d_T[low, n])) * per_width
+                passed = share * out[m, 1 + n] + d_share * value
+                out[m, 1 + n] -= passed
+                out[m + 1, 1 + n] += passed
+            out[m, 0] -= share * value
+            out[m + 1, 0] += share * value
 
 
-@njit(cache=True, error_model="numpy")
-def _raise_order_knot_derivative(T, first, r, xi, knot, out, column):
-    """`_raise_order` of column 0, differentiated in ``T[knot]``; the derivatives are in ``out[:, column]``."""
-    received = 0.0
-    for m in range(r):
-        a, b = T[first + m], T[first + m + r]
-        d_a, d_b = 1.0 * (knot == first + m), 1.0 * (knot == first + m + r)
-        share = (xi - a) / (b - a)
-        d_share = (share * (d_a - d_b) - d_a) / (b - a)
-        passed = share * out[m, column] + d_share * out[m, 0]
-        out[m, column] += received - passed
-        received = passed
-    out[r, column] = received
+@njit(cache=True, error_model="numpy", inline="always")
+def jet_product(a, b, out):
+    """Write the jet of ``a b`` to ``out``, which may be ``a`` or ``b`` (so the highest derivatives go first)."""
+    if out.size > 4:
+        i = 4
+        for k in range(1, 4):
+            for l in range(k, 4):
+                out[i] = a[0] * b[i] + a[k] * b[l] + a[l] * b[k] + a[i] * b[0]
+                i += 1
+    if out.size > 1:
+        for k in range(1, 4):
+            out[k] = a[0] * b[k] + a[k] * b[0]
+    out[0] = a[0] * b[0]
 
 
-@njit(cache=True, error_model="numpy")
-def _raise_order_derivative(T, first, r, values):
-    """Take the functions of order ``r`` to the derivatives of those of order ``r + 1`` in the parameter, in place."""
-    received = 0.0
-    for m in range(r):
-        passed = r * values[m] / (T[first + m + r] - T[first + m])
-        values[m] = received - passed
-        received = passed
-    values[r] = received
+@njit(cache=True, error_model="numpy", inline="always")
+def jet_quotient(a, b, out):
+    """Write the jet of ``a / b`` to ``out``, which may be ``a``: Leibniz' rule for ``out b = a``, solved."""
+    reciprocal = 1.0 / b[0]
+    out[0] = a[0] * reciprocal
+    if out.size > 1:
+        for k in range(1, 4):
+            out[k] = (a[k] - out[0] * b[k]) * reciprocal
+    if out.size > 4:
+        i = 4
+        for k in range(1, 4):
+            for l in range(k, 4):
+                out[i] = (a[i] - out[k] * b[l] - out[l] * b[k] - out[0] * b[i]) * reciprocal
+                i += 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -137,7 +163,7 @@ def basis_jets_at(T, order, s, xi, out, work):
     Parameters
     ----------
     T : ndarray, shape (N + p, n)
-        Jets of the knots in ``(xi, s, t)``, see `bspline_mdao.splines.jets`; n = 1, 4 or 10 sets the degree.
+        Jets of the knots in ``(xi, s, t)``, see `JET_SIZES`; n = 1, 4 or 10 sets the degree.
     order, s, xi
         As for `basis_values`.
     out : ndarray, shape (>= p, n)
@@ -171,23 +197,79 @@ def _interval_jets(a, b, xi, left, width):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _basis(T, order, xi, spans, values):
+def _values_at_points(T, order, xi, spans, values):
+    """`basis_values` at points with knots of shape (n, N + p), or (1, N + p) for all."""
     n_control = T.shape[1] - order
     for q in range(xi.size):
-        spans[q] = find_span(T[q], order, n_control, xi[q])
-        basis_values(T[q], order, spans[q], xi[q], values[q])
+        knots = T[min(q, T.shape[0] - 1)]
+        spans[q] = find_span(knots, order, n_control, xi[q])
+        basis_values(knots, order, spans[q], xi[q], values[q])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _values_at_points_bilinear(corners, order, xi, s, t, spans, values):
+    """The same with bilinear knots, which are found point by point: they stay in the cache."""
+    knots = np.empty(corners.shape[2])
+    for q in range(xi.size):
+        bilinear_knots(corners, s[q], t[q], knots)
+        spans[q] = find_span(knots, order, knots.size - order, xi[q])
+        basis_values(knots, order, spans[q], xi[q], values[q])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _gradients_at_points(T, slopes, order, direction, xi, spans, out):
+    """`basis_derivatives` in (xi, eta, zeta) at points; knots of shape (n, N + p) and slopes (n, N + p, 2), or one."""
+    d_T, d_xi = np.zeros((T.shape[1], 3)), (1.0 * (direction == 0), 1.0 * (direction == 1), 1.0 * (direction == 2))
+    for q in range(xi.size):
+        at = min(q, T.shape[0] - 1)
+        spans[q] = find_span(T[at], order, T.shape[1] - order, xi[q])
+        d_T[:, (direction + 1) % 3], d_T[:, (direction + 2) % 3] = slopes[at, :, 0], slopes[at, :, 1]
+        basis_derivatives(T[at], d_T, order, spans[q], xi[q], d_xi, out[q])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _gradients_at_points_bilinear(corners, order, direction, xi, s, t, spans, out):
+    """The same with bilinear knots."""
+    knots, d_T = np.empty(corners.shape[2]), np.empty((corners.shape[2], 3))
+    for q in range(xi.size):
+        spans[q] = bilinear_gradients(corners, order, direction, xi[q], s[q], t[q], knots, d_T, out[q])
 
 
 @njit(cache=True, error_model="numpy")
-def _basis_jacobians(T, order, xi, spans, jacobians):
-    n_control = T.shape[1] - order
-    for q in range(xi.size):
-        spans[q] = find_span(T[q], order, n_control, xi[q])
-        basis_jacobian(T[q], order, spans[q], xi[q], jacobians[q])
+def bilinear_gradients(corners, order, direction, xi, s, t, knots, d_T, out):
+    """Write functions of bilinear knots and their gradients at one point, for use inside numba kernels.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (2, 2, N + p)
+        Knots on the four edges, Eq. (5).
+    order, direction : int
+        Order p, and the direction of the knots: 0, 1 or 2.
+    xi, s, t : float
+        Parameters of this direction and of the next two in cyclic order.
+    knots, d_T : ndarray, shapes (>= N + p,) and (>= N + p, 3)
+        Scratch.
+    out : ndarray, shape (>= p, 4)
+        Receives the functions and their derivatives in (xi, eta, zeta).
+
+    Returns
+    -------
+    int
+        Span.
+    """
+    second, third = (direction + 1) % 3, (direction + 2) % 3
+    bilinear_knots(corners, s, t, knots)
+    span = find_span(knots, order, corners.shape[2] - order, xi)
+    first, end = span - order + 2, span + order
+    d_T[first:end, direction] = 0.0
+    bilinear_slopes(corners, s, t, first, end, d_T[:, second], d_T[:, third])
+    d_xi = 1.0 * (direction == 0), 1.0 * (direction == 1), 1.0 * (direction == 2)
+    basis_derivatives(knots, d_T, order, span, xi, d_xi, out)
+    return span
 
 
-@njit(cache=True, error_model="numpy")
-def _basis_jets(T, order, xi, spans, jets):
+@njit(cache=True, error_model="numpy", nogil=True)
+def _jets_at_points(T, order, xi, spans, jets):
     n_control = T.shape[1] - order
     work = np.empty((3, T.shape[2]))
     for q in range(xi.size):
@@ -232,30 +314,52 @@ def basis(knots, xi, s=0.0, t=0.0) -> tuple[np.ndarray, np.ndarray]:
     """
     xi, s, t = _as_points(xi, s, t)
     spans, values = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order))
-    _basis(knots.values(s, t), knots.order, xi, spans, values)
+    if isinstance(knots, BilinearKnots):
+        _values_at_points_bilinear(knots.corners, knots.order, xi, s, t, spans, values)
+    elif isinstance(knots, ConstantKnots):
+        _values_at_points(knots.knots[None], knots.order, xi, spans, values)
+    else:
+        for at in _chunks(xi.size):
+            _values_at_points(knots.values(s[at], t[at]), knots.order, xi[at], spans[at], values[at])
     return spans, values
 
 
-def basis_jacobians(knots, xi, s=0.0, t=0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Differentiate the basis functions in the parameter and in the local knots.
+def basis_gradients(knots, direction: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Basis functions of one direction with their derivatives in all three parameters, through curved knots, Eq. (4).
 
     Parameters
     ----------
-    knots, xi, s, t
-        As for `basis`.
+    knots : Knots
+        Knots of the direction.
+    direction : int
+        0, 1 or 2.
+    parameters : ndarray, shape (n, 3)
+        Parameters of the points.
 
     Returns
     -------
     spans : ndarray of int, shape (n,)
         Span of each point.
-    jacobians : ndarray, shape (n, p, 2p - 1)
-        Derivatives in ``xi`` (column 0) and in ``T[span-p+2+m]`` (column ``1 + m``).
+    gradients : ndarray, shape (n, p, 4)
+        Values, and derivatives in xi, eta and zeta.
     """
-    xi, s, t = _as_points(xi, s, t)
-    p = knots.order
-    spans, jacobians = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, p, 2 * p - 1))
-    _basis_jacobians(knots.values(s, t), p, xi, spans, jacobians)
-    return spans, jacobians
+    xi, s, t = _as_points(*(parameters[:, (direction + offset) % 3] for offset in range(3)))
+    p, spans, gradients = knots.order, np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order, 4))
+    if isinstance(knots, BilinearKnots):
+        _gradients_at_points_bilinear(knots.corners, p, direction, xi, s, t, spans, gradients)
+    elif isinstance(knots, ConstantKnots):
+        no_slopes = np.zeros((1, knots.knots.size, 2))
+        _gradients_at_points(knots.knots[None], no_slopes, p, direction, xi, spans, gradients)
+    else:
+        for at in _chunks(xi.size):
+            T, slopes = knots.values(s[at], t[at]), knots.gradients(s[at], t[at])
+            _gradients_at_points(T, slopes, p, direction, xi[at], spans[at], gradients[at])
+    return spans, gradients
+
+
+def _chunks(n: int) -> list[slice]:
+    """Points at a time where the knots are a user's functions, so that these knots stay in the cache."""
+    return [slice(start, start + 4096) for start in range(0, n, 4096)]
 
 
 def basis_jets(knots, xi, s=0.0, t=0.0, degree: int = 2) -> tuple[np.ndarray, np.ndarray]:
@@ -273,11 +377,11 @@ def basis_jets(knots, xi, s=0.0, t=0.0, degree: int = 2) -> tuple[np.ndarray, np
     spans : ndarray of int, shape (n,)
         Span of each point.
     jets : ndarray, shape (n, p, 1 or 4 or 10)
-        Jets of the functions, see `bspline_mdao.splines.jets`.
+        Jets of the functions, see `JET_SIZES`.
     """
     xi, s, t = _as_points(xi, s, t)
     spans, jets = np.empty(xi.size, dtype=np.int64), np.empty((xi.size, knots.order, JET_SIZES[degree]))
-    _basis_jets(_knot_jets(knots, s, t, degree), knots.order, xi, spans, jets)
+    _jets_at_points(_knot_jets(knots, s, t, degree), knots.order, xi, spans, jets)
     return spans, jets
 
 

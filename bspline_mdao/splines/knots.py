@@ -191,12 +191,12 @@ def bilinear_knots(corners, s, t, out):
         out[i] = (1.0 - t) * low + t * high
 
 
-@njit(cache=True, error_model="numpy")
-def bilinear_slopes(corners, s, t, first, last, out):
-    """Write the derivatives of `bilinear_knots` ``first .. last - 1`` in s and t to ``out``, shape (N + p, 2)."""
-    for i in range(first, last):
-        out[i, 0] = (1.0 - t) * (corners[1, 0, i] - corners[0, 0, i]) + t * (corners[1, 1, i] - corners[0, 1, i])
-        out[i, 1] = (1.0 - s) * (corners[0, 1, i] - corners[0, 0, i]) + s * (corners[1, 1, i] - corners[1, 0, i])
+@njit(cache=True, error_model="numpy", forceinline=True)
+def bilinear_slopes(corners, s, t, first, end, d_s, d_t):
+    """Write the derivatives of the knots ``first .. end - 1`` of Eq. (5) to ``d_s`` and ``d_t``, shape (N + p,)."""
+    for i in range(first, end):
+        d_s[i] = (1.0 - t) * (corners[1, 0, i] - corners[0, 0, i]) + t * (corners[1, 1, i] - corners[0, 1, i])
+        d_t[i] = (1.0 - s) * (corners[0, 1, i] - corners[0, 0, i]) + s * (corners[1, 1, i] - corners[1, 0, i])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -208,7 +208,7 @@ def _blend(corners, s, t, out):
 @njit(cache=True, error_model="numpy")
 def _blend_slopes(corners, s, t, out):
     for q in range(s.size):
-        bilinear_slopes(corners, s[q], t[q], 0, corners.shape[2], out[q])
+        bilinear_slopes(corners, s[q], t[q], 0, corners.shape[2], out[q, :, 0], out[q, :, 1])
 
 
 @dataclass(frozen=True, eq=False)

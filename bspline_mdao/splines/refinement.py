@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
-from .basis import find_span
+from .basis import find_span, raise_order
 from .knots import ConstantKnots
 from .volume import Volume
 
@@ -139,11 +139,9 @@ def _blossom(knots: ConstantKnots, xi: float, arguments: np.ndarray) -> np.ndarr
     """Blossoms of all basis functions, shape (N,), on the span that holds ``xi``, at ``p - 1`` ascending arguments."""
     T, p = knots.knots, knots.order
     s = find_span(T, p, knots.n_control, xi)
-    values = np.ones(1)
+    values = np.ones(p)
     for r, argument in enumerate(arguments, start=1):
-        a, b = T[s + 1 - r : s + 1], T[s + 1 : s + 1 + r]
-        passed = (argument - a) / (b - a) * values
-        values = np.append(values - passed, 0.0) + np.append(0.0, passed)
+        raise_order(T, s, r, argument, values)
     row = np.zeros(knots.n_control)
     row[s + 1 - p : s + 1] = values
     return row

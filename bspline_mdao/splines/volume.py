@@ -11,20 +11,10 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from .basis import basis, basis_jets
-from .jets import JET_SIZES, jet_product
+from .basis import basis, basis_gradients, basis_jets
 from .knots import ConstantKnots, Knots
 
-_CHUNK = 2048  # points at a time, so that knots and basis jets stay in the cache
-
-# Jets of direction d are in (d, d + 1, d + 2) modulo 3: entry of theirs for each entry of a jet in (0, 1, 2).
-_JET_ORDERS = np.array(
-    [
-        [0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
-        [0, 3, 1, 2, 9, 6, 8, 4, 5, 7],
-        [0, 2, 3, 1, 7, 8, 5, 9, 6, 4],
-    ]
-)
+_CHUNK = 2048  # points at a time, so that their basis functions stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +78,16 @@ def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray)
     >>> evaluate(bezier, np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]])[:, None, None], np.array([[0.5, 0.0, 0.0]]))
     array([[1., 1.]])
     """
-    return _evaluate(volume, control_points, parameters, 0)[..., 0]
+    control_points, parameters = _as_arrays(volume, control_points, parameters)
+    points = np.empty((len(parameters), control_points.shape[3]))
+    for at in _chunks(parameters):
+        firsts, values = volume_basis(volume, parameters[at])
+        _sum_values(control_points, volume.orders, firsts, values, points[at])
+    return points
 
 
 def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """First derivatives of the points in xi, eta and zeta, through curved knots as well.
+    """First derivatives of the points in xi, eta and zeta, the grid metrics, through curved knots as well.
 
     Parameters
     ----------
@@ -108,7 +103,11 @@ def evaluate_gradients(volume: Volume, control_points: np.ndarray, parameters: n
     InputError
         If an array has the wrong shape.
     """
-    return _evaluate(volume, control_points, parameters, 1)[..., 1:4]
+    control_points, parameters = _as_arrays(volume, control_points, parameters)
+    gradients = np.empty((len(parameters), control_points.shape[3], 3))
+    for at in _chunks(parameters):
+        _sum_gradients(control_points, volume.orders, *volume_basis_gradients(volume, parameters[at]), gradients[at])
+    return gradients
 
 
 def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -129,62 +128,259 @@ def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np
     InputError
         If an array has the wrong shape, or knots come without second derivatives.
     """
-    return _evaluate(volume, control_points, parameters, 2)[..., 4:]
+    control_points, parameters = _as_arrays(volume, control_points, parameters)
+    hessians = np.empty((len(parameters), control_points.shape[3], 6))
+    for at in _chunks(parameters):
+        cyclic = [[parameters[at, (d + offset) % 3] for offset in range(3)] for d in range(3)]
+        spans, jets = zip(*[basis_jets(knots, *own) for knots, own in zip(volume.knots, cyclic)])
+        firsts = np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1)
+        _sum_hessians(control_points, volume.orders, firsts, np.concatenate(jets, axis=1), hessians[at])
+    return hessians
 
 
-def _evaluate(volume: Volume, control_points, parameters, degree: int) -> np.ndarray:
-    """Jets of the points in the parameters, shape (n, d, size)."""
+def volume_basis(volume: Volume, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Basis functions of all three directions at points.
+
+    Parameters
+    ----------
+    volume : Volume
+        Orders and knots.
+    parameters : ndarray, shape (n, 3)
+        Parameters of the points.
+
+    Returns
+    -------
+    firsts : ndarray of int, shape (n, 3)
+        First control point that each point depends on, in each direction.
+    values : ndarray, shape (n, p0 + p1 + p2)
+        The functions that differ from zero: those of xi, then eta, then zeta.
+    """
+    cyclic = [[parameters[:, (d + offset) % 3] for offset in range(3)] for d in range(3)]
+    spans, values = zip(*[basis(knots, *own) for knots, own in zip(volume.knots, cyclic)])
+    return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(values, axis=1)
+
+
+def volume_basis_gradients(volume: Volume, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `volume_basis` does, each value followed by its derivatives: shape (n, p0 + p1 + p2, 4)."""
+    spans, gradients = zip(*[basis_gradients(knots, d, parameters) for d, knots in enumerate(volume.knots)])
+    return np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1), np.concatenate(gradients, axis=1)
+
+
+def sort_by_key(keys: np.ndarray, n_keys: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sort points by the sub-net of control points that they depend on, those of one sub-net in their old order.
+
+    Parameters
+    ----------
+    keys : ndarray of int, shape (n,)
+        A number below ``n_keys`` that tells the sub-net of each point.
+    n_keys : int
+        Number of keys.
+
+    Returns
+    -------
+    used : ndarray of int, shape (m,)
+        The keys that occur, ascending.
+    starts : ndarray of int, shape (m + 1,)
+        First sorted point of each.
+    order : ndarray of int, shape (n,)
+        Number of each sorted point.
+    """
+    starts, order = _counting_sort(keys, n_keys)
+    used = np.flatnonzero(np.diff(starts))
+    return used, np.append(starts[used], keys.size), order
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _counting_sort(keys, n_keys):
+    """First place of each key, shape (n_keys + 1,), and the stable order that sorts the keys."""
+    starts, order = np.zeros(n_keys + 1, dtype=np.int64), np.empty(keys.size, dtype=np.int64)
+    for key in keys:
+        starts[key + 1] += 1
+    for key in range(n_keys):
+        starts[key + 1] += starts[key]
+    places = starts[:-1].copy()
+    for q in range(keys.size):
+        order[places[keys[q]]] = q
+        places[keys[q]] += 1
+    return starts, order
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def sub_net_ids(orders, corner, steps, ids):
+    """Write the numbers of the control points of a sub-net to ``ids``, in the order of `basis_products`.
+
+    Parameters
+    ----------
+    orders : tuple of three int
+        Orders.
+    corner : int
+        Number of the first of them among those of the volume.
+    steps : tuple of three int
+        From one to the next in each direction.
+    ids : ndarray of int, shape (p0 * p1 * p2,)
+        Receives the numbers.
+    """
+    m = 0
+    for a in range(orders[0]):
+        for b in range(orders[1]):
+            for c in range(orders[2]):
+                ids[m] = corner + a * steps[0] + b * steps[1] + c * steps[2]
+                m += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def basis_products(orders, values, products):
+    """Write the factors of the control points of a sub-net in Eq. (3): products of the functions of three directions.
+
+    Parameters
+    ----------
+    orders : tuple of three int
+        Orders.
+    values : ndarray, shape (p0 + p1 + p2,)
+        Functions of one point, see `volume_basis`.
+    products : ndarray, shape (p0 * p1 * p2,)
+        Receives the products, those of the last direction next to each other.
+    """
+    p_0, p_1, p_2 = orders
+    for a in range(p_0):
+        for b in range(p_1):
+            product = values[a] * values[p_0 + b]
+            first = (a * p_1 + b) * p_2
+            for c in range(p_2):
+                products[first + c] = product * values[p_0 + p_1 + c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def partial_sums(B, first, orders, values, sums):
+    """Write the derivatives of the triple sum of Eq. (3) in the basis functions to ``sums``.
+
+    They are the control points summed with the functions of two directions. All derivatives of a point follow: with
+    derivatives of the functions in a variable as factors, they add up to that of the point in the variable.
+
+    Parameters
+    ----------
+    B : ndarray, shape (N0, N1, N2, d)
+        Control points.
+    first : sequence of three int
+        First control point of the sub-net in each direction.
+    orders : tuple of three int
+        Orders.
+    values : ndarray, shape (p0 + p1 + p2,)
+        Functions of one point, see `volume_basis`.
+    sums : ndarray, shape (p0 + p1 + p2, d)
+        Receives the sums.
+    """
+    p_0, p_1, p_2 = orders
+    sums[:] = 0.0
+    for a in range(p_0):
+        for b in range(p_1):
+            v_0, v_1 = values[a], values[p_0 + b]
+            v_01 = v_0 * v_1
+            line = B[first[0] + a, first[1] + b]
+            for x in range(B.shape[3]):
+                sum_2 = 0.0
+                for c in range(p_2):
+                    point = line[first[2] + c, x]
+                    sum_2 += values[p_0 + p_1 + c] * point
+                    sums[p_0 + p_1 + c, x] += v_01 * point
+                sums[a, x] += v_1 * sum_2
+                sums[p_0 + b, x] += v_0 * sum_2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_values(B, orders, firsts, values, out):
+    """Write the triple sum of Eq. (3) to ``out``, shape (n, d)."""
+    products = np.empty(orders[0] * orders[1] * orders[2])
+    for q in range(out.shape[0]):
+        basis_products(orders, values[q], products)
+        i, j, k = firsts[q]
+        m = 0
+        out[q] = 0.0
+        for a in range(orders[0]):
+            for b in range(orders[1]):
+                for c in range(orders[2]):
+                    for x in range(out.shape[1]):
+                        out[q, x] += B[i + a, j + b, k + c, x] * products[m]
+                    m += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_gradients(B, orders, firsts, gradients, out):
+    """Write the first derivatives of Eq. (3) to ``out``, shape (n, d, 3)."""
+    sums, point = np.empty((gradients.shape[1], B.shape[3])), np.empty(B.shape[3])
+    for q in range(out.shape[0]):
+        point_and_gradient(B, firsts[q], orders, gradients[q], sums, point, out[q])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def point_and_gradient(B, first, orders, gradients, sums, point, gradient):
+    """Write one point of Eq. (3) and its derivatives in xi, eta and zeta, for use inside numba kernels.
+
+    Parameters
+    ----------
+    B, first, orders
+        As for `partial_sums`.
+    gradients : ndarray, shape (p0 + p1 + p2, 4)
+        Functions of the point and their derivatives, see `volume_basis_gradients`.
+    sums : ndarray, shape (p0 + p1 + p2, d)
+        Scratch.
+    point, gradient : ndarray, shapes (d,) and (d, 3)
+        Receive the point and its derivatives.
+    """
+    partial_sums(B, first, orders, gradients[:, 0], sums)
+    for x in range(sums.shape[1]):
+        value, d_0, d_1, d_2 = 0.0, 0.0, 0.0, 0.0
+        for m in range(orders[0]):
+            value += gradients[m, 0] * sums[m, x]
+        for m in range(sums.shape[0]):
+            d_0 += gradients[m, 1] * sums[m, x]
+            d_1 += gradients[m, 2] * sums[m, x]
+            d_2 += gradients[m, 3] * sums[m, x]
+        point[x], gradient[x, 0], gradient[x, 1], gradient[x, 2] = value, d_0, d_1, d_2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_hessians(B, orders, firsts, jets, out):
+    """Write the second derivatives of Eq. (3) to ``out``, shape (n, d, 6).
+
+    Each has a part in which two directions are differentiated once, and one in which one is, twice. Jets of direction
+    ``d`` are in the parameters ``d, d + 1, d + 2`` modulo 3.
+    """
+    sums, direction = np.empty((jets.shape[1], B.shape[3])), np.empty(jets.shape[1], dtype=np.int64)
+    values, second = np.empty(jets.shape[1]), np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+    direction[:] = 2
+    direction[: orders[0] + orders[1]] = 1
+    direction[: orders[0]] = 0
+    out[:] = 0.0
+    for q in range(out.shape[0]):
+        for d in range(-1, 3):
+            for k in range(3 if d >= 0 else 1):
+                for m in range(values.size):
+                    values[m] = jets[q, m, 1 + (k - d) % 3 if direction[m] == d else 0]
+                partial_sums(B, firsts[q], orders, values, sums)
+                for m in range(values.size):
+                    n, e = 0, direction[m]
+                    for row in range(3):
+                        for column in range(row, 3):
+                            if d < 0:
+                                factor = jets[q, m, second[(row - e) % 3, (column - e) % 3]]
+                            else:
+                                factor = jets[q, m, 1 + (column - e) % 3] if row == k and e != d else 0.0
+                            for x in range(out.shape[1]):
+                                out[q, x, n] += factor * sums[m, x]
+                            n += 1
+
+
+def _as_arrays(volume: Volume, control_points, parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Control points and parameters as arrays of the right shapes."""
     control_points = np.ascontiguousarray(control_points, dtype=float)
     parameters = np.ascontiguousarray(parameters, dtype=float)
     if control_points.ndim != 4 or control_points.shape[:3] != volume.n_control:
         raise InputError(f"volume: control points of shape {control_points.shape}; give {(*volume.n_control, 'd')}")
     if parameters.ndim != 2 or parameters.shape[1] != 3:
         raise InputError(f"volume: parameters of shape {parameters.shape}; give shape (n, 3)")
-    points = np.zeros((len(parameters), control_points.shape[3], JET_SIZES[degree]))
-    contract = _contract_jets if degree else _contract
-    for start in range(0, len(parameters), _CHUNK):
-        chunk = slice(start, start + _CHUNK)
-        spans, bases = zip(*[_direction_basis(volume.knots[d], d, parameters[chunk], degree) for d in range(3)])
-        contract(control_points, *spans, *bases, points[chunk])
-    return points
+    return control_points, parameters
 
 
-def _direction_basis(knots: Knots, d: int, parameters: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Spans of direction ``d``, and its basis functions as values (degree 0) or as jets in (xi, eta, zeta)."""
-    xi, s, t = (parameters[:, (d + offset) % 3] for offset in range(3))
-    if degree == 0:
-        return basis(knots, xi, s, t)
-    spans, jets = basis_jets(knots, xi, s, t, degree)
-    return spans, np.ascontiguousarray(jets[..., _JET_ORDERS[d, : JET_SIZES[degree]]])
-
-
-@njit(cache=True, error_model="numpy")
-def _contract(B, spans_0, spans_1, spans_2, values_0, values_1, values_2, out):
-    """Add the triple sum of Eq. (3) to ``out``, shape (n, d, 1)."""
-    p_0, p_1, p_2 = values_0.shape[1], values_1.shape[1], values_2.shape[1]
-    for q in range(out.shape[0]):
-        i, j, k = spans_0[q] - p_0 + 1, spans_1[q] - p_1 + 1, spans_2[q] - p_2 + 1
-        for a in range(p_0):
-            for b in range(p_1):
-                product_01 = values_0[q, a] * values_1[q, b]
-                for c in range(p_2):
-                    product = product_01 * values_2[q, c]
-                    for x in range(out.shape[1]):
-                        out[q, x, 0] += B[i + a, j + b, k + c, x] * product
-
-
-@njit(cache=True, error_model="numpy")
-def _contract_jets(B, spans_0, spans_1, spans_2, jets_0, jets_1, jets_2, out):
-    """Add the same sum in jet arithmetic to ``out``, shape (n, d, size)."""
-    product_01, product = np.empty(out.shape[2]), np.empty(out.shape[2])
-    p_0, p_1, p_2 = jets_0.shape[1], jets_1.shape[1], jets_2.shape[1]
-    for q in range(out.shape[0]):
-        i, j, k = spans_0[q] - p_0 + 1, spans_1[q] - p_1 + 1, spans_2[q] - p_2 + 1
-        for a in range(p_0):
-            for b in range(p_1):
-                jet_product(jets_0[q, a], jets_1[q, b], product_01)
-                for c in range(p_2):
-                    jet_product(product_01, jets_2[q, c], product)
-                    for x in range(out.shape[1]):
-                        for m in range(product.size):
-                            out[q, x, m] += B[i + a, j + b, k + c, x] * product[m]
+def _chunks(parameters: np.ndarray) -> list[slice]:
+    return [slice(start, start + _CHUNK) for start in range(0, len(parameters), _CHUNK)]

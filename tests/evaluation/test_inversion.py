@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 from splines_cases import random_bilinear_knots, wavy_knots
 
 from bspline_mdao.errors import InputError
+from bspline_mdao.evaluation.descent import bilinear_corners, map_point, map_point_scratch
 from bspline_mdao.evaluation.inversion import invert_points, require_inside, ride
-from bspline_mdao.evaluation.point_mapping import bilinear_corners, map_point, map_point_scratch
 from bspline_mdao.splines.knots import ConstantKnots
 from bspline_mdao.splines.mesh import BSplineMesh
 from bspline_mdao.splines.volume import Volume, evaluate, evaluate_gradients

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import BSpline
 from splines_cases import ORDERS, random_bilinear_knots, random_constant_knots, wavy_knots
 
-from bspline_mdao.splines.basis import basis, basis_jacobian, basis_jacobians, basis_jets, basis_values, find_span
+from bspline_mdao.splines.basis import basis, basis_derivatives, basis_gradients, basis_jets, basis_values, find_span
 from bspline_mdao.splines.knots import ConstantKnots
 
 STEP = 1e-30
@@ -30,6 +30,18 @@ def recursive_values(T, order, s, xi):
 
 def points(rng, n=40):
     return rng.uniform(size=(3, n))
+
+
+def local_jacobians(knots, xi, s, t):
+    """Spans, and derivatives of the functions in the parameter and in the 2p - 2 local knots, (n, p, 2p - 1)."""
+    p, T = knots.order, knots.values(s, t)
+    spans, variables = basis(knots, xi, s, t)[0], np.eye(2 * p - 1)
+    out = np.empty((len(xi), p, 2 * p))
+    for q, span in enumerate(spans):
+        local = T[q, span - p + 2 : span + p]
+        basis_derivatives(local, variables[1:], p, p - 2, xi[q], variables[0], out[q])
+    np.testing.assert_allclose(out[..., 0], basis(knots, xi, s, t)[1], atol=2e-15)
+    return spans, out[..., 1:]
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -98,7 +110,7 @@ def test_jacobian_agrees_with_complex_step_through_the_printed_recursion(order):
     knots = random_bilinear_knots(rng, order)
     xi, s, t = points(rng, 8)
     T = knots.values(s, t)
-    spans, jacobians = basis_jacobians(knots, xi, s, t)
+    spans, jacobians = local_jacobians(knots, xi, s, t)
     for q in range(xi.size):
         expected = np.empty_like(jacobians[q])
         for column in range(2 * order - 1):
@@ -113,11 +125,11 @@ def test_jacobian_agrees_with_complex_step_through_the_printed_recursion(order):
 
 def test_compiled_kernels_accept_complex_numbers():
     T = np.array([0, 0, 0, 0, 0.2, 0.5, 0.6, 1, 1, 1, 1], dtype=complex)
-    values, jacobian = np.empty(4, dtype=complex), np.empty((4, 7))
-    basis_jacobian(T.real.copy(), 4, 4, 0.3, jacobian)
+    values, derivatives, d_T = np.empty(4, dtype=complex), np.empty((4, 2)), np.eye(11)[:, 4:5].copy()
+    basis_derivatives(T.real.copy(), d_T, 4, 4, 0.3, (0.0,), derivatives)
     T[4] += STEP * 1j
     basis_values(T, 4, 4, 0.3 + 0j, values)
-    np.testing.assert_allclose(values.imag / STEP, jacobian[:, 3], rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(values.imag / STEP, derivatives[:, 1], rtol=1e-13, atol=1e-14)
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -126,7 +138,7 @@ def test_basis_depends_on_shifts_and_scalings_of_parameter_and_knots_as_it_must(
     rng = np.random.default_rng(order)
     knots = random_bilinear_knots(rng, order)
     xi, s, t = points(rng)
-    spans, jacobians = basis_jacobians(knots, xi, s, t)
+    spans, jacobians = local_jacobians(knots, xi, s, t)
     local = spans[:, None] + np.arange(2 - order, order)
     arguments = np.column_stack([xi, np.take_along_axis(knots.values(s, t), local, axis=1)])
     scale = np.abs(jacobians).max()
@@ -136,17 +148,24 @@ def test_basis_depends_on_shifts_and_scalings_of_parameter_and_knots_as_it_must(
 
 @pytest.mark.parametrize("make_knots", [random_constant_knots, random_bilinear_knots, lambda rng, p: wavy_knots(p)])
 @pytest.mark.parametrize("order", range(1, 8))
-def test_jet_gradient_is_the_jacobian_times_the_knot_gradient(order, make_knots):
+def test_gradient_is_the_jacobian_times_the_knot_gradient(order, make_knots):
     rng = np.random.default_rng(order)
     knots = make_knots(rng, order)
     xi, s, t = points(rng)
     _, jets = basis_jets(knots, xi, s, t, degree=1)
-    spans, jacobians = basis_jacobians(knots, xi, s, t)
+    spans, jacobians = local_jacobians(knots, xi, s, t)
     local = spans[:, None] + np.arange(2 - order, order)
     knot_gradients = np.take_along_axis(knots.gradients(s, t), local[..., None], axis=1)
     expected = np.concatenate([jacobians[..., :1], jacobians[..., 1:] @ knot_gradients], axis=-1)
     np.testing.assert_allclose(jets[..., 0], basis(knots, xi, s, t)[1], atol=1e-15)
     np.testing.assert_allclose(jets[..., 1:], expected, atol=1e-13 * max(np.abs(expected).max(), 1))
+    for direction in range(3):
+        parameters = np.roll(np.column_stack([xi, s, t]), direction, axis=1)
+        same_spans, gradients = basis_gradients(knots, direction, parameters)
+        np.testing.assert_array_equal(same_spans, spans)
+        np.testing.assert_allclose(gradients[..., 0], jets[..., 0], atol=1e-14)
+        expected = np.roll(jets[..., 1:], direction, axis=-1)
+        np.testing.assert_allclose(gradients[..., 1:], expected, atol=1e-13 * max(np.abs(expected).max(), 1))
 
 
 @pytest.mark.parametrize("make_knots", [random_bilinear_knots, lambda rng, p: wavy_knots(p)])
