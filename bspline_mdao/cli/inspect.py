@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..cells.report import wall_spacings
-from ..io.atomic import replaced_file
+from ..io.disk import replaced_file
 from ..io.patch_guess import draft_patches, guess_patches
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch

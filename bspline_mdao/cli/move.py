@@ -17,7 +17,7 @@ from ..design.deformation import Deformation
 from ..design.named_deformations import GivenPoints, parse_deformation
 from ..errors import InputError, MovementError
 from ..fit.surface_fit import SurfaceMiss
-from ..io.atomic import replaced_file
+from ..io.disk import replaced_file
 from ..io.files import check_grid_name, write_grid
 from ..mesh.boundary import moving_mesh
 from ..mesh.mesh import MovingMesh

@@ -17,8 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import InputError
-from ..io.atomic import replaced_file
-from ..io.openfoam import FOLDER
+from ..io.disk import replaced_file
+from ..io.formats import format_of_name
 
 COMPILING = "compiling, once"
 """Shown while numba compiles kernels, which it does when they are first needed on a machine."""
@@ -42,7 +42,7 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
     taken = {os.path.realpath(path): "is read by this command" for path in inputs if path is not None}
     for path in (path for path in outputs if path is not None):
         folder = Path(os.path.realpath(path)).parent
-        if path.exists() and not (path.is_file() or _is_polymesh(path)):
+        if path.exists() and not (path.is_file() or _is_folder_of_grid(path)):
             raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'device'}; name a file")
         if not folder.is_dir():
             raise InputError(f"{path}: there is no folder '{folder}'; make it first")
@@ -53,9 +53,10 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
         taken[os.path.realpath(path)] = "is written twice by this command"
 
 
-def _is_polymesh(path: Path) -> bool:
-    """Whether a path is a folder that a grid for OpenFOAM goes to."""
-    return path.name == FOLDER and path.is_dir()
+def _is_folder_of_grid(path: Path) -> bool:
+    """Whether a path is a folder, and one that a grid is written to."""
+    form = format_of_name(path)
+    return form is not None and bool(form.folder) and path.is_dir()
 
 
 @contextmanager

@@ -1,4 +1,7 @@
-"""CGNS grids with structured zones, in HDF5 files."""
+"""CGNS grids with structured zones, in HDF5 files: bases, zones and coordinates.
+
+Format: ``docs/theory/grid_files.rst``.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..topology.detection import find_topology
-from ..topology.grid import Block, Grid
+from ..topology.grid import Block, Grid, find_fault
 from ..topology.topology import Topology
-from .atomic import replaced_file
-from .cgns_boundaries import add_boundaries, read_patches_of_zones
-from .cgns_connectivity import add_connections, read_connections
+from .cgns_faces import add_boundaries, add_connections, read_connections, read_patches_of_zones
 from .cgns_nodes import (
     add_node,
     children,
@@ -30,8 +31,8 @@ from .cgns_nodes import (
     value,
     word,
 )
-from .hdf5 import held_interrupts, replaced_hdf5_file
-from .node_check import find_fault
+from .disk import held_interrupts, read_raw, replaced_file, replaced_hdf5_file
+from .formats import ADF
 
 __all__ = ["CgnsDialect", "read_cgns", "write_cgns"]
 
@@ -89,7 +90,10 @@ def read_cgns(path: str | os.PathLike) -> Grid:
         When the file is not CGNS in HDF5, is damaged, holds an unstructured zone, or a node is not finite.
     """
     source = str(path)
-    with damaged_is_input_error(source), h5py.File(path, "r") as file:
+    head = read_raw(path, 64)
+    if head.startswith(ADF) or head[4:].startswith(ADF):
+        raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
+    with held_interrupts(), damaged_is_input_error(source), h5py.File(path, "r") as file:
         zones = _find_zones(file, source)
         blocks = tuple(Block(_read_nodes(base, zone, name, source), name) for name, base, zone in zones)
         shapes = [block.shape for block in blocks]
@@ -184,7 +188,7 @@ def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     grid : Grid
         The grid.
     topology : Topology, optional
-        How its blocks hang together, found from its nodes by default. Give that of the baseline for a grid that was
+        How its blocks are joined, found from its nodes by default. Give that of the baseline for a grid that was
         moved.
 
     Raises
@@ -224,8 +228,8 @@ def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology
                 data = node[" data"]
                 data[...] = block.nodes[..., axis].T.reshape(data.shape)
         nodes = [zone for _, _, zone in zones]
-        told = [side for item in read_connections(nodes, names, grid.shapes)[0] for side in (item.a, item.b)]
-        lacking = [item for item in topology.interfaces if not any(item.a.overlaps(side) for side in told)]
+        declared = [side for item in read_connections(nodes, names, grid.shapes)[0] for side in (item.a, item.b)]
+        lacking = [item for item in topology.interfaces if not any(item.a.overlaps(side) for side in declared)]
         add_connections(nodes, lacking)
 
 

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from ..errors import InputError
-from .compression import MAX_RATIO, MAX_SMALL
+from .disk import MAX_RATIO, MAX_SMALL
 
 __all__ = [
     "add_node",

@@ -8,22 +8,14 @@ from pathlib import Path
 from ..errors import InputError
 from ..topology.grid import Grid, require_grid
 from ..topology.topology import Topology
-from .cgns import read_cgns, write_cgns
-from .compression import read_raw
-from .hdf5 import held_interrupts
-from .openfoam import FOLDER, write_polymesh
+from .disk import read_raw
+from .formats import FORMATS, GridFormat, format_of_content, format_of_name
 from .patches import read_patches
-from .plot3d import read_plot3d, write_plot3d
-from .plot3d_dialect import Plot3dDialect
-from .vtk import write_vtk
+from .plot3d import Plot3dDialect
 
-__all__ = ["read_grid", "write_grid"]
+__all__ = ["check_grid_name", "read_grid", "write_grid"]
 
 _HEAD = 4096  # bytes that tell the format
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-_ADF = b"@(#)ADF Database"
-_ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
-_PLOT3D_SUFFIXES = (".xyz", ".x", ".p3d", ".plot3d", ".g", ".grd", ".unf", *_ASCII_SUFFIXES)
 
 
 def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:
@@ -46,26 +38,19 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
     InputError
         When a file cannot be read, in one line.
     """
-    head = read_raw(path, _HEAD)
-    if head.startswith(_ADF) or head[4:].startswith(_ADF):
-        raise InputError(f"{path}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
-    is_hdf5 = any(head[start : start + 8] == _HDF5 for start in (0, 512, 1024, 2048))
-    if is_hdf5:
-        with held_interrupts():
-            grid = read_cgns(path)
-    else:
-        grid = read_plot3d(path)
+    form = format_of_content(read_raw(path, _HEAD))
+    grid = form.function(form.reader)(path)
     return grid if patches is None else read_patches(patches, grid)
 
 
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid, whole or not at all.
 
-    The suffixes ``.cgns`` and ``.vtm`` (ParaView) and the name ``polyMesh`` (OpenFOAM) choose these formats. Under a
-    name of PLOT3D (``.xyz``, ``.x``, ``.p3d``, ``.plot3d``, ``.g``, ``.grd``, ``.unf``, ``.fmt``, ``.p3dfmt``,
-    ``.txt``, no suffix, or that which the grid was read from) a grid read from PLOT3D is written in the dialect that
-    it was read in; other grids become PLOT3D with 8-byte reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and
-    ``.txt``, else raw little-endian binary, either compressed where ``.gz`` follows.
+    The name chooses the format out of `bspline_mdao.io.formats.FORMATS`: ``.cgns``, ``.vtm`` (ParaView), a folder
+    ``polyMesh`` (OpenFOAM), or a suffix of PLOT3D. Under one of these, under none, or under that which it was read
+    from, a grid read from PLOT3D is written in the dialect that it was read in; other grids become PLOT3D with 8-byte
+    reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either
+    compressed where ``.gz`` follows.
 
     Parameters
     ----------
@@ -82,18 +67,12 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
         When the format cannot hold the grid, the name promises another format, or the file cannot be written.
     """
     require_grid(grid)
-    check_grid_name(path, grid)
-    suffix = Path(path).suffix.lower()
-    if Path(path).name == FOLDER:
-        write_polymesh(path, grid, topology)
-    elif suffix == ".cgns":
-        write_cgns(path, grid, topology)
-    elif suffix == ".vtm":
-        write_vtk(path, grid)
-    elif isinstance(grid.dialect, Plot3dDialect):
-        write_plot3d(path, grid)
+    form = _format_to_write(path, grid)
+    write = form.function(form.writer)
+    if form.takes_topology:
+        write(path, grid, topology)
     else:
-        write_plot3d(path, grid, _dialect_of_name(Path(path)))
+        write(path, grid)
 
 
 def check_grid_name(path: str | os.PathLike, grid: Grid) -> None:
@@ -111,23 +90,23 @@ def check_grid_name(path: str | os.PathLike, grid: Grid) -> None:
     InputError
         When the suffix is of none of the formats; the message lists them.
     """
-    name = Path(path)
-    suffix = _plot3d_suffix(name)
-    is_as_read = isinstance(grid.dialect, Plot3dDialect) and suffix == _plot3d_suffix(Path(grid.source))
-    if name.name == FOLDER or is_as_read or suffix in ("", ".cgns", ".vtm", *_PLOT3D_SUFFIXES):
-        return
+    _format_to_write(path, grid)
+
+
+def _format_to_write(path: str | os.PathLike, grid: Grid) -> GridFormat:
+    """Return the format that a grid is written in under a name."""
+    name, plot3d = Path(path), FORMATS[0]
+    named = format_of_name(name)
+    if named is not None:
+        return named
+    suffix = plot3d.suffix_of(name)
+    if isinstance(grid.dialect, Plot3dDialect) and suffix == plot3d.suffix_of(Path(grid.source)):
+        return plot3d
+    others = sorted(
+        FORMATS[1:], key=lambda form: (bool(form.folder), bool(form.reader))
+    )  # what is only looked at first
+    names = ", ".join(str(form).removeprefix("a folder ") for form in others)
     raise InputError(
-        f"{path}: no '{suffix}' files are written; name it .vtm (ParaView), .cgns, {FOLDER} (OpenFOAM), or for PLOT3D "
-        f"{', '.join(_PLOT3D_SUFFIXES)}"
+        f"{path}: no '{suffix}' files are written; name it {names}, or for {plot3d.name} "
+        f"{', '.join(filter(None, plot3d.suffixes))}"
     )
-
-
-def _plot3d_suffix(path: Path) -> str:
-    """Suffix of a name, before that of compression."""
-    return (path.with_suffix("") if path.suffix.lower() == ".gz" else path).suffix.lower()
-
-
-def _dialect_of_name(path: Path) -> Plot3dDialect:
-    """Dialect for a grid that was not read from PLOT3D."""
-    is_ascii = _plot3d_suffix(path) in _ASCII_SUFFIXES
-    return Plot3dDialect("ascii" if is_ascii else "raw", is_gzipped=path.suffix.lower() == ".gz")

@@ -25,12 +25,10 @@ from ..errors import InputError
 from ..topology.detection import find_topology
 from ..topology.grid import Grid
 from ..topology.topology import Topology
-from .atomic import replaced_folder
+from .disk import replaced_folder
+from .formats import POLYMESH
 
-__all__ = ["FOLDER", "CaseField", "PolyMesh", "write_case", "write_polymesh"]
-
-FOLDER = "polyMesh"
-"""Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
+__all__ = ["CaseField", "PolyMesh", "write_case", "write_polymesh"]
 
 TYPES = {"wall": "wall", "symmetry": "symmetry"}
 """OpenFOAM's type of a patch by its kind; others are a ``patch``."""
@@ -234,7 +232,7 @@ class PolyMesh:
             if str(parent) == "." or ".." in parent.parts or parent.is_absolute():
                 raise InputError(f"OpenFOAM: '{place}' is no place in a case; name it as 'system/controlDict'")
             texts[str(parent), name] = "dictionary", text, name
-        self.write(Path(folder) / "constant" / FOLDER)
+        self.write(Path(folder) / "constant" / POLYMESH)
         for parent in dict.fromkeys(parent for parent, _ in texts):
             with replaced_folder(Path(folder) / parent) as new:
                 for kind, text, name in (entry for (where, _), entry in texts.items() if where == parent):

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..topology.grid import Block, Grid, require_grid
-from .atomic import replaced_file, replaced_folder
+from .disk import replaced_file, replaced_folder
 
 __all__ = ["write_vtk"]
 

@@ -11,7 +11,7 @@ import pytest
 from component_cases import two_blocks
 
 from bspline_mdao import FittedModel, fit_grid, read_grid, write_grid
-from bspline_mdao.io.hdf5 import held_interrupts
+from bspline_mdao.io.disk import held_interrupts
 from bspline_mdao.numerics.threads import run_tasks
 
 pytestmark = pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")

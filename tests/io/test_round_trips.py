@@ -5,9 +5,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from topology_cases import ORIENTATIONS, box, grid_of, split
 
-from bspline_mdao.io import fortran_records
-from bspline_mdao.io.fortran_records import join_records, split_records
-from bspline_mdao.io.plot3d_text import parse_numbers
+from bspline_mdao.io import fortran as fortran_records
+from bspline_mdao.io.fortran import join_records, parse_numbers, split_records
 from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots, knots_from_array, knots_to_array
 from bspline_mdao.splines.refinement import elevate_order, insert_knots
 from bspline_mdao.splines.volume import Volume, evaluate

@@ -1,17 +1,20 @@
-"""Numbers as Fortran's list-directed statements read and write them."""
+"""Numbers as Fortran reads and writes them: list-directed text, and unformatted records.
+
+A record is a payload between two markers of its length. One longer than 2,147,483,639 bytes is cut into subrecords by
+gfortran and ifort: the leading marker is negative where another subrecord follows, the trailing one where another came
+before.
+"""
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import zip_longest
 
 import numpy as np
 
 from ..errors import InputError
-
-__all__ = ["format_numbers", "is_text", "parse_numbers"]
 
 _SEPARATORS = b" \t\r\n,;\x0b\x0c"
 _NUMBERS = b"0123456789+-.eEdDqQ*" + b"nNaAiIfFtTyY"
@@ -160,3 +163,91 @@ def format_numbers(values: np.ndarray, per_line: int = 4) -> Iterator[bytes]:
         tokens = map(repr, values[start : start + chunk].tolist())
         lines = map(" ".join, zip_longest(*[tokens] * per_line, fillvalue=""))
         yield ("\n".join(lines).rstrip(" ") + "\n").encode("ascii")
+
+
+MAX_SUBRECORD = 2_147_483_639
+"""Longest payload between two 4-byte markers, in bytes."""
+
+
+def split_records(data: bytes, byte_order: str, marker_bytes: int) -> tuple[bytes, list[int]] | None:
+    """Take the records of a file apart.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    byte_order : str
+        ``"<"`` or ``">"``.
+    marker_bytes : int
+        Length of a marker, 4 or 8.
+
+    Returns
+    -------
+    payload : bytes
+        The payloads of all records, joined.
+    lengths : list of int
+        Length of every record's payload, in bytes.
+        None is returned in place of both where the markers do not match up to the end of the file.
+    """
+    view, lengths, pieces = memoryview(data), [], []
+    start, continues = 0, False
+    while start < len(data):
+        piece = _subrecord(view, start, byte_order, marker_bytes)
+        if piece is None or (piece[2] != continues):
+            return None
+        payload, is_cut, _ = piece
+        pieces.append(payload)
+        if continues:
+            lengths[-1] += len(payload)
+        else:
+            lengths.append(len(payload))
+        start += len(payload) + 2 * marker_bytes
+        continues = is_cut
+    return None if continues or not lengths else (b"".join(pieces), lengths)
+
+
+def _subrecord(view: memoryview, start: int, byte_order: str, marker_bytes: int):
+    """Payload at ``start``, whether another follows, and whether one came before; None where it is no record."""
+    before = _marker(view, start, byte_order, marker_bytes)
+    if before is None or before == 0 or abs(before) > len(view):
+        return None
+    stop = start + marker_bytes + abs(before)
+    after = _marker(view, stop, byte_order, marker_bytes)
+    if after is None or abs(after) != abs(before):
+        return None
+    return view[start + marker_bytes : stop], before < 0, after < 0
+
+
+def _marker(view: memoryview, start: int, byte_order: str, marker_bytes: int) -> int | None:
+    raw = view[start : start + marker_bytes]
+    if len(raw) < marker_bytes:
+        return None
+    return int.from_bytes(raw, "little" if byte_order == "<" else "big", signed=True)
+
+
+def join_records(payloads: Iterable[bytes], byte_order: str, marker_bytes: int) -> Iterator[bytes]:
+    """Put markers around payloads; the inverse of `split_records`.
+
+    Parameters
+    ----------
+    payloads : iterable of bytes
+        Payload of every record.
+    byte_order : str
+        ``"<"`` or ``">"``.
+    marker_bytes : int
+        Length of a marker, 4 or 8.
+
+    Yields
+    ------
+    bytes
+        Pieces of the file, in order.
+    """
+    limit = MAX_SUBRECORD if marker_bytes == 4 else np.iinfo(np.int64).max
+    dtype = np.dtype(f"{byte_order}i{marker_bytes}")
+    for payload in payloads:
+        for start in range(0, max(len(payload), 1), limit):
+            piece = payload[start : start + limit]
+            is_cut, continues = start + limit < len(payload), start > 0
+            yield np.array(-len(piece) if is_cut else len(piece), dtype).tobytes()
+            yield piece
+            yield np.array(-len(piece) if continues else len(piece), dtype).tobytes()

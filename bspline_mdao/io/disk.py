@@ -1,18 +1,25 @@
-"""Write files and folders so that a reader never sees half of one.
+"""Files on disk: read as a whole, perhaps compressed; written so that a reader never sees half of one.
 
 What is new is written into a private folder beside its target, flushed to the disk, and put in its place by renaming. A
 process that is killed leaves its private folder behind; the next one that writes there removes it. A lock tells the two
-apart: the system gives it back when its process ends, however that comes about.
+apart: the system gives it back when its process ends, however that comes about. HDF5 files are written in memory first,
+and no interrupt from the keyboard is lost in h5py.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
+import signal
 import tempfile
+import threading
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+import h5py
 
 from ..errors import InputError
 
@@ -21,7 +28,6 @@ try:
 except ImportError:  # Windows, where what is left behind stays
     fcntl = None
 
-__all__ = ["replaced_file", "replaced_folder"]
 
 PREFIX, SUFFIX = ".bspline_mdao-", ".part"
 _LOCK, _NEW = "lock", "new"  # what is in a private folder
@@ -200,3 +206,136 @@ def _flush_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """Hold an interrupt from the keyboard back until the block ends.
+
+    The first Python code that runs after a call of the HDF5 library is often a callback of one of h5py's weak
+    references, and Python drops what is raised there.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    received = []
+    signal.signal(signal.SIGINT, lambda *arguments: received.append(arguments))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if received:
+            handler(*received[0])
+
+
+@contextmanager
+def replaced_hdf5_file(path: str | os.PathLike) -> Iterator[h5py.File]:
+    """Give an empty HDF5 file, which takes the place of ``path`` when the block ends well.
+
+    It is kept in memory until then: the HDF5 library takes the process down with it when a disk is full.
+
+    Parameters
+    ----------
+    path : path-like
+        File to make or to replace.
+
+    Yields
+    ------
+    h5py.File
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written, see `bspline_mdao.io.disk.replaced_file`.
+    """
+    buffer = io.BytesIO()
+    with held_interrupts():
+        file = h5py.File(buffer, "w", track_order=True)
+    try:
+        yield file
+    finally:
+        with held_interrupts():
+            file.close()
+    with replaced_file(path) as temporary:
+        temporary.write_bytes(buffer.getvalue())
+
+
+_MAGIC = b"\x1f\x8b"
+
+
+MAX_RATIO = 200
+MAX_SMALL = 2**26
+"""What is compressed may grow to 64 MiB or 200 times its file's length; grids compress at most about 40 times."""
+
+
+def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool, tuple[str, ...]]:
+    """Read a file and decompress it where its first bytes say gzip.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    data : bytes
+        Its content, decompressed.
+    is_gzipped : bool
+        Whether it was compressed.
+    ignored : tuple of str
+        What is in the file besides, one line each: bytes after the compressed data.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is damaged, or grows beyond what a grid does.
+    """
+    data = read_raw(path)
+    if not data.startswith(_MAGIC):
+        return data, False, ()
+    plain, n_ignored = _decompress(data, path)
+    note = f"{path}: the {n_ignored} bytes after the compressed data are ignored; is the file whole?"
+    return plain, True, (note,) * (n_ignored > 0)
+
+
+def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
+    """Read the first ``size`` bytes of a file as they are, or all of them.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    if not os.path.isfile(path):
+        raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a grid file")
+    try:
+        with open(path, "rb") as file:
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def _decompress(data: bytes, path) -> tuple[bytes, int]:
+    """Content of all members of a gzip file, and how many bytes follow that belong to none."""
+    limit = max(MAX_SMALL, MAX_RATIO * len(data))
+    pieces, size, rest = [], 0, data
+    while rest.startswith(_MAGIC):
+        member = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
+        try:
+            pieces.append(member.decompress(rest, limit + 1 - size))
+        except zlib.error as error:
+            raise _damaged(path, error) from error
+        size += len(pieces[-1])
+        if size > limit:
+            raise InputError(
+                f"{path}: grows from {len(data)} to more than {limit} bytes; decompress it yourself if it is a grid"
+            )
+        if not member.eof:
+            raise _damaged(path, "it ends in the middle")
+        rest = member.unused_data
+    return b"".join(pieces), len(rest)
+
+
+def _damaged(path, error) -> InputError:
+    return InputError(f"{path}: damaged gzip file ({error}); transfer or compress it again")

@@ -16,11 +16,11 @@ from component_cases import two_blocks
 from grid_cases import smooth_grid
 
 from bspline_mdao import InputError, write_grid, write_polymesh, write_vtk
-from bspline_mdao.io.atomic import PREFIX, SUFFIX, replaced_file, replaced_folder
+from bspline_mdao.io.disk import PREFIX, SUFFIX, replaced_file, replaced_folder
 
 WRITER = """
 import sys, time
-from bspline_mdao.io.atomic import replaced_file
+from bspline_mdao.io.disk import replaced_file
 with replaced_file(sys.argv[1]) as part:
     part.write_text("half")
     print("ready", flush=True)

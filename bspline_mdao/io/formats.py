@@ -1,0 +1,133 @@
+"""The file formats of grids in one table, for reading, writing, messages and the help of the command line.
+
+To add a format, write its module beside the others and add a line to `FORMATS`. Modules of formats are imported when
+they are first needed: the help of the command line shows the table, and should not wait for NumPy and HDF5.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["FORMATS", "POLYMESH", "GridFormat", "format_of_content", "format_of_name", "read_names", "written_names"]
+
+POLYMESH = "polyMesh"
+"""Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
+
+GZIP = ".gz"
+"""Suffix behind that of a format which may be compressed."""
+
+
+@dataclass(frozen=True)
+class GridFormat:
+    """A file format of grids.
+
+    Parameters
+    ----------
+    name : str
+        What it is called in messages: the format, or the program that it is for.
+    module : str
+        Its module in this folder.
+    writer : str
+        Function of the module that writes a path and a grid.
+    reader : str, optional
+        Function of the module that reads a path.
+    suffixes : tuple of str, optional
+        Suffixes of its files; ``""`` for names without one.
+    shown : tuple of str, optional
+        Those of the suffixes that help names, all by default.
+    folder : str, optional
+        Name of the folder that it writes, instead of a file.
+    signatures : tuple of (int, bytes), optional
+        What its files have at which byte; files that have the signature of no format are read by the format without.
+    takes_topology : bool
+        Whether the writer takes the topology of the grid as well.
+    may_be_compressed : bool
+        Whether ``.gz`` may follow the suffix.
+    """
+
+    name: str
+    module: str
+    writer: str
+    reader: str = ""
+    suffixes: tuple[str, ...] = ()
+    shown: tuple[str, ...] = ()
+    folder: str = ""
+    signatures: tuple[tuple[int, bytes], ...] = ()
+    takes_topology: bool = False
+    may_be_compressed: bool = False
+
+    def function(self, name: str) -> Callable:
+        """Return a function of the module of the format, importing it if need be."""
+        return getattr(importlib.import_module(f"{__package__}.{self.module}"), name)
+
+    def suffix_of(self, path: Path) -> str:
+        """Return the suffix that counts, in lower case: the one before ``.gz`` where that may follow."""
+        is_compressed = self.may_be_compressed and path.suffix.lower() == GZIP
+        return (path.with_suffix("") if is_compressed else path).suffix.lower()
+
+    def __str__(self) -> str:
+        """Name its suffixes or its folder, and the format where they do not say it themselves."""
+        shown = f"a folder {self.folder}" if self.folder else ", ".join(self.shown or self.suffixes)
+        return shown if shown == f".{self.name.lower()}" else f"{shown} ({self.name})"
+
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+"""Signature of HDF5, at the beginning or after a user's block of 512 bytes, 1024 bytes and so on."""
+
+ADF = b"@(#)ADF Database"
+"""Signature of CGNS files before HDF5, which the reader refuses with advice."""
+
+FORMATS = (
+    GridFormat(
+        "PLOT3D",
+        "plot3d",
+        "write_plot3d_by_name",
+        "read_plot3d",
+        suffixes=("", ".xyz", ".x", ".p3d", ".plot3d", ".g", ".grd", ".unf", ".fmt", ".p3dfmt", ".txt"),
+        shown=(".xyz", ".fmt"),
+        may_be_compressed=True,
+    ),
+    GridFormat(
+        "CGNS",
+        "cgns",
+        "write_cgns",
+        "read_cgns",
+        suffixes=(".cgns",),
+        signatures=((0, HDF5), (512, HDF5), (1024, HDF5), (2048, HDF5), (0, ADF), (4, ADF)),
+        takes_topology=True,
+    ),
+    GridFormat("ParaView", "vtk", "write_vtk", suffixes=(".vtm",)),
+    GridFormat("OpenFOAM", "openfoam", "write_polymesh", folder=POLYMESH, takes_topology=True),
+)
+"""All formats, in the order in which help names them."""
+
+
+def format_of_content(head: bytes) -> GridFormat:
+    """Return the format that reads a file, from its first 4096 bytes."""
+    for item in FORMATS:
+        if any(head[at : at + len(mark)] == mark for at, mark in item.signatures):
+            return item
+    return next(item for item in FORMATS if item.reader and not item.signatures)
+
+
+def format_of_name(path: Path) -> GridFormat | None:
+    """Return the format that the name of a path promises; None where it is none of theirs."""
+    for item in sorted(FORMATS, key=lambda item: not item.folder):  # the name of a folder is also one without suffix
+        if path.name == item.folder if item.folder else item.suffix_of(path) in item.suffixes:
+            return item
+    return None
+
+
+def read_names() -> str:
+    """Name the formats that are read, such as ``PLOT3D or CGNS``."""
+    *names, last = (item.name for item in FORMATS if item.reader)
+    return f"{', '.join(names)} or {last}" if names else last
+
+
+def written_names() -> str:
+    """Name suffixes and folders of the formats that are written."""
+    *names, last = map(str, FORMATS)
+    return f"{', '.join(names)}, or {last}"
