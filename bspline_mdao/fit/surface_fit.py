@@ -35,8 +35,7 @@ from ..errors import InputError, MovementError
 from ..mesh.mesh import MovingMesh
 from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..model.fitted_model import FittedModel
-from ..topology.index_space import Window
-from ..topology.sharing import block_rows
+from ..topology.index_space import Window, block_rows
 from ..topology.topology import Topology
 from .problem import problem_of_mesh
 
