@@ -33,7 +33,7 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.sparse.cholesky import Cholesky
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "run_scripts"))

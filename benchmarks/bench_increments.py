@@ -25,7 +25,7 @@ from bspline_mdao.cells.report import report_quality
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.increments import NUMBERS

@@ -37,7 +37,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.centres import find_centres
 from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity
 from bspline_mdao.movement.element import lame_constants

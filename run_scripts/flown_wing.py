@@ -28,7 +28,7 @@ from bspline_mdao.design.selection import Selection
 from bspline_mdao.design.variable import Variable
 from bspline_mdao.flow.span_strips import SpanStrips
 from bspline_mdao.measures.measure import Measure
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.names import GRID
 
 

@@ -23,7 +23,7 @@ from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.variable import Variable
 from bspline_mdao.measures.measure import Measure
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.mesh.surface import SurfaceGrid
 
 WORST_CORNER = 0.1

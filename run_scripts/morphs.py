@@ -25,7 +25,7 @@ from bspline_mdao import (
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import QualityReport, report_quality
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.mover import MovementReport
 from bspline_mdao.sparse.cholesky import Cholesky

@@ -15,7 +15,7 @@ from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 
 MORPHS = {"plate": BLENDED_WING_BODY, "M6": ONERA_M6}
 """The canonical grids, each with the shape that section IV gives it."""

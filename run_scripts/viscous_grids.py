@@ -37,7 +37,7 @@ from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window

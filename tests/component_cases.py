@@ -7,7 +7,7 @@ from scipy.sparse import csr_array, eye_array
 
 from bspline_mdao.design.variable import Layout, MapPartials, block_diagonal, pointwise_jacobian
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.increments import in_increments
 from bspline_mdao.movement.interpolation import interpolated_step

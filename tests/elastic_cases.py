@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.sparse.blocks import BlockPattern, slots
 
 

@@ -40,8 +40,8 @@ def mesh_of(grid, **options):
 @cache
 def channel(is_oblique=False, released=()):
     """Moving mesh of `channel_grid`, its symmetry plane in or out of the coordinate planes, its far field held."""
-    pinned = () if "farfield" in released else "farfield"
-    return mesh_of(channel_grid(rotation() if is_oblique else None), pinned=pinned, released=released)
+    fixed = () if "farfield" in released else "farfield"
+    return mesh_of(channel_grid(rotation() if is_oblique else None), fixed=fixed, released=released)
 
 
 def oblique_channel(released=()):
@@ -65,8 +65,8 @@ def in_symmetry(mesh, displacement):
     """Displacement of the surface points, without what would leave a symmetry plane."""
     displacement = displacement.copy()
     for _ in range(2):  # planes that are not perpendicular would need more
-        across = (displacement[mesh.rail_rows] * mesh.rail_normals).sum(axis=1)
-        np.subtract.at(displacement, mesh.rail_rows, across[:, None] * mesh.rail_normals)
+        across = (displacement[mesh.in_plane_rows] * mesh.in_plane_normals).sum(axis=1)
+        np.subtract.at(displacement, mesh.in_plane_rows, across[:, None] * mesh.in_plane_normals)
     return displacement
 
 
@@ -91,7 +91,7 @@ def random_changes(mesh, seed=1):
 def assert_known_points_match(mesh, initial, surface, points):
     """Surface points are where they were asked to be, held ones stay, and all others keep what they may not change."""
     np.testing.assert_array_equal(points[mesh.surface_ids], surface)
-    np.testing.assert_array_equal(points[mesh.held_ids], initial[mesh.held_ids])
+    np.testing.assert_array_equal(points[mesh.fixed_ids], initial[mesh.fixed_ids])
     inner = np.delete(np.arange(mesh.n_points), mesh.surface_ids)
     change = points - initial
     np.testing.assert_allclose((change - mesh.slide(change))[inner], 0.0, atol=1e-15 * mesh.size)

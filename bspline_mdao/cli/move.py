@@ -20,7 +20,7 @@ from ..fit.surface_fit import SurfaceMiss
 from ..io.disk import replaced_file
 from ..io.files import check_grid_name, write_grid
 from ..mesh.boundary import moving_mesh
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..movement.increments import LOGGER

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..movement.delaunay import DelaunayGraph
 from ..movement.elasticity import LinearElasticity
 from ..movement.held import Held

@@ -61,7 +61,7 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
     cause = f"the control mesh tangles in increment {number} of {report.n_increments}, {increment.place}"
     held = [what for what, _ in mesh.obstacles if what not in cause]
     if held:
-        cause += f"; {held[0]} is held where the surface ends on it: --slide or --release it if the cells are there"
+        cause += f"; {held[0]} is fixed where the surface ends on it: --slide or --release it if the cells are there"
     return cause, _cure_of_tangling(report, options)
 
 

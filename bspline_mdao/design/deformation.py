@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.frame import Frame, Plane
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
 from .section_formulas import scaled, slope, turned
 
@@ -127,7 +127,7 @@ class Deformation:
 
     def _keep_in_planes(self, points, moved):
         """Refuse to leave a plane of symmetry, and take off round-off."""
-        rows, normals = self.mesh.rail_rows, self.mesh.rail_normals
+        rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
         off = np.abs(np.sum((moved - points)[rows] * normals, axis=1))
         if len(rows) and off.max() > PLANE_TOLERANCE * self.mesh.size:
             point = self.mesh.surface_ids[rows[np.argmax(off)]]
@@ -141,7 +141,7 @@ class Deformation:
 
     def slide(self, displacement: np.ndarray) -> np.ndarray:
         """Take the normal part off displacements (n_surface, 3) of points on planes of symmetry; its own transpose."""
-        rows, normals = self.mesh.rail_rows, self.mesh.rail_normals
+        rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
         slid = displacement.copy()
         np.subtract.at(slid, rows, np.sum(displacement[rows] * normals, axis=1)[:, None] * normals)
         return slid

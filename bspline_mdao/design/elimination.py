@@ -17,7 +17,7 @@ from scipy.sparse import block_array, coo_array, csr_array, vstack
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 
 __all__ = [
     "INDEPENDENT",
@@ -201,7 +201,7 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
 
 def _rails(mesh: MovingMesh) -> Equations:
     """Surface points on symmetry planes stay in them."""
-    return Equations.of(len(mesh.surface_ids), mesh.rail_rows[:, None], mesh.rail_normals[:, None, None])
+    return Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
 
 
 def _solve(matrix: csr_array, preferred: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_array]:

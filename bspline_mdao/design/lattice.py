@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import INSIDE, invert_points
 from ..measures.edge_cuts import edges_of_quads
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
 from ..splines.mesh import BSplineMesh

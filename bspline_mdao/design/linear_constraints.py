@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 
 from ..checks import as_numbers, as_vector
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..numerics.planes import nearest_plane
 from .elimination import Equations
 from .selection import Selection, Where, rows_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.frame import mesh_frame
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from ..movement.mover import MovementReport, Mover, differentiable
 from .deformation import Bend, Deformation, Pitch, PointMap, amount_jvp, jvp

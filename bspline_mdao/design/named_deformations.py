@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.frame import Frame, Plane, mesh_planes, surface_frame
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from ..topology.index_space import Window
 from .deformation import (

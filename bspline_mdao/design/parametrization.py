@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, eye_array, vstack
 
 from ..checks import require_list
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh, require_mesh
+from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..names import ALL_NAMES
 from .elimination import Elimination, eliminate
 from .variable import Carried, DesignMap, Layout, MapPartials, Variable, ones_like

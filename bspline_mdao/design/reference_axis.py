@@ -14,7 +14,7 @@ from ..checks import as_numbers
 from ..errors import InputError
 from ..measures.edge_cuts import cut_edges, edges_of_quads
 from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
-from ..mesh.mesh import MovingMesh, require_mesh
+from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
 from .section_formulas import turned

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from ..checks import as_direction, as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.boundary import boundary_points, matching_patches
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 
 __all__ = [

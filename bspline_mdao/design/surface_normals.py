@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..topology.boundary_surface import facing, quads_in_turn
 
 __all__ = ["surface_normals", "surface_quads"]
@@ -83,7 +83,7 @@ def surface_normals(mesh: MovingMesh) -> np.ndarray:
     angles = np.bincount(quads.ravel(), corners.angles.ravel(), len(points))
     has_cancelled = np.linalg.norm(sums, axis=1) <= CANCELLED * angles
     sums[has_cancelled] = outward[has_cancelled]
-    np.subtract.at(sums, mesh.rail_rows, _along(sums[mesh.rail_rows], mesh.rail_normals))
+    np.subtract.at(sums, mesh.in_plane_rows, _along(sums[mesh.in_plane_rows], mesh.in_plane_normals))
     lengths = np.linalg.norm(sums, axis=1)
     if lengths.min() <= CANCELLED:
         place = mesh.place_of_point(mesh.surface_ids[np.argmin(lengths)])

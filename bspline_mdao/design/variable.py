@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csr_array
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 
 __all__ = [
     "Carried",

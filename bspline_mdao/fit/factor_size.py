@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..mesh.boundary import boundary_points
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..movement.assembly import Unknowns
 from ..sparse.cholesky import Cholesky
 from ..topology.topology import Topology, shared_ids

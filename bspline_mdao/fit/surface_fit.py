@@ -32,7 +32,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from ..errors import InputError, MovementError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..model.fitted_model import FittedModel
 from ..topology.index_space import Window, block_rows
@@ -266,7 +266,7 @@ class SurfaceLeastSquares:
 
     def _slide(self, change: np.ndarray) -> np.ndarray:
         """Take what would leave planes of symmetry off a change of control points; its own transpose."""
-        rows, normals, slid = self.mesh.rail_rows, self.mesh.rail_normals, change.copy()
+        rows, normals, slid = self.mesh.in_plane_rows, self.mesh.in_plane_normals, change.copy()
         np.subtract.at(slid, rows, np.sum(change[rows] * normals, axis=1)[:, None] * normals)
         return slid
 

@@ -2,8 +2,8 @@
 
 The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
 that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise. All others on
-the boundary are held, wherever they are not released; walls are, planar or not. Where patches meet, the surface goes
-before the held and those before the sliding. The surface itself may leave planes that slide by default, but not those
+the boundary are fixed, wherever they are not released; walls are, planar or not. Where patches meet, the surface goes
+before the fixed and those before the sliding. The surface itself may leave planes that slide by default, but not those
 of symmetry.
 """
 
@@ -22,8 +22,8 @@ from ..model.fitted_model import FittedModel
 from ..splines.greville import greville_abscissae
 from ..topology.sharing import boundary_sections
 from ..topology.topology import BoundaryFace, Topology, describe
-from .freedom import Freedom, plane_normal, sliding_planes
-from .mesh import MovingMesh
+from .allowed_directions import AllowedDirections, plane_normal, sliding_planes
+from .moving_mesh import MovingMesh
 
 __all__ = [
     "boundary_points",
@@ -42,7 +42,7 @@ Selection = str | np.ndarray
 def moving_mesh(
     model: FittedModel,
     design: str | Sequence[str] | None = None,
-    pinned: Selection | Sequence[Selection] = (),
+    fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
     sliding: str | Sequence[str] = (),
 ) -> MovingMesh:
@@ -54,13 +54,13 @@ def moving_mesh(
         The fitted grid.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
-    pinned : str, ndarray of int, or sequence of them
-        Patches, or numbers of control points (from 0), that are held where they are.
+    fixed : str, ndarray of int, or sequence of them
+        Patches, or numbers of control points (from 0), that stay where they are.
     released : str or sequence of str
         Patches whose control points are free.
     sliding : str or sequence of str
         Planar patches whose control points slide in their planes. Symmetry planes do in any case, and planar patches
-        that the design surface ends on unless they are walls, pinned or released.
+        that the design surface ends on unless they are walls, fixed or released.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def moving_mesh(
     """
     require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
-    asked = _Asked.of(model.topology, len(model.control_points), design, pinned, released, sliding)
+    asked = _Asked.of(model.topology, len(model.control_points), design, fixed, released, sliding)
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
 
 
@@ -95,7 +95,7 @@ def moving_grid(
     topology: Topology,
     nodes: np.ndarray,
     design: str | Sequence[str] | None = None,
-    pinned: Selection | Sequence[Selection] = (),
+    fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
     sliding: str | Sequence[str] = (),
 ) -> tuple[MovingMesh, np.ndarray]:
@@ -107,7 +107,7 @@ def moving_grid(
         Topology of the grid.
     nodes : ndarray, shape (n_nodes, 3)
         All nodes of the grid (m), blocks in order, each in C order.
-    design, pinned, released, sliding
+    design, fixed, released, sliding
         As for `moving_mesh`; numbers are those of the points of the mesh.
 
     Returns
@@ -133,7 +133,7 @@ def moving_grid(
         point_ids[rows[segment.block][segment.slices]] = ids
     points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
     points[point_ids] = nodes
-    asked = _Asked.of(topology, len(points), design, pinned, released, sliding)
+    asked = _Asked.of(topology, len(points), design, fixed, released, sliding)
     return _mesh(topology, blocks, points, asked), point_ids
 
 
@@ -142,60 +142,60 @@ class _Asked:
     """What is asked of the patches, by name, and of single points."""
 
     design: frozenset[str]
-    pinned: frozenset[str]
+    fixed: frozenset[str]
     released: frozenset[str]
     sliding: frozenset[str]
-    pinned_ids: np.ndarray
+    fixed_point_ids: np.ndarray
 
     @classmethod
-    def of(cls, topology: Topology, n_points: int, design, pinned, released, sliding) -> _Asked:
+    def of(cls, topology: Topology, n_points: int, design, fixed, released, sliding) -> _Asked:
         for name, segment in zip(topology.segment_names, topology.segments):
             if 1 in segment.shape:
                 raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
-        pins, pinned_ids = _split(pinned, n_points)
+        fixed_patches, fixed_point_ids = _split(fixed, n_points)
         design = wall_patches(topology) if design is None else design
-        asked = {"pinned": pins, "released": released, "sliding": sliding}
+        asked = {"fixed": fixed_patches, "released": released, "sliding": sliding}
         found = {what: matching_patches(topology, patterns) for what, patterns in asked.items()}
         for (what, names), (other, others) in combinations(found.items(), 2):
             if names & others:
                 raise InputError(
                     f"{topology.source}: patch '{min(names & others)}' is to be both {what} and {other}; choose one"
                 )
-        return cls(matching_patches(topology, design), **found, pinned_ids=pinned_ids)
+        return cls(matching_patches(topology, design), **found, fixed_point_ids=fixed_point_ids)
 
 
 def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Asked, parameters=None) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
-    freedom, others = Freedom.of(len(points)), []
-    freedom.hold(asked.pinned_ids)
+    allowed, others = AllowedDirections.of(len(points)), []
+    allowed.fix(asked.fixed_point_ids)
     for face, ids in boundary_points(topology, blocks):
         if face.patch in asked.design:
-            freedom.surface[ids] = True
-        elif face.patch in asked.pinned or face.patch not in asked.released:
+            allowed.surface[ids] = True
+        elif face.patch in asked.fixed or face.patch not in asked.released:
             others.append((face, ids))
-    held, undecided = [], []
+    fixed, undecided = [], []
     for face, ids in others:
         normal = _normal(face, points[ids], asked, topology.source)
         if normal is not None:
-            freedom.keep_in_plane(ids, normal)
+            allowed.keep_in_plane(ids, normal)
         else:
-            (undecided if _may_slide(face, asked) else held).append((face, ids))
-    planes = sliding_planes([ids for _, ids in undecided], points, freedom.surface)
+            (undecided if _may_slide(face, asked) else fixed).append((face, ids))
+    planes = sliding_planes([ids for _, ids in undecided], points, allowed.surface)
     for (face, ids), plane in zip(undecided, planes):
         if plane is None:
-            held.append((face, ids))
+            fixed.append((face, ids))
         else:
-            freedom.keep_in_plane(ids[~freedom.surface[ids]], plane[0])
-    for _, ids in held:
-        freedom.hold(ids)
+            allowed.keep_in_plane(ids[~allowed.surface[ids]], plane[0])
+    for _, ids in fixed:
+        allowed.fix(ids)
     return MovingMesh(
         tuple(blocks),
         topology.segment_names,
         points,
-        **freedom.fields(),
+        **allowed.fields(),
         parameters=parameters,
         planes=tuple(plane for (face, _), plane in zip(undecided, planes) if plane and face.kind != "farfield"),
-        obstacles=_obstacles(held, freedom.surface),
+        obstacles=_obstacles(fixed, allowed.surface),
     )
 
 
@@ -204,20 +204,20 @@ def _normal(face: BoundaryFace, points: np.ndarray, asked: _Asked, source: str) 
     what = f"{source}: patch {face.patch}"
     if face.patch in asked.sliding:
         return plane_normal(points, what, "is to slide", "fix or release it")
-    if face.kind == "symmetry" and face.patch not in asked.pinned:
+    if face.kind == "symmetry" and face.patch not in asked.fixed:
         return plane_normal(points, what)
     return None
 
 
 def _may_slide(face: BoundaryFace, asked: _Asked) -> bool:
     """Whether a face slides where it is planar and the design surface ends on it."""
-    return face.kind in ("other", "farfield", None) and face.patch not in asked.pinned
+    return face.kind in ("other", "farfield", None) and face.patch not in asked.fixed
 
 
-def _obstacles(held, surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
-    """Gather the held faces that the design surface ends on by patch: what to call it, and its points."""
+def _obstacles(fixed, surface: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
+    """Gather the fixed faces that the design surface ends on by patch: what to call it, and its points."""
     found: dict[str, list[np.ndarray]] = {}
-    for face, ids in held:
+    for face, ids in fixed:
         if surface[ids].any():
             what = f"patch '{face.patch}'" if face.patch else f"the undeclared face {describe(face.window)}"
             found.setdefault(what, []).append(ids)
@@ -276,12 +276,12 @@ def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: st
     return frozenset(found)
 
 
-def _split(pinned, n_points: int) -> tuple[list[str], np.ndarray]:
-    """Names and numbers of what is pinned."""
-    items = [pinned] if isinstance(pinned, np.ndarray) or np.isscalar(pinned) else list(pinned)
+def _split(fixed, n_points: int) -> tuple[list[str], np.ndarray]:
+    """Names and numbers of what is fixed."""
+    items = [fixed] if isinstance(fixed, np.ndarray) or np.isscalar(fixed) else list(fixed)
     ids = [np.asarray(item).ravel() for item in items if not isinstance(item, str)]
     ids = [numbers for numbers in ids if len(numbers)]
     for numbers in ids:
         if not np.issubdtype(numbers.dtype, np.integer) or numbers.min() < 0 or numbers.max() >= n_points:
-            raise InputError(f"pinned points: give numbers from 0 to {n_points - 1}")
+            raise InputError(f"fixed points: give numbers from 0 to {n_points - 1}")
     return [item for item in items if isinstance(item, str)], np.concatenate([np.zeros(0, dtype=int), *ids])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .mesh import MovingMesh
+from .moving_mesh import MovingMesh
 
 __all__ = ["Frame", "Plane", "mesh_frame", "mesh_planes", "surface_frame"]
 
@@ -124,8 +124,8 @@ def mesh_frame(mesh: MovingMesh) -> Frame:
 
 def mesh_planes(mesh: MovingMesh) -> tuple[Plane, ...]:
     """Planes of symmetry that the surface of a mesh ends on; without one, the other planes in which points slide."""
-    places = mesh.points[mesh.surface_ids[mesh.rail_rows]]
-    found = list(zip(mesh.rail_normals, np.sum(places * mesh.rail_normals, axis=1)))
+    places = mesh.points[mesh.surface_ids[mesh.in_plane_rows]]
+    found = list(zip(mesh.in_plane_normals, np.sum(places * mesh.in_plane_normals, axis=1)))
     planes: list[Plane] = []
     for normal, offset in found or mesh.planes:
         if not any(_coincide(plane, normal, offset, mesh.size) for plane in planes):

@@ -16,9 +16,9 @@ from ..topology.boundary_surface import BoundarySurface, quads_in_turn
 from ..topology.index_space import block_rows
 from ..topology.sharing import node_sharing
 from ..topology.topology import Topology, describe
+from .allowed_directions import plane_normal
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
-from .freedom import plane_normal
 
 __all__ = ["SurfaceGrid"]
 

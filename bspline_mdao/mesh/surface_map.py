@@ -14,7 +14,7 @@ from ..model.fitted_model import FittedModel
 from ..topology.sharing import node_sharing
 from ..walls.turning import FaceNodes, Turn, Turning
 from .boundary import require_mesh_of
-from .mesh import MovingMesh
+from .moving_mesh import MovingMesh
 from .surface import SurfaceGrid
 
 __all__ = ["SurfaceMap", "SurfaceState"]

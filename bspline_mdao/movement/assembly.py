@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..sparse.blocks import BlockMatrix, BlockPattern, slots
 
 __all__ = ["Unknowns"]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import KDTree
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 
 __all__ = ["APART", "COINCIDENT", "CentredInterpolation", "Centres", "Scattered", "find_centres"]
 
@@ -130,7 +130,7 @@ def find_centres(mesh: MovingMesh) -> Centres:
     -------
     Centres
     """
-    known_ids = np.concatenate([mesh.surface_ids, mesh.held_ids])
+    known_ids = np.concatenate([mesh.surface_ids, mesh.fixed_ids])
     position = _selection(known_ids, mesh.n_points) + APART * _aside(mesh, known_ids)
     is_kept = np.ones(len(known_ids), dtype=bool)
     is_kept[_twins(position @ mesh.points, mesh.size)[1]] = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..sparse.spring_network import SpringNetwork
 from ..topology.index_space import sections_of, whole_slices
 
@@ -32,7 +32,9 @@ def free_corners(mesh: MovingMesh) -> SpringNetwork:
             ends = (int(min(edge[0], edge[-1])), int(max(edge[0], edge[-1])))
             if ends[0] != ends[1]:  # neither collapsed nor closed
                 lengths[ends] = np.linalg.norm(np.diff(mesh.points[edge], axis=0), axis=1).sum()
-    return SpringNetwork.of(mesh.n_points, lengths, mesh.surface_ids, mesh.held_ids, lambda ids: _directions(mesh, ids))
+    return SpringNetwork.of(
+        mesh.n_points, lengths, mesh.surface_ids, mesh.fixed_ids, lambda ids: _directions(mesh, ids)
+    )
 
 
 def _directions(mesh: MovingMesh, ids: np.ndarray) -> sparse.csr_array:

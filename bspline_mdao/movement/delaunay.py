@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from ..errors import MovementError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
@@ -60,7 +60,7 @@ class DelaunayGraph(IncrementalMover):
         corners, coordinates = graph.corners[which], graph.coordinates(which, targets)
         self._refuse(
             coordinates.min(axis=1) < -OUTSIDE,
-            "no tetrahedron carries {}; hold the boundary about it (pinned, --fix)",
+            "no tetrahedron carries {}; hold the boundary about it (fixed, --fix)",
         )
         is_inverted = signed_volumes(points + displacement, corners) <= 0.0
         self._refuse(is_inverted, "the tetrahedron that carries {} inverts; take more increments")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..sparse.cholesky import Cholesky
 from . import element, element_stiffness
 from .equilibrium import EquilibriumMover

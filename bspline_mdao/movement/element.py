@@ -151,7 +151,7 @@ def force(points, elements, signs, modulus, lame, displacement):
     points : ndarray, shape (n_points, 3)
         Coordinates (m).
     elements : ndarray of int32, shape (n_elements, 8)
-        Points at the corners, see `bspline_mdao.mesh.mesh.MovingMesh.elements`.
+        Points at the corners, see `bspline_mdao.mesh.moving_mesh.MovingMesh.elements`.
     signs : ndarray of int8, shape (n_elements,)
         Handedness.
     modulus : ndarray, shape (n_elements,)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..cells.hexahedron import ElementMeasures, element_measures, element_measures_vjp
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .regularization import FLAT_CORNER, FLAT_ELEMENT, floored_array
 
 __all__ = ["FlooredMeasures"]

@@ -24,7 +24,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import MovementError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..sparse.blocks import BlockMatrix
 from .assembly import Unknowns
 from .increments import IncrementalMover

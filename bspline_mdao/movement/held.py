@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 

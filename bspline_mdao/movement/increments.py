@@ -13,7 +13,7 @@ import numpy as np
 
 from ..checks import as_array
 from ..errors import InputError, MovementError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
 __all__ = ["AUTO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]

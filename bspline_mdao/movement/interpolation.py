@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .mover import SolveReport
 
 __all__ = ["InterpolatedStep", "Interpolation", "interpolated_step"]

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add, add_to, dot, less, row, scaled
 from ..topology.boundary_surface import quads_in_turn
 from .centres import CentredInterpolation, Centres, find_centres

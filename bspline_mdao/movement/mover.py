@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, MovementError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 
 __all__ = [
     "IncrementReport",
@@ -275,12 +275,12 @@ def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) ->
         is_bad = ~np.isfinite(array).all(axis=1)
         if is_bad.any():
             raise MovementError(f"movement: {name[:-1]} {np.argmax(is_bad) + 1} is not finite; take a smaller step")
-    rails = mesh.rail_rows
-    off = np.abs(((surface - initial[mesh.surface_ids])[rails] * mesh.rail_normals).sum(axis=1))
-    if len(rails) and off.max() > PLANE_TOLERANCE * mesh.size:
+    rows = mesh.in_plane_rows
+    off = np.abs(((surface - initial[mesh.surface_ids])[rows] * mesh.in_plane_normals).sum(axis=1))
+    if len(rows) and off.max() > PLANE_TOLERANCE * mesh.size:
         worst = np.argmax(off)
         raise MovementError(
-            f"movement: {mesh.place_of_point(mesh.surface_ids[rails[worst]])} leaves its symmetry plane by "
+            f"movement: {mesh.place_of_point(mesh.surface_ids[rows[worst]])} leaves its symmetry plane by "
             f"{off[worst]:.3g} m; keep surface points on symmetry planes in them"
         )
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
@@ -68,7 +68,7 @@ class RadialBasis(IncrementalMover):
             raise InputError(f"radial basis: radius {self.radius}; give a positive number, in units of the mesh's size")
         if self.has_linear is False and self.kernel in NEEDS_LINEAR:
             raise InputError(f"radial basis: kernel '{self.kernel}' needs the linear polynomial; leave it in")
-        n_centres = len(self.mesh.surface_ids) + len(self.mesh.held_ids)
+        n_centres = len(self.mesh.surface_ids) + len(self.mesh.fixed_ids)
         if n_centres > MOST_CENTRES:
             raise InputError(
                 f"radial basis: {n_centres} known points are more than the {MOST_CENTRES} of a dense system; "

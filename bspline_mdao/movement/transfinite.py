@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..sparse.spring_network import SpringNetwork
 from .corners import free_corners
 from .increments import IncrementalMover
@@ -52,7 +52,7 @@ class Transfinite(IncrementalMover):
     def _weights(self) -> _Weights:
         mesh, corners = self.mesh, free_corners(self.mesh)
         places = mesh.parameters or [arc_lengths(mesh.points[ids]) for ids in mesh.blocks]
-        known_ids = np.concatenate([mesh.surface_ids, corners.ids, mesh.held_ids])
+        known_ids = np.concatenate([mesh.surface_ids, corners.ids, mesh.fixed_ids])
         weights = transfinite_weights(mesh.blocks, places, known_ids, mesh.n_points)
         n_surface, n_moving = len(mesh.surface_ids), len(mesh.surface_ids) + len(corners.ids)
         return _Weights(weights[:, :n_surface], weights[:, n_surface:n_moving], corners)

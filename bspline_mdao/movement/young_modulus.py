@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .element_corners import add_at_corners, contract
 from .element_measures import FlooredMeasures
 

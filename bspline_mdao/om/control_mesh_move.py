@@ -9,7 +9,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..movement.increments import AUTO, NUMBERS
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS

@@ -10,7 +10,7 @@ from ..design.parametrization import Parametrization
 from ..errors import InputError
 from ..measures.measure import MEMBERS
 from ..mesh.boundary import moving_mesh, require_mesh_of
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..movement.elasticity import LinearElasticity

@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..fit.surface_fit import LOGGER, FittedSurface, SurfaceLeastSquares, SurfaceMiss
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
 from ..model.fitted_model import FittedModel

@@ -40,7 +40,7 @@ class SpringNetwork:
         n_points: int,
         lengths: Mapping[tuple[int, int], float],
         given_ids: np.ndarray,
-        held_ids: np.ndarray,
+        fixed_ids: np.ndarray,
         directions: Callable[[np.ndarray], sparse.csr_array],
     ) -> SpringNetwork:
         """Join points by springs, as stiff as they are short.
@@ -54,7 +54,7 @@ class SpringNetwork:
             Number of points; those without a spring take no part.
         lengths : mapping of (int, int) to float
             Length of the spring (m) between each pair of points; pairs of one point with itself are left out.
-        given_ids, held_ids : ndarray of int
+        given_ids, fixed_ids : ndarray of int
             Points with a given displacement, and points that stay.
         directions : callable
             Orthonormal columns, shape (3 n, n_directions), of what points, by their numbers of shape (n,), may do.
@@ -69,7 +69,7 @@ class SpringNetwork:
         graph = graph + graph.T
         laplacian = sparse.diags_array(graph.sum(axis=1)).tocsr() - graph
         points, is_known = np.unique(pairs), np.zeros(n_points, dtype=bool)
-        is_known[given_ids] = is_known[held_ids] = True
+        is_known[given_ids] = is_known[fixed_ids] = True
         _, labels = connected_components(graph, directed=False)
         is_anchored = np.isin(labels, labels[points[is_known[points]]])
         ids = points[(is_anchored & ~is_known)[points]]

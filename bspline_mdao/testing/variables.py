@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..design.variable import Layout, Variable
-from ..mesh.mesh import MovingMesh
+from ..mesh.moving_mesh import MovingMesh
 from .derivatives import central_difference
 
 __all__ = ["VariableCheck", "check_variable"]

@@ -219,14 +219,14 @@ def test_blocks_that_stay_are_told(tmp_path, monkeypatch, capsys):
 
 
 def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):
-    reason = "on patch 'sides', which is held where the surface ends on it: slide or release it"
+    reason = "on patch 'sides', which is fixed where the surface ends on it: slide or release it"
     fails_as_expected([*strip[:-1], "pitch=20deg", "--fix", "sides"], capsys, "cells inverted", reason)
     assert run([*strip, "--slide", "si*"]) == 0
     assert numbers("m.json")["after"]["n_inverted"] == 0
     assert run([*strip, "--release", "sides"]) == 0
     assert numbers("m.json")["after"]["n_inverted"] == 0
     fails_as_expected([*strip, "--slide", "rim"], capsys, "patch rim is to slide, but leaves its plane", "release it")
-    fails_as_expected([*strip, "--slide", "sides", "--fix", "sides"], capsys, "both pinned and sliding")
+    fails_as_expected([*strip, "--slide", "sides", "--fix", "sides"], capsys, "both fixed and sliding")
 
 
 def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, capsys):

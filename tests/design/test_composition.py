@@ -46,7 +46,7 @@ def with_planform():
     """Local, lattice and planform variables on a wing with a pinned root and twist pins."""
     mesh = wing()
     axis = ReferenceAxis.of(mesh, at=0.3, n=5)
-    root = SurfaceRows(mesh.rail_rows)
+    root = SurfaceRows(mesh.in_plane_rows)
     lower, upper = beside_leading_edge(mesh, 1, 1), beside_leading_edge(mesh, 4, 1)
     variables = [
         Local("bumps", InBox(low=(None, None, 0.5)) & ~upper & ~lower, "xz"),

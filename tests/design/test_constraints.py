@@ -109,7 +109,7 @@ def test_preferred_coordinates_follow():
     matrix[0, [40, 50, 60]] = 1.0, 0.5, -0.7
     matrix[1, [50, 80]] = 0.001, 1.0  # too small a coefficient to divide by
     elimination = displaced(channel(), Given(matrix, np.array([50, 50])))[0]
-    assert list(np.flatnonzero(elimination.sources >= len(channel().rail_rows))) == [50, 80]
+    assert list(np.flatnonzero(elimination.sources >= len(channel().in_plane_rows))) == [50, 80]
 
 
 def test_nearly_parallel_equations_are_one():
@@ -124,24 +124,26 @@ def test_nearly_parallel_equations_are_one():
 def test_symmetry_planes_are_kept_exactly():
     mesh = wing()
     elimination, d, moved = displaced(mesh)
-    axis = np.argmax(np.abs(mesh.rail_normals[0]))
-    assert (moved[mesh.rail_rows, axis] == 0.0).all()
-    assert np.count_nonzero(moved != d) == len(mesh.rail_rows) == elimination.dependent.sum() == elimination.held.sum()
-    assert elimination.reason(3 * mesh.rail_rows[0] + axis).startswith("symmetry plane: point (")
-    assert elimination.reason(3 * mesh.rail_rows[0] + (axis + 1) % 3) == ""
+    axis = np.argmax(np.abs(mesh.in_plane_normals[0]))
+    assert (moved[mesh.in_plane_rows, axis] == 0.0).all()
+    assert (
+        np.count_nonzero(moved != d) == len(mesh.in_plane_rows) == elimination.dependent.sum() == elimination.held.sum()
+    )
+    assert elimination.reason(3 * mesh.in_plane_rows[0] + axis).startswith("symmetry plane: point (")
+    assert elimination.reason(3 * mesh.in_plane_rows[0] + (axis + 1) % 3) == ""
 
 
 def test_oblique_symmetry_planes_are_kept_to_round_off():
     mesh = oblique_channel()
     elimination, _, moved = displaced(mesh)
-    np.testing.assert_allclose((moved[mesh.rail_rows] * mesh.rail_normals).sum(axis=1), 0.0, atol=1e-15)
-    assert elimination.dependent.sum() == len(mesh.rail_rows)
+    np.testing.assert_allclose((moved[mesh.in_plane_rows] * mesh.in_plane_normals).sum(axis=1), 0.0, atol=1e-15)
+    assert elimination.dependent.sum() == len(mesh.in_plane_rows)
     assert not elimination.held.any()
 
 
 def test_pinned_points_do_not_move_at_all():
     mesh = wing()
-    root = NearPlane(np.zeros(3), mesh.rail_normals[0])
+    root = NearPlane(np.zeros(3), mesh.in_plane_normals[0])
     elimination, d, moved = displaced(mesh, Pinned(root), Pinned([21, 25], "x"), Pinned([31], OBLIQUE))
     assert (moved[root.rows(mesh)] == 0.0).all()
     assert (moved[[21, 25], 0] == 0.0).all()

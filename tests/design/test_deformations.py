@@ -268,7 +268,7 @@ def test_points_on_the_symmetry_plane_stay_exactly_in_it(model, mesh, surface, s
     deformation = parse_deformation(spec, model, mesh)
     moved = deformation.apply(surface)
     assert np.abs(moved - surface).max() > 0.01
-    np.testing.assert_array_equal(moved[mesh.rail_rows, 2], surface[mesh.rail_rows, 2])
+    np.testing.assert_array_equal(moved[mesh.in_plane_rows, 2], surface[mesh.in_plane_rows, 2])
 
 
 def test_every_name_is_tried_above():
@@ -309,8 +309,8 @@ def test_leaving_the_symmetry_plane_is_refused(model, mesh, surface):
 def test_round_off_across_the_symmetry_plane_is_taken_off(mesh, surface):
     there = surface + [0.1, 0.0, 1e-12]
     moved = Deformation(mesh, (GivenPoints(there),)).apply(surface)
-    np.testing.assert_array_equal(moved[mesh.rail_rows, 2], surface[mesh.rail_rows, 2])
-    is_off = np.isin(np.arange(len(surface)), mesh.rail_rows, invert=True)
+    np.testing.assert_array_equal(moved[mesh.in_plane_rows, 2], surface[mesh.in_plane_rows, 2])
+    is_off = np.isin(np.arange(len(surface)), mesh.in_plane_rows, invert=True)
     np.testing.assert_array_equal(moved[is_off], there[is_off])
 
 
@@ -420,7 +420,7 @@ def test_walls_of_real_grids_can_be_deformed(real_grids, name):
         moved = parse_deformation(spec, model, mesh).apply(surface)
         assert np.isfinite(moved).all()
         assert (moved != surface).any()
-        off = np.sum((moved - surface)[mesh.rail_rows] * mesh.rail_normals, axis=1)
+        off = np.sum((moved - surface)[mesh.in_plane_rows] * mesh.in_plane_normals, axis=1)
         np.testing.assert_allclose(off, 0.0, atol=1e-15 * mesh.size)
 
 

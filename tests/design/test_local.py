@@ -110,7 +110,7 @@ def test_planes_select_a_side_or_a_neighbourhood():
     heights = (surface_of(wing()) - point) @ normal / np.linalg.norm(normal)
     np.testing.assert_array_equal(Beyond(point, normal).mask(wing()), heights >= 0.0)
     np.testing.assert_array_equal(NearPlane(point, normal, 0.2).mask(wing()), np.abs(heights) <= 0.2)
-    np.testing.assert_array_equal(NearPlane((0, 0, 0), (0, 0, 1)).rows(wing()), np.unique(wing().rail_rows))
+    np.testing.assert_array_equal(NearPlane((0, 0, 0), (0, 0, 1)).rows(wing()), np.unique(wing().in_plane_rows))
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_the_net_of_a_wing_is_closed_but_for_its_root():
     edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     edges = edges[edges[:, 0] != edges[:, 1]]
     found, counts = np.unique(edges, axis=0, return_counts=True)
-    is_rail = np.isin(found, wing().rail_rows).all(axis=1)
+    is_rail = np.isin(found, wing().in_plane_rows).all(axis=1)
     assert (counts[~is_rail] == 2).all()
     assert (counts[is_rail] == 1).all()
 
@@ -153,7 +153,7 @@ def test_normals_of_a_wing_point_into_the_fluid():
     upper, lower = (OnPatch(wing_model(), f"wing_{side}").mask(mesh) for side in ("upper", "lower"))
     assert (normals[upper & ~lower, 1] > 0.0).all()
     assert (normals[lower & ~upper, 1] < 0.0).all()
-    root = mesh.rail_rows
+    root = mesh.in_plane_rows
     assert np.abs(normals[root, 2]).max() < 1e-14
     assert normals[root[np.argmin(x[root, 0])], 0] < -0.99
     assert normals[root[np.argmax(x[root, 0])], 0] > 0.99

@@ -70,7 +70,7 @@ def test_pitching_surface_turns_as_a_rigid_body(mesh):
 def test_flapping_wing_keeps_its_root_and_turns_its_tip_by_the_amplitude(mesh):
     surface = mesh.points[mesh.surface_ids]
     points, _ = flapping(mesh, 0.6, 1.0)(0.25, surface)
-    root = mesh.rail_rows
+    root = mesh.in_plane_rows
     np.testing.assert_allclose(points[root], surface[root], atol=1e-15)
     rim = np.argsort(surface[:, 2])[-1]
     radius = surface[rim, 2] / 0.6
@@ -79,7 +79,7 @@ def test_flapping_wing_keeps_its_root_and_turns_its_tip_by_the_amplitude(mesh):
 
 def test_boundaries_that_do_not_move_have_no_velocity(model, mesh):
     state = UnsteadyGrid(model, Transfinite(mesh), both(mesh)).at(0.31)
-    held, rest = mesh.held_ids, mesh.points
+    held, rest = mesh.fixed_ids, mesh.points
     assert np.abs(state.control_velocities[held]).max() == 0.0
     on_plane = np.flatnonzero(mesh.is_free.any(axis=1) & ~mesh.is_free[:, 2])
     assert len(on_plane) > 10

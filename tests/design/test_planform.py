@@ -11,7 +11,7 @@ from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.design.reference_axis import ReferenceAxis, StationSpline, chord_lines
 from bspline_mdao.design.variable import Layout
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 
 KINDS = {
     "twist": lambda axis: Twist("v", axis, stations=4),
@@ -59,9 +59,9 @@ def winglet_mesh(cant, counts=(6, 13, 2)):
     surface = np.sort(ids[:, :, 0].ravel())
     is_free = np.ones(points.shape, dtype=bool)
     is_free[surface] = False
-    rails = np.searchsorted(surface, ids[:, 0, 0])
-    normals = np.broadcast_to([0.0, 0.0, 1.0], (len(rails), 3))
-    return MovingMesh((ids,), ("block 1",), points, surface, is_free, None, rails, normals)
+    on_plane = np.searchsorted(surface, ids[:, 0, 0])
+    normals = np.broadcast_to([0.0, 0.0, 1.0], (len(on_plane), 3))
+    return MovingMesh((ids,), ("block 1",), points, surface, is_free, None, on_plane, normals)
 
 
 def surface_of(mesh):
@@ -303,11 +303,11 @@ def test_points_of_the_symmetry_plane_stay_in_it(request, mesh_name, kind):
     values = np.random.default_rng(5).uniform(0.5, 2.0)
     layout, (design_map,) = bound(mesh, KINDS[kind](axis))
     noise = 0.05 * np.random.default_rng(6).standard_normal(layout.points.shape)
-    noise[mesh.rail_rows, 2] = noise[layout.rows(axis), 2] = 0.0
+    noise[mesh.in_plane_rows, 2] = noise[layout.rows(axis), 2] = 0.0
     before = layout.points + noise
     points = design_map.apply(before, np.full(len(design_map.initial), values))
     assert np.abs(points - before).max() > 1e-3
-    np.testing.assert_allclose(points[mesh.rail_rows, 2], 0.0, atol=1e-14)
+    np.testing.assert_allclose(points[mesh.in_plane_rows, 2], 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", [Twist, Chord, ThicknessFactor])
@@ -315,9 +315,9 @@ def test_the_first_section_of_a_curved_axis_that_leaves_its_plane_obliquely_is_i
     span = np.linspace(0.0, 1.4843, 6)[:, None]
     axis = ReferenceAxis(span * [0.5, 0.7, 1.0] + [0.25, 0.0, 0.0], is_curved=True)
     layout, points = moved(m6, (kind("v", axis), 3.0))
-    is_at_begin = np.abs(axis.hang(layout).stations[m6.rail_rows]) < 1e-12
+    is_at_begin = np.abs(axis.hang(layout).stations[m6.in_plane_rows]) < 1e-12
     np.testing.assert_allclose(points[layout.rows(axis)], axis.points, atol=1e-14)
-    flat = points[m6.rail_rows][is_at_begin | (layout.points[m6.rail_rows, 1] <= 0.0)]
+    flat = points[m6.in_plane_rows][is_at_begin | (layout.points[m6.in_plane_rows, 1] <= 0.0)]
     assert len(flat) > 3
     np.testing.assert_allclose(flat[:, 2], 0.0, atol=1e-14)
 

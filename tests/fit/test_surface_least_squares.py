@@ -29,10 +29,10 @@ def numbers_in_disorder(surface_map):
 def moved_points(mesh, size=0.05):
     """Surface control points that are turned and deformed, those on planes of symmetry in them."""
     points, rng = mesh.points[mesh.surface_ids], np.random.default_rng(0)
-    (axis,) = {int(np.argmax(np.abs(normal))) for normal in mesh.rail_normals}
+    (axis,) = {int(np.argmax(np.abs(normal))) for normal in mesh.in_plane_normals}
     turn = Rotation.from_rotvec(0.4 * np.eye(3)[axis]).as_matrix()
     change = size * np.sin(points @ rng.normal(size=(3, 3)) + rng.normal(size=3))
-    change[mesh.rail_rows, axis] = 0.0
+    change[mesh.in_plane_rows, axis] = 0.0
     return points @ turn.T + change
 
 
@@ -49,7 +49,7 @@ def test_nodes_of_a_spline_surface_give_its_control_points_to_round_off(wing, nu
 def test_residual_of_other_nodes_is_orthogonal_to_all_that_control_points_can_do(wing):
     surface_map, mesh = wing
     nodes = surface_map.apply(moved_points(mesh))
-    free = replace(mesh, rail_rows=mesh.rail_rows[:0], rail_normals=mesh.rail_normals[:0])
+    free = replace(mesh, in_plane_rows=mesh.in_plane_rows[:0], in_plane_normals=mesh.in_plane_normals[:0])
     nodes += 0.01 * np.random.default_rng(3).normal(size=nodes.shape)
     residual = nodes - SurfaceLeastSquares.of(surface_map, free).at(nodes).nodes
     assert np.linalg.norm(residual) > 0.1
@@ -61,9 +61,9 @@ def test_control_points_stay_in_planes_of_symmetry_whatever_the_nodes_above_them
     nodes = surface_map.apply(moved_points(mesh))
     nodes += 0.02 * np.random.default_rng(5).normal(size=nodes.shape)
     found = SurfaceLeastSquares.of(surface_map, mesh).at(nodes).control_points
-    off = (found - mesh.points[mesh.surface_ids])[mesh.rail_rows]
+    off = (found - mesh.points[mesh.surface_ids])[mesh.in_plane_rows]
     assert len(off)
-    assert np.abs(np.sum(off * mesh.rail_normals, axis=1)).max() < 1e-15
+    assert np.abs(np.sum(off * mesh.in_plane_normals, axis=1)).max() < 1e-15
 
 
 @pytest.mark.parametrize("is_spline", [True, False])

@@ -283,7 +283,7 @@ def test_flat_plate_becomes_the_blended_wing_body(plate):
         assert np.linalg.norm(fitted - wanted, axis=-1).max() < 0.015  # 1 % of the body's length
     edge = walls_of(plate.evaluator().forward(moved), plate.regenerate())[1][0]
     assert np.degrees(np.arctan2(*(edge[-1] - edge[-12])[1:])) > 60.0
-    np.testing.assert_allclose(moved[mesh.surface_ids[mesh.rail_rows], 2], 0.0, atol=1e-14)
+    np.testing.assert_allclose(moved[mesh.surface_ids[mesh.in_plane_rows], 2], 0.0, atol=1e-14)
 
 
 def test_straight_ribs_make_the_trapezoidal_wing():

@@ -28,22 +28,22 @@ from bspline_mdao.topology.index_space import Window
 SIDES = {"xmin": 0, "xmax": 1, "ymin": 2, "ymax": 3, "zmin": 4, "zmax": 5}
 
 
-def cube_mesh(shear=None, design=None, pinned=(), sliding=(), **kinds):
+def cube_mesh(shear=None, design=None, fixed=(), sliding=(), **kinds):
     """Mesh of a box with patches of the given kinds, sheared or turned by a matrix; ``zmin`` is the wall."""
     nodes = box(np.linspace(0.0, 1.0, 4), np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 6))
     nodes = nodes if shear is None else nodes @ shear.T
     whole = Window.whole(0, (4, 5, 6))
     kinds = {"zmin": "wall"} | kinds
     patches = [patch(kind, whole.face(SIDES[s]), name=s) for s, kind in kinds.items()]
-    return mesh_of(grid_of(nodes, patches=patches), design=design, pinned=pinned, sliding=sliding)
+    return mesh_of(grid_of(nodes, patches=patches), design=design, fixed=fixed, sliding=sliding)
 
 
-def test_the_surface_goes_before_held_points_and_those_before_symmetry():
+def test_the_surface_goes_before_fixed_points_and_those_before_symmetry():
     mesh = channel()
     x, y, z = mesh.points.T
     is_far = (x == 0.0) | (x == 2.5) | (y == 1.0) | (z == z.max())
     np.testing.assert_array_equal(np.flatnonzero(z == 0.0), mesh.surface_ids)
-    np.testing.assert_array_equal(np.flatnonzero(is_far & (z > 0.0)), mesh.held_ids)
+    np.testing.assert_array_equal(np.flatnonzero(is_far & (z > 0.0)), mesh.fixed_ids)
     slides = (y == 0.0) & ~is_far & (z > 0.0)
     np.testing.assert_array_equal(mesh.is_free[slides], [[True, False, True]] * slides.sum())
     assert mesh.is_free[~slides & ~is_far & (z > 0.0)].all()
@@ -59,8 +59,8 @@ def test_an_oblique_symmetry_plane_frees_the_same_points_in_its_own_directions()
     random = np.random.default_rng(0).normal(size=mesh.points.shape)
     expected = random[is_sliding] - np.outer(random[is_sliding] @ normal, normal)
     np.testing.assert_allclose(mesh.slide(random)[is_sliding], expected, atol=1e-14)
-    np.testing.assert_allclose(np.abs(mesh.rail_normals @ normal), 1.0)
-    np.testing.assert_array_equal(mesh.rail_rows, straight.rail_rows)
+    np.testing.assert_allclose(np.abs(mesh.in_plane_normals @ normal), 1.0)
+    np.testing.assert_array_equal(mesh.in_plane_rows, straight.in_plane_rows)
 
 
 @pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
@@ -69,7 +69,7 @@ def test_sliding_is_an_orthogonal_projection(make):
     a, b = np.random.default_rng(0).normal(size=(2, mesh.n_points, 3))
     np.testing.assert_allclose(mesh.slide(mesh.slide(a)), mesh.slide(a), atol=1e-14)
     np.testing.assert_allclose((mesh.slide(a) * b).sum(), (a * mesh.slide(b)).sum())
-    np.testing.assert_array_equal(mesh.slide(a)[np.concatenate([mesh.surface_ids, mesh.held_ids])], 0.0)
+    np.testing.assert_array_equal(mesh.slide(a)[np.concatenate([mesh.surface_ids, mesh.fixed_ids])], 0.0)
     is_free = mesh.is_free.all(axis=1)
     np.testing.assert_allclose(mesh.slide(a)[is_free], a[is_free], atol=1e-15)
 
@@ -88,21 +88,21 @@ def test_points_on_two_symmetry_planes_slide_along_their_edge(shear):
     random = np.random.default_rng(0).normal(size=mesh.points.shape)
     np.testing.assert_allclose(mesh.slide(random)[edge], np.outer(random[edge] @ along, along), atol=1e-14)
     corner = np.searchsorted(mesh.surface_ids, mesh.blocks[0][0, 0, 0])
-    np.testing.assert_allclose(mesh.rail_normals[mesh.rail_rows == corner] @ along, 0.0, atol=1e-14)
-    assert (mesh.rail_rows == corner).sum() == 2
+    np.testing.assert_allclose(mesh.in_plane_normals[mesh.in_plane_rows == corner] @ along, 0.0, atol=1e-14)
+    assert (mesh.in_plane_rows == corner).sum() == 2
 
 
-def test_a_point_on_three_symmetry_planes_is_held():
+def test_a_point_on_three_symmetry_planes_is_fixed():
     mesh = cube_mesh(rotation(), xmin="symmetry", ymin="symmetry", zmin="symmetry", xmax="wall")
-    assert mesh.blocks[0][0, 0, 0] in mesh.held_ids
+    assert mesh.blocks[0][0, 0, 0] in mesh.fixed_ids
 
 
 def test_two_patches_of_one_plane_are_one_constraint():
     wall, plane, far = channel_grid(rotation()).patches
     halves = (replace(plane, windows=plane.windows[:1]), replace(plane, name="other half", windows=plane.windows[1:]))
-    mesh = mesh_of(replace(channel_grid(rotation()), patches=(wall, *halves, far)), pinned="farfield")
+    mesh = mesh_of(replace(channel_grid(rotation()), patches=(wall, *halves, far)), fixed="farfield")
     assert (mesh.is_free.sum(axis=1) != 1).all()
-    np.testing.assert_array_equal(mesh.rail_rows, oblique_channel().rail_rows)
+    np.testing.assert_array_equal(mesh.in_plane_rows, oblique_channel().in_plane_rows)
 
 
 @pytest.mark.parametrize("kind", ["other", "farfield", None])
@@ -119,7 +119,7 @@ def test_planes_that_the_surface_ends_on_slide_unless_they_are_walls(shear, kind
     for held in (ids[:, :, -1], ids[-1], ids[:, 0]):  # the lid is not touched, the others are walls
         np.testing.assert_array_equal(slid[held], 0.0)
     assert len(mesh.planes) == (kind != "farfield")
-    assert len(mesh.rail_rows) == 4  # those of the plane of symmetry
+    assert len(mesh.in_plane_rows) == 4  # those of the plane of symmetry
     assert [what for what, _ in mesh.obstacles] == ["patch 'xmax'", "patch 'ymin'"]
 
 
@@ -151,9 +151,9 @@ def test_patches_slide_where_they_are_asked_to():
     ids = mesh.blocks[0]
     np.testing.assert_array_equal(mesh.is_free[ids[1:-1, 1:-1, -1]], [[[True, True, False]] * 3] * 2)
     np.testing.assert_array_equal(mesh.is_free[ids[0, 1:-1, 1:-1]], [[[False, True, True]] * 4] * 3)
-    np.testing.assert_array_equal(mesh.surface_ids[mesh.rail_rows], ids[0, :, 0])
-    with pytest.raises(InputError, match="patch 'zmax' is to be both pinned and sliding; choose one"):
-        cube_mesh(zmax="farfield", sliding="zmax", pinned="z*ax")
+    np.testing.assert_array_equal(mesh.surface_ids[mesh.in_plane_rows], ids[0, :, 0])
+    with pytest.raises(InputError, match="patch 'zmax' is to be both fixed and sliding; choose one"):
+        cube_mesh(zmax="farfield", sliding="zmax", fixed="z*ax")
     grid = channel_grid()
     grid.blocks[0].nodes[2, :, -1, 2] += 1e-3
     with pytest.raises(
@@ -162,13 +162,13 @@ def test_patches_slide_where_they_are_asked_to():
         mesh_of(grid, sliding="farfield")
 
 
-def test_an_element_that_tangles_beside_a_held_patch_says_so():
-    mesh = cube_mesh(xmin="other", pinned="xmin")
+def test_an_element_that_tangles_beside_a_fixed_patch_says_so():
+    mesh = cube_mesh(xmin="other", fixed="xmin")
     points = mesh.points.copy()
     points[mesh.blocks[0][1:, :, 0], 0] -= 0.5
     tangling = mesh.tangled(points)
     assert tangling.place == (
-        "element (1, 1, 1) of block 1 on patch 'xmin', which is held where the surface ends on it: slide or release it"
+        "element (1, 1, 1) of block 1 on patch 'xmin', which is fixed where the surface ends on it: slide or release it"
     )
 
 
@@ -278,21 +278,21 @@ def test_the_worst_element_is_told_though_others_are_not_finite_too():
     assert not tangling.min_corner > 0.0
 
 
-def test_pinned_points_and_patches_are_held_and_released_patches_are_free():
+def test_fixed_points_and_patches_stay_and_released_patches_are_free():
     topology = find_topology(channel_grid())
     nodes = channel_grid().to_vector().reshape(-1, 3)
     inner = channel().blocks[0][1, 1, 2:4]
-    mesh, _ = moving_grid(topology, nodes, pinned=["symm*", inner], released="farfield")
+    mesh, _ = moving_grid(topology, nodes, fixed=["symm*", inner], released="farfield")
     y, z = mesh.points[:, 1:].T
-    np.testing.assert_array_equal(mesh.held_ids, np.union1d(np.flatnonzero((y == 0.0) & (z > 0.0)), inner))
+    np.testing.assert_array_equal(mesh.fixed_ids, np.union1d(np.flatnonzero((y == 0.0) & (z > 0.0)), inner))
     assert mesh.is_free[(z == z.max()) & (y > 0.0)].all()
     free, _ = moving_grid(topology, nodes, released=("symmetry", "farfield"))
-    assert not len(free.held_ids)
+    assert not len(free.fixed_ids)
     assert free.is_free[free.points[:, 2] > 0.0].all()
 
 
 @pytest.mark.parametrize(
-    ("pinned", "held"),
+    ("fixed", "expected"),
     [
         (9, {9}),
         ([9, 11], {9, 11}),
@@ -302,18 +302,18 @@ def test_pinned_points_and_patches_are_held_and_released_patches_are_free():
         (np.array([]), set()),
     ],
 )
-def test_points_to_pin_are_taken_in_any_form(pinned, held):
-    mesh = mesh_of(channel_grid(), pinned=pinned, released="farfield")
-    assert set(mesh.held_ids[mesh.points[mesh.held_ids, 1] > 0.0]) == held
+def test_points_to_fix_are_taken_in_any_form(fixed, expected):
+    mesh = mesh_of(channel_grid(), fixed=fixed, released="farfield")
+    assert set(mesh.fixed_ids[mesh.points[mesh.fixed_ids, 1] > 0.0]) == expected
 
 
-@pytest.mark.parametrize("pinned", [[-1], [10_000], [1.5], np.ones(216, dtype=bool), [[None]]])
-def test_points_to_pin_that_do_not_exist_are_refused(pinned):
-    with pytest.raises(InputError, match="pinned points: give numbers from 0 to 269"):
-        mesh_of(channel_grid(), pinned=pinned)
+@pytest.mark.parametrize("fixed", [[-1], [10_000], [1.5], np.ones(216, dtype=bool), [[None]]])
+def test_points_to_fix_that_do_not_exist_are_refused(fixed):
+    with pytest.raises(InputError, match="fixed points: give numbers from 0 to 269"):
+        mesh_of(channel_grid(), fixed=fixed)
 
 
-@pytest.mark.parametrize("option", ["design", "pinned", "released", "sliding"])
+@pytest.mark.parametrize("option", ["design", "fixed", "released", "sliding"])
 def test_a_patch_that_does_not_exist_is_refused_with_those_that_do(option):
     with pytest.raises(InputError, match="no patch is called 'wimg'; the patches are farfield, symmetry, wall"):
         mesh_of(channel_grid(), **{option: "wimg"})
@@ -450,6 +450,6 @@ def test_requests_that_nothing_can_follow_are_refused():
     with pytest.raises(MovementError, match="point 7 is not finite"):
         in_increments(mesh, Twist, bad, surface, 1)
     off = surface.copy()
-    off[mesh.rail_rows[2], 1] = -1e-3
+    off[mesh.in_plane_rows[2], 1] = -1e-3
     with pytest.raises(MovementError, match=r"point \(3, 1, 1\) of block 1 leaves its symmetry plane by 0.001 m"):
         in_increments(mesh, Twist, points, off, 1)

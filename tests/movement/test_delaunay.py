@@ -28,8 +28,8 @@ def changes_in_planes(mesh, seed):
     A plane of known points that is not quite plane gains tetrahedra as flat as it is.
     """
     d_initial = np.random.default_rng(seed).uniform(-1.0, 1.0, mesh.points.shape)
-    normal = mesh.rail_normals[0]
-    is_on_plane = np.abs((mesh.points - mesh.points[mesh.surface_ids[mesh.rail_rows[0]]]) @ normal) < 1e-12
+    normal = mesh.in_plane_normals[0]
+    is_on_plane = np.abs((mesh.points - mesh.points[mesh.surface_ids[mesh.in_plane_rows[0]]]) @ normal) < 1e-12
     d_initial[is_on_plane] -= np.outer(d_initial[is_on_plane] @ normal, normal)
     return d_initial, d_initial[mesh.surface_ids] + in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))
 

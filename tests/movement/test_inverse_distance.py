@@ -15,7 +15,7 @@ from mover_cases import (
 )
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.centres import APART, find_centres
 from bspline_mdao.movement.inverse_distance import InverseDistance
 
@@ -31,7 +31,7 @@ def test_known_points_match_and_others_slide(make):
 
 def test_everything_follows_a_translation_where_the_far_field_may():
     mesh = oblique_channel(released=("farfield",))
-    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.rail_rows[0]]
+    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.in_plane_rows[0]]
     points = InverseDistance(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + shift).points
     np.testing.assert_allclose(points, mesh.points + shift, atol=1e-13)
 
@@ -122,7 +122,7 @@ def test_only_centres_at_one_place_are_moved_apart_and_to_their_own_sides():
     beside = mesh.points[mesh.blocks[4][1:-1, 1, 1:-1]] - mesh.points[mesh.blocks[4][1:-1, 0, 1:-1]]
     rows = np.searchsorted(centres.ids[: len(centres.surface_rows)], mesh.blocks[4][1:-1, 0, 1:-1])
     np.testing.assert_allclose(way[rows], APART * beside, atol=1e-14)
-    assert len(centres.ids) == len(mesh.surface_ids) + len(mesh.held_ids)
+    assert len(centres.ids) == len(mesh.surface_ids) + len(mesh.fixed_ids)
 
 
 @pytest.mark.parametrize("setting", [{"exponents": (0, 3)}, {"exponents": (1.5, 3)}, {"reach": -1.0}])

@@ -160,7 +160,7 @@ def test_affine_displacements_are_reproduced_with_the_linear_polynomial(kernel):
 
 def test_everything_follows_a_translation_where_the_far_field_may():
     mesh = oblique_channel(released=("farfield",))
-    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.rail_rows[0]]
+    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.in_plane_rows[0]]
     initial = mesh.points.copy()
     initial[mesh.surface_ids] += 0.1 * np.sin(3.0 * initial[mesh.surface_ids, :1]) * rotation()[:, 2]  # off one plane
     points = mover_of(mesh, "volume").move(initial, initial[mesh.surface_ids] + shift).points
@@ -207,7 +207,7 @@ def test_centres_that_stay_at_one_place_count_once():
     mesh = plate()
     is_free = np.zeros_like(mesh.is_free)  # nothing free beside the plate, and nothing but the surface to go to
     mesh = replace(mesh, surface_ids=np.arange(mesh.n_points, dtype=np.int32), is_free=is_free)
-    mesh = replace(mesh, rail_rows=np.zeros(0, dtype=int), rail_normals=np.zeros((0, 3)))
+    mesh = replace(mesh, in_plane_rows=np.zeros(0, dtype=int), in_plane_normals=np.zeros((0, 3)))
     lower, upper = both_sides(mesh)
     assert len(find_centres(mesh).ids) == mesh.n_points - (lower != upper).sum()
 

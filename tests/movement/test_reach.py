@@ -14,7 +14,7 @@ from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.errors import MovementError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.held import Held

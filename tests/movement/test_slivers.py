@@ -12,7 +12,7 @@ from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.mesh.mesh import MovingMesh
+from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement import equilibrium
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.element_measures import FlooredMeasures
@@ -40,10 +40,10 @@ def plate_in_its_wake(is_turned=False):
     is_free = np.repeat(~(is_plate | is_held)[:, None], 3, axis=1)
     is_free[:, 2] &= ~np.isin(points[:, 2], z[[0, -1]])
     surface_ids = np.flatnonzero(is_plate).astype(np.int32)
-    rails = np.flatnonzero(np.isin(points[surface_ids, 2], z[[0, -1]]))
+    on_planes = np.flatnonzero(np.isin(points[surface_ids, 2], z[[0, -1]]))
     frames = np.repeat(turn.T[None], len(points), axis=0)
-    normals = np.repeat(turn[None, :, 2], len(rails), axis=0)
-    return MovingMesh((ids,), ("block 1",), points @ turn.T, surface_ids, is_free, frames, rails, normals)
+    normals = np.repeat(turn[None, :, 2], len(on_planes), axis=0)
+    return MovingMesh((ids,), ("block 1",), points @ turn.T, surface_ids, is_free, frames, on_planes, normals)
 
 
 def turn_of(is_turned):

@@ -124,7 +124,7 @@ def test_a_surface_at_rest_moves_nothing(network):
 @pytest.mark.parametrize("is_oblique", [False, True])
 def test_everything_follows_a_translation_where_the_far_field_may(is_oblique, network):
     mesh = open_channel(is_oblique)
-    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.rail_rows[0]]
+    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.in_plane_rows[0]]
     points = network(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + shift).points
     np.testing.assert_allclose(points, mesh.points + shift, atol=1e-13)
 

@@ -74,7 +74,7 @@ def test_surface_points_go_where_they_are_asked_to(mesh):
     surface = lifted(mesh, 0.05)
     moved = move_to(problem_of(Shear(mesh)), surface).reshape(-1, 3)
     np.testing.assert_array_equal(moved[mesh.surface_ids].ravel(), surface)
-    np.testing.assert_array_equal(moved[mesh.held_ids], mesh.points[mesh.held_ids])
+    np.testing.assert_array_equal(moved[mesh.fixed_ids], mesh.points[mesh.fixed_ids])
     assert np.abs(moved - mesh.points)[mesh.is_free.any(axis=1)].max() > 1e-3
 
 
@@ -279,7 +279,7 @@ def test_what_is_no_mover_is_refused(mover):
 
 def test_a_difference_step_may_leave_a_symmetry_plane():
     mesh = moving_mesh(fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5)))
-    assert len(mesh.rail_rows)
+    assert len(mesh.in_plane_rows)
     problem = problem_of(Held(mesh))
     problem.run_model()
     (checks,) = problem.check_partials(out_stream=None).values()

@@ -20,7 +20,7 @@ from topology_cases import (
 from bspline_mdao import ball_grid, find_topology, onera_m6_grid, read_grid
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.io.patch_guess import guess_patches
-from bspline_mdao.mesh.freedom import plane_normal
+from bspline_mdao.mesh.allowed_directions import plane_normal
 from bspline_mdao.topology.index_space import Window, block_rows
 from bspline_mdao.topology.sharing import node_sharing
 from bspline_mdao.walls.miss_spread import PIECE, MissSpread, _cuts

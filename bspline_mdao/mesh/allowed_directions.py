@@ -1,4 +1,4 @@
-"""Directions in which points may move."""
+"""Directions in which points of a mesh may move: everywhere, in planes, or nowhere."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ import numpy as np
 from ..errors import InputError
 from ..numerics.planes import is_line, nearest_plane
 
-__all__ = ["Freedom", "plane_normal", "sliding_planes"]
+__all__ = ["AllowedDirections", "plane_normal", "sliding_planes"]
 
 INDEPENDENT = 1e-3
-"""A normal counts where it leaves the span of the others by more than this."""
+"""A normal counts where it leaves the span of the others by more than this, some 0.06 deg: more than planes of real
+grids are off, less than any corner between two planes."""
 
 
 @dataclass(eq=False)
-class Freedom:
-    """Freedom of points, gathered face by face.
+class AllowedDirections:
+    """Directions in which points may move, gathered face by face.
 
     Parameters
     ----------
-    surface, held : ndarray of bool, shape (n_points,)
+    surface, fixed : ndarray of bool, shape (n_points,)
         Points on the design surface, and points that may not move.
     n_normals : ndarray of int, shape (n_points,)
         Number of directions in which each point may not move.
@@ -31,22 +32,22 @@ class Freedom:
     """
 
     surface: np.ndarray
-    held: np.ndarray
+    fixed: np.ndarray
     n_normals: np.ndarray
     basis: np.ndarray
 
     @classmethod
-    def of(cls, n_points: int) -> Freedom:
+    def of(cls, n_points: int) -> AllowedDirections:
         """Points that may all move."""
         no = np.zeros(n_points, dtype=bool)
         return cls(no, no.copy(), np.zeros(n_points, dtype=np.int8), np.zeros((n_points, 3, 3)))
 
-    def hold(self, ids: np.ndarray) -> None:
-        """Hold points in all directions."""
-        self.held[ids] = True
+    def fix(self, ids: np.ndarray) -> None:
+        """Fix points in all directions."""
+        self.fixed[ids] = True
 
     def keep_in_plane(self, ids: np.ndarray, normal: np.ndarray) -> None:
-        """Hold points in the direction of a unit normal."""
+        """Fix points in the direction of a unit normal."""
         left = normal - np.einsum("nij,ni->nj", self.basis[ids], self.basis[ids] @ normal)
         length = np.linalg.norm(left, axis=1)
         is_new = (length > INDEPENDENT) & (self.n_normals[ids] < 3)
@@ -55,7 +56,7 @@ class Freedom:
         self.n_normals[new] += 1
 
     def fields(self) -> dict[str, np.ndarray | None]:
-        """What a `MovingMesh` keeps of it.
+        """Return the fields of a `bspline_mdao.mesh.moving_mesh.MovingMesh` that describe them, by name.
 
         Raises
         ------
@@ -66,16 +67,16 @@ class Freedom:
         if not len(surface_ids):
             raise InputError("movement: no point is on the design surface; check the patches")
         counts = self.n_normals[surface_ids]
-        rail_rows = np.repeat(np.arange(len(surface_ids), dtype=np.int32), counts)
+        in_plane_rows = np.repeat(np.arange(len(surface_ids), dtype=np.int32), counts)
         of_rail = np.concatenate([np.zeros(0, dtype=int), *(np.arange(n) for n in counts[counts > 0])])
         is_free, frames = self._directions()
-        is_free[self.held | self.surface] = False
+        is_free[self.fixed | self.surface] = False
         return {
             "surface_ids": surface_ids,
             "is_free": is_free,
             "frames": frames,
-            "rail_rows": rail_rows,
-            "rail_normals": self.basis[surface_ids[rail_rows], of_rail],
+            "in_plane_rows": in_plane_rows,
+            "in_plane_normals": self.basis[surface_ids[in_plane_rows], of_rail],
         }
 
     def _directions(self) -> tuple[np.ndarray, np.ndarray | None]:

@@ -58,13 +58,13 @@ class MovingMesh:
     surface_ids : ndarray of int32, shape (n_surface,)
         Points of the design surface, ascending: known in all three coordinates.
     is_free : ndarray of bool, shape (n_points, 3)
-        Directions in which each point may move, of its frame. None on the surface and where a point is held.
+        Directions in which each point may move, of its frame. None on the surface and where a point is fixed.
     frames : ndarray, shape (n_points, 3, 3), or None
         Rows are the orthonormal directions of each point that ``is_free`` refers to; the coordinate axes by default.
-    rail_rows : ndarray of int, shape (n_rails,)
+    in_plane_rows : ndarray of int, shape (n_in_plane,)
         Rows of ``surface_ids`` of the surface points that lie on a symmetry plane, or on another one that they have to
         stay in, once for each plane.
-    rail_normals : ndarray, shape (n_rails, 3)
+    in_plane_normals : ndarray, shape (n_in_plane, 3)
         Unit normals of these planes.
     parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None
         Place of every point of every block in parameter space, where the mesh is a control mesh.
@@ -72,7 +72,7 @@ class MovingMesh:
         Unit normals and offsets (m) of the planes of no known kind in which points slide because the design surface
         ends on them; the surface itself may leave them.
     obstacles : tuple of (str, ndarray of int)
-        Patches that are held although the design surface ends on them: what to call them in a message, and their
+        Patches that are fixed although the design surface ends on them: what to call them in a message, and their
         points. Elements beside them tangle first.
     """
 
@@ -82,8 +82,8 @@ class MovingMesh:
     surface_ids: np.ndarray
     is_free: np.ndarray
     frames: np.ndarray | None = None
-    rail_rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-    rail_normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    in_plane_rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    in_plane_normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parameters: tuple[np.ndarray, ...] | None = None
     planes: tuple[tuple[np.ndarray, float], ...] = ()
     obstacles: tuple[tuple[str, np.ndarray], ...] = ()
@@ -106,11 +106,11 @@ class MovingMesh:
         return rows
 
     @cached_property
-    def held_ids(self) -> np.ndarray:
+    def fixed_ids(self) -> np.ndarray:
         """Points that may not move and are not on the design surface, ascending."""
-        is_held = ~self.is_free.any(axis=1)
-        is_held[self.surface_ids] = False
-        return np.flatnonzero(is_held).astype(np.int32)
+        is_fixed = ~self.is_free.any(axis=1)
+        is_fixed[self.surface_ids] = False
+        return np.flatnonzero(is_fixed).astype(np.int32)
 
     @cached_property
     def elements(self) -> np.ndarray:
@@ -148,7 +148,7 @@ class MovingMesh:
         return tuple(name for name, number in zip(self.names, part[:n_blocks]) if number not in moving)
 
     def slide(self, displacement: np.ndarray) -> np.ndarray:
-        """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where held.
+        """Project displacements, shape (n_points, 3), onto what each point may do: zero on the surface and where fixed.
 
         The projection is orthogonal, hence its own transpose.
         """
@@ -196,7 +196,7 @@ class MovingMesh:
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""
         corners = ids[tuple(slice(n, n + 2) for n in element)]
         beside = [what for what, points in self.obstacles if np.isin(corners, points).any()]
-        return f" on {beside[0]}, which is held where the surface ends on it: slide or release it" if beside else ""
+        return f" on {beside[0]}, which is fixed where the surface ends on it: slide or release it" if beside else ""
 
     @cached_property
     def _left_out_by_block(self):
