@@ -9,7 +9,6 @@ from .design.linear_constraints import Linked as Linked
 from .design.linear_constraints import Mirrored as Mirrored
 from .design.linear_constraints import Opposite as Opposite
 from .design.linear_constraints import Pinned as Pinned
-from .design.linear_constraints import Together as Together
 from .design.motion import UnsteadyGrid as UnsteadyGrid
 from .design.motion import flapping as flapping
 from .design.motion import pitching as pitching
@@ -24,12 +23,12 @@ from .design.planform import Taper as Taper
 from .design.planform import ThicknessFactor as ThicknessFactor
 from .design.planform import Twist as Twist
 from .design.reference_axis import ReferenceAxis as ReferenceAxis
-from .design.selection import Beyond as Beyond
 from .design.selection import InBlock as InBlock
 from .design.selection import InBox as InBox
 from .design.selection import Nearest as Nearest
 from .design.selection import NearPlane as NearPlane
 from .design.selection import OnPatch as OnPatch
+from .design.selection import OnSideOfPlane as OnSideOfPlane
 from .design.selection import SurfaceRows as SurfaceRows
 from .design.user_defined import UserVariable as UserVariable
 from .errors import FitWarning as FitWarning

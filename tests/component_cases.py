@@ -102,7 +102,7 @@ class Swirl:
     name: str
     n_values: int
     units = "rad"
-    carried = ()
+    auxiliary = ()
 
     def bind(self, layout):
         return self
@@ -133,7 +133,7 @@ class Lift:
 
     name: str
     units = "m"
-    carried = ()
+    auxiliary = ()
 
     def bind(self, layout):
         return BoundLift(layout)

@@ -8,7 +8,15 @@ from bspline_mdao import onera_m6_grid
 from bspline_mdao.design.displacement import Local
 from bspline_mdao.design.free_form import FreeForm
 from bspline_mdao.design.lattice import Lattice
-from bspline_mdao.design.linear_constraints import Collinear, InPlane, Linked, Mirrored, Opposite, Pinned, Together
+from bspline_mdao.design.linear_constraints import (
+    Collinear,
+    EqualDisplacement,
+    InPlane,
+    Linked,
+    Mirrored,
+    Opposite,
+    Pinned,
+)
 from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.selection import NearPlane
@@ -86,6 +94,6 @@ CONSTRAINTS = {
     Mirrored: lambda: Mirrored((0.0, 1.0, 0.0)),
     Opposite: lambda: Opposite([3, 8, 5], [11, 2, 14]),
     Pinned: lambda: Pinned([4, 9], "xy"),
-    Together: lambda: Together([3, 8, 5, 17], "yz"),
+    EqualDisplacement: lambda: EqualDisplacement([3, 8, 5, 17], "yz"),
 }
 """Every kind of linear constraint, on the same mesh."""

@@ -14,7 +14,7 @@ import numpy as np
 from ..cells.grid_quality import GridQuality
 from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from ..design.deformation import Deformation
-from ..design.named_deformations import GivenPoints, parse_deformation
+from ..design.named_deformations import PrescribedPoints, parse_deformation
 from ..errors import InputError, MovementError
 from ..fit.surface_fit import SurfaceMiss
 from ..io.disk import replaced_file
@@ -168,7 +168,7 @@ def _grid(
         How far the control points alone would have missed that; None where they are given, and nothing is asked of
         nodes.
     """
-    if any(isinstance(point_map, GivenPoints) for point_map in deformation.maps):
+    if any(isinstance(point_map, PrescribedPoints) for point_map in deformation.maps):
         return model.regenerate(points), None
     surface, topology = SurfaceGrid.of(model, options.design or None), model.topology
     nodes = baseline.to_vector().reshape(-1, 3)

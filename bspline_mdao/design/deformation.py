@@ -1,4 +1,11 @@
-"""A deformation of the surface points of a mesh: maps one after the other, planes of symmetry kept."""
+"""Deformations of the surface points of a mesh: maps of points one after the other, planes of symmetry kept.
+
+Each map is a frozen dataclass with an ``amount`` (an angle in radians, a factor or a height in metres) and one method
+``apply``. A map moves every point by itself, by a formula that holds for complex numbers too, so that complex steps
+give all derivatives exactly: with respect to the points and to the amount, `jvp`, `vjp` and `amount_jvp`. What the
+maps do to wing sections is in `section_formulas`, which the design variables of `planform` share. Theory:
+``docs/theory/deformations.rst``.
+"""
 
 from __future__ import annotations
 
@@ -14,22 +21,22 @@ from ..errors import InputError
 from ..mesh.frame import Frame, Plane
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
-from .section_formulas import scaled, slope, turned
+from .section_formulas import rotation, scaling, shear
 
 __all__ = [
     "Bend",
     "Bumps",
     "Deformation",
-    "Dihedral",
-    "GivenPoints",
     "Pitch",
     "PointMap",
+    "PrescribedPoints",
+    "RotateSections",
     "ScaleChord",
     "ScaleThickness",
+    "ShearDownstream",
+    "ShearUpwards",
     "Stretch",
-    "Sweep",
     "Translate",
-    "Twist",
     "amount_jvp",
     "jvp",
     "random_bumps",
@@ -37,12 +44,14 @@ __all__ = [
 ]
 
 _N_WAVES = 32
+"""Waves that bumps are made of: enough that no direction stands out."""
 
 _STEP = 1e-40
-"""Complex step, as small as one likes: nothing is subtracted."""
+"""Complex step: as nothing is subtracted, it may be so small that its square vanishes beside one."""
 
 _SMALL = 1e-2
-"""Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are their series, good to round-off there."""
+"""Angle (rad) below which sin(a) / a and (1 - cos(a)) / a are their series, which are good to round-off there and need
+no division by zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +63,7 @@ class Deformation:
     mesh : MovingMesh
         Whose surface it is.
     maps : tuple of PointMap
-        What is done to the points, one after the other.
+        Maps of the points, applied one after the other.
     """
 
     mesh: MovingMesh
@@ -148,10 +157,10 @@ class Deformation:
 
 
 class PointMap(Protocol):
-    """Moves points, each by itself."""
+    """A map that moves every point by itself."""
 
     amount: complex
-    """How much: an angle (rad), a factor or a height (m)."""
+    """Amount of the deformation: an angle (rad), a factor or a height (m)."""
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Moved points, shape (n, 3), of points, shape (n, 3), in metres."""
@@ -197,7 +206,7 @@ class InFrame(ABC):
         """Moved coordinates."""
 
 
-class Twist(InFrame):
+class RotateSections(InFrame):
     """Turn sections about the middle line, in proportion to the distance from the root.
 
     ``amount`` is the angle at the tip (rad), upstream end up positive.
@@ -205,7 +214,7 @@ class Twist(InFrame):
 
     def _moved(self, stream, normal, span):
         centre = self.frame.middle_at(span)
-        return *_about(centre, turned(self.amount * span / self.frame.span), stream, normal), span
+        return *_about(centre, rotation(self.amount * span / self.frame.span), stream, normal), span
 
 
 @dataclass(frozen=True)
@@ -224,7 +233,7 @@ class Pitch(InFrame):
 
     def _moved(self, stream, normal, span):
         centre = self.at * self.frame.chord, self.frame.middle_at(0.0)[1]
-        return *_about(centre, turned(self.amount), stream, normal), span
+        return *_about(centre, rotation(self.amount), stream, normal), span
 
 
 @dataclass(frozen=True)
@@ -251,10 +260,10 @@ class Bend(InFrame):
 
     def _moved(self, stream, normal, span):
         start, length, height = self.at * self.frame.span, self.length * self.frame.span, self.height(normal)
-        on_arc, beyond = _clip(span - start, 0.0, length), _clip(span - start - length, 0.0, np.inf)
+        on_arc, outboard = _clip(span - start, 0.0, length), _clip(span - start - length, 0.0, np.inf)
         angle = self.amount * on_arc / length
-        up = on_arc * _versine_ratio(angle) + beyond * np.sin(angle) + height * (np.cos(angle) - 1.0)
-        out = _clip(span, -np.inf, start) + on_arc * _sine_ratio(angle) + beyond * np.cos(angle)
+        up = on_arc * _versine_ratio(angle) + outboard * np.sin(angle) + height * (np.cos(angle) - 1.0)
+        out = _clip(span, -np.inf, start) + on_arc * _sine_ratio(angle) + outboard * np.cos(angle)
         return stream, normal + up, out - height * np.sin(angle)
 
 
@@ -269,28 +278,28 @@ class ScaleChord(InFrame):
     """Scale lengths along the stream about the middle line; ``amount`` is the factor."""
 
     def _moved(self, stream, normal, span):
-        return *_about(self.frame.middle_at(span), scaled(self.amount, 1.0), stream, normal), span
+        return *_about(self.frame.middle_at(span), scaling(self.amount, 1.0), stream, normal), span
 
 
 class ScaleThickness(InFrame):
     """Scale lengths normal to stream and span about the middle line; ``amount`` is the factor."""
 
     def _moved(self, stream, normal, span):
-        return *_about(self.frame.middle_at(span), scaled(1.0, self.amount), stream, normal), span
+        return *_about(self.frame.middle_at(span), scaling(1.0, self.amount), stream, normal), span
 
 
-class Sweep(InFrame):
+class ShearDownstream(InFrame):
     """Shear the surface downstream in proportion to the distance from the root; ``amount`` is the angle (rad)."""
 
     def _moved(self, stream, normal, span):
-        return stream + slope(self.amount) * span, normal, span
+        return stream + shear(self.amount) * span, normal, span
 
 
-class Dihedral(InFrame):
+class ShearUpwards(InFrame):
     """Shear the surface upwards in proportion to the distance from the root; ``amount`` is the angle (rad)."""
 
     def _moved(self, stream, normal, span):
-        return stream, normal + slope(self.amount) * span, span
+        return stream, normal + shear(self.amount) * span, span
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,15 +315,15 @@ class Translate:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenPoints:
-    """Put points where a list says, wherever they are; ``amount`` of the way.
+class PrescribedPoints:
+    """Move points towards prescribed places, by the part ``amount`` of the way.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
         New places (m).
     amount : float
-        1 goes all the way, 0 leaves the points where they are.
+        Part of the way: 1 to the prescribed places, 0 leaves the points where they are.
     """
 
     points: np.ndarray
@@ -339,7 +348,7 @@ class Bumps:
     waves, phases : ndarray, shape (n, 3) and (n,)
         Wave vectors (rad/m) and phases (rad).
     directions : ndarray, shape (n, 3)
-        Displacement at the crest of each wave, by the height.
+        Displacement at the crest of each wave, relative to the height.
     reach : float
         Distance from a plane of symmetry over which bumps fade (m).
     planes : tuple of Plane
@@ -376,7 +385,7 @@ def random_bumps(
     wavelength : float
         Shortest wavelength (m); the longest is twice that.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     planes : tuple of Plane
         Planes of symmetry.
 
@@ -418,17 +427,17 @@ def _about(centre, matrix, stream, normal):
 
 
 def _clip(x, low, high):
-    """Clip by the real part."""
+    """Clip numbers, real or complex, to bounds on their real part."""
     return np.where(x.real < low, low, np.where(x.real > high, high, x))
 
 
 def _sine_ratio(angle):
-    """sin(a) / a."""
+    """Return sin(a) / a, 1 at zero."""
     return _ratio(angle, np.sin, lambda a: 1.0 - a**2 / 6.0 * (1.0 - a**2 / 20.0 * (1.0 - a**2 / 42.0)))
 
 
 def _versine_ratio(angle):
-    """(1 - cos(a)) / a."""
+    """Return (1 - cos(a)) / a, 0 at zero."""
     series = lambda a: a / 2.0 * (1.0 - a**2 / 12.0 * (1.0 - a**2 / 30.0 * (1.0 - a**2 / 56.0)))  # noqa: E731
     return _ratio(angle, lambda a: 2.0 * np.sin(0.5 * a) ** 2, series)
 

@@ -1,4 +1,7 @@
-"""Displacements that are linear in the values of a variable: a constant sparse matrix."""
+"""Displacements of points as design variables: linear in the values, by a constant sparse matrix.
+
+`Local` displaces single surface control points; `FreeForm` and `Camber` are made of the same map.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from scipy.sparse import csr_array, eye_array
 from ..errors import InputError
 from .selection import Where, rows_of
 from .surface_normals import surface_normals
-from .variable import Carried, Layout, MapPartials, block_diagonal
+from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal
 
 __all__ = ["Direction", "Displacement", "Local", "directions_of", "displacements", "selector"]
 
@@ -34,7 +37,7 @@ class Displacement:
 
     @property
     def initial(self) -> np.ndarray:
-        """Zeros, shape (n_values,)."""
+        """Values at which nothing moves: zeros, shape (n_values,)."""
         return np.zeros(self.matrix.shape[1])
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -51,7 +54,7 @@ class Local:
     """Move surface control points one by one.
 
     Every selected point has one value per direction, point by point in the order of ``mesh.surface_ids``. A value is a
-    displacement, and initially zero. Carried points, such as those of axes and lattices, stay.
+    displacement, and initially zero. Auxiliary points, such as those of axes and lattices, stay.
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ class Local:
     where: Where | None = None
     direction: Direction = "xyz"
     units: str | None = "m"
-    carried: ClassVar[tuple[Carried, ...]] = ()
+    auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
 
     def bind(self, layout: Layout) -> Displacement:
         """Select the points and find their directions on the baseline.
@@ -99,7 +102,7 @@ class Local:
 
 
 def directions_of(direction: Direction, n: int, normals: Callable[[], np.ndarray] | None, what: str) -> np.ndarray:
-    """Directions in which each of n points may move, shape (n, 3, m), in metres per unit of the m values of the point.
+    """Return the directions of n points, shape (n, 3, m), in metres per unit of the m values of each point.
 
     Parameters
     ----------
@@ -141,12 +144,12 @@ def _axes(letters: str, has_normals: bool, what: str) -> list[int]:
 
 
 def displacements(rows: np.ndarray, directions: np.ndarray, n_rows: int) -> csr_array:
-    """Displacement of all rows by values along the directions, shape (n, 3, m), of some: (3 n_rows, m n)."""
+    """Return the displacements of all rows per value, (3 n_rows, m n), from directions (n, 3, m) of some of them."""
     return selector(rows, n_rows) @ block_diagonal(directions)
 
 
 def selector(rows: np.ndarray, n_rows: int) -> csr_array:
-    """Matrix that puts the coordinates of some rows among those of all, shape (3 n_rows, 3 n)."""
+    """Return the matrix, shape (3 n_rows, 3 n), that puts the coordinates of some rows among those of all."""
     coordinates = (3 * np.asarray(rows)[:, None] + np.arange(3)).ravel()
     columns = np.arange(len(coordinates))
     return csr_array((np.ones(len(columns)), (coordinates, columns)), shape=(3 * n_rows, len(columns)))

@@ -1,7 +1,16 @@
-"""Linear constraints among surface control points, handled by elimination.
+"""Linear constraints among surface control points, handled by elimination: equations, row reduction, the map E.
 
 The equations of all constraints, ``A d = 0`` on the displacements d, are solved for as many coordinates as they have
 rank: these follow from the others, which stay as they are. The symmetry planes of the mesh are always among them.
+
+Equations are reduced to the reduced row echelon form, one after the other, each by those before it; what is left of one
+gives a coordinate in terms of others, or nothing where it is redundant. Coefficients 0, 1 and -1 stay exact: what
+cancels but for round-off is zero, and what is one but for round-off is one. Theory:
+``docs/theory/linear_constraints.rst``.
+
+References
+----------
+I. S. Duff, A. M. Erisman and J. K. Reid, *Direct Methods for Sparse Matrices*, 1986: threshold pivoting.
 """
 
 from __future__ import annotations
@@ -31,13 +40,15 @@ __all__ = [
 ]
 
 INDEPENDENT = 1e-6
-"""An equation counts where it leaves the span of those before it by more than this part of its largest coefficient."""
+"""An equation counts where it leaves the span of those before it by more than this part of its largest coefficient:
+two normals of one plane, found from nodes in single precision, must not fix a point between them."""
 
 PIVOT = 0.01
-"""A preferred coordinate is taken where its coefficient is at least this part of the largest one."""
+"""A preferred coordinate becomes the pivot where its coefficient is at least this part of the largest one: a threshold
+that bounds the growth of coefficients by 100 per step."""
 
 ROUND_OFF = 8.0 * np.finfo(float).eps
-"""A sum that is smaller than this part of its terms is zero."""
+"""A sum that is smaller than this part of its terms is zero: the round-off of a few operations."""
 
 Rows = namedtuple("Rows", "starts columns values")
 """Sparse rows one after the other, each without its pivot, whose coefficient is one."""
@@ -141,10 +152,10 @@ class Elimination:
     matrix : csr_array, shape (3 n_surface, 3 n_surface)
         Gives displacements E d that satisfy the constraints from any displacements d: coordinates that depend on
         others follow from them, all others stay as they are. ``E E = E``, and ``A E = 0``.
-    dependent, held : ndarray of bool, shape (3 n_surface,)
+    dependent, fixed : ndarray of bool, shape (3 n_surface,)
         Coordinates that follow from others, and those of them that cannot move.
     sources : ndarray of int, shape (3 n_surface,)
-        The equation that each coordinate depends by; -1 where it does not.
+        The equation through which each coordinate depends on others; -1 where it does not.
     constraints : tuple of (str, Equations)
         Names and equations of all constraints, in the order in which ``sources`` counts.
     """
@@ -152,7 +163,7 @@ class Elimination:
     mesh: MovingMesh
     matrix: csr_array
     dependent: np.ndarray
-    held: np.ndarray
+    fixed: np.ndarray
     sources: np.ndarray
     constraints: tuple[tuple[str, Equations], ...]
 
@@ -171,7 +182,7 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
     """Solve linear constraints for the coordinates that are to depend on others.
 
     An equation is redundant where it leaves the span of those before it by less than 1e-6 of its largest coefficient.
-    Equations with one coordinate, which hold it, come first; then the symmetry planes and the constraints as declared.
+    Equations with one coordinate, which fix it, come first; then the symmetry planes and the constraints as declared.
 
     Parameters
     ----------
@@ -180,7 +191,7 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
     points : ndarray, shape (n_surface, 3)
         Surface control points of the baseline (m).
     constraints : sequence of LinearConstraint
-        What else is to hold.
+        Further constraints.
 
     Returns
     -------
@@ -191,7 +202,8 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
     InputError
         If a constraint cannot be satisfied on this baseline; it is named.
     """
-    named = [(SYMMETRY, _rails(mesh))]
+    in_planes = Equations.of(len(mesh.surface_ids), mesh.rail_rows[:, None], mesh.rail_normals[:, None, None])
+    named = [(SYMMETRY, in_planes)]
     named += [(item.name, checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
     matrix = vstack([equations.matrix for _, equations in named], format="csr")
     preferred = np.concatenate([equations.preferred for _, equations in named])
@@ -228,18 +240,23 @@ def _elimination(mesh, pivots, sources, rows, named) -> Elimination:
     n = rows.shape[1]
     source = np.full(n, -1)
     source[pivots] = sources
-    held = np.zeros(n, dtype=bool)
-    held[pivots[np.diff(rows.indptr) == 0]] = True
+    fixed = np.zeros(n, dtype=bool)
+    fixed[pivots[np.diff(rows.indptr) == 0]] = True
     free, rows = np.flatnonzero(source < 0), rows.tocoo()
     lines, columns = np.concatenate([free, pivots[rows.row]]), np.concatenate([free, rows.col])
     values = np.concatenate([np.ones(len(free)), rows.data])
     matrix = coo_array((values, (lines, columns)), shape=(n, n)).tocsr()
-    return Elimination(mesh, matrix, source >= 0, held, source, named)
+    return Elimination(mesh, matrix, source >= 0, fixed, source, named)
 
 
 @njit(cache=True)
 def reduced_rows(indptr, indices, data, n_columns, preferred, is_first):
-    """Give dependent coordinates in terms of independent ones.
+    """Reduce equations by rows, which gives dependent coordinates in terms of independent ones.
+
+    1. Each equation is loaded, and the rows before it are subtracted, so that their pivots vanish from it.
+    2. If nothing is left of it but round-off, it is redundant.
+    3. Its pivot is the preferred coordinate, or else that of its largest coefficient; the row is scaled to one there.
+    4. From the last row to the first, later pivots are replaced by the rows that give them.
 
     Parameters
     ----------
@@ -272,19 +289,20 @@ def reduced_rows(indptr, indices, data, n_columns, preferred, is_first):
 
 @njit(cache=True)
 def _forward(indptr, indices, data, preferred, is_first, order, work):
-    """Reduce each equation by those before it; `order` becomes the number of each pivot."""
+    """Reduce each equation by those before it, steps 1 to 3; `order` becomes the number of each pivot."""
     n = len(indptr) - 1
     pivots, sources = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     rows = _new_rows(n, len(indices))
     rank = first = 0
     for row in range(n):
-        first = rank if is_first[row] else first
+        first = rank if is_first[row] else first  # earlier groups share no coordinate with this one
+        # step 1
         for at in range(indptr[row], indptr[row + 1]):
             _add(work, indices[at], data[at])
         size = _largest(work)
         for k in range(first, rank):
             _subtract_row(work, rows, k, pivots[k])
-        pivot = _pivot(work, size, preferred[row])
+        pivot = _pivot(work, size, preferred[row])  # steps 2 and 3
         if pivot >= 0:
             rows = _append(rows, rank, work, pivot)
             pivots[rank], sources[rank], order[pivot] = pivot, row, rank
@@ -295,7 +313,7 @@ def _forward(indptr, indices, data, preferred, is_first, order, work):
 
 @njit(cache=True)
 def _backward(pivots, order, rows, work):
-    """Replace later pivots in every row by the rows that give them; the last row comes first."""
+    """Replace later pivots in every row by the rows that give them, step 4; the last row comes first."""
     last = len(pivots) - 1
     reduced = _new_rows(len(pivots), len(rows.columns))
     for done in range(len(pivots)):
@@ -316,8 +334,10 @@ def _backward(pivots, order, rows, work):
 def _pivot(work, size, preferred):
     """Column to be given by a row: the preferred, or the largest, the last of equals; -1 where the row is redundant."""
     largest = _largest(work)
+    # step 2
     if largest <= INDEPENDENT * size:
         return -1
+    # step 3
     if preferred >= 0 and abs(work.values[preferred]) >= PIVOT * largest:
         return preferred
     pivot = -1
@@ -329,7 +349,7 @@ def _pivot(work, size, preferred):
 
 @njit(cache=True)
 def _subtract_row(work, rows, k, pivot):
-    """Take row k as often off as makes its pivot vanish."""
+    """Subtract the multiple of row k that makes its pivot vanish."""
     factor = work.values[pivot]
     if factor == 0.0:
         return
@@ -340,7 +360,7 @@ def _subtract_row(work, rows, k, pivot):
 
 @njit(cache=True)
 def _append(rows, k, work, pivot):
-    """Store row k, its pivot scaled to one and left out."""
+    """Store row k, scaled to one at its pivot, without the pivot."""
     rows = _with_room(rows, rows.starts[k] + work.n[0])
     at, scale = rows.starts[k], work.values[pivot]
     for column in np.sort(work.columns[: work.n[0]]):

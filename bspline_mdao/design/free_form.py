@@ -1,4 +1,12 @@
-"""Free-form deformation: displacements of the points of a lattice."""
+"""Free-form deformation: displacements of the points of a lattice as design variables.
+
+Theory: ``docs/theory/free_form.rst``.
+
+References
+----------
+T. W. Sederberg and S. R. Parry, Free-form deformation of solid geometric models, *Computer Graphics (SIGGRAPH)* 20(4),
+1986.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +17,13 @@ import numpy as np
 from ..errors import InputError
 from .displacement import Direction, Displacement, directions_of, displacements
 from .lattice import Embedding, Lattice
-from .variable import Carried, Layout
+from .variable import AuxiliaryPoints, Layout
 
 __all__ = ["FreeForm"]
 
 IDLE = 1e-9
-"""Largest weight in any surface control point below which a point of the lattice is left out."""
+"""Largest weight in any surface control point below which a point of the lattice gets no value: an optimiser could
+move it by any amount without effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +31,7 @@ class FreeForm:
     """Move points of a lattice, and what is embedded in it along.
 
     Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.
-    Left out are points that are held for continuity, see `Lattice`, and those so far from the surface that none of its
+    Left out are points that are fixed for continuity, see `Lattice`, and those so far from the surface that none of its
     points has them with a weight above 1e-9. `point_ids` tells which are left.
 
     Parameters
@@ -56,9 +65,9 @@ class FreeForm:
     units: str | None = "m"
 
     @property
-    def carried(self) -> tuple[Carried, ...]:
-        """The lattice and those that it is in."""
-        return self.lattice.carried
+    def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
+        """The lattice, its parent, and so on."""
+        return self.lattice.auxiliary
 
     def point_ids(self, layout: Layout) -> np.ndarray:
         """Numbers of the lattice points that have values, in C order, ascending.
@@ -86,13 +95,13 @@ class FreeForm:
 
     def _ids(self, embedding: Embedding, layout: Layout) -> np.ndarray:
         weights = embedding.weights[layout.rows()].max(axis=0).toarray().ravel()
-        is_asked, is_held = self._is_asked(), embedding.is_held.ravel()
-        ids = np.flatnonzero(is_asked & ~is_held & (weights >= IDLE))
+        is_asked, is_fixed = self._is_asked(), embedding.is_fixed.ravel()
+        ids = np.flatnonzero(is_asked & ~is_fixed & (weights >= IDLE))
         if not len(ids):
-            asked, held = np.count_nonzero(is_asked), np.count_nonzero(is_asked & is_held)
+            asked, fixed = np.count_nonzero(is_asked), np.count_nonzero(is_asked & is_fixed)
             raise InputError(
-                f"'{self.name}': of {asked} lattice points asked for, {held} are held for continuity and "
-                f"{asked - held} are too far from the surface to move it; choose others with 'where', or give the "
+                f"'{self.name}': of {asked} lattice points asked for, {fixed} are fixed for continuity and "
+                f"{asked - fixed} are too far from the surface to move it; choose others with 'where', or give the "
                 f"lattice more points, less 'continuity' or another place"
             )
         return ids

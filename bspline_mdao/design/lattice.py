@@ -2,7 +2,13 @@
 
 Each embedded point has lattice coordinates, found once on the baseline, and moves by ``B (L_new - L_old)``, B being the
 basis functions there and L the points of the lattice. So nothing moves while the lattice does not, and what holds for
-the lattice as a whole, such as an affine motion, holds for what is embedded to round-off.
+the lattice as a whole, such as an affine motion, holds for what is embedded to round-off. Embedded are surface control
+points, points of reference axes and child lattices. Theory: ``docs/theory/free_form.rst``.
+
+References
+----------
+T. W. Sederberg and S. R. Parry, Free-form deformation of solid geometric models, *Computer Graphics (SIGGRAPH)* 20(4),
+1986.
 """
 
 from __future__ import annotations
@@ -28,18 +34,20 @@ from .selection import Selection
 from .surface_normals import surface_quads
 from .variable import DesignMap, Layout, MapPartials, product_on_pattern, sum_on_pattern
 
-__all__ = ["Embedding", "Lattice", "Led", "held_points"]
+__all__ = ["Embedding", "ExtendedMap", "Lattice", "fixed_points"]
 
 ON_SIDE = 1e-9
-"""Lattice coordinate up to which a point counts as on a side."""
+"""Lattice coordinate up to which a point counts as on a side: the tolerance of the search for coordinates."""
 
 BISECTIONS = 16
-"""Halvings of the edges that leave a lattice."""
+"""Halvings of the edges that leave a lattice: which side they pass is told to 1e-5 of their length."""
 
 BOX = 1e-12
-"""Distance, relative to the diagonal, up to which control points count as those of a box."""
+"""Distance, relative to the diagonal, up to which control points count as those of a box: round-off of the user's
+arithmetic. In a box coordinates are found by a product instead of a search."""
 
 CUBIC = 4
+"""Order of a lattice in each direction by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +187,9 @@ class Lattice:
         return _volume(self.control_points.shape[:3], self.orders)
 
     @property
-    def carried(self) -> tuple[Lattice, ...]:
+    def auxiliary(self) -> tuple[Lattice, ...]:
         """The lattice, its parent, the parent of that and so on: what a variable that uses the lattice has to list."""
-        return (self,) if self.parent is None else (self, *self.parent.carried)
+        return (self,) if self.parent is None else (self, *self.parent.auxiliary)
 
     def locate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Find the lattice coordinates of points on the baseline.
@@ -228,22 +236,22 @@ class Lattice:
         parameters = np.ascontiguousarray(self.locate(points[rows])[0])
         return Evaluator.build(self._mesh, [parameters], [rows], len(points)).matrix()
 
-    def lead(self, layout: Layout, design_map: DesignMap) -> DesignMap:
-        """Let a map of all rows act on the points of the lattice alone, and what is embedded follow.
+    def extend(self, layout: Layout, design_map: DesignMap) -> DesignMap:
+        """Return a map that moves the points of the lattice as a map of all rows does, and what is embedded along.
 
         Parameters
         ----------
         layout : Layout
-            The rows, `carried` among them.
+            The rows, those of the lattice among them.
         design_map : DesignMap
             The map, of which only what it does to the rows of the lattice counts.
 
         Returns
         -------
         DesignMap
-            Points of the lattice that are held for continuity stay.
+            Points of the lattice that are fixed for continuity stay.
         """
-        return Led(layout.rows(self), Embedding.of(self, layout).transfer, design_map)
+        return ExtendedMap(layout.rows(self), Embedding.of(self, layout).transfer, design_map)
 
     @cached_property
     def _mesh(self) -> BSplineMesh:
@@ -316,19 +324,19 @@ def _volume(n: Sequence[int], orders: int | Sequence[int]) -> Volume:
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """What a lattice moves, and by how much.
+    """Weights by which a lattice moves all rows.
 
     Parameters
     ----------
     weights : csr_array, shape (n_rows, n_points)
         Weights of the lattice's points in the displacement of every row: ones for the rows of the lattice itself. Every
         other row sums to one, or is empty where nothing is embedded.
-    is_held : ndarray of bool, shape (n0, n1, n2)
-        Points that the lattice's own variables leave alone, see `held_points`.
+    is_fixed : ndarray of bool, shape (n0, n1, n2)
+        Points that the lattice's own variables leave alone, see `fixed_points`.
     """
 
     weights: csr_array
-    is_held: np.ndarray
+    is_fixed: np.ndarray
 
     @classmethod
     def of(cls, lattice: Lattice, layout: Layout) -> Embedding:
@@ -341,27 +349,27 @@ class Embedding:
         """
         surface = layout.points[layout.rows()]
         parts = [lattice.weights(surface, _embedded_surface(lattice, layout))]
-        parts += [_weights_of(lattice, item) for item in layout.carried]
-        return cls(vstack(parts, format="csr"), held_points(lattice, layout))
+        parts += [_weights_of(lattice, item) for item in layout.auxiliary]
+        return cls(vstack(parts, format="csr"), fixed_points(lattice, layout))
 
     @cached_property
     def transfer(self) -> csr_array:
-        """Displacement of all rows by those of the points that are not held, shape (3 n_rows, 3 n_points)."""
-        kept = csr_array(self.weights * ~self.is_held.ravel())
+        """Displacement of all rows by those of the points that are not fixed, shape (3 n_rows, 3 n_points)."""
+        kept = csr_array(self.weights * ~self.is_fixed.ravel())
         kept.eliminate_zeros()
         return kron(kept, eye_array(3), format="csr")
 
 
 @dataclass(frozen=True, eq=False)
-class Led:
-    """A map that acts on the points of a lattice, and moves what is embedded along.
+class ExtendedMap:
+    """A map of lattice points, extended to all that is embedded.
 
     Parameters
     ----------
     rows : slice
         Rows of the lattice.
     transfer : csr_array, shape (3 n_rows, 3 n_points)
-        Displacements of all rows, by displacements of the lattice's points.
+        Displacements of all rows from displacements of the lattice's points.
     design_map : DesignMap
         The map.
     """
@@ -383,7 +391,7 @@ class Led:
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
         inner = self.design_map.partials(points, values)
-        before, after = self._fixed
+        before, after = self._constant
         moved = product_on_pattern(self.transfer, inner.points[self._coordinates])
         return MapPartials(
             sum_on_pattern(before, after, moved), product_on_pattern(self.transfer, inner.values[self._coordinates])
@@ -394,7 +402,7 @@ class Led:
         return slice(3 * self.rows.start, 3 * self.rows.stop)
 
     @cached_property
-    def _fixed(self) -> tuple[csr_array, csr_array]:
+    def _constant(self) -> tuple[csr_array, csr_array]:
         """What does not depend on the map: the rows before, and the lattice before, which its new place replaces."""
         n = self.transfer.shape[0]
         identity = eye_array(n, format="csr")
@@ -402,12 +410,14 @@ class Led:
 
 
 def _weights_of(lattice: Lattice, item) -> csr_array:
-    """Weights for something that is carried: the lattice, a child of it, an axis, or a lattice of its own."""
+    """Weights for the points of an auxiliary object: the lattice, a child of it, an axis, or another lattice."""
     if item is lattice:
         return eye_array(len(lattice.points), format="csr")
-    carried = getattr(item, "carried", (lattice,))  # only lattices have one; axes go along
-    goes_along = any(lattice is ancestor for ancestor in carried)
-    return lattice.weights(item.points, lattice.locate(item.points)[1] & goes_along)
+    ancestors = (
+        item.auxiliary if isinstance(item, Lattice) else (lattice,)
+    )  # what is no lattice, such as an axis, follows
+    follows = any(lattice is ancestor for ancestor in ancestors)
+    return lattice.weights(item.points, lattice.locate(item.points)[1] & follows)
 
 
 def _embedded_surface(lattice: Lattice, layout: Layout) -> np.ndarray:
@@ -428,11 +438,12 @@ def _embedded_surface(lattice: Lattice, layout: Layout) -> np.ndarray:
     return lattice.moves.mask(mesh)
 
 
-def held_points(lattice: Lattice, layout: Layout) -> np.ndarray:
-    """Points that a lattice's own variables leave alone, so that the surface stays continuous.
+def fixed_points(lattice: Lattice, layout: Layout) -> np.ndarray:
+    """Find the points that a lattice's own variables leave alone, so that the surface stays continuous.
 
-    The surface leaves the lattice through the sides that straight edges of its net go through, from one end inside to
-    one outside. Held are the points on these sides and as many layers behind as derivatives are to be continuous.
+    1. Edges of the control net with one end inside and one outside leave the lattice; where, bisection finds.
+    2. The sides on which these places lie are those that the surface passes.
+    3. Fixed are the points on these sides and as many layers behind as derivatives are to be continuous.
 
     Parameters
     ----------
@@ -445,13 +456,14 @@ def held_points(lattice: Lattice, layout: Layout) -> np.ndarray:
     -------
     ndarray of bool, shape (n0, n1, n2)
     """
-    exits = _exits(lattice, layout)
-    held, n_layers = np.zeros(lattice.control_points.shape[:3], dtype=bool), lattice.continuity + 1
+    exits = _exits(lattice, layout)  # step 1
+    fixed, n_layers = np.zeros(lattice.control_points.shape[:3], dtype=bool), lattice.continuity + 1
+    # steps 2 and 3
     for direction in range(3):
-        layers = np.moveaxis(held, direction, 0)
+        layers = np.moveaxis(fixed, direction, 0)
         layers[:n_layers] |= (exits[:, direction] <= ON_SIDE).any()
         layers[max(len(layers) - n_layers, 0) :] |= (exits[:, direction] >= 1.0 - ON_SIDE).any()
-    return held
+    return fixed
 
 
 def _exits(lattice: Lattice, layout: Layout) -> np.ndarray:

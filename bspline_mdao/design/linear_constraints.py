@@ -1,7 +1,8 @@
-"""Linear constraints among surface control points: pinned, in a plane, linked, together, opposite.
+"""Linear constraints among surface control points: pinned, in a plane, linked, opposite, collinear, mirrored.
 
-Each gives homogeneous equations on the displacements of the points; `bspline_mdao.design.elimination` solves
-them. Those that follow patches and symmetry are in `collinear` and `mirrored`.
+Each gives homogeneous equations on the displacements of the points; `bspline_mdao.design.elimination` solves them. Of
+two points that move alike one is the *leader*, the *follower* depends on it. Theory:
+``docs/theory/linear_constraints.rst``.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from .selection import Selection, Where, rows_of
 __all__ = [
     "Collinear",
     "Directions",
+    "EqualDisplacement",
     "InPlane",
     "Linked",
     "Mirrored",
     "Opposite",
     "Pinned",
-    "Together",
     "axes_of",
     "pairs_of",
     "place_of",
@@ -62,9 +63,7 @@ class Pinned:
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
         """Equations ``n . d = 0`` for each point and direction n."""
         axes = axes_of(self.directions, self.name)
-        return Equations.of(
-            len(points), rows_of(self.where, mesh, f"linear constraint '{self.name}'")[:, None], axes[:, None]
-        )
+        return Equations.of(len(points), _rows(self.where, mesh, self.name)[:, None], axes[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,7 @@ class InPlane:
         InputError
             If no normal is given and the points are not in one plane, or are on one line.
         """
-        rows = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
+        rows = _rows(self.where, mesh, self.name)
         normal = self._found(mesh, points, rows) if self.normal is None else self.normal
         return Equations.of(len(points), rows[:, None], axes_of(normal, self.name)[:1, None])
 
@@ -123,7 +122,7 @@ class Linked:
     ----------
     leaders, followers : Selection or array_like of int
         Pairs: numbers (rows of ``mesh.surface_ids``) in their order, selections by the least sum of squared distances
-        on the baseline. One leader leads all followers.
+        on the baseline. One leader is that of all followers.
     directions : str, array_like or None
         In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str
@@ -167,8 +166,8 @@ class Opposite:
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
-    """Points that all move alike; the first leads.
+class EqualDisplacement:
+    """Points that all have the same displacement, that of the first.
 
     Parameters
     ----------
@@ -182,11 +181,11 @@ class Together:
 
     where: Where
     directions: Directions = None
-    name: str = "together"
+    name: str = "equal displacement"
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
         """Equations ``n . (d - d_first) = 0`` for each other point and direction n."""
-        rows = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
+        rows = _rows(self.where, mesh, self.name)
         pairs = np.column_stack([np.full(len(rows) - 1, rows[0]), rows[1:]])
         return _of_pairs(len(points), pairs, axes_of(self.directions, self.name), -1.0)
 
@@ -200,12 +199,12 @@ def _of_pairs(n_surface: int, pairs: np.ndarray, axes: np.ndarray, sign: float) 
 class Collinear:
     """Control points across seams between sides of blocks stay in line, in the ratio of the baseline (G1).
 
-    The points on the seam follow their two neighbours, where nothing else holds them.
+    The points on the seam follow their two neighbours, where nothing else constrains them.
 
     Parameters
     ----------
     where : Selection, array_like of int or None
-        Points on seams, as rows of ``mesh.surface_ids`` in case of numbers; what else is selected is left out. By
+        Points on seams, as rows of ``mesh.surface_ids`` in case of numbers; what else is selected does not count. By
         default all at which the baseline is smooth.
     max_kink : float
         Largest angle of the baseline between the two sides at which it counts as smooth (deg).
@@ -227,7 +226,7 @@ class Collinear:
         """
         triples = surface_seams(mesh)
         if self.where is not None:
-            triples = triples[np.isin(triples[:, 1], rows_of(self.where, mesh, f"linear constraint '{self.name}'"))]
+            triples = triples[np.isin(triples[:, 1], _rows(self.where, mesh, self.name))]
         before, after = np.diff(points[triples], axis=1).transpose(1, 0, 2)
         kinks = _angles(before, after)
         is_smooth = kinks <= self.max_kink
@@ -269,15 +268,15 @@ class Mirrored:
     Parameters
     ----------
     normal : array_like, shape (3,)
-        Normal of the plane, towards the side that leads.
+        Normal of the plane, towards the side of the leaders.
     point : array_like, shape (3,)
         A point of the plane (m).
     leaders : Selection, array_like of int or None
-        The points that lead; by default all on the plane and on the side that the normal points to.
+        By default all points on the plane and on the side that the normal points to.
     followers : Selection, array_like of int or None
-        Among which each leader has its partner; by default all surface control points.
+        Points among which each leader has its partner; by default all surface control points.
     tolerance : float
-        How far from the mirrored place of a leader its partner may be, relative to the size of the mesh.
+        Largest distance of a partner from the mirrored place of its leader, relative to the size of the mesh.
     name : str
         For messages.
     """
@@ -302,8 +301,8 @@ class Mirrored:
         leaders = self._on_the_side_of_the_normal(heights, near) if self.leaders is None else self.leaders
         followers = np.arange(len(points)) if self.followers is None else self.followers
         leaders, followers = (
-            rows_of(leaders, mesh, f"linear constraint '{self.name}'"),
-            rows_of(followers, mesh, f"linear constraint '{self.name}'"),
+            _rows(leaders, mesh, self.name),
+            _rows(followers, mesh, self.name),
         )
         mirrored = (points - 2.0 * heights[:, None] * normal)[leaders]
         partners = followers[self._partners(mesh, cKDTree(points[followers]), mirrored, leaders, near)]
@@ -389,6 +388,10 @@ def _once(triples: np.ndarray) -> np.ndarray:
     return triples[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]
 
 
+def _rows(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:
+    return rows_of(where, mesh, f"linear constraint '{name}'")
+
+
 def place_of(mesh: MovingMesh, row: int) -> str:
     """Name a surface control point for a message."""
     return mesh.place_of_point(mesh.surface_ids[row])
@@ -411,15 +414,15 @@ def axes_of(directions: Directions, name: str) -> np.ndarray:
 def pairs_of(leaders: Where, followers: Where, mesh: MovingMesh, points: np.ndarray, name: str) -> np.ndarray:
     """Pairs (leader, follower) of rows, shape (n, 2).
 
-    One leader leads all. Numbers are paired in their order; selections so that the sum of squared distances on the
-    baseline is least, which a shift of one side as a whole does not change.
+    One leader is that of all followers. Numbers are paired in their order; selections so that the sum of squared
+    distances on the baseline is least, which a shift of one side as a whole does not change.
 
     Raises
     ------
     InputError
         If there are not as many followers as leaders.
     """
-    first, second = (rows_of(where, mesh, f"linear constraint '{name}'") for where in (leaders, followers))
+    first, second = (_rows(where, mesh, name) for where in (leaders, followers))
     if len(first) == 1:
         return np.column_stack([np.repeat(first, len(second)), second])
     if len(first) != len(second):

@@ -1,4 +1,8 @@
-"""Deformations by name: what the command line and the studies of robustness ask for."""
+"""Deformations by name, from words such as ``twist=30deg+bend=120deg@0.7`` or a file of points.
+
+The command line and the studies of robustness ask for them. Words have the form ``name=value@place,key=value``; angles
+are in degrees there and in radians in the maps. Theory: ``docs/theory/deformations.rst``.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +23,16 @@ from ..topology.index_space import Window
 from .deformation import (
     Bend,
     Deformation,
-    Dihedral,
-    GivenPoints,
     Pitch,
     PointMap,
+    PrescribedPoints,
+    RotateSections,
     ScaleChord,
     ScaleThickness,
+    ShearDownstream,
+    ShearUpwards,
     Stretch,
-    Sweep,
     Translate,
-    Twist,
     random_bumps,
 )
 
@@ -46,13 +50,15 @@ SUFFIXES = (".csv", ".dat", ".npy", ".txt")
 """Files that hold points, NumPy's own and text with three numbers a line, parted by commas or blanks."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+"""Pattern of a number in words."""
 
 _INBOARD = 0.1
-"""Points from this part of the span inboard of an arc tell how thick the surface is on it."""
+"""Part of the span inboard of an arc from which on points count for the thickness of the surface on it, which may have
+no points of its own."""
 
 
 def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: MovingMesh) -> Deformation:
-    """Make the deformation that words ask for.
+    """Return the deformation that words describe.
 
     Parameters
     ----------
@@ -112,7 +118,7 @@ def wall_spacing(model: FittedModel) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """What a deformation may need to know of the surface as it is when its turn comes."""
+    """The surface as the deformations before one have left it, by which lengths and directions count."""
 
     model: FittedModel
     points: np.ndarray
@@ -292,7 +298,7 @@ def _requests(text: str) -> list[Request | Path]:
 
 def _make(request: Request | Path, surface: _Surface) -> PointMap:
     if isinstance(request, Path):
-        return GivenPoints(read_points(request, len(surface.points)))
+        return PrescribedPoints(read_points(request, len(surface.points)))
     if request.name not in DEFORMATIONS:
         raise request.fail(f"no deformation is called '{request.name}'; the names are {', '.join(DEFORMATIONS)}")
     return DEFORMATIONS[request.name](request, surface)
@@ -355,13 +361,13 @@ def _bumps(request: Request, surface: _Surface) -> PointMap:
 
 
 DEFORMATIONS = {
-    "twist": _by_angle(Twist, math.inf),
+    "twist": _by_angle(RotateSections, math.inf),
     "bend": _bend,
     "stretch": _by_factor(Stretch),
     "chord": _by_factor(ScaleChord),
     "thickness": _by_factor(ScaleThickness),
-    "sweep": _by_angle(Sweep, 85.0),
-    "dihedral": _by_angle(Dihedral, 85.0),
+    "sweep": _by_angle(ShearDownstream, 85.0),
+    "dihedral": _by_angle(ShearUpwards, 85.0),
     "pitch": _pitch,
     "translate": _translate,
     "bumps": _bumps,

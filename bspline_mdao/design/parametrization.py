@@ -2,6 +2,7 @@
 
 With the maps ``M_k`` in the declared order and the elimination E of the constraints, surface control points s become
 ``s + E (M_n(... M_1(s, v_1) ..., v_n) - s)``. All derivatives are products of sparse matrices of constant pattern.
+Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/linear_constraints.rst``.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..names import ALL_NAMES
 from .elimination import Elimination, eliminate
-from .variable import Carried, DesignMap, Layout, MapPartials, Variable, ones_like
+from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
 
 __all__ = ["Parametrization", "SurfacePartials"]
 
@@ -67,7 +68,7 @@ class Parametrization:
     constraints: Sequence = ()
 
     def __post_init__(self):
-        require_list(self.variables, "variable", ("name", "units", "carried", "bind"), "parametrization")
+        require_list(self.variables, "variable", ("name", "units", "auxiliary", "bind"), "parametrization")
         require_list(self.constraints, "linear constraint", ("name", "equations"), "parametrization")
         require_mesh(self.mesh, "parametrization")
         self._require_names()
@@ -86,11 +87,11 @@ class Parametrization:
     @cached_property
     def layout(self) -> Layout:
         """The rows that the variables move."""
-        carried: list[Carried] = []
-        for item in (item for variable in self.variables for item in variable.carried):
-            if not any(item is known for known in carried):
-                carried.append(item)
-        return Layout(self.mesh, tuple(carried))
+        auxiliary: list[AuxiliaryPoints] = []
+        for item in (item for variable in self.variables for item in variable.auxiliary):
+            if not any(item is other for other in auxiliary):
+                auxiliary.append(item)
+        return Layout(self.mesh, tuple(auxiliary))
 
     @cached_property
     def maps(self) -> dict[str, DesignMap]:
@@ -187,7 +188,7 @@ class Parametrization:
         return eye_array(3 * self.layout.n_surface, format="csr")
 
     def _rows(self, surface):
-        """All rows, those that are carried on the baseline."""
+        """All rows: the surface, and the auxiliary points on the baseline."""
         return np.concatenate([surface, self.layout.points[self.layout.n_surface :]])
 
     def _steps(self, surface, values) -> Iterator[MapPartials]:
@@ -200,8 +201,8 @@ class Parametrization:
     def _chain(self, steps: Iterable[MapPartials], matrix: csr_array, rest: csr_array) -> SurfacePartials:
         """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""
         n = 3 * self.layout.n_surface
-        carried = csr_array((3 * len(self.layout.points) - n, n))
-        initial, values = vstack([self._identity, carried], format="csr"), []
+        zeros = csr_array((3 * len(self.layout.points) - n, n))  # auxiliary points do not depend on the surface
+        initial, values = vstack([self._identity, zeros], format="csr"), []
         for step in steps:
             initial, values = step.points @ initial, [step.points @ value for value in values] + [step.values]
         return SurfacePartials(
@@ -214,13 +215,13 @@ class Parametrization:
             is_idle = np.diff(pattern.tocsc().indptr) == 0
             if is_idle.any():
                 value = int(np.argmax(is_idle))
-                reason = self._what_holds(name, value) or "no point of the surface"
+                reason = self._what_fixes(name, value) or "no point of the surface"
                 idle = f"value {value + 1} of '{name}' moves nothing ({reason})"
                 rest = np.count_nonzero(is_idle) - 1
                 more = f", nor do {rest} more of its {len(is_idle)}" if rest else ""
                 raise InputError(f"parametrization: {idle}{more}; select and direct it so as to leave them out")
 
-    def _what_holds(self, name: str, value: int) -> str:
+    def _what_fixes(self, name: str, value: int) -> str:
         """The constraint that takes its effect from a value; empty where it never had one."""
         partials = self.maps[name].partials(self.layout.points, self.maps[name].initial)
         coordinates = partials.values.tocsc()[:, [value]].indices

@@ -1,7 +1,9 @@
 """Planform and section variables along a reference axis.
 
 Each works about the axis as the variables before it have left it, so that they can be given in any order. The usual one
-is from the section outwards: thickness and camber, chord and taper, twist, then span, sweep and dihedral.
+is from the section outwards: thickness and camber, chord and taper, twist, then span, sweep and dihedral. All but
+`Camber` are maps of two kinds: `SectionMap` multiplies sections in their planes, `ShiftMap` shifts them as wholes, by
+the formulas of `section_formulas`. Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -18,9 +20,9 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from .displacement import Displacement
 from .lattice import Lattice
-from .reference_axis import HungRows, ReferenceAxis, StationSpline
-from .section_formulas import scaled, slope, turned
-from .variable import Carried, DesignMap, Layout, MapPartials, rates_of
+from .reference_axis import AttachedRows, ReferenceAxis, StationSpline
+from .section_formulas import rotation, scaling, shear
+from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, rates_of
 
 __all__ = [
     "Camber",
@@ -63,9 +65,9 @@ class AlongAxis(ABC):
             raise InputError(f"'{self.name}': the axis is of type {type(self.axis).__name__}; give a ReferenceAxis")
 
     @property
-    def carried(self) -> tuple[Carried, ...]:
+    def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
         """The axis, and the lattice if there is one."""
-        return (self.axis,) if self.on is None else (self.axis, *self.on.carried)
+        return (self.axis,) if self.on is None else (self.axis, *self.on.auxiliary)
 
     def bind(self, layout: Layout) -> DesignMap:
         """Decide stations and directions on the baseline.
@@ -75,11 +77,11 @@ class AlongAxis(ABC):
         InputError
             If the axis or its stations do not fit the surface.
         """
-        design_map = self._bind(self.axis.hang(layout))
-        return design_map if self.on is None else self.on.lead(layout, design_map)
+        design_map = self._bind(self.axis.attach(layout))
+        return design_map if self.on is None else self.on.extend(layout, design_map)
 
     @abstractmethod
-    def _bind(self, hung: HungRows) -> DesignMap:
+    def _bind(self, attached: AttachedRows) -> DesignMap:
         """Map of all rows."""
 
 
@@ -110,18 +112,18 @@ class AtStations(AlongAxis):
 
 
 class _InSections(AtStations):
-    """Sections multiplied by a matrix."""
+    """A variable that multiplies sections, in their planes about the axis, by a matrix."""
 
-    def _bind(self, hung: HungRows) -> SectionMap:
-        spline = self.spline.matrix(hung.stations)
-        return SectionMap(self.neutral, hung, self._axes(hung), spline, self._matrices)
+    def _bind(self, attached: AttachedRows) -> SectionMap:
+        spline = self.spline.matrix(attached.stations)
+        return SectionMap(self.neutral, attached, self._axes(attached), spline, self._matrices)
 
-    def _axes(self, hung: HungRows) -> np.ndarray:
-        return hung.section_axes
+    def _axes(self, attached: AttachedRows) -> np.ndarray:
+        return attached.section_axes
 
     @abstractmethod
     def _matrices(self, amounts) -> np.ndarray:
-        """Matrices of the values at sections."""
+        """Matrices, shape (n, 2, 2), of the values at sections, shape (n,)."""
 
 
 class Twist(_InSections):
@@ -130,7 +132,7 @@ class Twist(_InSections):
     units = "deg"
 
     def _matrices(self, amounts):
-        return turned(np.radians(1.0) * amounts)
+        return rotation(np.radians(1.0) * amounts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +152,10 @@ class Chord(_InSections):
     scales_thickness: bool = field(default=True, kw_only=True)
 
     def _matrices(self, amounts):
-        return scaled(amounts, amounts if self.scales_thickness else 1.0)
+        return scaling(amounts, amounts if self.scales_thickness else 1.0)
 
-    def _axes(self, hung):
-        return hung.chord_axes if not self.scales_thickness else hung.section_axes
+    def _axes(self, attached):
+        return attached.chord_axes if not self.scales_thickness else attached.section_axes
 
 
 class ThicknessFactor(_InSections):
@@ -165,25 +167,25 @@ class ThicknessFactor(_InSections):
     neutral = 1.0
 
     def _matrices(self, amounts):
-        return scaled(1.0, amounts)
+        return scaling(1.0, amounts)
 
-    def _axes(self, hung):
-        return hung.chord_axes
+    def _axes(self, attached):
+        return attached.chord_axes
 
 
 @dataclass(frozen=True, eq=False)
 class Taper(AlongAxis):
-    """Scale sections about the axis, not at its first point and by the value at its last, linearly between.
+    """Scale sections about the axis by a factor that is 1 at its first point and the value at its last, linear between.
 
     The factor is on the ratio of tip and root chord; thickness over chord stays.
     """
 
-    def _bind(self, hung: HungRows) -> SectionMap:
-        return SectionMap(1.0, hung, hung.section_axes, csr_array(hung.stations[:, None]), _similar)
+    def _bind(self, attached: AttachedRows) -> SectionMap:
+        return SectionMap(1.0, attached, attached.section_axes, csr_array(attached.stations[:, None]), _similar)
 
 
 def _similar(factor):
-    return scaled(factor, factor)
+    return scaling(factor, factor)
 
 
 def parabola(part: np.ndarray) -> np.ndarray:
@@ -205,10 +207,10 @@ class Camber(AtStations):
 
     line: Callable[[np.ndarray], np.ndarray] = field(default=parabola, kw_only=True)
 
-    def _bind(self, hung: HungRows) -> Displacement:
-        heights = hung.chord_lengths * self._line(hung.chord_parts)
-        spline = self.spline.matrix(hung.stations)
-        return Displacement(along_vectors(heights[:, None] * hung.chord_axes[:, 1], spline))
+    def _bind(self, attached: AttachedRows) -> Displacement:
+        heights = attached.chord_lengths * self._line(attached.chord_parts)
+        spline = self.spline.matrix(attached.stations)
+        return Displacement(along_vectors(heights[:, None] * attached.chord_axes[:, 1], spline))
 
     def _line(self, parts: np.ndarray) -> np.ndarray:
         heights = np.broadcast_to(self.line(parts), parts.shape)
@@ -216,30 +218,30 @@ class Camber(AtStations):
             bad = parts[np.argmin(np.isfinite(heights))]
             raise InputError(
                 f"'{self.name}': the camber line is not finite at the part {bad:.4g} of the chord; define it a "
-                f"little beyond 0 and 1 too, where control points stick out of the surface"
+                f"little below 0 and above 1 too, where control points stick out of the surface"
             )
         return heights
 
 
 class _Shifting(AtStations):
-    """Sections shifted as wholes."""
+    """A variable that shifts sections as wholes along one coordinate."""
 
-    def _shift(self, hung: HungRows, coordinate: int, paths, slopes) -> ShiftMap:
+    def _shift(self, attached: AttachedRows, coordinate: int, paths, slopes) -> ShiftMap:
         """Shift along the stream (0), the normal (1) or the span (2) by slopes along paths."""
-        return ShiftMap(self.neutral, hung, hung.frame.axes[coordinate], paths, self.spline, slopes)
+        return ShiftMap(self.neutral, attached, attached.frame.axes[coordinate], paths, self.spline, slopes)
 
     @staticmethod
-    def _along_span(hung: HungRows):
-        return np.broadcast_to(hung.frame.axes[2], hung.directions.shape)
+    def _along_span(attached: AttachedRows):
+        return np.broadcast_to(attached.frame.axes[2], attached.directions.shape)
 
 
 class Span(_Shifting):
-    """Stretch the axis along the span, and carry sections along as they are; values are factors on lengths of span."""
+    """Stretch the axis along the span; sections move along unchanged. Values are factors on lengths of span."""
 
     neutral = 1.0
 
-    def _bind(self, hung):
-        return self._shift(hung, 2, self._along_span(hung), _excess)
+    def _bind(self, attached):
+        return self._shift(attached, 2, self._along_span(attached), _excess)
 
 
 class Sweep(_Shifting):
@@ -247,8 +249,8 @@ class Sweep(_Shifting):
 
     units = "deg"
 
-    def _bind(self, hung):
-        return self._shift(hung, 0, hung.directions, _slope_of_degrees)
+    def _bind(self, attached):
+        return self._shift(attached, 0, attached.directions, _slope_of_degrees)
 
 
 class Dihedral(_Shifting):
@@ -256,8 +258,8 @@ class Dihedral(_Shifting):
 
     units = "deg"
 
-    def _bind(self, hung):
-        return self._shift(hung, 1, self._along_span(hung), _slope_of_degrees)
+    def _bind(self, attached):
+        return self._shift(attached, 1, self._along_span(attached), _slope_of_degrees)
 
 
 def _excess(factor):
@@ -265,7 +267,7 @@ def _excess(factor):
 
 
 def _slope_of_degrees(angle):
-    return slope(np.radians(1.0) * angle)
+    return shear(np.radians(1.0) * angle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,8 +281,8 @@ class SectionMap:
     ----------
     neutral : float
         Amount, and value, at which nothing moves.
-    hung : HungRows
-        Where the rows hang.
+    attached : AttachedRows
+        The rows, attached to the axis.
     axes : ndarray, shape (n_rows, 2, 3)
         Two orthonormal directions in the plane of each row's section.
     spline : csr_array, shape (n_rows, n_values)
@@ -290,7 +292,7 @@ class SectionMap:
     """
 
     neutral: float
-    hung: HungRows
+    attached: AttachedRows
     axes: np.ndarray
     spline: csr_array
     matrices: Callable[[np.ndarray], np.ndarray]
@@ -311,25 +313,25 @@ class SectionMap:
         changes = self.axes.swapaxes(1, 2) @ (self.matrices(amounts) - np.eye(2)) @ self.axes
         rates = rates_of(self.matrices, amounts)
         moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
-        return MapPartials(self._by_points(changes), along_vectors(moved, self.spline))
+        return MapPartials(self._points_jacobian(changes), along_vectors(moved, self.spline))
 
     def _amounts(self, values):
         return self.neutral + self.spline @ (values - self.neutral)
 
     def _in_plane(self, points):
         """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
-        return np.einsum("nij,nj->ni", self.axes, points - self.hung.centres(points))
+        return np.einsum("nij,nj->ni", self.axes, points - self.attached.centres(points))
 
     def _in_space(self, local):
         return np.einsum("nij,ni->nj", self.axes, local)
 
-    def _by_points(self, changes) -> csr_array:
-        """Derivative by the row itself and by the points of the axis, of changes (n_rows, 3, 3)."""
-        weights, n = self.hung.weights.tocoo(), len(changes)
+    def _points_jacobian(self, changes) -> csr_array:
+        """Derivative with respect to the row itself and to the points of the axis, of changes (n_rows, 3, 3)."""
+        weights, n = self.attached.weights.tocoo(), len(changes)
         influenced = np.concatenate([np.arange(n), weights.row])
-        influences = np.concatenate([np.arange(n), self.hung.axis_rows[weights.col]])
-        by_axis = -weights.data[:, None, None] * changes[weights.row]
-        data = np.concatenate([np.eye(3) + changes, by_axis])
+        influences = np.concatenate([np.arange(n), self.attached.axis_rows[weights.col]])
+        d_axis = -weights.data[:, None, None] * changes[weights.row]
+        data = np.concatenate([np.eye(3) + changes, d_axis])
         rows = np.broadcast_to(3 * influenced[:, None, None] + np.arange(3)[:, None], data.shape)
         columns = np.broadcast_to(3 * influences[:, None, None] + np.arange(3), data.shape)
         return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n))
@@ -357,14 +359,14 @@ class ShiftMap:
     The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``, which
     counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
     direction d by the sums up to them, and rows as the axis at their stations, with weights W:
-    ``x_p + d sum_qi W_pq [i < q] l_i B_ik m_k``. So sections keep hanging where they are.
+    ``x_p + d sum_qi W_pq [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
 
     Parameters
     ----------
     neutral : float
         Value at which the slope is none.
-    hung : HungRows
-        Where the rows hang.
+    attached : AttachedRows
+        The rows, attached to the axis.
     direction : ndarray, shape (3,)
         In which sections are shifted.
     paths : ndarray, shape (n_axis - 1, 3)
@@ -376,7 +378,7 @@ class ShiftMap:
     """
 
     neutral: float
-    hung: HungRows
+    attached: AttachedRows
     direction: np.ndarray
     paths: np.ndarray
     spline: StationSpline
@@ -395,53 +397,55 @@ class ShiftMap:
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
         """Differentiate `apply`."""
         rates = rates_of(self.slopes, values)
-        by_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
-        by_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
-        return MapPartials(self._of_points(by_points), self._matrix(by_values, self._values_felt))
+        d_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
+        d_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
+        return MapPartials(self._points_jacobian(d_points), self._matrix(d_values, self._influence_of_values))
 
     def _lengths(self, points):
-        return np.sum(np.diff(points[self.hung.axis_rows], axis=0) * self.paths, axis=1)
+        return np.sum(np.diff(points[self.attached.axis_rows], axis=0) * self.paths, axis=1)
 
     @cached_property
     def _means(self) -> np.ndarray:
         """Mean influence of every value over every segment, shape (n_axis - 1, n_values)."""
-        knots = self.hung.knots
+        knots = self.attached.knots
         return np.diff(self.spline.integral(knots), axis=0) / np.diff(knots)[:, None]
 
     @cached_property
     def _sums(self) -> np.ndarray:
         """How much of the slope over every segment reaches every row, shape (n_rows, n_axis - 1)."""
-        n = len(self.hung.knots)
-        return self.hung.weights @ np.tri(n, n - 1, -1)
+        n = len(self.attached.knots)
+        return self.attached.weights @ np.tri(n, n - 1, -1)
 
     @cached_property
     def _steps(self) -> np.ndarray:
-        """Derivatives of the lengths of segments by the points of the axis, shape (n_axis - 1, 3 n_axis)."""
-        n = len(self.hung.knots)
+        """Derivatives of the lengths of segments in the points of the axis, shape (n_axis - 1, 3 n_axis)."""
+        n = len(self.attached.knots)
         differences = np.eye(n)[1:] - np.eye(n)[:-1]
         return (differences[:, :, None] * self.paths[:, None]).reshape(n - 1, 3 * n)
 
     @cached_property
-    def _values_felt(self) -> np.ndarray:
+    def _influence_of_values(self) -> np.ndarray:
+        """Whether each row may depend on each value, shape (n_rows, n_values)."""
         return (self._sums != 0.0) @ (self._means != 0.0)
 
     @cached_property
-    def _points_felt(self) -> np.ndarray:
+    def _influence_of_points(self) -> np.ndarray:
+        """Whether each row may depend on each coordinate of the axis, shape (n_rows, 3 n_axis)."""
         return (self._sums != 0.0) @ (self._steps != 0.0)
 
-    def _of_points(self, rates) -> csr_array:
-        """Derivative of the rows by the rows, of that of the shifts by the points of the axis."""
-        shifts = self._matrix(rates, self._points_felt).tocoo()
-        columns = (3 * self.hung.axis_rows[:, None] + np.arange(3)).ravel()
+    def _points_jacobian(self, rates) -> csr_array:
+        """Derivative of the rows with respect to the rows, from that of the shifts with respect to the axis."""
+        shifts = self._matrix(rates, self._influence_of_points).tocoo()
+        columns = (3 * self.attached.axis_rows[:, None] + np.arange(3)).ravel()
         n = shifts.shape[0]
         data = np.concatenate([np.ones(n), shifts.data])
         rows, columns = np.append(np.arange(n), shifts.row), np.append(np.arange(n), columns[shifts.col])
         return csr_array((data, (rows, columns)), shape=(n, n))
 
-    def _matrix(self, rates, felt) -> csr_array:
-        """Displacements of shifts whose rates (n_rows, n) may differ from zero where they are felt."""
+    def _matrix(self, rates, influence) -> csr_array:
+        """Displacements of shifts of rates (n_rows, n), with entries wherever there may be an influence."""
         coordinates = np.flatnonzero(self.direction)
-        shifted, by = np.nonzero(felt)
-        data = rates[shifted, by][:, None] * self.direction[coordinates]
-        rows, columns = 3 * shifted[:, None] + coordinates, np.repeat(by, len(coordinates))
+        shifted, sources = np.nonzero(influence)
+        data = rates[shifted, sources][:, None] * self.direction[coordinates]
+        rows, columns = 3 * shifted[:, None] + coordinates, np.repeat(sources, len(coordinates))
         return csr_array((data.ravel(), (rows.ravel(), columns)), shape=(3 * len(rates), rates.shape[1]))

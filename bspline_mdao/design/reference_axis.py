@@ -1,4 +1,8 @@
-"""Reference axes: lines along the span that planform variables work about, carried along when variables move them."""
+"""Reference axes: lines along the span that planform variables work about, which move along with the surface.
+
+On the baseline every row of points is attached to the axis at a station. Between the points of an axis, and between the
+values of a variable at stations, a spline of local support interpolates. Theory: ``docs/theory/parametrization.rst``.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +21,11 @@ from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
-from .section_formulas import turned
+from .section_formulas import rotation
 from .surface_normals import surface_quads
 from .variable import Layout
 
-__all__ = ["ChordLines", "HungRows", "ReferenceAxis", "StationSpline", "chord_lines"]
+__all__ = ["AttachedRows", "ChordLines", "ReferenceAxis", "StationSpline", "chord_lines"]
 
 _INSIDE = 2e-2
 """Sections are cut this part of the whole extent inside the ends, which may have no chord: at a fitted tip, single
@@ -32,15 +36,15 @@ _NEAR = 0.02
 above and below it."""
 
 _NO_CHORD = 1e-6
-"""A chord that is shorter than this part of the surface's box is none."""
+"""A chord that is shorter than this part of the surface's box is none: a section of it has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceAxis:
     """A line through points from the root to the tip.
 
-    Every row that variables move hangs on the axis: on the baseline, once and for all, it is given a *station*, the
-    part of the axis between its first (0) and its last point (1). A straight axis is one along which the span
+    Every row that variables move is attached to the axis: on the baseline, once and for all, it is given a *station*,
+    the part of the axis between its first (0) and its last point (1). A straight axis is one along which the span
     increases; a row's station is that of its place along the span, and sections are normal to the span. Of a curved
     axis, such as one that goes up a winglet, it is that of the closest point, seen along the stream; sections are
     normal to the axis as seen that way, but those at a plane of symmetry in which the axis begins are in that plane.
@@ -54,7 +58,7 @@ class ReferenceAxis:
     order : int
         What joins the points: 2 straight lines, 4 cubics, see `StationSpline`. Beyond the last point the axis goes on
         along the straight line through the last two; so it does inboard of the first if that is in a plane of symmetry.
-        Otherwise, what is inboard of the first point, such as a body, hangs on that point.
+        Otherwise, what is inboard of the first point, such as a body, is attached to that point.
 
     Raises
     ------
@@ -126,8 +130,8 @@ class ReferenceAxis:
         local = frame.to_local(lines.leading + at * lines.chords)
         return cls(frame.to_space(np.column_stack([local[:, :2], levels])))
 
-    def hang(self, layout: Layout) -> HungRows:
-        """Give all rows their stations.
+    def attach(self, layout: Layout) -> AttachedRows:
+        """Attach all rows to the axis: return their stations and sections.
 
         Raises
         ------
@@ -145,13 +149,13 @@ class ReferenceAxis:
         segments, parts = _closest(self.points[:-1] @ seen.T, steps, layout.points @ seen.T, begins_in_plane)
         directions = (steps / lengths[:, None]) @ seen
         stations = (ends[segments] + parts * lengths[segments]) / ends[-1]
-        self._require_beside(layout.points[layout.rows()] @ frame.axes[2], stations[layout.rows()], frame)
-        return HungRows(self, layout, frame, ends / ends[-1], directions, stations, begins_in_plane)
+        self._require_overlap(layout.points[layout.rows()] @ frame.axes[2], stations[layout.rows()], frame)
+        return AttachedRows(self, layout, frame, ends / ends[-1], directions, stations, begins_in_plane)
 
     def _begins_in(self, plane: Plane, tolerance: float) -> bool:
         return abs(self.points[0] @ plane.normal - plane.offset) <= tolerance
 
-    def _require_beside(self, places, stations, frame):
+    def _require_overlap(self, places, stations, frame):
         """Refuse an axis that all of the surface is inboard or outboard of."""
         if not stations.max() > 0.0 or not stations.min() < 1.0:
             ends = self.points[[0, -1]] @ frame.axes[2]
@@ -161,6 +165,7 @@ class ReferenceAxis:
             )
 
     def _require_advance(self, steps):
+        """Refuse points that do not go out along the span, or of a curved axis coincide."""
         is_bad = ~steps.any(axis=1) if self.is_curved else steps[:, 0] <= 0.0
         if is_bad.any():
             raise InputError(
@@ -170,18 +175,24 @@ class ReferenceAxis:
 
 
 def _closest(starts, steps, points, goes_on_inboard):
-    """Segment closest to each point (n, m), and where on it; the last goes on beyond its end, the first if it may."""
+    """Return the segment closest to each point (n, m) and the place on it from 0 to 1.
+
+    1. Every point is projected onto the line of every segment.
+    2. Places are clipped to the segment; the last goes on outboard, the first inboard if it may.
+    3. The segment at the smallest distance is taken, the first of equals.
+    """
     offsets = points[:, None] - starts
     low, high = np.zeros(len(steps)), np.ones(len(steps))
     low[0], high[-1] = -np.inf if goes_on_inboard else 0.0, np.inf
-    parts = np.clip(np.sum(offsets * steps, axis=2) / np.sum(steps**2, axis=1), low, high)
+    parts = np.clip(np.sum(offsets * steps, axis=2) / np.sum(steps**2, axis=1), low, high)  # steps 1 and 2
+    # step 3
     segments = np.argmin(np.sum((offsets - parts[:, :, None] * steps) ** 2, axis=2), axis=1)
     return segments, parts[np.arange(len(points)), segments]
 
 
 @dataclass(frozen=True, eq=False)
-class HungRows:
-    """Where all rows hang on an axis: all of it decided on the baseline.
+class AttachedRows:
+    """Rows attached to a reference axis: their stations and the planes of their sections, decided on the baseline.
 
     Parameters
     ----------
@@ -220,9 +231,9 @@ class HungRows:
         """Weights of the axis' points that give its point at the station of every row, shape (n_rows, n_axis)."""
         weights = self._inside.toarray()
         inboard = np.minimum(self.stations, 0.0) / self.knots[1]
-        beyond = np.maximum(self.stations - 1.0, 0.0) / (1.0 - self.knots[-2])
+        outboard = np.maximum(self.stations - 1.0, 0.0) / (1.0 - self.knots[-2])
         weights[:, :2] += inboard[:, None] * [-1.0, 1.0]
-        weights[:, -2:] += beyond[:, None] * [-1.0, 1.0]
+        weights[:, -2:] += outboard[:, None] * [-1.0, 1.0]
         return csr_array(weights)
 
     def centres(self, points: np.ndarray) -> np.ndarray:
@@ -248,10 +259,10 @@ class HungRows:
 
     @cached_property
     def chord_axes(self) -> np.ndarray:
-        """`section_axes` turned so that the first is along the chord line, shape (n_rows, 2, 3)."""
+        """`section_axes` rotated so that the first is along the chord line, shape (n_rows, 2, 3)."""
         along, above = np.einsum("nij,nj->in", self.section_axes[self.axis_rows], self._chord_lines.chords)
         angle = self._inside @ np.arctan2(above, along)
-        return turned(angle) @ self.section_axes
+        return rotation(angle) @ self.section_axes
 
     @cached_property
     def chord_parts(self) -> np.ndarray:
@@ -261,7 +272,7 @@ class HungRows:
 
     @cached_property
     def _inside(self) -> csr_array:
-        """The same as `weights`, constant beyond the ends."""
+        """Weights of the axis' points between its ends, constant outside of them."""
         return StationSpline(tuple(self.knots), self.axis.order).matrix(self.stations)
 
     @cached_property
@@ -277,7 +288,7 @@ def _unit(vectors):
 
 @dataclass(frozen=True)
 class StationSpline:
-    """Interpolation between stations, constant beyond the first and the last.
+    """Interpolation of values at stations along an axis, with local support, constant outside of the ends.
 
     Parameters
     ----------
@@ -360,7 +371,7 @@ class StationSpline:
 
 @dataclass(frozen=True, eq=False)
 class ChordLines:
-    """Ends of the chord of sections.
+    """Ends of the chord lines of sections of a surface.
 
     Parameters
     ----------

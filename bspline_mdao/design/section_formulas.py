@@ -1,17 +1,20 @@
-"""Formulas of sections, once: what a named deformation does by one amount, a design variable does by one per station.
+"""Formulas of wing sections, each in one place: rotation, scaling and shear.
 
-All are complex-safe in the amount.
+A named deformation applies them by one amount (`bspline_mdao.design.deformation`: `RotateSections`, `ScaleChord`,
+`ScaleThickness`, `ShearDownstream`, `ShearUpwards`); a design variable by one amount per station along an axis
+(`bspline_mdao.design.planform`: `Twist`, `Chord`, `ThicknessFactor`, `Taper`, `Sweep`, `Dihedral`). All are
+complex-safe in the amount. Theory: ``docs/theory/parametrization.rst`` and ``docs/theory/deformations.rst``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["scaled", "slope", "turned"]
+__all__ = ["rotation", "scaling", "shear"]
 
 
-def turned(angle) -> np.ndarray:
-    """Matrices of stream and normal coordinates that turn sections, upstream end up.
+def rotation(angle) -> np.ndarray:
+    """Return matrices of stream and normal coordinates that rotate sections, upstream end up.
 
     Parameters
     ----------
@@ -26,14 +29,14 @@ def turned(angle) -> np.ndarray:
     return _matrices(cos, sin, -sin, cos)
 
 
-def scaled(stream, normal) -> np.ndarray:
-    """Matrices, shape (..., 2, 2), that scale stream and normal coordinates by factors of any shape."""
+def scaling(stream, normal) -> np.ndarray:
+    """Return matrices, shape (..., 2, 2), that scale stream and normal coordinates by factors of any shape."""
     stream, normal = np.broadcast_arrays(stream, normal)
-    return _matrices(stream, 0.0 * stream, 0.0 * normal, normal)
+    return _matrices(stream, 0.0 * stream, 0.0 * normal, normal)  # zeros that are complex where the factors are
 
 
-def slope(angle):
-    """Shift per length of what is sheared by an angle (rad)."""
+def shear(angle):
+    """Return the shift of sections per length of span that is sheared by an angle (rad)."""
     return np.tan(angle)
 
 

@@ -22,12 +22,12 @@ from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 
 __all__ = [
-    "Beyond",
     "InBlock",
     "InBox",
     "NearPlane",
     "Nearest",
     "OnPatch",
+    "OnSideOfPlane",
     "Selection",
     "SurfaceRows",
     "Where",
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 TOUCHING = 1e-9
-"""Distance, relative to the size of the mesh, up to which a point counts as on a limit."""
+"""Distance, relative to the size of the mesh, up to which a point counts as on a limit: round-off of fitted points."""
 
 
 class Selection(ABC):
@@ -47,7 +47,7 @@ class Selection(ABC):
 
     @abstractmethod
     def __str__(self) -> str:
-        """What is asked for, for messages."""
+        """Describe the selection so that messages can say 'no point is ...'."""
 
     def rows(self, mesh: MovingMesh) -> np.ndarray:
         """Rows of the selected points in ``mesh.surface_ids``, ascending.
@@ -247,7 +247,7 @@ class Nearest(Selection):
 
 
 @dataclass(frozen=True, eq=False)
-class Beyond(Selection):
+class OnSideOfPlane(Selection):
     """Points on the side of a plane that its normal points to, the plane included.
 
     Parameters
@@ -264,7 +264,7 @@ class Beyond(Selection):
         return _heights(mesh, self.point, self.normal) >= -TOUCHING * mesh.size
 
     def __str__(self) -> str:
-        return f"beyond the plane through {tuple(self.point)} with the normal {tuple(self.normal)}"
+        return f"on the side of the normal {tuple(self.normal)} of the plane through {tuple(self.point)}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The surface as a net of control points: its quads, and a normal at every point.
+"""Quads of the surface's control net, and a normal at every surface control point.
 
 The normal at a point is the mean of the unit normals of the corners of the quads around it, weighted by their angles,
 so that it does not depend on how the surface is cut into quads. At a sharp edge it halves the angle between the two
@@ -25,10 +25,11 @@ from ..topology.boundary_surface import facing, quads_in_turn
 __all__ = ["surface_normals", "surface_quads"]
 
 CANCELLED = 1e-6
-"""Part of the sum of all angles below which the weighted normals around a point count as cancelling."""
+"""Part of the sum of all angles below which the weighted normals around a point count as cancelling: the sides of a
+plate lie on one another but for the errors of the fit."""
 
 COLLAPSED = 1e-12
-"""Length of an edge, relative to the mesh, that counts as none."""
+"""Length of an edge, relative to the mesh, that is round-off: the edge has collapsed."""
 
 
 def surface_quads(mesh: MovingMesh) -> np.ndarray:

@@ -11,12 +11,13 @@ import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array, eye_array, issparse, vstack
 
 from ..errors import InputError
-from .variable import Carried, Layout, MapPartials, block_diagonal, sum_on_pattern
+from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal, sum_on_pattern
 
 __all__ = ["UserVariable"]
 
 STAYS = 1e-9
-"""Distance, relative to the size of the mesh, that the initial values may move points by."""
+"""Distance, relative to the size of the mesh, that the initial values may move points by: round-off of the user's own
+formula, far below the width of any cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class UserVariable:
     function: Callable[[np.ndarray, np.ndarray], np.ndarray]
     derivative: Callable[[np.ndarray, np.ndarray], tuple]
     units: str | None = None
-    carried: ClassVar[tuple[Carried, ...]] = ()
+    auxiliary: ClassVar[tuple[AuxiliaryPoints, ...]] = ()
 
     def bind(self, layout: Layout) -> _UserMap:
         """Call the function and its derivative once on the baseline.

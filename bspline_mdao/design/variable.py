@@ -1,8 +1,9 @@
-"""What every design variable is: a map of points with values.
+"""The interface of every design variable: a map of points with values, and what such maps are made of.
 
-All points that design variables move are rows of one array: first the surface control points, then the points of
-everything that is carried along, such as reference axes and lattices. A variable is a small object of settings; bound
-to a `Layout` of rows it is a `DesignMap`. A user's own variable is any object with the four members of `Variable`.
+All points that design variables move are rows of one array: first the surface control points, then auxiliary points,
+such as those of reference axes and lattices, which move along. A variable is a small object of settings; bound to a
+`Layout` of rows it is a `DesignMap`. A user's own variable is any object with the four members of `Variable`. Theory:
+``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.sparse import bsr_array, coo_array, csr_array
 from ..mesh.moving_mesh import MovingMesh
 
 __all__ = [
-    "Carried",
+    "AuxiliaryPoints",
     "DesignMap",
     "Layout",
     "MapPartials",
@@ -32,14 +33,14 @@ __all__ = [
 ]
 
 _STEP = 1e-40
-"""Complex step, as small as one likes: nothing is subtracted."""
+"""Complex step: as nothing is subtracted, it may be so small that its square vanishes beside one."""
 
 
-class Carried(Protocol):
-    """Something whose points go along when variables move the surface."""
+class AuxiliaryPoints(Protocol):
+    """An object with points that move along when variables move the surface: a reference axis, a lattice."""
 
     points: np.ndarray
-    """Its points on the baseline, shape (n, 3), in metres."""
+    """The points on the baseline, shape (n, 3), in metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +51,12 @@ class Layout:
     ----------
     mesh : MovingMesh
         Its surface points are the first rows, in the order of ``mesh.surface_ids``.
-    carried : tuple of Carried
-        Their points follow, in this order.
+    auxiliary : tuple of AuxiliaryPoints
+        The rows of their points follow, in this order.
     """
 
     mesh: MovingMesh
-    carried: tuple[Carried, ...] = ()
+    auxiliary: tuple[AuxiliaryPoints, ...] = ()
 
     @property
     def n_surface(self) -> int:
@@ -65,34 +66,34 @@ class Layout:
     @cached_property
     def points(self) -> np.ndarray:
         """All rows on the baseline (m), shape (n_rows, 3); what is decided once and for all is decided on them."""
-        return np.concatenate([self.mesh.points[self.mesh.surface_ids], *(item.points for item in self.carried)])
+        return np.concatenate([self.mesh.points[self.mesh.surface_ids], *(item.points for item in self.auxiliary)])
 
-    def rows(self, carried: Carried | None = None) -> slice:
-        """Rows of something that is carried; those of the surface by default."""
-        if carried is None:
+    def rows(self, auxiliary: AuxiliaryPoints | None = None) -> slice:
+        """Return the rows of one of the auxiliary objects; those of the surface by default."""
+        if auxiliary is None:
             return slice(0, self.n_surface)
         start = self.n_surface
-        for item in self.carried:
-            if item is carried:
+        for item in self.auxiliary:
+            if item is auxiliary:
                 return slice(start, start + len(item.points))
             start += len(item.points)
-        raise KeyError(f"{carried!r} is not carried; a variable lists what it needs in 'carried'")
+        raise KeyError(f"{auxiliary!r} has no rows; a variable lists what it needs in 'auxiliary'")
 
 
 def ones_like(matrix: csr_array) -> csr_array:
-    """The same pattern with ones."""
+    """Return the pattern of a matrix with ones as entries."""
     return csr_array((np.ones_like(matrix.data), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def sum_on_pattern(*matrices: csr_array) -> csr_array:
-    """Sum of matrices, with an entry wherever one of them has one."""
+    """Sum matrices, with an entry wherever one of them has one, so that no zero changes the pattern."""
     parts = [matrix.tocoo() for matrix in matrices]
     rows, columns, data = (np.concatenate([getattr(p, name) for p in parts]) for name in ("row", "col", "data"))
     return coo_array((data, (rows, columns)), shape=matrices[0].shape).tocsr()
 
 
 def product_on_pattern(a: csr_array, b: csr_array) -> csr_array:
-    """Product of two matrices, with an entry wherever entries of theirs meet."""
+    """Multiply two matrices, with an entry wherever entries of theirs meet, so that no zero changes the pattern."""
     pattern = ones_like(a) @ ones_like(b)
     return sum_on_pattern(0.0 * pattern, a @ b)
 
@@ -114,7 +115,7 @@ class MapPartials:
 
 
 class DesignMap(Protocol):
-    """A variable that is bound to rows."""
+    """A design variable that is bound to rows: decided on the baseline, applied anywhere."""
 
     initial: np.ndarray
     """Values at which nothing moves, shape (n_values,)."""
@@ -135,8 +136,8 @@ class Variable(Protocol):
     units: str | None
     """Units of its values."""
 
-    carried: tuple[Carried, ...]
-    """The axes and lattices that it works with."""
+    auxiliary: tuple[AuxiliaryPoints, ...]
+    """The axes and lattices that the variable works with."""
 
     def bind(self, layout: Layout) -> DesignMap:
         """Decide what depends on the baseline alone.

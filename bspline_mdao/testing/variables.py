@@ -78,7 +78,7 @@ def check_variable(variable: Variable, mesh: MovingMesh, n_directions: int = 3, 
     >>> check_variable(Local("heights", direction="y"), mesh).is_good
     True
     """
-    layout, random = Layout(mesh, tuple(variable.carried)), np.random.default_rng(seed)
+    layout, random = Layout(mesh, tuple(variable.auxiliary)), np.random.default_rng(seed)
     design_map = variable.bind(layout)
     points = layout.points + AWAY * mesh.size * random.uniform(-1.0, 1.0, layout.points.shape)
     values = design_map.initial + AWAY * random.uniform(-1.0, 1.0, design_map.initial.shape)
@@ -107,4 +107,4 @@ def _place(layout: Layout, row: int) -> str:
     """Name a row for a message."""
     if row < layout.n_surface:
         return layout.mesh.place_of_point(layout.mesh.surface_ids[row])
-    return f"carried point {row - layout.n_surface + 1}"
+    return f"auxiliary point {row - layout.n_surface + 1}"

@@ -11,12 +11,12 @@ from bspline_mdao import onera_m6_grid
 from bspline_mdao.design.elimination import Equations, eliminate
 from bspline_mdao.design.linear_constraints import (
     Collinear,
+    EqualDisplacement,
     InPlane,
     Linked,
     Mirrored,
     Opposite,
     Pinned,
-    Together,
     surface_seams,
 )
 from bspline_mdao.design.selection import InBox, NearPlane, SurfaceRows
@@ -86,8 +86,8 @@ def test_elimination_is_a_projection_onto_the_null_space_of_all_equations(make, 
     np.testing.assert_allclose(matrix @ matrix, matrix, atol=1e-13)
     np.testing.assert_allclose(matrix @ allowed, allowed, atol=1e-12)
     assert np.count_nonzero(~elimination.dependent) == allowed.shape[1] == np.linalg.matrix_rank(matrix)
-    np.testing.assert_array_equal(elimination.held, np.abs(matrix).sum(axis=1) == 0.0)
-    np.testing.assert_array_equal(elimination.held, np.abs(allowed).max(axis=1) < 1e-12)
+    np.testing.assert_array_equal(elimination.fixed, np.abs(matrix).sum(axis=1) == 0.0)
+    np.testing.assert_array_equal(elimination.fixed, np.abs(allowed).max(axis=1) < 1e-12)
 
 
 def test_independent_coordinates_stay_as_they_are_and_dependent_ones_have_no_effect():
@@ -152,7 +152,7 @@ def test_pinned_points_do_not_move_at_all():
     assert elimination.dependent[93:96].sum() == 1
 
 
-def test_what_hangs_on_pinned_points_is_held_exactly_whatever_the_ratios():
+def test_what_depends_on_pinned_points_is_fixed_exactly_whatever_the_ratios():
     mesh, random = channel(), np.random.default_rng(5)
     chain = np.zeros((30, 135))
     for n, row in enumerate(chain):  # each coordinate a weighted mean of its neighbours
@@ -160,7 +160,7 @@ def test_what_hangs_on_pinned_points_is_held_exactly_whatever_the_ratios():
     held = np.zeros((2, 135))
     held[[0, 1], [40, 71]] = 1.0
     elimination, _, moved = displaced(mesh, Given(chain), Given(held))
-    assert elimination.held[40:72].all()
+    assert elimination.fixed[40:72].all()
     assert (moved.ravel()[40:72] == 0.0).all()
 
 
@@ -204,7 +204,7 @@ def test_selections_are_paired_by_nearness_but_for_a_shift():
 
 
 def test_one_leader_leads_all():
-    _, d, moved = displaced(wing(), Linked([21], [25, 29, 31]), Together([3, 5, 9], OBLIQUE))
+    _, d, moved = displaced(wing(), Linked([21], [25, 29, 31]), EqualDisplacement([3, 5, 9], OBLIQUE))
     np.testing.assert_array_equal(moved[[25, 29, 31]], d[[21, 21, 21]])
     np.testing.assert_allclose(moved[[5, 9]] @ OBLIQUE, moved[3] @ OBLIQUE, atol=1e-14)
     assert np.count_nonzero(moved[[3, 5, 9]] == d[[3, 5, 9]]) == 7
@@ -312,7 +312,7 @@ def test_affine_moves_pass_collinear_and_translations_pass_linked():
     elimination = eliminate(mesh, surface, [Collinear()])
     np.testing.assert_allclose(elimination.matrix @ affine.ravel(), affine.ravel(), atol=1e-14)
     shift = np.tile([0.3, -0.2, 0.1], len(surface))
-    elimination = eliminate(mesh, surface, [Together(np.arange(len(surface))), Linked([3], [7])])
+    elimination = eliminate(mesh, surface, [EqualDisplacement(np.arange(len(surface))), Linked([3], [7])])
     np.testing.assert_array_equal(elimination.matrix @ shift, shift)
 
 
@@ -369,8 +369,8 @@ def test_reasons_name_constraint_and_place():
     elimination = displaced(wing(), Pinned([30], name="root"), Linked([3], [7], "x", name="edge"))[0]
     assert elimination.reason(90).startswith("root: point (")
     assert elimination.reason(21).startswith("edge: point (")
-    assert elimination.held[90]
-    assert not elimination.held[21]
+    assert elimination.fixed[90]
+    assert not elimination.fixed[21]
 
 
 def test_long_chains_of_thousands_of_points_are_eliminated_to_round_off():
@@ -378,7 +378,11 @@ def test_long_chains_of_thousands_of_points_are_eliminated_to_round_off():
     n = len(mesh.surface_ids)
     assert n > 3000
     random = np.random.default_rng(0).permutation(n)
-    constraints = [Mirrored([0.0, 1.0, 0.0]), Together(np.arange(n), "z"), Linked(random[:-1], random[1:], "x")]
+    constraints = [
+        Mirrored([0.0, 1.0, 0.0]),
+        EqualDisplacement(np.arange(n), "z"),
+        Linked(random[:-1], random[1:], "x"),
+    ]
     elimination = displaced(mesh, *constraints)[0]
     assert elimination.dependent.sum() > 6000
     for _, equations in elimination.constraints:

@@ -9,20 +9,20 @@ from bspline_mdao import InputError, find_topology, fit_grid, moving_mesh, onera
 from bspline_mdao.design.deformation import (
     Bend,
     Deformation,
-    Dihedral,
     Pitch,
+    RotateSections,
     ScaleChord,
     ScaleThickness,
+    ShearDownstream,
+    ShearUpwards,
     Stretch,
-    Sweep,
     Translate,
-    Twist,
     amount_jvp,
     jvp,
     random_bumps,
     vjp,
 )
-from bspline_mdao.design.named_deformations import DEFORMATIONS, GivenPoints, wall_spacing
+from bspline_mdao.design.named_deformations import DEFORMATIONS, PrescribedPoints, wall_spacing
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.frame import Plane, mesh_planes, surface_frame
 
@@ -56,18 +56,18 @@ def swept_wing(n=60, seed=0):
 def maps_of(points, planes=(SYMMETRY,)):
     frame = surface_frame(points, planes)
     return {
-        "twist": Twist(frame, 0.7),
+        "twist": RotateSections(frame, 0.7),
         "pitch": Pitch(frame, -0.3, at=0.4),
         "bend": Bend(frame, 1.3, at=0.5, length=0.2),
         "faint bend": Bend(frame, 1e-4, at=0.0, length=1.0),
         "stretch": Stretch(frame, 2.0),
         "chord": ScaleChord(frame, 0.5),
         "thickness": ScaleThickness(frame, 3.0),
-        "sweep": Sweep(frame, 0.4),
-        "dihedral": Dihedral(frame, 0.2),
+        "sweep": ShearDownstream(frame, 0.4),
+        "dihedral": ShearUpwards(frame, 0.2),
         "translate": Translate(np.array([0.1, 0.2, 0.0]), 1.5),
         "bumps": random_bumps(points, 0.05, 0.8, seed=4, planes=planes),
-        "given": GivenPoints(points[::-1], 0.3),
+        "given": PrescribedPoints(points[::-1], 0.3),
     }
 
 
@@ -130,7 +130,7 @@ def test_pitch_is_a_rigid_rotation_that_raises_the_nose():
 def test_twist_turns_the_tip_by_its_angle_about_the_middle_of_the_chord():
     points = swept_wing()
     frame = surface_frame(points, (SYMMETRY,))
-    moved = Twist(frame, np.radians(90.0)).apply(points)
+    moved = RotateSections(frame, np.radians(90.0)).apply(points)
     root, tip = points[:, 2] == 0.0, np.flatnonzero(points[:, 2] == 3.0)
     np.testing.assert_allclose(moved[root], points[root], atol=1e-15)
     np.testing.assert_array_equal(moved[:, 2], points[:, 2])

@@ -11,18 +11,18 @@ from scipy.sparse import csr_array
 from scipy.stats import binom
 
 from bspline_mdao import (
-    Beyond,
     FreeForm,
     InBox,
     InputError,
     Lattice,
     Local,
     OnPatch,
+    OnSideOfPlane,
     Parametrization,
     UserVariable,
     moving_mesh,
 )
-from bspline_mdao.design.lattice import Embedding, held_points
+from bspline_mdao.design.lattice import Embedding, fixed_points
 from bspline_mdao.design.surface_normals import surface_quads
 from bspline_mdao.design.variable import Layout, MapPartials
 from bspline_mdao.splines.volume import evaluate
@@ -58,7 +58,7 @@ def tip_lattice(**options):
 
 @dataclass(frozen=True)
 class Axis:
-    """Points that are carried."""
+    """Some auxiliary points."""
 
     points: np.ndarray
 
@@ -161,7 +161,7 @@ def test_an_affine_motion_of_the_lattice_is_one_of_the_surface(make, tolerance, 
     matrix, shift = np.eye(3) + 0.3 * rotation(), np.array([0.1, -0.2, 0.3])
     displacement = lattice.points @ matrix.T + shift - lattice.points
     variable = FreeForm("shape", lattice)
-    layout = Layout(wing(), variable.carried)
+    layout = Layout(wing(), variable.auxiliary)
     values = displacement[variable.point_ids(layout)].ravel()
     moved = variable.bind(layout).apply(layout.points, values)[layout.rows()]
     np.testing.assert_allclose(moved, surface_of(wing()) @ matrix.T + shift, atol=tolerance)
@@ -178,7 +178,7 @@ def test_orders_equal_to_the_number_of_points_make_bernstein_polynomials():
 def test_derivatives_are_exact_and_linear_in_the_values():
     for lattice in (Lattice.box(wing(), n=(4, 2, 3)), bent_lattice(orders=(3, 3, 2)), tip_lattice()):
         variable = FreeForm("shape", lattice, direction="zx")
-        assert_exact(Layout(wing(), variable.carried), variable)
+        assert_exact(Layout(wing(), variable.auxiliary), variable)
 
 
 def test_points_outside_stay():
@@ -194,7 +194,7 @@ def test_points_outside_stay():
 def test_where_and_direction_choose_values():
     lattice = Lattice.box(wing(), n=(4, 2, 3))
     variable = FreeForm("shape", lattice, where=np.s_[1:, :, 2], direction="y")
-    layout = Layout(wing(), variable.carried)
+    layout = Layout(wing(), variable.auxiliary)
     numbers = np.arange(24).reshape(4, 2, 3)[1:, :, 2].ravel()
     np.testing.assert_array_equal(variable.point_ids(layout), numbers)
     moved = variable.bind(layout).apply(layout.points, np.arange(1.0, 7.0))[layout.rows(lattice)] - lattice.points
@@ -206,16 +206,16 @@ def test_where_and_direction_choose_values():
 def test_lattice_points_that_move_nothing_are_left_out():
     wide = Lattice.box(np.array([[-0.1, -4.0, -0.1], [1.6, 4.0, 1.6]]), n=(4, 9, 4), orders=(4, 3, 4), margin=0.0)
     variable = FreeForm("shape", wide, direction="y")
-    layout = Layout(wing(), variable.carried)
+    layout = Layout(wing(), variable.auxiliary)
     left = np.unique(np.unravel_index(variable.point_ids(layout), (4, 9, 4))[1])
     np.testing.assert_array_equal(left, [3, 4, 5])
     assert Parametrization(wing(), [variable]).initial["shape"].size == 48
 
 
 def test_only_the_asked_selection_moves():
-    upper = OnPatch(wing_model(), "wing_upper") & Beyond((0, 0, 0.2), (0, 0, 1))
+    upper = OnPatch(wing_model(), "wing_upper") & OnSideOfPlane((0, 0, 0.2), (0, 0, 1))
     variable = FreeForm("shape", Lattice.box(wing(), n=(3, 2, 3), moves=upper), direction="y")
-    layout = Layout(wing(), variable.carried)
+    layout = Layout(wing(), variable.auxiliary)
     moved = variable.bind(layout).apply(layout.points, np.full(18, 0.1)) - layout.points
     np.testing.assert_allclose(moved[layout.rows(), 1], np.where(upper.mask(wing()), 0.1, 0.0), atol=1e-15)
 
@@ -224,23 +224,23 @@ def test_only_the_asked_selection_moves():
 
 
 @pytest.mark.parametrize("continuity", [-1, 0, 1, 2])
-def test_held_layers_are_those_at_the_side_that_the_surface_passes(continuity):
-    held = held_points(tip_lattice(continuity=continuity), Layout(wing()))
+def test_fixed_layers_are_those_at_the_side_that_the_surface_passes(continuity):
+    fixed = fixed_points(tip_lattice(continuity=continuity), Layout(wing()))
     expected = np.zeros((4, 3, 5), dtype=bool)
     expected[:, :, : continuity + 1] = True
-    np.testing.assert_array_equal(held, expected)
+    np.testing.assert_array_equal(fixed, expected)
 
 
 def test_a_lattice_around_everything_holds_nothing():
     for lattice in (Lattice.box(wing()), bent_lattice()):
-        assert not held_points(lattice, Layout(wing(), (lattice,))).any()
+        assert not fixed_points(lattice, Layout(wing(), (lattice,))).any()
 
 
 @pytest.mark.parametrize("continuity", [0, 1, 2])
 def test_the_displacement_ends_with_the_continuity_asked_for(continuity):
     lattice = tip_lattice(continuity=continuity, orders=(4, 3, 5))
     variable = FreeForm("tip", lattice, direction="y")
-    layout = Layout(wing(), variable.carried)
+    layout = Layout(wing(), variable.auxiliary)
     values = np.random.default_rng(2).random(variable.bind(layout).initial.shape)
     displacement = np.zeros(60)
     displacement[variable.point_ids(layout)] = values
@@ -258,7 +258,7 @@ def test_a_parent_carries_its_child_and_what_is_in_both_moves_once():
     parent = parent_lattice()
     child = tip_lattice(parent=parent)
     variables = FreeForm("wing", parent), FreeForm("tip", child)
-    layout = Layout(wing(), child.carried)
+    layout = Layout(wing(), child.auxiliary)
     matrix = np.eye(3) + 0.2 * rotation()
     displacement = parent.points @ matrix.T - parent.points
     moved = variables[0].bind(layout).apply(layout.points, displacement.ravel())
@@ -269,7 +269,7 @@ def test_a_lattice_carries_the_children_of_its_children():
     first = parent_lattice()
     second = tip_lattice(parent=first)
     third = Lattice.box(second.points, n=(2, 2, 3), margin=-0.2, parent=second)
-    layout = Layout(wing(), third.carried)
+    layout = Layout(wing(), third.auxiliary)
     design_map = FreeForm("wing", first).bind(layout)
     moved = design_map.apply(layout.points, np.tile([0.1, -0.2, 0.3], first.points.shape[0]))
     np.testing.assert_allclose(moved - layout.points, np.tile([0.1, -0.2, 0.3], (len(moved), 1)), atol=1e-14)
@@ -278,7 +278,7 @@ def test_a_lattice_carries_the_children_of_its_children():
 def test_a_child_moves_only_itself_and_what_is_inside():
     parent = parent_lattice()
     child = tip_lattice(parent=parent)
-    layout = Layout(wing(), child.carried)
+    layout = Layout(wing(), child.auxiliary)
     design_map = FreeForm("tip", child).bind(layout)
     moved = design_map.apply(layout.points, np.full_like(design_map.initial, 0.1)) != layout.points
     assert not moved[layout.rows(parent)].any()
@@ -312,11 +312,11 @@ def test_axes_inside_go_along():
 def test_derivatives_of_a_led_map_are_exact(make):
     lattice, axis = make(), Axis(np.array([[0.5, 0.01, 0.8]]))
 
-    class Led:
+    class OnLattice:
         def bind(self, layout):
-            return lattice.lead(layout, Bending(layout, axis))
+            return lattice.extend(layout, Bending(layout, axis))
 
-    assert_exact(Layout(wing(), (axis, lattice)), Led())
+    assert_exact(Layout(wing(), (axis, lattice)), OnLattice())
 
 
 def test_a_led_affine_map_is_the_map_itself():
@@ -329,16 +329,16 @@ def test_a_led_affine_map_is_the_map_itself():
             return points + values[0] * (points @ turn.T)
 
     layout = Layout(wing(), (lattice,))
-    led, values = lattice.lead(layout, Affine()), np.array([0.3])
-    np.testing.assert_allclose(led.apply(layout.points, values), Affine().apply(layout.points, values), atol=1e-13)
+    extended, values = lattice.extend(layout, Affine()), np.array([0.3])
+    np.testing.assert_allclose(extended.apply(layout.points, values), Affine().apply(layout.points, values), atol=1e-13)
 
 
-def test_leading_leaves_held_layers_alone():
+def test_an_extended_map_leaves_fixed_layers_alone():
     lattice = tip_lattice()
     layout = Layout(wing(), (lattice, Axis(np.zeros((1, 3)))))
-    led = lattice.lead(layout, Bending(layout, layout.carried[1]))
-    moved = (led.apply(layout.points, np.array([0.1, 0.2])) != layout.points).any(axis=1)[layout.rows(lattice)]
-    np.testing.assert_array_equal(moved.reshape(4, 3, 5), ~held_points(lattice, layout))
+    extended = lattice.extend(layout, Bending(layout, layout.auxiliary[1]))
+    moved = (extended.apply(layout.points, np.array([0.1, 0.2])) != layout.points).any(axis=1)[layout.rows(lattice)]
+    np.testing.assert_array_equal(moved.reshape(4, 3, 5), ~fixed_points(lattice, layout))
 
 
 # Together
@@ -427,7 +427,7 @@ def test_what_is_no_lattice_is_refused(make, words):
             FreeForm("shape", tip_lattice(moves=InBox(high=(None, None, 0.6)))),
             r"of the \d+ points it is to move lie outside",
         ),
-        (FreeForm("shape", tip_lattice(continuity=4)), "60 are held for continuity"),
+        (FreeForm("shape", tip_lattice(continuity=4)), "60 are fixed for continuity"),
         (FreeForm("shape", tip_lattice(), where=np.s_[:, :, 9]), "'shape': where: index 9"),
         (FreeForm("shape", tip_lattice(), direction=np.ones((7, 3))), "'shape': directions of shape"),
         (FreeForm("shape", tip_lattice(), direction="normal"), "no direction is called 'normal'"),
@@ -435,4 +435,4 @@ def test_what_is_no_lattice_is_refused(make, words):
 )
 def test_what_moves_nothing_is_refused(variable, words):
     with pytest.raises(InputError, match=words):
-        variable.bind(Layout(wing(), variable.carried))
+        variable.bind(Layout(wing(), variable.auxiliary))

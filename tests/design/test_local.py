@@ -10,7 +10,6 @@ from scipy.sparse import csr_array
 from topology_cases import box, grid_of, patch
 
 from bspline_mdao import (
-    Beyond,
     InBlock,
     InBox,
     InputError,
@@ -18,6 +17,7 @@ from bspline_mdao import (
     Nearest,
     NearPlane,
     OnPatch,
+    OnSideOfPlane,
     Parametrization,
     SurfaceRows,
     UserVariable,
@@ -47,7 +47,7 @@ def random_part():
 
 
 def test_selections_obey_boolean_algebra():
-    a, b = InBox(low=(0.3, None, None)), Beyond((0.0, 0.0, 0.4), (0.0, 0.2, 1.0))
+    a, b = InBox(low=(0.3, None, None)), OnSideOfPlane((0.0, 0.0, 0.4), (0.0, 0.2, 1.0))
     m, n = a.mask(wing()), b.mask(wing())
     assert 0 < np.count_nonzero(m & n) < np.count_nonzero(m | n) < m.size
     np.testing.assert_array_equal((a & b).mask(wing()), m & n)
@@ -108,7 +108,7 @@ def test_nearest_points_are_as_many_as_asked_and_those_that_coincide():
 def test_planes_select_a_side_or_a_neighbourhood():
     point, normal = np.array([0.4, 0.0, 0.6]), np.array([1.0, 0.3, -2.0])
     heights = (surface_of(wing()) - point) @ normal / np.linalg.norm(normal)
-    np.testing.assert_array_equal(Beyond(point, normal).mask(wing()), heights >= 0.0)
+    np.testing.assert_array_equal(OnSideOfPlane(point, normal).mask(wing()), heights >= 0.0)
     np.testing.assert_array_equal(NearPlane(point, normal, 0.2).mask(wing()), np.abs(heights) <= 0.2)
     np.testing.assert_array_equal(NearPlane((0, 0, 0), (0, 0, 1)).rows(wing()), np.unique(wing().in_plane_rows))
 
@@ -118,7 +118,10 @@ def test_planes_select_a_side_or_a_neighbourhood():
     [
         (InBox(low=(50.0, None, None)), r"in the box from \(50.0, None, None\)"),
         (Nearest((0.0, 0.0, 0.0)) & InBox(low=(0.5, None, None)), "nearest to .* and in the box"),
-        (~(Beyond((0, 0, 0), (0, 0, 1)) | NearPlane((0, 0, 0), (1, 0, 0))), "not .*beyond the plane .* or within 0 m"),
+        (
+            ~(OnSideOfPlane((0, 0, 0), (0, 0, 1)) | NearPlane((0, 0, 0), (1, 0, 0))),
+            "not .*on the side .* or within 0 m",
+        ),
         (SurfaceRows([]), "one of 0 given rows"),
     ],
 )
@@ -193,7 +196,9 @@ def test_normals_of_a_plate_without_thickness_stick_out_of_its_edges():
 def test_local_values_displace_the_selected_points_and_no_others():
     mesh = wing()
     rows = random_part().rows(mesh)
-    parametrization = Parametrization(mesh, [Local("free", random_part() & Beyond((0, 0, 0.1), (0, 0, 1)), "zx")])
+    parametrization = Parametrization(
+        mesh, [Local("free", random_part() & OnSideOfPlane((0, 0, 0.1), (0, 0, 1)), "zx")]
+    )
     rows = rows[surface_of(mesh)[rows, 2] >= 0.1]
     values = np.random.default_rng(2).normal(size=2 * len(rows))
     moved = parametrization.apply(surface_of(mesh), {"free": values}) - surface_of(mesh)

@@ -70,10 +70,10 @@ def surface_of(mesh):
 
 def bound(mesh, *variables):
     """Maps of variables, and the rows."""
-    carried = []
+    auxiliary = []
     for variable in variables:
-        carried += [item for item in variable.carried if not any(item is known for known in carried)]
-    layout = Layout(mesh, tuple(carried))
+        auxiliary += [item for item in variable.auxiliary if not any(item is known for known in auxiliary)]
+    layout = Layout(mesh, tuple(auxiliary))
     return layout, [variable.bind(layout) for variable in variables]
 
 
@@ -190,19 +190,19 @@ def test_chord_lines_end_in_the_middle_of_a_blunt_nose_and_base():
 
 def test_stations_of_a_straight_axis_are_those_of_the_span(m6):
     layout = Layout(m6, (axis := ReferenceAxis.of(m6, n=5),))
-    hung = axis.hang(layout)
-    np.testing.assert_allclose(hung.stations, layout.points[:, 2] / 1.4843, atol=1e-12)
-    np.testing.assert_allclose(hung.centres(layout.points)[:, 2], layout.points[:, 2], atol=1e-12)
-    np.testing.assert_allclose(hung.centres(layout.points)[hung.axis_rows], axis.points, atol=1e-14)
+    attached = axis.attach(layout)
+    np.testing.assert_allclose(attached.stations, layout.points[:, 2] / 1.4843, atol=1e-12)
+    np.testing.assert_allclose(attached.centres(layout.points)[:, 2], layout.points[:, 2], atol=1e-12)
+    np.testing.assert_allclose(attached.centres(layout.points)[attached.axis_rows], axis.points, atol=1e-14)
 
 
 def test_chord_parts_and_lengths_are_those_of_the_sections(m6):
     layout = Layout(m6, (axis := ReferenceAxis.of(m6, n=5),))
-    hung = axis.hang(layout)
-    chord = 1.0 + (0.562 - 1.0) * hung.stations
-    np.testing.assert_allclose(hung.chord_lengths, chord, atol=3e-6)
+    attached = axis.attach(layout)
+    chord = 1.0 + (0.562 - 1.0) * attached.stations
+    np.testing.assert_allclose(attached.chord_lengths, chord, atol=3e-6)
     part = (layout.points[:, 0] - np.tan(np.radians(30.0)) * layout.points[:, 2]) / chord
-    np.testing.assert_allclose(hung.chord_parts, part, atol=3e-6)
+    np.testing.assert_allclose(attached.chord_parts, part, atol=3e-6)
 
 
 def curved_axis(mesh):
@@ -213,12 +213,12 @@ def curved_axis(mesh):
 
 def test_a_curved_axis_turns_sections_with_a_winglet(winglet):
     axis = curved_axis(winglet)
-    hung = axis.hang(Layout(winglet, (axis,)))
+    attached = axis.attach(Layout(winglet, (axis,)))
     np.testing.assert_allclose(
-        hung.stations[:78].reshape(6, 13), np.broadcast_to(np.linspace(0, 1, 13), (6, 13)), atol=0.02
+        attached.stations[:78].reshape(6, 13), np.broadcast_to(np.linspace(0, 1, 13), (6, 13)), atol=0.02
     )
-    np.testing.assert_allclose(hung.section_axes[0], [[1, 0, 0], [0, 1, 0]], atol=1e-12)
-    np.testing.assert_allclose(hung.section_axes[77], [[1, 0, 0], [0, np.cos(1.4), -np.sin(1.4)]], atol=1e-3)
+    np.testing.assert_allclose(attached.section_axes[0], [[1, 0, 0], [0, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(attached.section_axes[77], [[1, 0, 0], [0, np.cos(1.4), -np.sin(1.4)]], atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_a_curved_axis_turns_sections_with_a_winglet(winglet):
 )
 def test_axes_that_do_not_go_out_are_refused(wing, points, message):
     with pytest.raises(InputError, match=message):
-        (axis := ReferenceAxis(points)).hang(Layout(wing, (axis,)))
+        (axis := ReferenceAxis(points)).attach(Layout(wing, (axis,)))
 
 
 def test_a_section_without_chord_is_named(wing):
@@ -503,7 +503,7 @@ def test_affine_variables_on_a_lattice_do_to_the_wing_what_they_do_without(m6, k
 def test_a_variable_on_a_lattice_moves_the_wing_and_its_axis_as_the_lattice_does(m6):
     lattice, axis = Lattice.box(m6, n=(4, 3, 5)), ReferenceAxis.of(m6)
     variables = [Sweep("sweep", axis, stations=3, on=lattice), Twist("twist", axis, stations=3, on=lattice)]
-    assert variables[0].carried == (axis, lattice)
+    assert variables[0].auxiliary == (axis, lattice)
     parametrization = Parametrization(m6, variables)
     values, rng = {"sweep": np.array([3.0, 9.0, 20.0]), "twist": np.array([0.0, 5.0, -10.0])}, np.random.default_rng(8)
     partials = parametrization.partials(surface_of(m6), values)

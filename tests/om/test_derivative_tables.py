@@ -31,7 +31,7 @@ def test_derivatives_of_every_variable_are_exact(kind):
     mesh = moving_mesh(wing_model())
     variable = VARIABLES[kind](mesh)
     assert type(variable) is kind
-    assert_exact(Layout(mesh, tuple(variable.carried)), variable)
+    assert_exact(Layout(mesh, tuple(variable.auxiliary)), variable)
     assert_passes_the_dot_test(Parametrization(mesh, [variable]))
 
 
