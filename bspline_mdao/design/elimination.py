@@ -202,18 +202,13 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
     InputError
         If a constraint cannot be satisfied on this baseline; it is named.
     """
-    in_planes = Equations.of(len(mesh.surface_ids), mesh.rail_rows[:, None], mesh.rail_normals[:, None, None])
+    in_planes = Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
     named = [(SYMMETRY, in_planes)]
     named += [(item.name, checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
     matrix = vstack([equations.matrix for _, equations in named], format="csr")
     preferred = np.concatenate([equations.preferred for _, equations in named])
     pivots, sources, rows = _solve(matrix, preferred)
     return _elimination(mesh, pivots, sources, rows, tuple(named))
-
-
-def _rails(mesh: MovingMesh) -> Equations:
-    """Surface points on symmetry planes stay in them."""
-    return Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
 
 
 def _solve(matrix: csr_array, preferred: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_array]:

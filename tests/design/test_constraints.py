@@ -127,7 +127,10 @@ def test_symmetry_planes_are_kept_exactly():
     axis = np.argmax(np.abs(mesh.in_plane_normals[0]))
     assert (moved[mesh.in_plane_rows, axis] == 0.0).all()
     assert (
-        np.count_nonzero(moved != d) == len(mesh.in_plane_rows) == elimination.dependent.sum() == elimination.held.sum()
+        np.count_nonzero(moved != d)
+        == len(mesh.in_plane_rows)
+        == elimination.dependent.sum()
+        == elimination.fixed.sum()
     )
     assert elimination.reason(3 * mesh.in_plane_rows[0] + axis).startswith("symmetry plane: point (")
     assert elimination.reason(3 * mesh.in_plane_rows[0] + (axis + 1) % 3) == ""
@@ -138,7 +141,7 @@ def test_oblique_symmetry_planes_are_kept_to_round_off():
     elimination, _, moved = displaced(mesh)
     np.testing.assert_allclose((moved[mesh.in_plane_rows] * mesh.in_plane_normals).sum(axis=1), 0.0, atol=1e-15)
     assert elimination.dependent.sum() == len(mesh.in_plane_rows)
-    assert not elimination.held.any()
+    assert not elimination.fixed.any()
 
 
 def test_pinned_points_do_not_move_at_all():

@@ -308,7 +308,7 @@ def test_leaving_the_symmetry_plane_is_refused(model, mesh, surface):
 
 def test_round_off_across_the_symmetry_plane_is_taken_off(mesh, surface):
     there = surface + [0.1, 0.0, 1e-12]
-    moved = Deformation(mesh, (GivenPoints(there),)).apply(surface)
+    moved = Deformation(mesh, (PrescribedPoints(there),)).apply(surface)
     np.testing.assert_array_equal(moved[mesh.in_plane_rows, 2], surface[mesh.in_plane_rows, 2])
     is_off = np.isin(np.arange(len(surface)), mesh.in_plane_rows, invert=True)
     np.testing.assert_array_equal(moved[is_off], there[is_off])

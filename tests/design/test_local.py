@@ -144,9 +144,9 @@ def test_the_net_of_a_wing_is_closed_but_for_its_root():
     edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     edges = edges[edges[:, 0] != edges[:, 1]]
     found, counts = np.unique(edges, axis=0, return_counts=True)
-    is_rail = np.isin(found, wing().in_plane_rows).all(axis=1)
-    assert (counts[~is_rail] == 2).all()
-    assert (counts[is_rail] == 1).all()
+    is_in_plane = np.isin(found, wing().in_plane_rows).all(axis=1)
+    assert (counts[~is_in_plane] == 2).all()
+    assert (counts[is_in_plane] == 1).all()
 
 
 def test_normals_of_a_wing_point_into_the_fluid():

@@ -315,7 +315,7 @@ def test_the_first_section_of_a_curved_axis_that_leaves_its_plane_obliquely_is_i
     span = np.linspace(0.0, 1.4843, 6)[:, None]
     axis = ReferenceAxis(span * [0.5, 0.7, 1.0] + [0.25, 0.0, 0.0], is_curved=True)
     layout, points = moved(m6, (kind("v", axis), 3.0))
-    is_at_begin = np.abs(axis.hang(layout).stations[m6.in_plane_rows]) < 1e-12
+    is_at_begin = np.abs(axis.attach(layout).stations[m6.in_plane_rows]) < 1e-12
     np.testing.assert_allclose(points[layout.rows(axis)], axis.points, atol=1e-14)
     flat = points[m6.in_plane_rows][is_at_begin | (layout.points[m6.in_plane_rows, 1] <= 0.0)]
     assert len(flat) > 3
