@@ -13,11 +13,10 @@ from ..mesh.moving_mesh import MovingMesh
 from ..movement.increments import AUTO, NUMBERS
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
-from .jacobian import (
-    add_bar,
+from .component import (
+    add_product,
     check_along_directions,
     difference_step,
-    direction_in,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
@@ -117,13 +116,8 @@ class ControlMeshMove(om.ExplicitComponent):
             return
         movement = self._movement_at(inputs)
         with failures_as_analysis_errors(self):
-            if mode == "fwd":
-                directions = (direction_in(d_inputs, inputs, name) for name in INPUTS)
-                d_outputs[CONTROL_POINTS] += movement.jvp(*directions).ravel()
-            else:
-                initial_bar, surface_bar = movement.vjp(d_outputs[CONTROL_POINTS].reshape(-1, 3))
-                add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
-                add_bar(d_inputs, SURFACE_CONTROL_POINTS, surface_bar)
+            products = {"jvp": movement.jvp, "vjp": movement.vjp}
+            add_product(inputs, d_inputs, d_outputs, mode, **products, of=CONTROL_POINTS, wrt=INPUTS)
 
     def _movement_at(self, inputs) -> Movement:
         """Movement for these inputs: the last one if it was made for them."""

@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
+from ..errors import InputError
 from ..fit.derivatives import LiveFit, live_fit
 from ..fit.problem import problem_of_mesh
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
-from .jacobian import (
+from .component import (
     LINEAR_STEP,
+    LastState,
     add_product,
-    at_baseline,
     by_parts,
     check_along_directions,
     difference_step,
+    failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
 )
@@ -69,7 +71,8 @@ class Fit(om.ExplicitComponent):
         grid = model.regenerate()
         baseline = grid.to_vector()
         if self.options["live"]:
-            self._live = live_fit(model, baseline.reshape(-1, 3))
+            self._live = LastState()
+            self._live.at([baseline.reshape(-1, 3)], self._fit)
         else:
             self._frozen = problem_of_mesh(model.topology, model.mesh).operator(
                 model.parameters, model.candidate_weights
@@ -93,9 +96,13 @@ class Fit(om.ExplicitComponent):
             jvp, vjp = fit.jvp, fit.vjp
         else:
             jvp, vjp = self._frozen.forward, self._frozen.adjoint
-        add_product(jvp, vjp, d_inputs, d_outputs, mode, of=CONTROL_POINTS_INITIAL, wrt=GRID_INITIAL)
+        names = {"of": CONTROL_POINTS_INITIAL, "wrt": GRID_INITIAL}
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, **names)
+
+    def _fit(self, nodes: np.ndarray) -> LiveFit:
+        return live_fit(self.options["model"], nodes)
 
     def _live_at(self, nodes: np.ndarray) -> LiveFit:
         refuse_complex_step(self)
-        self._live = at_baseline(self._live, live_fit, self.options["model"], nodes, self.msginfo)
-        return self._live
+        with failures_as_analysis_errors(self, (InputError,)):
+            return self._live.at([nodes.reshape(-1, 3)], self._fit)

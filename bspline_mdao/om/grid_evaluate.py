@@ -11,17 +11,16 @@ from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..walls.grid_map import GridState
 from ..walls.miss_spread import MissSpread
-from .jacobian import (
+from .component import (
     LINEAR_STEP,
+    LastState,
     SparseComponent,
-    add_bar,
     add_product,
+    as_node_numbers,
     check_along_directions,
     difference_step,
-    direction_in,
     failures_as_analysis_errors,
     finite_points,
-    numbers_given,
 )
 
 
@@ -79,7 +78,7 @@ class GridEvaluate(SparseComponent):
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, surface = self.options["model"], self.options["surface"]
-        self._map, self._spread, self._last = model.grid_map(), None, None
+        self._map, self._spread, self._last = model.grid_map(), None, LastState()
         if self.options["assembled"] and surface is not None:
             raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
         if self.options["assembled"] and not self._map.is_linear:
@@ -116,13 +115,8 @@ class GridEvaluate(SparseComponent):
             super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
             return
         state = self._state_at(inputs)
-        if self._spread is None:
-            add_product(state.jvp, state.vjp, d_inputs, d_outputs, mode, of=GRID, wrt=CONTROL_POINTS)
-        elif GRID in d_outputs and mode == "fwd":
-            d_outputs[GRID] += state.jvp(*(direction_in(d_inputs, inputs, name) for name in self._names)).ravel()
-        elif GRID in d_outputs:
-            for name, bar in zip(self._names, state.asked_vjp(d_outputs[GRID].reshape(-1, 3))):
-                add_bar(d_inputs, name, bar)
+        products = {"jvp": state.jvp, "vjp": state.asked_vjp}
+        add_product(inputs, d_inputs, d_outputs, mode, **products, of=GRID, wrt=self._names)
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -131,7 +125,7 @@ class GridEvaluate(SparseComponent):
 
     def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
         """Which nodes of the surface are given."""
-        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         if surface.rows.max() >= self.options["model"].n_nodes:
             raise InputError(f"{self.msginfo}: the surface is of another model; make it of this one")
         if len(np.unique(numbers)) < len(numbers):
@@ -139,10 +133,6 @@ class GridEvaluate(SparseComponent):
         return numbers
 
     def _state_at(self, inputs) -> GridState:
-        """Grid of these points: the last one if it was made for them."""
         points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
-        if self._last is None or not all(map(np.array_equal, points, self._last[0])):
-            points = [array.copy() for array in points]
-            with failures_as_analysis_errors(self):
-                self._last = points, self._map.at(points[0], self._spread, *points[1:])
-        return self._last[1]
+        with failures_as_analysis_errors(self):
+            return self._last.at(points, lambda control, *wall: self._map.at(control, self._spread, *wall))

@@ -5,19 +5,21 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
-from ..fit.live_grid import LiveGridState, live_grid
+from ..errors import InputError
+from ..fit.live_grid import LiveGrid, LiveGridState, live_grid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
-from .jacobian import (
-    add_bar,
-    at_baseline,
+from .component import (
+    LastState,
+    add_product,
     check_along_directions,
     difference_step,
-    direction_in,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
 )
+
+INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
 
 
 class LiveGridEvaluate(om.ExplicitComponent):
@@ -65,9 +67,10 @@ class LiveGridEvaluate(om.ExplicitComponent):
         model = self.options["model"]
         grid = model.regenerate()
         baseline = grid.to_vector()
-        self._grid, self._last = live_grid(model, baseline.reshape(-1, 3)), None
+        self._baseline, self._last = LastState(), LastState()
+        needs_initial = self._baseline.at([baseline.reshape(-1, 3)], self._grid).needs_initial
         self.add_input(GRID_INITIAL, val=baseline, units="m")
-        if self._grid.needs_initial:
+        if needs_initial:
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         self.add_output(GRID, val=baseline, units="m")
@@ -79,27 +82,21 @@ class LiveGridEvaluate(om.ExplicitComponent):
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
-        if GRID not in d_outputs:
-            return
         state = self._state_at(inputs)
-        if mode == "fwd":
-            names = GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS
-            d_outputs[GRID] += state.jvp(*(direction_in(d_inputs, inputs, name) for name in names)).ravel()
-        else:
-            nodes_bar, initial_bar, control_bar = state.vjp(d_outputs[GRID].reshape(-1, 3))
-            add_bar(d_inputs, GRID_INITIAL, nodes_bar)
-            add_bar(d_inputs, CONTROL_POINTS, control_bar)
-            if initial_bar is not None:
-                add_bar(d_inputs, CONTROL_POINTS_INITIAL, initial_bar)
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=state.jvp, vjp=state.vjp, of=GRID, wrt=INPUTS)
+
+    def _grid(self, nodes: np.ndarray) -> LiveGrid:
+        return live_grid(self.options["model"], nodes)
 
     def _state_at(self, inputs) -> LiveGridState:
-        """Grid of these inputs: the last one if it was made for them."""
         refuse_complex_step(self)
-        names = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
-        points = {name: finite_points(inputs[name], name, self.msginfo) for name in names if name in inputs}
-        self._grid = at_baseline(self._grid, live_grid, self.options["model"], inputs[GRID_INITIAL], self.msginfo)
-        if self._last is None or not all(np.array_equal(points[name], self._last[0][name]) for name in points):
-            with failures_as_analysis_errors(self):
-                points = {name: array.copy() for name, array in points.items()}
-                self._last = points, self._grid.at(points.get(CONTROL_POINTS_INITIAL), points[CONTROL_POINTS])
-        return self._last[1]
+        points = {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}
+        with failures_as_analysis_errors(self, (InputError,)):
+            grid = self._baseline.at([points[GRID_INITIAL]], self._grid)
+
+        def make(*copies: np.ndarray) -> LiveGridState:
+            made_for = dict(zip(points, copies))
+            return grid.at(made_for.get(CONTROL_POINTS_INITIAL), made_for[CONTROL_POINTS])
+
+        with failures_as_analysis_errors(self):
+            return self._last.at(list(points.values()), make)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..measures.monotonic import neighbour_differences
-from .jacobian import LINEAR_STEP, SparseComponent, check_along_directions, finite_values
+from .component import LINEAR_STEP, SparseComponent, check_along_directions, finite_values
 
 
 class Monotonic(SparseComponent):

@@ -10,7 +10,7 @@ from ..cells.report import QualityReport, inverted_cells, report_quality
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import GRID
-from .jacobian import check_along_directions, difference_step, finite_points, refuse_complex_step
+from .component import check_along_directions, difference_step, finite_points, refuse_complex_step
 
 CELL_QUALITY = "cell_quality"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..design.parametrization import Parametrization
 from ..names import CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
-from .jacobian import (
+from .component import (
     SMOOTH_STEP,
     SparseComponent,
     SparsePattern,

@@ -13,13 +13,14 @@ from ..model.fitted_model import FittedModel
 from ..movement.mover import PLANE_TOLERANCE
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from ..topology.sharing import node_sharing
-from .jacobian import (
+from .component import (
+    LastState,
     add_product,
+    as_node_numbers,
     check_along_directions,
     difference_step,
     failures_as_analysis_errors,
     finite_points,
-    numbers_given,
 )
 
 
@@ -67,21 +68,20 @@ class SurfaceControlFit(om.ExplicitComponent):
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
         self.options.declare("numbers", default=None, recordable=False, desc="which of them are given")
-        self._last: tuple[np.ndarray, FittedSurface] | None = None
+        self._last = LastState()
 
     @property
     def miss(self) -> SurfaceMiss | None:
         """How far control points alone miss the nodes of the last run; None before any."""
-        if self._last is None:
+        if self._last.points is None:
             return None
-        nodes, fitted = self._last
-        return SurfaceMiss.of(*self._places, fitted.nodes, nodes)
+        return SurfaceMiss.of(*self._places, self._last.state.nodes, *self._last.points)
 
     def setup(self):
         """Declare the variables, of the sizes of the mesh and the surface."""
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
-        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
-        self._last = None
+        numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        self._last = LastState()
         self._inverse = SurfaceLeastSquares.of(SurfaceMap.of(model, mesh, surface), mesh, numbers)
         self._initial = surface.points[numbers]
         self._planes = [(np.isin(numbers, ids), normal) for ids, normal in surface.on_planes(model)]
@@ -91,7 +91,7 @@ class SurfaceControlFit(om.ExplicitComponent):
         check_along_directions(self, difference_step(surface.points[ids] for ids in surface.faces))
 
     def compute(self, inputs, outputs):
-        """Fit the control points, and tell to those who ask for information what they miss."""
+        """Fit the control points, and log what they miss, for those who ask for information."""
         fitted = self._fitted(inputs)
         outputs[SURFACE_CONTROL_POINTS] = fitted.control_points.ravel()
         if self.under_complex_step:
@@ -102,17 +102,18 @@ class SurfaceControlFit(om.ExplicitComponent):
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
         fitted = self._fitted(inputs)
+        products = {"jvp": fitted.jvp, "vjp": fitted.vjp}
         with failures_as_analysis_errors(self):
-            add_product(fitted.jvp, fitted.vjp, d_inputs, d_outputs, mode, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
+            add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
 
     def _fitted(self, inputs) -> FittedSurface:
-        """Control points of these nodes: the last ones if they were found for them."""
         nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo).real
-        if self._last is None or not np.array_equal(nodes, self._last[0]):
-            self._require_in_planes(nodes)
-            with failures_as_analysis_errors(self):
-                self._last = nodes.copy(), self._inverse.at(nodes)
-        return self._last[1]
+        with failures_as_analysis_errors(self):
+            return self._last.at([nodes], self._fit)
+
+    def _fit(self, nodes: np.ndarray) -> FittedSurface:
+        self._require_in_planes(nodes)
+        return self._inverse.at(nodes)
 
     def _require_in_planes(self, nodes: np.ndarray) -> None:
         """Refuse nodes that leave their planes of symmetry."""

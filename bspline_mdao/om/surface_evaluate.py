@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import openmdao.api as om
 
 from ..mesh.moving_mesh import MovingMesh
@@ -10,8 +9,9 @@ from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..model.fitted_model import FittedModel
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
-from .jacobian import (
+from .component import (
     LINEAR_STEP,
+    LastState,
     add_product,
     check_along_directions,
     difference_step,
@@ -66,7 +66,7 @@ class SurfaceEvaluate(om.ExplicitComponent):
     def setup(self):
         """Declare the variables."""
         mesh, surface = self.options["mesh"], self.options["surface"]
-        self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), None
+        self._map, self._last = SurfaceMap.of(self.options["model"], mesh, surface), LastState()
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(SURFACE, val=surface.points.ravel(), units="m")
         lines = (surface.points[ids] for ids in surface.faces)
@@ -82,12 +82,10 @@ class SurfaceEvaluate(om.ExplicitComponent):
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
         state = self._state_at(inputs)
-        add_product(state.jvp, state.vjp, d_inputs, d_outputs, mode, of=SURFACE, wrt=SURFACE_CONTROL_POINTS)
+        products = {"jvp": state.jvp, "vjp": state.vjp}
+        add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE, wrt=SURFACE_CONTROL_POINTS)
 
     def _state_at(self, inputs) -> SurfaceState:
-        """Nodes of these control points: the last ones if they were found for them."""
         points = finite_points(inputs[SURFACE_CONTROL_POINTS], SURFACE_CONTROL_POINTS, self.msginfo).real
-        if self._last is None or not np.array_equal(points, self._last[0]):
-            with failures_as_analysis_errors(self):
-                self._last = points.copy(), self._map.at(points)
-        return self._last[1]
+        with failures_as_analysis_errors(self):
+            return self._last.at([points], self._map.at)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..measures.measure import Measure
 from ..names import SURFACE
-from .jacobian import (
+from .component import (
     SparseComponent,
     SparsePattern,
     check_along_directions,

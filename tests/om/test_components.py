@@ -29,10 +29,10 @@ from bspline_mdao.names import (
     SURFACE,
     SURFACE_CONTROL_POINTS,
 )
+from bspline_mdao.om.component import SparseComponent
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.om.fit import Fit
 from bspline_mdao.om.grid_evaluate import GridEvaluate
-from bspline_mdao.om.jacobian import SparseComponent
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.quality import Quality

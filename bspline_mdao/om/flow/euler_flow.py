@@ -12,7 +12,7 @@ from ...flow.euler.sequencing import coarse_levels, useful_levels
 from ...flow.stream import RADIAN
 from ...model.fitted_model import FittedModel
 from ...names import GRID
-from ..jacobian import add_bar, direction_in
+from ..component import add_bar, direction_in
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .references import REFERENCES, declare_references
 

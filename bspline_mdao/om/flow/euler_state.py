@@ -25,7 +25,7 @@ from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_fac
 from ...flow.euler.sequencing import states_from_coarse
 from ...flow.stream import RADIAN
 from ...names import GRID
-from ..jacobian import (
+from ..component import (
     SMOOTH_STEP,
     add_bar,
     central_step,

@@ -14,7 +14,7 @@ from ...measures.camber_surface import CamberSurface
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
-from ..jacobian import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in
+from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_references
 from .vortex_lattice import LatticeStates

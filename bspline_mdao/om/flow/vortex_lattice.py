@@ -9,7 +9,7 @@ import openmdao.api as om
 
 from ...errors import InputError
 from ...flow.induced_drag import Wake
-from ..jacobian import SMOOTH_STEP
+from ..component import SMOOTH_STEP
 
 # FOLDED DOCSTRING (rework): Lift and induced drag from the wake of a vortex lattice, as an OpenMDAO component.
 

@@ -12,8 +12,8 @@ from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...movement.mover import Mover
 from ...names import GRID
+from ..component import LINEAR_STEP, check_along_directions
 from ..flow.euler_flow import EulerFlow
-from ..jacobian import LINEAR_STEP, check_along_directions
 from .conventions import ANGLE_OF_ATTACK, COORDINATES, COUPLING, INPUT, MACH_NUMBER, RESULT, VOLUME, X_MESH
 from .geometry import SurfaceGeometry
 from .warper import VolumeWarper

@@ -9,7 +9,7 @@ from ...design.parametrization import Parametrization
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import SURFACE
-from ..jacobian import LINEAR_STEP, SparseComponent, check_along_directions, numbers_given
+from ..component import LINEAR_STEP, SparseComponent, as_node_numbers, check_along_directions
 from ..surface_control import SurfaceControl
 from ..surface_evaluate import SurfaceEvaluate
 from ..surface_measure import SurfaceMeasure
@@ -86,7 +86,7 @@ class _Displaced(SparseComponent):
     def setup(self):
         require_one_process(self.comm, self.msginfo)
         baseline = self.options["surface"].points
-        self._numbers = numbers_given(self.options["numbers"], len(baseline), "numbers", self.msginfo)
+        self._numbers = as_node_numbers(self.options["numbers"], len(baseline), "numbers", self.msginfo)
         nodes = baseline[self._numbers].ravel()
         self.add_input(X_INPUT, val=nodes, tags=COORDINATES)
         self.add_input(SURFACE, val=baseline.ravel(), units="m")

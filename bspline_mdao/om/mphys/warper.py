@@ -9,8 +9,8 @@ from ...fit.surface_fit import SurfaceMiss
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
+from ..component import LINEAR_STEP, SparseComponent, as_node_numbers, check_along_directions, finite_points
 from ..grid_movement import GridMovement
-from ..jacobian import LINEAR_STEP, SparseComponent, check_along_directions, finite_points, numbers_given
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG, require_one_process
 
 __all__ = ["VolumeWarper"]
@@ -78,7 +78,7 @@ class VolumeWarper(om.Group):
         require_one_process(self.comm, self.msginfo)
         model = self.options["model"]
         surface = self.options["surface"] or SurfaceGrid.of(model)
-        numbers = numbers_given(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
+        numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         valid, given = self.options["require_valid"], np.unique(numbers)
         options = {"model": model, "mover": self.options["mover"], "surface": surface, "numbers": given}
         movement = GridMovement(**options, require_valid=valid, fit=False, quality=False)
@@ -130,7 +130,7 @@ class _SolverNodes(SparseComponent):
 
     def setup(self):
         n_nodes = self.options["n_nodes"]
-        self._rows = numbers_given(self.options["rows"], n_nodes, "rows", self.msginfo)
+        self._rows = as_node_numbers(self.options["rows"], n_nodes, "rows", self.msginfo)
         self.add_input(GRID, shape=3 * n_nodes, units="m")
         self.add_output(self.options["name"], shape=3 * len(self._rows), tags=COUPLING)
         check_along_directions(self, LINEAR_STEP)

@@ -1,8 +1,25 @@
-"""What the components share: finite inputs, kernels that follow a baseline grid, products, sparse Jacobians, checks."""
+"""What every component is made of.
+
+To add a component:
+
+1. ``setup`` declares the variables and calls `check_along_directions`, with the step that suits them.
+2. ``compute`` looks at its inputs with `finite_points` or `finite_values`, calls one kernel, and writes its outputs.
+   Failures of the kernel to follow a design go through `failures_as_analysis_errors`, so that drivers can back off.
+   A state that ``compute`` and derivatives share is kept in a `LastState`.
+3. The derivative is written in one of two ways:
+
+   - *matrix-free*, where a kernel has ``jvp`` and ``vjp``: ``compute_jacvec_product`` is one call of `add_product`;
+     with inputs that are not points, `direction_in` and `add_bar`;
+   - *sparse*, where it has entries: the component is a `SparseComponent`, declares them by ``declare_sparse`` in
+     ``setup_partials`` and fills them in ``compute_partials``, through `SparsePattern` where kernels return matrices.
+
+4. A component whose kernel is real calls `refuse_complex_step`; a linear one splits complex inputs by `by_parts`.
+5. An entry point in ``pyproject.toml`` and a line in ``bspline_mdao/__init__.pyi`` register it; a test compares them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -19,11 +36,12 @@ SMOOTH_STEP = 1e-5
 """Step of differences of what varies over a length of order 1, such as an angle or a scale."""
 
 TOUCHING = 1e-9
-"""Neighbours nearer than this part of the grid's size count as one point, of which no step can be a part."""
+"""Neighbours nearer than this part of the grid's size count as one point: no step could be small beside their
+distance."""
 
 
 def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
-    """View a flat input as points, after a look for numbers that are none.
+    """View a flat input as points, after a look for numbers that are not finite.
 
     Parameters
     ----------
@@ -50,8 +68,8 @@ def finite_points(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
     return points
 
 
-def numbers_given(numbers, n: int, name: str, pathname: str) -> np.ndarray:
-    """Give the numbers of nodes that are asked for; all ``n`` of them where none are.
+def as_node_numbers(numbers, n: int, name: str, pathname: str) -> np.ndarray:
+    """Return the numbers of nodes that a user gives, as an array; all ``n`` of them for None.
 
     Raises
     ------
@@ -65,7 +83,7 @@ def numbers_given(numbers, n: int, name: str, pathname: str) -> np.ndarray:
 
 
 def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
-    """Give an input back after a look for numbers that are none.
+    """Return an input after a look for numbers that are not finite.
 
     Parameters
     ----------
@@ -93,12 +111,12 @@ def finite_values(vector: np.ndarray, name: str, pathname: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SparsePattern:
-    """Where a sparse Jacobian may differ from zero, in the order that OpenMDAO is told.
+    """Entries of a sparse Jacobian that may differ from zero, in the order in which they are declared to OpenMDAO.
 
     Parameters
     ----------
     rows, cols : ndarray of int, shape (n,)
-        Of every entry, row by row.
+        Row and column of every entry, row by row.
     n_cols : int
         Number of columns.
     """
@@ -121,85 +139,96 @@ class SparsePattern:
         InputError
             If the matrix has others; ``name`` says whose they are.
         """
-        known, keys = self.rows * self.n_cols + self.cols, _keys(matrix)
-        at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-        is_new = known[at] != keys if len(known) else np.ones(len(keys), dtype=bool)
+        declared, keys = self.rows * self.n_cols + self.cols, _keys(matrix)
+        at = np.minimum(np.searchsorted(declared, keys), len(declared) - 1)
+        is_new = declared[at] != keys if len(declared) else np.ones(len(keys), dtype=bool)
         if is_new.any():
             row, col = divmod(int(keys[np.argmax(is_new)]), self.n_cols)
             raise InputError(
                 f"{name}: the derivative of entry {row + 1} in entry {col + 1} was not in the pattern that it began "
                 f"with; give the same entries everywhere, zeros included"
             )
-        data = np.zeros(len(known))
+        data = np.zeros(len(declared))
         data[at] = matrix.data
         return data
 
 
 def _keys(matrix: csr_array) -> np.ndarray:
-    """Places of all entries of a matrix in its C order."""
+    """Position of every entry of a matrix in its C order."""
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     return rows * matrix.shape[1] + matrix.indices
 
 
-def at_baseline(last, build, model, vector: np.ndarray, pathname: str):
-    """Give a kernel for a baseline grid: the last one if it was made for the same nodes.
+class LastState:
+    """The state that was made last, which is made again only for other inputs.
 
-    Parameters
-    ----------
-    last : object
-        Kernel with the attribute ``nodes`` that it was made for.
-    build : callable
-        Makes a kernel from the model and nodes of shape (n, 3).
-    model : FittedModel
-        The model.
-    vector : ndarray, shape (3 n,)
-        Nodes of the baseline, xyz interleaved (m).
-    pathname : str
-        The component, for the message.
-
-    Returns
-    -------
-    object
-        A kernel such as ``last``.
-
-    Raises
-    ------
-    om.AnalysisError
-        If there is none for these nodes.
+    OpenMDAO runs a component and asks for products at the same inputs, many times over; a line search and finite
+    differences come back to inputs, too.
     """
-    nodes = vector.reshape(-1, 3)
-    if np.array_equal(nodes, last.nodes):
-        return last
-    try:
-        return build(model, nodes.copy())
-    except InputError as error:
-        raise om.AnalysisError(f"{pathname}: {error}") from error
+
+    def __init__(self):
+        self.points: list[np.ndarray] | None = None
+        self.state = None
+
+    def at(self, points: Sequence[np.ndarray], make: Callable):
+        """Return the state at inputs: the last one if it was made for them.
+
+        Parameters
+        ----------
+        points : sequence of ndarray
+            The inputs.
+        make : callable
+            Makes the state of these, as separate arguments: copies, which it may keep. If it raises, the last state
+            stays.
+
+        Returns
+        -------
+        object
+            What ``make`` returned.
+        """
+        if self.points is None or not all(map(np.array_equal, points, self.points)):
+            copies = [array.copy() for array in points]
+            self.state, self.points = make(*copies), copies
+        return self.state
 
 
-def add_product(jvp, vjp, d_inputs, d_outputs, mode: str, *, of: str, wrt: str) -> None:
+def add_product(
+    inputs, d_inputs, d_outputs, mode: str, *, jvp: Callable, vjp: Callable, of: str, wrt: str | Sequence[str]
+) -> None:
     """Add the product of a Jacobian, or of its transpose, to the vectors of ``compute_jacvec_product``.
 
     Parameters
     ----------
-    jvp, vjp : callable
-        The Jacobian and its transpose, of real points of shape (n, 3) to points of shape (m, 3) and back.
-    d_inputs, d_outputs : Vector
-        OpenMDAO's linear vectors.
+    inputs, d_inputs, d_outputs : Vector
+        OpenMDAO's inputs and linear vectors, which leave out what plays no part.
     mode : str
         ``"fwd"`` or ``"rev"``.
-    of, wrt : str
-        Names of the output and of the input.
+    jvp : callable
+        Takes a direction in every input, of shape (n, 3), and returns the change of the output, of shape (m, 3).
+    vjp : callable
+        Takes the derivative with respect to the output, of shape (m, 3), and returns those with respect to every input,
+        of shape (n, 3), or None for zero: a sequence of them, unless ``wrt`` is one name.
+    of : str
+        Name of the output.
+    wrt : str or sequence of str
+        Names of the inputs, in the order of ``jvp``. One that the component does not have gets the direction 0.
     """
-    if of not in d_outputs or wrt not in d_inputs:
+    names = (wrt,) if isinstance(wrt, str) else wrt
+    if of not in d_outputs or not any(name in d_inputs for name in names):
         return
     if mode == "fwd":
-        d_outputs[of] += by_parts(jvp, d_inputs[wrt].reshape(-1, 3)).ravel()
-    else:
-        d_inputs[wrt] += by_parts(vjp, d_outputs[of].reshape(-1, 3)).ravel()
+        d_outputs[of] += by_parts(jvp, *(direction_in(d_inputs, inputs, name) for name in names)).ravel()
+        return
+    seed = d_outputs[of].reshape(-1, 3)
+    for unit, part in ((1.0, seed.real), (1j, seed.imag)) if np.iscomplexobj(seed) else ((1.0, seed),):
+        bars = vjp(np.ascontiguousarray(part))
+        for name, bar in zip(names, (bars,) if isinstance(wrt, str) else bars):
+            if bar is not None:
+                add_bar(d_inputs, name, bar if unit == 1.0 else unit * bar)
 
 
 def direction_in(d_inputs, inputs, name: str) -> np.ndarray | float:
-    """Give the direction in an input of ``compute_jacvec_product``.
+    """Return the direction in an input of ``compute_jacvec_product``.
 
     Parameters
     ----------
@@ -235,30 +264,30 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
     component : Component
         The component.
     step : float
-        Of the differences, in the units of the inputs.
+        Step of the differences, in the units of the inputs.
     wrt : str
         Inputs, by name or pattern.
     is_complex : bool
         Take complex steps in the place of differences where the problem has room for them, after
         ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
     """
-    if is_complex and component._force_alloc_complex:  # OpenMDAO tells it by no other name
+    if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
         component.set_check_partial_options(wrt, method="cs", directional=True)
     else:
         component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
 
 
 def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> float:
-    """Find the step (m) at which central differences by all points of a grid are most accurate.
+    """Find the step (m) at which central differences with respect to all points of a grid are most accurate.
 
-    See `central_step`; the length is that of the shortest edge, by how much sharper than the edges the function is.
+    See `central_step`; the length is that of the shortest edge, divided by the sharpness of the function.
 
     Parameters
     ----------
     lines : iterable of ndarray, shapes (..., 3)
         Points (m) of every block or face; neighbours along any direction are joined by edges.
     sharpness : float
-        Lengths of the edges by those over which the function changes.
+        Lengths of the edges divided by those over which the function changes.
 
     Returns
     -------
@@ -274,15 +303,15 @@ def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> floa
 def central_step(size: float, length: float) -> float:
     """Find the step at which central differences are most accurate.
 
-    They lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. Both are of the same size where
-    the step is the cube root of ``eps size length^2``.
+    Central differences lose ``eps size / step`` to rounding and ``(step / length)^2`` to truncation. Both are of the
+    same size where the step is the cube root of ``eps size length^2``.
 
     Parameters
     ----------
     size : float
-        Of the numbers that are rounded.
+        Size of the numbers that are rounded.
     length : float
-        Over which the function changes.
+        Length over which the function changes.
     """
     return float(np.cbrt(np.finfo(float).eps * size * length**2))
 
@@ -305,7 +334,7 @@ class SparseComponent(om.ExplicitComponent):
 
     def __init__(self, **options):
         super().__init__(**options)
-        self.matrix_free = False  # although there are products
+        self.matrix_free = False  # OpenMDAO takes a component with products for one without entries
         self._entries = {}
 
     def check_partials(self, *arguments, **options):
@@ -352,16 +381,19 @@ def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) 
 
 
 @contextmanager
-def failures_as_analysis_errors(component: om.ExplicitComponent | om.ImplicitComponent) -> Iterator[None]:
-    """Raise a `MovementError` within as ``om.AnalysisError`` with the name of the component."""
+def failures_as_analysis_errors(
+    component: om.ExplicitComponent | om.ImplicitComponent, kinds: tuple[type[Exception], ...] = (MovementError,)
+) -> Iterator[None]:
+    """Raise errors of some kinds within as ``om.AnalysisError`` with the name of the component."""
     try:
         yield
-    except MovementError as error:
+    except kinds as error:
         raise om.AnalysisError(f"{component.msginfo}: {error}") from error
 
 
-def by_parts(apply, points: np.ndarray) -> np.ndarray:
-    """Apply a linear map of real numbers to points that may be complex, under complex step."""
-    if np.iscomplexobj(points):
-        return apply(np.ascontiguousarray(points.real)) + 1j * apply(np.ascontiguousarray(points.imag))
-    return apply(points)
+def by_parts(apply: Callable, *directions: np.ndarray):
+    """Apply a linear map of real arrays to arrays that may be complex, under complex step: to both parts of them."""
+    if any(map(np.iscomplexobj, directions)):
+        real, imaginary = ([np.ascontiguousarray(part(x)) for x in directions] for part in (np.real, np.imag))
+        return apply(*real) + 1j * apply(*imaginary)
+    return apply(*directions)
