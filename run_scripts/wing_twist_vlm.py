@@ -1,92 +1,97 @@
-"""Twist and planform of least induced drag at fixed lift: the regenerated wing in OpenAeroStruct's vortex lattice."""
+"""Twist and planform of least induced drag at fixed lift: the regenerated wing in OpenAeroStruct's vortex lattice.
+
+It takes a minute, and some hours at the paper's size. What comes out, for the twist of a rectangular wing, for its
+chord and for the twist of a swept and tapered wing, are the span efficiencies beside Munk's optimum, how the optimisers
+went on, a check of the totals, and a picture of loads, twists and planforms.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from common import GRAY, figure, run
-from history import COLORS
-from lattice_wing import LINES, RectangularWing, started
-from optimisation import DRIVERS, Run, flow_in_one, optimise, write_n2
-from totals import check_totals
 
-from bspline_mdao import VortexLattice
-from bspline_mdao.design.planform import Chord, Sweep, Taper, Twist
-from bspline_mdao.design.reference_axis import ReferenceAxis
-from bspline_mdao.design.variable import Variable
-from bspline_mdao.flow.induced_drag import Wake, least_drag
+import bspline_mdao as bm
+from bspline_mdao.flow.wake import Wake, least_drag
+from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_ellipse, figure
+from bspline_mdao.run_script import run
+from bspline_mdao.testing import check_totals
 
-LIFT = 0.5
-"""Lift coefficient, of the area of the rectangular wing."""
+LIFT, ALPHA, MACH = 0.5, 4.0, 0.3
+"""Lift coefficient of the area of the rectangular wing, angle of attack (deg) where it is fixed, and Mach number."""
 
-ALPHA = 4.0
-"""Angle of attack where it is fixed (deg)."""
-
-MACH = 0.3
-"""Of the flight."""
+WORST_CORNER = 0.1
+"""What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
 
 TOLERANCE = 1e-10
-"""Of the objective, the drag by that of the elliptical load."""
+"""Of the objective, the drag relative to that of the elliptical load."""
 
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """What is designed.
-
-    Parameters
-    ----------
-    title : str
-        For the figure.
-    variables : callable
-        Variables of an axis and a number of stations.
-    design : callable
-        Adds design variables and further constraints to a model, for a wing.
-    fixed : dict
-        Values and units of inputs that stay.
-    """
-
-    title: str
-    variables: Callable[[ReferenceAxis, int], list[Variable]]
-    design: Callable[[om.Group, RectangularWing], None]
-    fixed: dict
-
-    def problem(self, wing: RectangularWing) -> om.Problem:
-        """Pose the case for a wing. Not yet set up."""
-        lattice = VortexLattice(n_chord=wing.size.n_chord, n_span=wing.size.n_span, reference_area=wing.area)
-        problem = wing.problem(self.variables(wing.trailing_edge, wing.size.stations), lattice)
-        for name, (value, units) in {"Mach_number": (MACH, None), "alpha": (ALPHA, "deg"), **self.fixed}.items():
-            problem.model.set_input_defaults(name, val=value, units=units)
-        self.design(problem.model, wing)
-        problem.model.add_constraint("CL", equals=LIFT)
-        problem.model.add_objective("CD", ref=LIFT**2 / (np.pi * wing.aspect_ratio))
-        return problem
-
-
-def design_twist(model: om.Group, wing: RectangularWing) -> None:
-    """Leave the twist at all stations free."""
-    model.add_design_var("twist", lower=-10.0, upper=10.0, ref=5.0, units="deg")
-
-
-def design_chord(model: om.Group, wing: RectangularWing) -> None:
-    """Leave the chord at all stations and the angle of attack free; the area stays."""
-    model.add_design_var("chord", lower=wing.size.least_chord, upper=1.5, ref=0.3)
-    model.add_design_var("alpha", lower=-10.0, upper=10.0, ref=5.0, units="deg")
-    model.add_constraint("S_mesh", equals=wing.area, ref=wing.area, units="m**2")
-
+STATIONS = 6
+SIZES = {
+    False: ((11, 9, 13), (7, 6, 8), (0.01, 0.02, 0.02, 0.02), (3, 11), 0.25),
+    True: ((45, 65, 33), (13, 13, 9), (), (5, 31), 0.3),
+}
+"""Nodes and control points of the grid, its spacing, nodes of the lattice along chord and half span, and the bound of
+the chords: where the tip shrinks further, the control mesh tangles. Small, and as the paper's M6 grid (True)."""
 
 CASES = {
-    "twist": Case("twist of the rectangular wing", lambda axis, n: [Twist("twist", axis, n)], design_twist, {}),
-    "chord": Case("chord of the untwisted wing", lambda axis, n: [Chord("chord", axis, n)], design_chord, {}),
-    "swept": Case(
-        "twist of a swept and tapered wing",
-        lambda axis, n: [Taper("taper", axis), Twist("twist", axis, n), Sweep("sweep", axis)],
-        design_twist,
-        {"taper": (0.5, None), "sweep": (25.0, "deg")},
-    ),
+    "twist": "twist of the rectangular wing",
+    "chord": "chord of the untwisted wing",
+    "swept": "twist of a swept and tapered wing",
 }
+DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
+STYLES = {"initial": (GRAY, ":"), "SciPy SLSQP": (ORANGE, "-"), "NLopt LD_SLSQP": (BLUE, "--")}
+"""Colours and lines, those that lie on others among them."""
+
+
+class Wing:
+    """The paper's rectangular wing with a lattice on its camber surface, in equal strips."""
+
+    def __init__(self, paper: bool):
+        shape, n_control, spacing, self.lattice_shape, self.least_chord = SIZES[paper]
+        planform = bm.rectangular_wing().planform
+        grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing))
+        self.model = bm.fit_grid(grid, n_control=n_control)
+        self.mesh = bm.moving_mesh(self.model)
+        self.lattice = bm.CamberSurface.of(bm.SurfaceGrid.of(self.model, "wing*"), *self.lattice_shape)
+        self.area, self.aspect_ratio = 2.0 * planform.root_chord * planform.semi_span, planform.aspect_ratio
+
+    def problem(self, case: str) -> om.Problem:
+        """Pose a case. Not yet set up."""
+        trailing = bm.ReferenceAxis.of(self.mesh, at=1.0)  # variables about it leave the trace of the wake alone
+        twist, chord = bm.Twist("twist", trailing, STATIONS), bm.Chord("chord", trailing, STATIONS)
+        swept = [bm.Taper("taper", trailing), twist, bm.Sweep("sweep", trailing)]
+        variables = {"twist": [twist], "chord": [chord], "swept": swept}[case]
+        geometry = bm.GridMovement(
+            model=self.model,
+            parametrization=bm.Parametrization(self.mesh, variables),
+            measures=[self.lattice],
+            mover=bm.LinearElasticity(self.mesh, n_increments=1),
+            fit=False,
+        )
+        flow = bm.VortexLattice(n_chord=self.lattice_shape[0], n_span=self.lattice_shape[1], reference_area=self.area)
+        problem = om.Problem(reports=None)
+        problem.model.add_subsystem("geometry", geometry, promotes=["*"])
+        problem.model.add_subsystem("flow", flow, promotes=["*"])
+
+        top = problem.model
+        top.set_input_defaults("Mach_number", val=MACH)
+        top.set_input_defaults("alpha", val=ALPHA, units="deg")
+        if case == "chord":
+            top.add_design_var("chord", lower=self.least_chord, upper=1.5, ref=0.3)
+            top.add_design_var("alpha", lower=-10.0, upper=10.0, ref=5.0, units="deg")
+            top.add_constraint("S_mesh", equals=self.area, ref=self.area, units="m**2")
+        else:
+            top.add_design_var("twist", lower=-10.0, upper=10.0, ref=5.0, units="deg")
+        if case == "swept":
+            top.set_input_defaults("taper", val=0.5)
+            top.set_input_defaults("sweep", val=25.0, units="deg")
+        top.add_constraint("corner_ks", lower=WORST_CORNER)
+        top.add_constraint("CL", equals=LIFT)
+        top.add_objective("CD", ref=LIFT**2 / (np.pi * self.aspect_ratio))
+        return problem
 
 
 def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
@@ -99,62 +104,41 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     figures : path-like, optional
         Folder for ``wing_twist_vlm.png`` and the N2 diagram ``wing_twist_vlm.html``.
     drivers : dict
-        Makers of drivers by name, see `optimisation.DRIVERS`.
+        Makers of drivers by name.
 
     Returns
     -------
     dict
-        For each case what `Study.numbers` tells.
+        For each case ``totals``, see `check_totals`, `efficiencies` of the ``initial`` wing, and by ``drivers`` the
+        same and what `RecordedRun.numbers` tells.
     """
-    wing = RectangularWing.of(paper)
-    studies = {name: Study.of(wing, case, drivers) for name, case in CASES.items()}
+    wing, numbers, wings = Wing(paper), {}, {}
+    for case in CASES:
+        start = started(wing.problem(case))
+        runs = optimise_with(drivers, lambda case=case: wing.problem(case), TOLERANCE, 100)
+        wings[case] = {"initial": start, **{name: found.problem for name, found in runs.items()}}
+        numbers[case] = {
+            "totals": check_totals(perturbed(wing, case))._asdict(),
+            "initial": efficiencies(start),
+            "drivers": {name: efficiencies(each.problem) | each.numbers("flow") for name, each in runs.items()},
+        }
     if figures:
-        write_n2(studies["chord"].start, figures, "wing_twist_vlm")
-        draw(figures, studies)
-    return {name: study.numbers() for name, study in studies.items()}
+        draw(figures, wings)
+        page = str(Path(figures) / "wing_twist_vlm.html")
+        om.n2(wings["chord"]["initial"], outfile=page, show_browser=False)
+    return numbers
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
-    """A case, solved.
-
-    Parameters
-    ----------
-    title : str
-        What is designed.
-    start : om.Problem
-        The initial wing.
-    runs : dict of Run
-        By the names of the drivers.
-    totals : dict
-        See `totals.check_totals`.
-    """
-
-    title: str
-    start: om.Problem
-    runs: dict[str, Run]
-    totals: dict
-
-    @classmethod
-    def of(cls, wing: RectangularWing, case: Case, drivers: dict) -> Study:
-        """Solve a case with every driver."""
-        runs = {key: optimise(lambda: case.problem(wing), make(TOLERANCE, 100)) for key, make in drivers.items()}
-        return cls(case.title, started(case.problem(wing)), runs, check_totals(perturbed(case.problem(wing))))
-
-    @property
-    def wings(self) -> dict[str, om.Problem]:
-        """Problems at the start and at the optima, by name."""
-        return {"initial": self.start, **{name: found.problem for name, found in self.runs.items()}}
-
-    def numbers(self) -> dict:
-        """Collect ``totals``, and what is known of the ``initial`` wing and by ``drivers``, see `efficiencies`."""
-        found = {name: efficiencies(each.problem) | flow_in_one(each) for name, each in self.runs.items()}
-        return {"totals": self.totals, "initial": efficiencies(self.start), "drivers": found}
+def started(problem: om.Problem) -> om.Problem:
+    """Run a problem where it starts."""
+    problem.setup(mode="rev")
+    problem.run_model()
+    return problem
 
 
-def perturbed(problem: om.Problem) -> om.Problem:
-    """Run a problem off the symmetry of the initial wing, where some derivatives vanish."""
-    started(problem)
+def perturbed(wing: Wing, case: str) -> om.Problem:
+    """Run a case off the symmetry of the initial wing, where some derivatives vanish."""
+    problem = started(wing.problem(case))
     for name in problem.model.get_design_vars():
         value = problem.get_val(name)
         problem.set_val(name, value + np.linspace(0.3, 0.0, value.size))
@@ -179,56 +163,41 @@ def efficiencies(problem: om.Problem) -> dict:
         drag is above that; and ``panel_efficiency``, from the forces on the bound vortices.
     """
     wake = wake_of(problem)
-    best, elliptic = least_drag(wake.points, wake.lift), 2.0 * wake.lift**2 / (np.pi * span_of(wake) ** 2)
+    span, best = -2.0 * wake.points[0, 0], least_drag(wake.points, wake.lift)
+    elliptic = 2.0 * wake.lift**2 / (np.pi * span**2)
     panel_drag = problem.get_val("CD_panels").item() / problem.get_val("CL_panels").item() ** 2
     return {
         "efficiency": elliptic / wake.drag,
         "munk": elliptic / best.drag,
         "gap": wake.drag / best.drag - 1.0,
-        "panel_efficiency": problem.get_val("S_ref").item() / (np.pi * span_of(wake) ** 2 * panel_drag),
+        "panel_efficiency": problem.get_val("S_ref").item() / (np.pi * span**2 * panel_drag),
     }
 
 
-def span_of(wake: Wake) -> float:
-    """Span of the whole wing (m)."""
-    return -2.0 * wake.points[0, 0]
-
-
-def draw(folder, studies: dict[str, Study]) -> None:
+def draw(folder, wings: dict) -> None:
     """Draw span load, twist and planform of every case, before and after."""
     with figure(folder, "wing_twist_vlm", size=(10.0, 7.5)) as canvas:
-        panels = canvas.subplots(3, len(studies), sharex=True, sharey="row")
-        for study, column in zip(studies.values(), panels.T):
-            for name, problem in study.wings.items():
-                style = {"color": COLORS.get(name, GRAY), "label": name, "linestyle": LINES.get(name, "-")}
-                draw_wing(column, problem, style)
-            draw_optimum(column[0], wake_of(problem))
-            column[0].set_title(study.title)
-            column[2].set(xlabel="$2 y / b$", xlim=(0.0, 1.0))
-        for axes, label in zip(panels[:, 0], ("load by its mean", "twist (deg)", "$x$ (m)")):
+        panels = canvas.subplots(3, len(wings), sharex=True, sharey="row")
+        for (case, problems), (load, twist, planform) in zip(wings.items(), panels.T):
+            for name, problem in problems.items():
+                color, line = STYLES.get(name, (GRAY, "-"))
+                style, wake = {"color": color, "label": name, "linestyle": line}, wake_of(problem)
+                span, middles = -2.0 * wake.points[0, 0], -(wake.points[1:, 0] + wake.points[:-1, 0])
+                leading, trailing = problem.get_val("camber_surface")[[0, -1]]
+                (x, y, z), y = (trailing - leading).T, -2.0 * leading[:, 1] / span
+                load.plot(middles / span, wake.circulations * span / wake.lift, **style)
+                twist.plot(y, np.degrees(np.arctan2(-z, x)), **style)
+                for edge in (leading, trailing):
+                    planform.plot(y, edge[:, 0], **style)
+            best = least_drag(wake.points, 1.0)
+            load.plot(middles / span, best.circulations * span, "k.", markersize=4, label="Munk, same strips")
+            draw_ellipse(load)
+            load.set(title=CASES[case], xlabel="")
+            planform.set(xlabel="$2 y / b$", xlim=(0.0, 1.0))
+        for axes, label in zip(panels[:, 0], ("load relative to its mean", "twist (deg)", "$x$ (m)")):
             axes.set_ylabel(label)
         panels[2, 0].invert_yaxis()
-        panels[0, 0].legend(loc="lower left", fontsize=8)
-
-
-def draw_wing(column, problem: om.Problem, style: dict) -> None:
-    """Draw one wing."""
-    nodes, wake = problem.get_val("camber_surface"), wake_of(problem)
-    y = -2.0 * nodes[0, :, 1] / span_of(wake)
-    (leading_x, _, leading_z), (trailing_x, _, trailing_z) = nodes[0].T, nodes[-1].T
-    column[0].plot(0.5 * (y[1:] + y[:-1]), wake.circulations * span_of(wake) / wake.lift, **style)
-    column[1].plot(y, np.degrees(np.arctan2(leading_z - trailing_z, trailing_x - leading_x)), **style)
-    column[2].plot(y, leading_x, **style)
-    column[2].plot(y, trailing_x, **style)
-
-
-def draw_optimum(axes, wake: Wake) -> None:
-    """Draw the load of least drag on a wake, and the ellipse."""
-    middles = -(wake.points[1:, 0] + wake.points[:-1, 0]) / span_of(wake)
-    best, y = least_drag(wake.points, 1.0), np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
-    axes.plot(middles, best.circulations * span_of(wake), "k.", markersize=4, label="Munk, same strips")
-    axes.plot(y, 4.0 / np.pi * np.sqrt(1.0 - y**2), "k--", linewidth=0.7, label="ellipse")
 
 
 if __name__ == "__main__":
-    run(main, __doc__)
+    run(main)

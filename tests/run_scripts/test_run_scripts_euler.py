@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bspline_mdao import fit_grid, onera_m6_grid
+from bspline_mdao.plotting import scenes
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
@@ -18,8 +19,8 @@ def script(monkeypatch):
 
 
 @pytest.fixture
-def without_renderer(script, monkeypatch):
-    monkeypatch.setattr(script("scenes"), "has_renderer", lambda: False)
+def without_renderer(monkeypatch):
+    monkeypatch.setattr(scenes, "has_renderer", lambda: False)
 
 
 def test_the_flow_about_the_blended_wing_body_is_solved_on_the_moved_grid(script, without_renderer, tmp_path):
@@ -79,47 +80,19 @@ def test_the_lift_of_the_m6_is_that_of_the_vortex_lattice(script, tmp_path, monk
 def test_half_the_cells_of_the_rectangular_wing_have_the_lift_of_other_codes(script, real_grids, monkeypatch):
     monkeypatch.setenv("BSPLINE_MDAO_GRIDS", str(real_grids))
     table = script("wing_flow_table")
-    case = table.CASES["hh_naca0012"]
-    found = table.run_euler(table.Flight.of(case, case.sizes["quick"], iprint=0).problem)
+    found, reference = table.fly("hh_naca0012", *table.make_model("hh_naca0012", 0.5), False, 0)[0], table.REFERENCES
+    found, reference = found["EulerFlow"], reference["hh_naca0012"]
     assert found["n_cells"] == 36864 / 8
-    assert found["CL"] == pytest.approx(case.references["ADflow"]["CL"], rel=0.03)
-    assert found["CL"] == pytest.approx(case.references["OpenFOAM"]["CL"], rel=0.05)
-    assert found["CD"] < case.references["ADflow"]["CD"]
-
-
-def test_faces_around_a_swept_section_run_from_the_trailing_edge_over_the_upper_side_and_back(script):
-    sections = script("wall_sections")
-    angle = np.linspace(0.0, 2.0 * np.pi, 9)
-    outline = np.stack([0.5 + 0.5 * np.cos(angle), 0.1 * np.sin(angle)], axis=1)
-    nodes = np.array([[(x + 0.6 * z, y, z) for z in (0.0, 1.0, 2.0)] for x, y in outline])
-    quads = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]], axis=2)
-    shuffled = np.random.default_rng(0).permutation(16)
-    around = shuffled.argsort().reshape(8, 2)
-    quads = quads.reshape(-1, 4, 3)[shuffled]
-    np.testing.assert_array_equal(sections.faces_around(quads, 1.5), around[:, 1])
-    np.testing.assert_allclose(sections.chord_ends(quads[around[:, 1]]), [0.9, 1.9])
-
-
-def test_painted_faces_have_the_colours_of_their_values(script, without_renderer, tmp_path):
-    scenes, common = script("scenes"), script("common")
-    points = np.array(
-        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0]]
-    )
-    paint = scenes.Paint(
-        points, np.array([[0, 1, 2, 3], [1, 4, 5, 2]]), np.array([-1.0, 0.5]), scenes.Normalize(-1.0, 0.5)
-    )
-    camera = scenes.Camera(focus=(1.0, 0.5, 0.0), direction=(0.0, 0.0, 1.0), height=2.0)
-    with common.figure(tmp_path, "painted", (2.0, 2.0)) as canvas:
-        axes = canvas.subplots()
-        scenes.draw_scene(axes, scenes.Scene([], [], paint=paint), camera, (2.0, 2.0))
-        colors = axes.collections[0].get_facecolors()
-    np.testing.assert_allclose(colors, paint.mappable().to_rgba([-1.0, 0.5]))
+    assert found["CL"] == pytest.approx(reference["ADflow"]["CL"], rel=0.03)
+    assert found["CL"] == pytest.approx(reference["OpenFOAM"]["CL"], rel=0.05)
+    assert found["CD"] < reference["ADflow"]["CD"]
 
 
 def test_openfoam_is_named_where_it_is_missing(script, monkeypatch):
-    runs = script("euler_runs")
-    monkeypatch.setattr(runs, "openfoam_forces", lambda *arguments: None)
+    table = script("wing_flow_table")
+    monkeypatch.setattr(table, "openfoam_forces", lambda *arguments: None)
     model = fit_grid(onera_m6_grid((5, 5, 5)))
-    problem = runs.flow_problem(model, runs.Condition(0.3, 3.0, 1.16), iprint=0)
-    assert runs.run_openfoam(problem, model, runs.Condition(0.3, 3.0, 1.16)) == ({"refused": "not installed"}, None)
-    assert len(runs.wall_quads(model)) == problem.get_val("Cp").size
+    codes, pressures = table.fly("onera_m6", model, 1.16, True, 0)
+    assert codes["OpenFOAM"] == {"refused": "not installed"}
+    quads, values = pressures["EulerFlow"]
+    assert len(quads) == values.size

@@ -99,14 +99,12 @@ def problems():
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.syspath_prepend(str(RUN_SCRIPTS))
         names = ("inverse_design", "min_area_body", "quality_constrained", "wing_twist_vlm")
-        optimisation, totals = map(importlib.import_module, ("optimisation", "totals"))
         inverse, body, cube, lattice = map(importlib.import_module, names)
-    design = inverse.InverseDesign.of(inverse.Size((7, 7, 7), (5, 5, 5), 2, "xyz"))
     ready = [
-        inverse.part_of_the_way(design),
-        totals.move_at_random(optimisation.set_up(body.Body.of(5, 4).problem())),
-        totals.move_at_random(optimisation.set_up(cube.Turn.of(5, 4, 2).problem(is_constrained=True))),
-        lattice.perturbed(lattice.CASES["chord"].problem(lattice.RectangularWing.of(paper=False))),
+        inverse.started(inverse.InverseDesign((7, 7, 7), (5, 5, 5), 2, "xyz")),
+        body.started(body.Body(5, 4)),
+        cube.started(cube.Turn(5, 4, 2)),
+        lattice.perturbed(lattice.Wing(False), "chord"),
     ]
     return dict(zip(names, ready))
 
