@@ -12,9 +12,9 @@ import time
 
 import numpy as np
 import openmdao.api as om
-from openfoam import openfoam_forces
 
 import bspline_mdao as bm
+from bspline_mdao.flow.openfoam import openfoam_forces
 from bspline_mdao.names import GRID, SURFACE_CONTROL_POINTS
 from bspline_mdao.om.flow.flow_run import run_flow
 from bspline_mdao.plotting import (

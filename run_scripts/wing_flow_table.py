@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from openfoam import openfoam_forces
 
 import bspline_mdao as bm
+from bspline_mdao.flow.openfoam import openfoam_forces
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.names import GRID
 from bspline_mdao.om.flow.flow_run import run_flow

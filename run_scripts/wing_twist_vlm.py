@@ -13,7 +13,7 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.wake import Wake, least_drag
+from bspline_mdao.flow.induced_drag import Wake, least_drag
 from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.plotting import BLUE, GRAY, ORANGE, draw_ellipse, figure
 from bspline_mdao.run_script import run

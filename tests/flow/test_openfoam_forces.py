@@ -1,9 +1,7 @@
 """OpenFOAM on grids of the project: lift has the right sign and size, and what is missing is said."""
 
-import importlib
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +9,7 @@ import pytest
 from bspline_mdao import InputError, find_topology, onera_m6_grid, read_grid
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.cells.quads import area_vectors
+from bspline_mdao.flow import openfoam
 from bspline_mdao.io.patch_guess import guess_patches
 
 needs_openfoam = pytest.mark.skipif(shutil.which("rhoSimpleFoam") is None, reason="OpenFOAM is not installed")
@@ -27,12 +26,6 @@ SIMPLE solution converged in 2 iterations
 """
 
 
-@pytest.fixture
-def openfoam(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "run_scripts"))
-    return importlib.import_module("openfoam")
-
-
 def wing():
     """Topology, nodes and wall faces of a coarse grid about the M6."""
     grid = onera_m6_grid((9, 9, 7))
@@ -41,20 +34,20 @@ def wing():
     return topology, nodes, area_vectors(nodes[cells.corners[cells.faces_of("wall")]])
 
 
-def test_without_openfoam_it_says_so_and_gives_nothing(openfoam, monkeypatch, capsys):
+def test_without_openfoam_it_says_so_and_gives_nothing(monkeypatch, capsys):
     monkeypatch.setenv("PATH", "")
     topology, nodes, _ = wing()
     assert openfoam.openfoam_forces(topology, nodes, 0.3, 3.0, 1.16) is None
     assert capsys.readouterr().out == "OpenFOAM is not installed; skipped\n"
 
 
-def test_residuals_are_those_of_the_first_solution_in_an_iteration(openfoam):
+def test_residuals_are_those_of_the_first_solution_in_an_iteration():
     residuals = openfoam.read_residuals(LOG)
     np.testing.assert_array_equal(residuals["p"], [1.0, 2e-3])
     np.testing.assert_array_equal(residuals["Ux"], [0.9, 1e-4])
 
 
-def test_lift_is_across_the_stream_in_the_plane_of_the_axes(openfoam):
+def test_lift_is_across_the_stream_in_the_plane_of_the_axes():
     drag, lift = openfoam.Stream(0.3, 30.0, "xzy").directions
     np.testing.assert_allclose(drag, [np.cos(np.pi / 6), 0.5, 0.0])
     np.testing.assert_allclose(lift, [-0.5, np.cos(np.pi / 6), 0.0])
@@ -63,7 +56,7 @@ def test_lift_is_across_the_stream_in_the_plane_of_the_axes(openfoam):
 
 
 @needs_openfoam
-def test_lift_turns_with_the_stream_and_is_that_of_the_pressures(openfoam):
+def test_lift_turns_with_the_stream_and_is_that_of_the_pressures():
     topology, nodes, areas = wing()
     up, down = (openfoam.openfoam_forces(topology, nodes, 0.3, alpha, 1.16) for alpha in (3.0, -3.0))
     assert up.is_converged
@@ -76,21 +69,21 @@ def test_lift_turns_with_the_stream_and_is_that_of_the_pressures(openfoam):
 
 
 @needs_openfoam
-def test_what_openfoam_stops_with_is_said_in_one_line(openfoam, tmp_path):
+def test_what_openfoam_stops_with_is_said_in_one_line(tmp_path):
     with pytest.raises(InputError, match=r"^rhoSimpleFoam: cannot find file .*controlDict.*see to the grid") as error:
         openfoam.run("rhoSimpleFoam", tmp_path)
     assert "\n" not in str(error.value)
 
 
 @needs_openfoam
-def test_a_grid_without_walls_is_refused(openfoam):
+def test_a_grid_without_walls_is_refused():
     grid = replace(onera_m6_grid((5, 5, 5)), patches=())
     with pytest.raises(InputError, match="no patch is of kind wall"):
         openfoam.openfoam_forces(find_topology(grid), grid.to_vector().reshape(-1, 3), 0.3, 3.0, 1.16)
 
 
 @needs_openfoam
-def test_lift_and_drag_of_the_rectangular_wing_are_those_of_the_reference(openfoam, real_grids):
+def test_lift_and_drag_of_the_rectangular_wing_are_those_of_the_reference(real_grids):
     grid = read_grid(real_grids / "hh_naca0012_12blocks.xyz")
     grid = replace(grid, patches=guess_patches(grid, [face.window for face in find_topology(grid).boundary]))
     found = openfoam.openfoam_forces(find_topology(grid), grid.to_vector().reshape(-1, 3), 0.3, 4.0, 3.0)

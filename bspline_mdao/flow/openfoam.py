@@ -20,13 +20,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bspline_mdao.cells.cell_faces import CellFaces
-from bspline_mdao.cells.quads import area_vectors
-from bspline_mdao.checks import as_axes
-from bspline_mdao.errors import InputError
-from bspline_mdao.flow.stream import stream_axes
-from bspline_mdao.io.openfoam import CaseField, PolyMesh
-from bspline_mdao.topology.topology import Topology
+from ..cells.cell_faces import CellFaces
+from ..cells.quads import area_vectors
+from ..checks import as_axes
+from ..errors import InputError
+from ..flow.stream import stream_axes
+from ..io.openfoam import CaseField, PolyMesh
+from ..topology.topology import Topology
+
+__all__ = ["Forces", "openfoam_forces"]
 
 HOME = "/usr/share/openfoam"
 """Where Debian puts what OpenFOAM looks for in ``WM_PROJECT_DIR``."""
@@ -45,7 +47,7 @@ class Forces:
     Parameters
     ----------
     CL, CD : float
-        Lift and drag by the reference area.
+        Lift and drag coefficients.
     Cp : ndarray, shape (n_wall,)
         Pressure coefficient on the faces of walls, in the order of ``CellFaces.faces_of("wall")``.
     residuals : dict of ndarray, shape (n_iterations,)
@@ -115,7 +117,7 @@ def openfoam_forces(
     Parameters
     ----------
     topology : Topology
-        How the blocks of the grid hang together, with its patches.
+        How the blocks of the grid are joined, with its patches.
     nodes : ndarray, shape (n_nodes, 3)
         Nodes of the grid (m).
     mach, alpha : float
