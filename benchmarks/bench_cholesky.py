@@ -24,9 +24,8 @@ from bspline_mdao import onera_m6_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.movement.assembly import Unknowns
-from bspline_mdao.movement.elasticity import ElasticElements
-from bspline_mdao.movement.element import lame_constants
+from bspline_mdao.movement.elasticity import ElasticElements, lame_constants
+from bspline_mdao.movement.equilibrium import Unknowns
 from bspline_mdao.movement.young_modulus import OrthogonalityLaw
 from bspline_mdao.sparse.blocks import LinearSolution, residual_norm
 from bspline_mdao.sparse.cholesky import Cholesky

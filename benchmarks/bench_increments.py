@@ -97,11 +97,11 @@ def contenders(model, mesh, surface, bar, n_increments, n_threads) -> dict[str, 
     solver, evaluator = Cholesky(n_threads=n_threads), model.evaluator().with_threads(n_threads)
     mover, paper = LinearElasticity(mesh, solver=solver), LinearElasticity(mesh, n_increments=5, solver=solver)
     movement = mover.move(mesh.points, surface)
-    paper.move(mesh.points, surface)
+    start = movement.start
     later = [number for number in NUMBERS if number >= n_increments]
 
     def moved(mover, *numbers):
-        return evaluator.forward(mover.move(mesh.points, surface, *numbers).points)
+        return evaluator.forward(mover.move(mesh.points, surface, *numbers, start=start).points)
 
     return {
         "later": partial(moved, mover, later),

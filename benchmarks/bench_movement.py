@@ -1,7 +1,7 @@
 """Moves of the control mesh of the paper-size ONERA M6 grid beside IDWarp, CHOLMOD and SciPy.
 
 The wing becomes the rectangular one of section IV. A move is all increments and the evaluation of all nodes, a product
-with the derivative is from or to all nodes. A move is *first* from initial points that are new to the mover, and again
+with the derivative is from or to all nodes. A move is *first* from initial points that are new, and again
 while their factor is there; finding the order of elimination, once per topology, is on its own line. CPU seconds of one
 thread, the contenders in turn, the fastest of ``--repeats``. The growth with the number of control points and the peak
 memory are of one process per size, which keeps no factor but that of the baseline.
@@ -38,10 +38,9 @@ from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.movement.centres import find_centres
-from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity
-from bspline_mdao.movement.element import lame_constants
-from bspline_mdao.movement.equilibrium import Equilibrium
+from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity, lame_constants
+from bspline_mdao.movement.equilibrium import Unknowns
+from bspline_mdao.movement.interpolation import find_centres
 from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
 from bspline_mdao.movement.young_modulus import OrthogonalityLaw
@@ -111,9 +110,9 @@ class Case:
         """Elastic mover with our solver on one thread."""
         return LinearElasticity(self.mesh, **{"n_increments": 5, "solver": OURS, **settings})
 
-    def move(self, mover, initial=None) -> np.ndarray:
+    def move(self, mover, initial=None, start=None) -> np.ndarray:
         """Move, from the baseline unless told otherwise, and evaluate: the nodes, shape (n_nodes, 3)."""
-        movement = mover.move(self.mesh.points if initial is None else initial, self.surface)
+        movement = mover.move(self.mesh.points if initial is None else initial, self.surface, start=start)
         return self.evaluator.forward(movement.points)
 
     def forward(self, movement) -> np.ndarray:
@@ -124,12 +123,12 @@ class Case:
         """Derivatives by the initial points and the surface, from those by all nodes, shape (n_nodes, 3)."""
         return movement.vjp(self.evaluator.adjoint(bar))
 
-    def matrix(self, equilibrium: Equilibrium):
+    def matrix(self, unknowns: Unknowns):
         """Stiffness of the baseline."""
         mesh, law = self.mesh, OrthogonalityLaw()
         modulus = law.modulus(mesh, mesh.points, mesh.points)
         elements = ElasticElements(mesh, law, lame_constants(-0.2), mesh.points, mesh.points, modulus)
-        return equilibrium.unknowns.matrix(elements.add_stiffness)
+        return unknowns.matrix(elements.add_stiffness)
 
 
 def main(shape=SHAPE, n_control=N_CONTROL, repeats: int = 5, sizes=SMALL) -> dict:
@@ -188,7 +187,7 @@ def contenders(case: Case) -> dict[str, Callable]:
     bar, springs = np.cos(case.evaluator.forward(case.mesh.points)), {}
     for name, mover in movers.items():
         movement = mover.move(case.mesh.points, case.surface)
-        springs[f"{name}, m = 5"] = partial(case.move, mover)
+        springs[f"{name}, m = 5"] = partial(case.move, mover, start=movement.start)
         springs[f"{name}, reverse product"] = partial(case.reverse, movement, bar)
     rbf = {
         "radial basis, m = 1": partial(radial_basis, case),
@@ -201,9 +200,8 @@ def factorisations(case: Case) -> dict[str, Callable]:
     """Factorisations of the matrix of the first increment, and solutions, by every solver that is installed."""
     runs, right = {}, np.cos(case.mesh.points)
     for solver in (OURS, Cholmod(), Pardiso()):
-        equilibrium = Equilibrium(case.mesh, solver)
-        ids = equilibrium.unknowns.point_ids
-        matrix = case.matrix(equilibrium)
+        unknowns = Unknowns(case.mesh)
+        ids, matrix = unknowns.point_ids, case.matrix(unknowns)
         try:
             analysis = solver.analyze(matrix.pattern, case.mesh.points[ids])
         except InputError as error:
@@ -233,7 +231,7 @@ def elastic_moves(case: Case, bar: np.ndarray) -> dict[str, Callable]:
             runs[f"reverse product, m = {m}{suffix}"] = partial(case.reverse, movement, bar)
             runs[f"forward product, m = {m}{suffix}"] = partial(case.forward, movement)
             if keeps:
-                runs[f"move, m = {m}"] = partial(case.move, mover)
+                runs[f"move, m = {m}"] = partial(case.move, mover, start=movement.start)
                 runs[f"first move, m = {m}"] = partial(first, case.elasticity(n_increments=m))
     return {**runs, "first move of a topology, m = 5": first_of_topology}
 
@@ -276,8 +274,8 @@ def one_size(size: str) -> dict:
 
 def one_system(case: Case) -> dict:
     """Order, factor and solution of the first increment; nothing of it stays."""
-    equilibrium = Equilibrium(case.mesh, OURS)
-    matrix, points = case.matrix(equilibrium), case.mesh.points[equilibrium.unknowns.point_ids]
+    unknowns = Unknowns(case.mesh)
+    matrix, points = case.matrix(unknowns), case.mesh.points[unknowns.point_ids]
     order, analysis = _timed(partial(OURS.analyze, matrix.pattern, points))
     seconds, factor = _timed(partial(analysis.factorize, matrix))
     solve, _ = _timed(partial(factor.solve, np.cos(points)))

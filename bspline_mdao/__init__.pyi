@@ -87,7 +87,7 @@ from .model.fitted_model import FittedModel as FittedModel
 from .model.fitted_model import family_member as family_member
 from .movement.delaunay import DelaunayGraph as DelaunayGraph
 from .movement.elasticity import LinearElasticity as LinearElasticity
-from .movement.held import Held as Held
+from .movement.fixed_interior import FixedInterior as FixedInterior
 from .movement.inverse_distance import InverseDistance as InverseDistance
 from .movement.radial_basis import RadialBasis as RadialBasis
 from .movement.springs import LinealSprings as LinealSprings

@@ -16,7 +16,7 @@ from bspline_mdao import InputError
 from bspline_mdao.errors import MovementError
 from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
@@ -28,7 +28,7 @@ DEFORMATIONS = ("twist=90deg", "stretch=2", "bend=120deg@0.7", "chord=0.5", "bum
 
 KINDS = {
     "elasticity": LinearElasticity,
-    "held": Held,
+    "held": FixedInterior,
     "transfinite": Transfinite,
     "lineal springs": LinealSprings,
     "torsional springs": TorsionalSprings,

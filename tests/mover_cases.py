@@ -1,5 +1,7 @@
 """Small meshes, large moves and what every mover must pass, for the tests of movers."""
 
+import weakref
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -8,6 +10,7 @@ from topology_cases import box, grid_of, patch
 from bspline_mdao import flat_plate_grid, onera_m6_grid
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
+from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Orientation, Window
@@ -108,6 +111,37 @@ def assert_derivative_is_transposed(movement, seed=2):
     forward, reverse = (bar * d_points).sum(), (initial_bar * d_initial).sum() + (surface_bar * d_surface).sum()
     scale = np.linalg.norm(bar) * np.linalg.norm(d_points)
     assert abs(forward - reverse) <= 1e-11 * scale
+
+
+@dataclass(frozen=True)
+class CountingSolver:
+    """The default solver, with a list of the matrices that were factorised."""
+
+    solver: object = field(default_factory=Cholesky)
+    factorised: list = field(default_factory=list)
+    factors: list = field(default_factory=list)
+    n_alive: list = field(default_factory=list)
+    """Factors that still existed at each factorisation."""
+
+    @property
+    def name(self):
+        return self.solver.name
+
+    def analyze(self, pattern, points):
+        return CountingAnalysis(self.solver.analyze(pattern, points), self)
+
+
+@dataclass(frozen=True)
+class CountingAnalysis:
+    analysis: object
+    counts: CountingSolver
+
+    def factorize(self, matrix):
+        self.counts.factorised.append(matrix)
+        self.counts.n_alive.append(sum(factor() is not None for factor in self.counts.factors))
+        factor = self.analysis.factorize(matrix)
+        self.counts.factors.append(weakref.ref(factor))
+        return factor
 
 
 def spacings(mesh):

@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.delaunay import DelaunayGraph
 from ..movement.elasticity import LinearElasticity
-from ..movement.held import Held
+from ..movement.fixed_interior import FixedInterior
 from ..movement.inverse_distance import InverseDistance
 from ..movement.mover import Mover
 from ..movement.radial_basis import RadialBasis
@@ -28,7 +28,7 @@ MOVERS = {
     "rbf": RadialBasis,
     "idw": InverseDistance,
     "delaunay": DelaunayGraph,
-    "held": Held,
+    "held": FixedInterior,
 }
 
 STIFFNESS = {

@@ -185,10 +185,10 @@ class UnsteadyGrid:
 
     Examples
     --------
-    >>> from bspline_mdao import Held, fit_grid, flat_plate_grid, moving_mesh
+    >>> from bspline_mdao import FixedInterior, fit_grid, flat_plate_grid, moving_mesh
     >>> model = fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5))
     >>> mesh = moving_mesh(model)
-    >>> unsteady = UnsteadyGrid(model, Held(mesh), pitching(mesh, amplitude=0.1, frequency=2.0))
+    >>> unsteady = UnsteadyGrid(model, FixedInterior(mesh), pitching(mesh, amplitude=0.1, frequency=2.0))
     >>> bool(np.abs(unsteady.at(0.125).velocities).max() < 1e-12)  # where the angle is largest, nothing moves
     True
     """
@@ -222,7 +222,7 @@ class UnsteadyGrid:
                 f"unsteady grid: the motion gives points of shape {np.shape(surface)} and velocities of shape "
                 f"{np.shape(d_surface)}; give both of shape {rest.shape}"
             )
-        movement = self._differentiable_mover.move(initial, surface)
+        movement = self._differentiable_mover.move(initial, surface, **self._shared)
         control_velocities = movement.jvp(np.zeros_like(initial), d_surface)
         state = self.model.grid_map().at(movement.points)
         velocities = state.jvp(control_velocities)
@@ -231,3 +231,9 @@ class UnsteadyGrid:
     @cached_property
     def _differentiable_mover(self) -> Mover:
         return differentiable(self.mover)
+
+    @cached_property
+    def _shared(self) -> dict:
+        """What the moves of all times share: the factor of the baseline, where the mover has one."""
+        start = getattr(self._differentiable_mover, "start", None)
+        return {} if start is None else {"start": start(self.model.control_points)}

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..mesh.boundary import boundary_points
 from ..mesh.moving_mesh import MovingMesh
-from ..movement.assembly import Unknowns
+from ..movement.equilibrium import Unknowns
 from ..sparse.cholesky import Cholesky
 from ..topology.topology import Topology, shared_ids
 from .control_counts import NODES_PER_SPAN, ControlCounts, choose_counts

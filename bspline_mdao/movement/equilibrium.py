@@ -1,7 +1,10 @@
 """One increment of Eq. (8), K(b^(i-1)) (b^(i) - b^(i-1)) = f, for any elements with a linear force.
 
+Theory: ``docs/theory/elasticity.rst``.
+
 With u the displacement of an increment, known on the surface and unknown at the free points, and F(u) = K u the force
-of the elements, the free components of F(u) vanish. Differentiated,
+of the elements, the free components of F(u) vanish: the right-hand side f is the force of the known displacement, with
+the other sign. Differentiated,
 
     K du_free = - (change of F with the points, at fixed u) - K du_known,
 
@@ -9,7 +12,7 @@ and the transpose takes one solution with the same factor and the transposed der
 
 Elements that are a million times as long as they are high, as in boundary layers and wakes, make K so stiff against a
 change of their height, and so soft against rotations, that rounding of K and of u leaves few digits or none. Where the
-factor tells of that, solutions are refined: u is a sum of two parts, the second of which holds what rounding leaves of
+factor shows that, solutions are refined: u is a sum of two parts, the second of which holds what rounding leaves of
 the first [Wilkinson, Rounding Errors in Algebraic Processes (1963)], and F(u) comes from the elements, whose strains
 are differences of neighbours, and not from a matrix.
 """
@@ -17,21 +20,29 @@ are differences of neighbours, and not from a matrix.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
 
 from ..errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
-from ..sparse.blocks import BlockMatrix
-from .assembly import Unknowns
-from .increments import IncrementalMover
+from ..sparse.blocks import BlockMatrix, BlockPattern, slots
+from .increments import NUMBERS, IncrementalMovement, IncrementalMover, in_increments
 from .mover import SolveReport, digits_of
 
-__all__ = ["Balance", "Elements", "Equilibrium", "EquilibriumMover", "EquilibriumStep"]
-
+__all__ = [
+    "Balance",
+    "Elements",
+    "Equilibrium",
+    "EquilibriumMover",
+    "EquilibriumStep",
+    "Factored",
+    "Start",
+    "Unknowns",
+]
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -40,7 +51,7 @@ class Elements(Protocol):
     """Elements at given points: their force is linear in the displacement, their stiffness is symmetric."""
 
     def add_stiffness(self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray) -> None:
-        """Add the stiffness to blocks, see `bspline_mdao.movement.element_stiffness.add_stiffness`."""
+        """Add the stiffness to blocks, see `bspline_mdao.movement.elasticity.add_stiffness`."""
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
@@ -49,45 +60,101 @@ class Elements(Protocol):
         """Change of the force of a given displacement with the initial points and the points; sums as `force`."""
 
     def force_vjp(self, displacement: np.ndarray, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of both: by the initial points, the points and the displacement, shape (n_points, 3) each."""
+        """Transpose of both: for the initial points, the points and the displacement, shape (n_points, 3) each."""
 
 
-REFINE_ABOVE = 1e-11
-"""Relative error, as the factor estimates it, above which a move is refined."""
+class EquilibriumMover(IncrementalMover):
+    """What the movers of elements share: an increment is an equilibrium.
 
-REFINE_PRODUCTS_ABOVE = 1e-13
-"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
+    A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
+    It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
+    """
 
-TOLERANCE = 1e-14
-"""Relative error to refine to."""
+    def move(
+        self, initial: np.ndarray, surface: np.ndarray, numbers: Sequence[int] = NUMBERS, start: Start | None = None
+    ) -> IncrementalMovement:
+        """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
 
-MAX_CORRECTIONS = 30
-"""Corrections after which to stop."""
+        See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
+        initial points share their factor. A start from other points is not used.
+        """
+        initial = np.array(initial, dtype=float)
+        if start is None or not np.array_equal(start.points, initial):
+            start = Start(initial)
+        step = partial(self._step, start)
+        movement = in_increments(self.mesh, step, initial, surface, self.n_increments, numbers)
+        return replace(movement, start=start)
 
-LEAST_GAIN = 0.5
-"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
+    def start(self, initial: np.ndarray) -> Start:
+        """Factorise the stiffness at points (n_points, 3), in metres, for several moves that start from them."""
+        initial = np.array(initial, dtype=float)
+        return Start(initial, self._equilibrium.factorized(self._elements(initial, initial)))
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        return Equilibrium.of(self.mesh, self.solver)
+
+    def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
+        """Elements at the points before an increment, stiffened by those before the move."""
+        raise NotImplementedError
+
+    def _step(self, start: Start, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
+        """Make one increment, see `bspline_mdao.movement.increments.in_increments`."""
+        began, is_first = time.perf_counter(), np.array_equal(before, initial)
+        equilibrium, elements = self._equilibrium, self._elements(initial, before)
+        if is_first:
+            factored = start.factored = start.factored or equilibrium.factorized(elements)
+        else:
+            factored = equilibrium.factorized(elements)
+        known, surface_ids = np.zeros_like(before), self.mesh.surface_ids
+        known[surface_ids] = surface - before[surface_ids]
+        balance = equilibrium.balance(elements, factored, known, np.zeros((1, 1, 1)), REFINE_ABOVE)
+        if not np.isfinite(balance.parts).all():
+            raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
+        points = before + balance.parts[0]
+        points[surface_ids] = surface
+        seconds = time.perf_counter() - began
+        report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
+        kept = factored if is_first or self.keep_factors else None
+        return EquilibriumStep(equilibrium, elements, balance.parts, points, report, kept)
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
-    """A displacement that balances a load on the free points.
+class EquilibriumStep:
+    """An increment that was made, see `bspline_mdao.movement.mover.Step`."""
 
-    Parameters
-    ----------
-    parts : ndarray, shape (n_parts, n_points, 3)
-        The displacement (m) as a sum of parts: one, or two where it was refined.
-    n_steps : int
-        Iterations of the solver, or corrections.
-    residual : float
-        Relative residual of the system that was solved first.
-    error : float
-        Estimate of its error relative to the largest displacement.
-    """
+    equilibrium: Equilibrium
+    elements: Elements
+    displacement: np.ndarray
+    points: np.ndarray
+    report: SolveReport
+    factored: Factored | None
 
-    parts: np.ndarray
-    n_steps: int
-    residual: float
-    error: float
+    def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
+        """Change of the points after the increment, shape (n_points, 3)."""
+        surface_ids = self.equilibrium.mesh.surface_ids
+        d_known = np.zeros_like(d_before)
+        d_known[surface_ids] = d_surface - d_before[surface_ids]
+        d_force = self.elements.force_jvp(_in_two(self.displacement), d_initial, d_before)
+        d_points = d_before + self._balance(d_known, -d_force)[0]
+        d_points[surface_ids] = d_surface
+        return d_points
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`: for the initial points, the points before, and the surface points."""
+        surface_ids = self.equilibrium.mesh.surface_ids
+        initial_bar, before_bar, known_bar = self.elements.force_vjp(
+            self.displacement, self._balance(np.zeros_like(bar), -bar[None])
+        )
+        surface_bar = bar[surface_ids] + known_bar[surface_ids]
+        before_bar += bar
+        before_bar[surface_ids] -= surface_bar
+        return initial_bar, before_bar, surface_bar
+
+    def _balance(self, known, load):
+        """Parts of the displacement that is known on the surface and balances a load on the free points."""
+        factored = self.factored or self.equilibrium.factorized(self.elements)
+        return self.equilibrium.balance(self.elements, factored, known, load, REFINE_PRODUCTS_ABOVE).parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,42 +170,47 @@ class Factored:
 
 
 @dataclass(eq=False)
-class LastBaseline:
-    """The last points that a move has started from, and their factor."""
+class Start:
+    """Points that moves start from, and the factor of their stiffness once it is there.
 
-    points: np.ndarray | None = None
+    The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share it.
+    A start belongs to the movement that made it, and to whom that is handed on; the mover has none.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n_points, 3)
+        Initial points (m).
+    factored : Factored, optional
+        The stiffness there, made by the first increment that needs it.
+    """
+
+    points: np.ndarray
     factored: Factored | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Makes increments, and keeps the factor of the points that a move starts from.
-
-    That matrix depends on the initial points alone, so that moves of different surfaces share it.
+    """Makes the systems of a mesh, and solves them.
 
     Parameters
     ----------
     mesh : MovingMesh
         What is moved.
-    solver : object
-        Settings of a sparse solver.
-    keep_factors : bool or None
-        Whether the other increments keep their factors for derivatives, or factorise again in each product; None is no.
+    unknowns : Unknowns
+        Numbering of the unknowns.
+    analysis : object
+        The solver's analysis of their pattern.
     """
 
     mesh: MovingMesh
-    solver: object
-    keep_factors: bool | None = None
-    baseline: LastBaseline = field(default_factory=LastBaseline)
+    unknowns: Unknowns
+    analysis: object
 
-    @cached_property
-    def unknowns(self) -> Unknowns:
-        """Numbering of the unknowns."""
-        return Unknowns(self.mesh)
-
-    @cached_property
-    def _analysis(self):
-        return self.solver.analyze(self.unknowns.pattern, self.mesh.points[self.unknowns.point_ids])
+    @classmethod
+    def of(cls, mesh: MovingMesh, solver: object) -> Equilibrium:
+        """Number the unknowns of a mesh, and let a solver find its order of elimination."""
+        unknowns = Unknowns(mesh)
+        return cls(mesh, unknowns, solver.analyze(unknowns.pattern, mesh.points[unknowns.point_ids]))
 
     def balance(
         self, elements: Elements, factored: Factored, known: np.ndarray, load: np.ndarray, above: float
@@ -183,84 +255,139 @@ class Equilibrium:
     def factorized(self, elements: Elements) -> Factored:
         """Assemble and factorise the stiffness of elements."""
         matrix = self.unknowns.matrix(elements.add_stiffness)
-        return Factored(matrix, self._analysis.factorize(matrix))
+        return Factored(matrix, self.analysis.factorize(matrix))
 
-    def step(self, elements: Elements, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
-        """Make one increment.
 
-        Parameters
-        ----------
-        elements : Elements
-            The elements at ``before``.
-        initial, before : ndarray, shape (n_points, 3)
-            Points before the move and before the increment (m).
-        surface : ndarray, shape (n_surface, 3)
-            Surface points after it (m).
+REFINE_ABOVE = 1e-11
+"""Relative error, as the factor estimates it, above which a move is refined."""
 
-        Raises
-        ------
-        MovementError
-            If the stiffness is not positive definite or the solution not finite.
-        """
-        start, is_first = time.perf_counter(), np.array_equal(before, initial)
-        factored = self._of_baseline(elements, initial) if is_first else self.factorized(elements)
-        known = np.zeros_like(before)
-        known[self.mesh.surface_ids] = surface - before[self.mesh.surface_ids]
-        balance = self.balance(elements, factored, known, np.zeros((1, 1, 1)), REFINE_ABOVE)
-        if not np.isfinite(balance.parts).all():
-            raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
-        points = before + balance.parts[0]
-        points[self.mesh.surface_ids] = surface
-        seconds = time.perf_counter() - start
-        report = SolveReport(self.solver.name, balance.n_steps, balance.residual, seconds, digits_of(balance.error))
-        kept = factored if is_first or self.keep_factors else None
-        return EquilibriumStep(self, elements, balance.parts, points, report, kept)
+REFINE_PRODUCTS_ABOVE = 1e-13
+"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
 
-    def _of_baseline(self, elements, initial):
-        """Factor of the initial points, made when they are new."""
-        if self.baseline.points is None or not np.array_equal(self.baseline.points, initial):
-            self.baseline.points = self.baseline.factored = None  # its memory serves the next one
-            self.baseline.factored = self.factorized(elements)
-            self.baseline.points = initial.copy()
-        return self.baseline.factored
+TOLERANCE = 1e-14
+"""Relative error to refine to."""
+
+MAX_CORRECTIONS = 30
+"""Corrections after which to stop."""
+
+LEAST_GAIN = 0.5
+"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
 
 
 @dataclass(frozen=True, eq=False)
-class EquilibriumStep:
-    """An increment that was made, see `bspline_mdao.movement.mover.Step`."""
+class Balance:
+    """A displacement that balances a load on the free points.
 
-    equilibrium: Equilibrium
-    elements: Elements
-    displacement: np.ndarray
-    points: np.ndarray
-    report: SolveReport
-    factored: Factored | None
+    Parameters
+    ----------
+    parts : ndarray, shape (n_parts, n_points, 3)
+        The displacement (m) as a sum of parts: one, or two where it was refined.
+    n_steps : int
+        Iterations of the solver, or corrections.
+    residual : float
+        Relative residual of the system that was solved first.
+    error : float
+        Estimate of its error relative to the largest displacement.
+    """
 
-    def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
-        """Change of the points after the increment, shape (n_points, 3)."""
-        surface_ids = self.equilibrium.mesh.surface_ids
-        d_known = np.zeros_like(d_before)
-        d_known[surface_ids] = d_surface - d_before[surface_ids]
-        d_force = self.elements.force_jvp(_in_two(self.displacement), d_initial, d_before)
-        d_points = d_before + self._balance(d_known, -d_force)[0]
-        d_points[surface_ids] = d_surface
-        return d_points
+    parts: np.ndarray
+    n_steps: int
+    residual: float
+    error: float
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp`: derivatives by the initial points, the points before, and the surface points."""
-        surface_ids = self.equilibrium.mesh.surface_ids
-        initial_bar, before_bar, known_bar = self.elements.force_vjp(
-            self.displacement, self._balance(np.zeros_like(bar), -bar[None])
-        )
-        surface_bar = bar[surface_ids] + known_bar[surface_ids]
-        before_bar += bar
-        before_bar[surface_ids] -= surface_bar
-        return initial_bar, before_bar, surface_bar
 
-    def _balance(self, known, load):
-        """Parts of the displacement that is known on the surface and balances a load on the free points."""
-        factored = self.factored or self.equilibrium.factorized(self.elements)
-        return self.equilibrium.balance(self.elements, factored, known, load, REFINE_PRODUCTS_ABOVE).parts
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Numbering of the points that may move.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        What is moved.
+    """
+
+    mesh: MovingMesh
+
+    @cached_property
+    def point_ids(self) -> np.ndarray:
+        """Point of each block row, ascending."""
+        return np.flatnonzero(self.mesh.is_free.any(axis=1)).astype(np.int32)
+
+    @cached_property
+    def element_rows(self) -> np.ndarray:
+        """Block row of every corner of every element, -1 where there is none, shape (n_elements, 8)."""
+        rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
+        rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
+        return rows[self.mesh.elements]
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Pattern of the stiffness."""
+        return BlockPattern.of_elements(self.element_rows, len(self.point_ids))
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """Place of every pair of corners, see `bspline_mdao.sparse.blocks.slots`."""
+        return slots(self.pattern, self.element_rows)
+
+    def matrix(self, add_stiffness: Callable[[np.ndarray, np.ndarray, np.ndarray], None]) -> BlockMatrix:
+        """Stiffness of the unknowns.
+
+        Parameters
+        ----------
+        add_stiffness : callable
+            ``add_stiffness(element_rows, slots, data)`` adds the stiffness of all elements to the blocks, shape
+            (n_blocks, 3, 3).
+        """
+        data = np.zeros((self.pattern.n_blocks, 3, 3))
+        add_stiffness(self.element_rows, self.slots, data)
+        self._restrain(data)
+        return BlockMatrix(self.pattern, data)
+
+    def gather(self, force: np.ndarray) -> np.ndarray:
+        """Components of a force, shape (n_points, 3), along the free directions: shape (n_rows, 3)."""
+        return self._turned(force[self.point_ids]) * self._is_free
+
+    def scatter(self, unknowns: np.ndarray) -> np.ndarray:
+        """Transpose of `gather`."""
+        displacement = np.zeros((self.mesh.n_points, 3), dtype=unknowns.dtype)
+        in_frames = unknowns * self._is_free
+        if self._frames is not None:
+            in_frames = np.einsum("nij,ni->nj", self._frames, in_frames)
+        displacement[self.point_ids] = in_frames
+        return displacement
+
+    @cached_property
+    def _is_free(self):
+        return self.mesh.is_free[self.point_ids]
+
+    @cached_property
+    def _frames(self):
+        return None if self.mesh.frames is None else self.mesh.frames[self.point_ids]
+
+    def _turned(self, vectors):
+        return vectors if self._frames is None else np.einsum("nij,nj->ni", self._frames, vectors)
+
+    @cached_property
+    def _restrained(self):
+        """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
+        is_special = ~self._is_free.all(axis=1)
+        if self._frames is not None:
+            is_special |= (self._frames != np.eye(3)).any(axis=(1, 2))
+        rows = np.repeat(np.arange(self.pattern.n, dtype=np.int32), np.diff(self.pattern.indptr))
+        entries = np.flatnonzero(is_special[rows] | is_special[self.pattern.indices])
+        return entries, rows[entries], self.pattern.indices[entries]
+
+    def _restrain(self, data):
+        """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
+        entries, rows, columns = self._restrained
+        blocks = data[entries]
+        if self._frames is not None:
+            blocks = self._frames[rows] @ blocks @ self._frames[columns].transpose(0, 2, 1)
+        blocks *= self._is_free[rows][:, :, None] & self._is_free[columns][:, None, :]
+        is_diagonal = rows == columns
+        blocks[is_diagonal] += ~self._is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
+        data[entries] = blocks
 
 
 def _in_two(parts: np.ndarray) -> np.ndarray:
@@ -285,21 +412,3 @@ def _sum(a, b):
     total = a + b
     of_b = total - a
     return total, (a - (total - of_b)) + (b - of_b)
-
-
-class EquilibriumMover(IncrementalMover):
-    """What the movers of elements share: an increment is an equilibrium.
-
-    A leaf has the fields ``mesh``, ``n_increments``, ``solver`` and ``keep_factors``, and says what its elements are.
-    """
-
-    def _elements(self, initial: np.ndarray, before: np.ndarray) -> Elements:
-        """Elements at the points before an increment, stiffened by those before the move."""
-        raise NotImplementedError
-
-    @cached_property
-    def _equilibrium(self) -> Equilibrium:
-        return Equilibrium(self.mesh, self.solver, self.keep_factors)
-
-    def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
-        return self._equilibrium.step(self._elements(initial, before), initial, before, surface)

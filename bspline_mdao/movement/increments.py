@@ -1,4 +1,10 @@
-"""A move in increments, Eq. (8), with its exact derivative through all of them."""
+"""A move in increments, Eq. (8), with its exact derivative through all of them. Theory: ``docs/theory/elasticity.rst``.
+
+The surface goes from b_srf^(0) to b_srf^(m) along straight lines, in m equal increments; each moves the mesh from
+b^(i-1) to b^(i), with a stiffness that depends on b^(i-1) and b^(0). So does its derivative: forward products go
+through the increments in their order, transposed ones in the reverse order. What one increment does is the mover's;
+for elastic elements it is `bspline_mdao.movement.equilibrium`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,6 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from numbers import Integral
 
 import numpy as np
@@ -16,7 +21,7 @@ from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
 from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
-__all__ = ["AUTO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
+__all__ = ["AUTO", "GOOD_RATIO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
 
 LOGGER = logging.getLogger(__name__)
 """Tells of every increment that is done, with the arguments ``(increment, n_increments)``."""
@@ -43,11 +48,15 @@ class IncrementalMovement:
         The increments.
     report : MovementReport
         What they did.
+    start : object, optional
+        What moves from the same initial points can share, to be handed to the mover's next ``move`` as its ``start``;
+        None where there is nothing.
     """
 
     surface_ids: np.ndarray
     steps: tuple[Step, ...]
     report: MovementReport
+    start: object = None
 
     @property
     def points(self) -> np.ndarray:
@@ -130,8 +139,24 @@ def in_increments(
     require_number(n_increments)
     initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
     check_request(mesh, initial, surface)
-    make = partial(_made, mesh, step, initial, surface)
-    return _as_needed(make, numbers) if n_increments == AUTO else make(n_increments)
+    if n_increments != AUTO:
+        return _follow(mesh, step, initial, surface, n_increments)
+    began, movement, tried = time.perf_counter(), None, []
+    for number in numbers:
+        movement = None  # the factors of the last one make room for those of the next
+        try:
+            movement = _follow(mesh, step, initial, surface, number)
+            tried.append(Trial(number, movement.report.increments[-1].corner_ratio))
+        except MovementError as error:
+            tried.append(Trial(number, -np.inf, str(error)))
+        if tried[-1].corner_ratio >= GOOD_RATIO:
+            break
+    best = max(reversed(tried), key=lambda trial: trial.corner_ratio)
+    if movement is None or best is not tried[-1]:
+        movement = None
+        movement = _follow(mesh, step, initial, surface, best.n_increments)
+    report = replace(movement.report, seconds=time.perf_counter() - began, tried=tuple(tried))
+    return replace(movement, report=report)
 
 
 def require_number(n_increments: int | str) -> None:
@@ -141,9 +166,9 @@ def require_number(n_increments: int | str) -> None:
         raise InputError(f"movement: {n_increments} increments; give a whole number from 1, or '{AUTO}'")
 
 
-def _made(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
-    """Make a move in so many increments."""
-    start, steps, reports = time.perf_counter(), [], []
+def _follow(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
+    """Move the mesh behind its surface in a number of equal increments, i = 1 to m of Eq. (8)."""
+    began, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
     for i in range(1, n_increments + 1):
         try:
@@ -155,28 +180,13 @@ def _made(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
         tangling = mesh.tangled(before)
         reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
         LOGGER.info("increment %d of %d", i, n_increments)
-    report = MovementReport(tuple(reports), time.perf_counter() - start, n_invalid=mesh.n_invalid)
+    report = MovementReport(tuple(reports), time.perf_counter() - began, n_invalid=mesh.n_invalid)
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 
 
-def _as_needed(make: Callable[[int], IncrementalMovement], numbers: Sequence[int]) -> IncrementalMovement:
-    """Make a move with the first number that keeps the mesh good, or else with the best."""
-    start, tried = time.perf_counter(), []
-    for n_increments in numbers:
-        movement = None  # the factors of the last one make room for those of the next
-        try:
-            movement = make(n_increments)
-            tried.append(Trial(n_increments, movement.report.increments[-1].corner_ratio))
-        except MovementError as error:
-            tried.append(Trial(n_increments, -np.inf, str(error)))
-        if tried[-1].corner_ratio >= GOOD_RATIO:
-            break
-    best = max(reversed(tried), key=lambda trial: trial.corner_ratio)
-    if best is not tried[-1]:
-        movement = None
-    movement = movement or make(best.n_increments)
-    report = replace(movement.report, seconds=time.perf_counter() - start, tried=tuple(tried))
-    return replace(movement, report=report)
+def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
+    """Surface after increment i of m, b_srf^(i): the last ends exactly on ``stop``; one at rest stays at ``start``."""
+    return stop if i == m else start + (i / m) * (stop - start)
 
 
 class IncrementalMover:
@@ -207,8 +217,3 @@ class IncrementalMover:
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> Step:
         """Make one increment, see `in_increments`."""
         raise NotImplementedError
-
-
-def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
-    """Surface after increment i of m: the last one ends exactly on ``stop``, and no move stays exactly at ``start``."""
-    return stop if i == m else start + (i / m) * (stop - start)

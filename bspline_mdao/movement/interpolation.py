@@ -1,7 +1,13 @@
-"""One increment of a mover that interpolates the displacement of its surface.
+"""One increment of a mover that interpolates the displacement of its surface. Theory: ``docs/theory/movers.rst``.
 
-What such movers have in common: the displacement of the surface is carried to all points by some interpolation, points
-take of it what they may do, and the surface itself is put where it was asked for.
+What such movers have in common: some interpolation takes the displacement of the surface to all points, each of these
+follows it in the directions in which it may move, and the surface itself is put where it was asked for.
+
+Scattered interpolation has centres: the points whose displacement is prescribed. The two sides of a flat plate hold
+different points at one place, which may be asked to part, while such interpolation knows a point by its place alone.
+Twins are therefore moved apart, for the weights only, into the side of the mesh that each belongs to: `APART` of the
+way to the points beside it that are free. What is left at one place after that counts once. The surface itself always
+ends where it was asked for.
 """
 
 from __future__ import annotations
@@ -10,11 +16,23 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy import sparse
+from scipy.spatial import KDTree
 
 from ..mesh.moving_mesh import MovingMesh
 from .mover import SolveReport
 
-__all__ = ["InterpolatedStep", "Interpolation", "interpolated_step"]
+__all__ = [
+    "APART",
+    "COINCIDENT",
+    "CentredInterpolation",
+    "Centres",
+    "InterpolatedStep",
+    "Interpolation",
+    "Scattered",
+    "find_centres",
+    "interpolated_step",
+]
 
 
 class Interpolation(Protocol):
@@ -100,3 +118,161 @@ def interpolated_step(
     points = before + mesh.slide(interpolation.values)
     points[mesh.surface_ids] = surface
     return InterpolatedStep(mesh, points, interpolation, report)
+
+
+COINCIDENT = 1e-9
+"""Known points nearer than this fraction of the mesh's size are at one place."""
+
+
+APART = 0.5
+"""Part of the way to their free neighbours by which centres at one place are moved apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Centres:
+    """Centres, those on the surface first.
+
+    Parameters
+    ----------
+    ids : ndarray of int, shape (n_centres,)
+        The known points that are centres.
+    surface_rows : ndarray of int, shape (n_moving,)
+        Rows of the surface's points; the centres after these are held.
+    target_ids : ndarray of int, shape (n_targets,)
+        Points that have any freedom.
+    position : scipy.sparse.csr_array, shape (n_centres, n_points)
+        Place of the centres, as weights of the mesh's points.
+    n_surface, n_points : int
+        Numbers of points on the surface and of the mesh.
+    """
+
+    ids: np.ndarray
+    surface_rows: np.ndarray
+    target_ids: np.ndarray
+    position: sparse.csr_array
+    n_surface: int
+    n_points: int
+
+    def displacement(self, of_surface: np.ndarray) -> np.ndarray:
+        """Displacement of the centres, (n_centres, 3), from that of the surface, (n_surface, 3)."""
+        displacement = np.zeros((len(self.ids), 3), dtype=of_surface.dtype)
+        displacement[: len(self.surface_rows)] = of_surface[self.surface_rows]
+        return displacement
+
+    def displacement_transpose(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `displacement`."""
+        of_surface = np.zeros((self.n_surface, 3), dtype=bar.dtype)
+        of_surface[self.surface_rows] = bar[: len(self.surface_rows)]
+        return of_surface
+
+    def at_all_points(self, at_targets: np.ndarray) -> np.ndarray:
+        """Values at all points, (n_points, 3), from those at targets, (n_targets, 3); zero elsewhere."""
+        values = np.zeros((self.n_points, 3), dtype=at_targets.dtype)
+        values[self.target_ids] = at_targets
+        return values
+
+
+class Scattered(Protocol):
+    """Interpolation of displacements from centres to targets."""
+
+    values: np.ndarray
+    """Displacements of the targets, shape (n_targets, 3), in metres."""
+
+    def jvp(self, d_targets: np.ndarray, d_centres: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
+        """Change of the values for changes of the targets, of the centres and of their displacements."""
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+
+
+@dataclass(frozen=True, eq=False)
+class CentredInterpolation:
+    """Interpolation of the surface's displacement by way of centres.
+
+    Parameters
+    ----------
+    centres : Centres
+        Where the displacement is known.
+    scattered : Scattered
+        Interpolation between them.
+    """
+
+    centres: Centres
+    scattered: Scattered
+
+    @property
+    def values(self) -> np.ndarray:
+        """Displacements, shape (n_points, 3), in metres."""
+        return self.centres.at_all_points(self.scattered.values)
+
+    def jvp(self, d_points: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
+        """Change of the values for changes of the points and of the surface's displacement."""
+        centres = self.centres
+        d_centres, d_known = centres.position @ d_points, centres.displacement(d_displacement)
+        return centres.at_all_points(self.scattered.jvp(d_points[centres.target_ids], d_centres, d_known))
+
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`."""
+        centres = self.centres
+        targets_bar, centres_bar, known_bar = self.scattered.vjp(bar[centres.target_ids])
+        points_bar = centres.position.T @ centres_bar
+        points_bar[centres.target_ids] += targets_bar
+        return points_bar, centres.displacement_transpose(known_bar)
+
+
+def find_centres(mesh: MovingMesh) -> Centres:
+    """Make centres of all points of the surface and all held ones, as they are on the baseline.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        The mesh.
+
+    Returns
+    -------
+    Centres
+    """
+    known_ids = np.concatenate([mesh.surface_ids, mesh.fixed_ids])
+    position = _selection(known_ids, mesh.n_points) + APART * _aside(mesh, known_ids)
+    is_kept = np.ones(len(known_ids), dtype=bool)
+    is_kept[_twins(position @ mesh.points, mesh.size)[1]] = False
+    kept = np.flatnonzero(is_kept)
+    surface_rows = kept[kept < len(mesh.surface_ids)]
+    target_ids = np.flatnonzero(mesh.is_free.any(axis=1))
+    return Centres(known_ids[kept], surface_rows, target_ids, position[kept], len(mesh.surface_ids), mesh.n_points)
+
+
+def _selection(ids: np.ndarray, n_points: int) -> sparse.csr_array:
+    return sparse.csr_array((np.ones(len(ids)), (np.arange(len(ids)), ids)), shape=(len(ids), n_points))
+
+
+def _twins(points: np.ndarray, size: float) -> np.ndarray:
+    """Pairs of points at one place, shape (2, n_pairs), the first of a pair before the second."""
+    return KDTree(points).query_pairs(COINCIDENT * size, output_type="ndarray").T
+
+
+def _aside(mesh: MovingMesh, known_ids: np.ndarray) -> sparse.csr_array:
+    """Way from each twin to the mean of the points beside it that are free, or at least not on the surface."""
+    twins = np.unique(_twins(mesh.points[known_ids], mesh.size))
+    beside = _neighbours(mesh)[known_ids[twins]]
+    is_surface = np.zeros(mesh.n_points)
+    is_surface[mesh.surface_ids] = 1.0
+    chosen = beside @ sparse.diags_array(mesh.is_free.any(axis=1).astype(float))
+    has_none = (chosen.sum(axis=1) == 0.0).astype(float)
+    chosen = chosen + sparse.diags_array(has_none) @ beside @ sparse.diags_array(1.0 - is_surface)
+    counts = chosen.sum(axis=1)
+    mean = sparse.diags_array(1.0 / np.maximum(counts, 1.0)) @ chosen
+    way = mean - sparse.diags_array((counts > 0.0).astype(float)) @ _selection(known_ids[twins], mesh.n_points)
+    return _selection(twins, len(known_ids)).T @ way
+
+
+def _neighbours(mesh: MovingMesh) -> sparse.csr_array:
+    """1 where two points are neighbours along a line of a block, shape (n_points, n_points)."""
+    pairs = [
+        (ids.take(range(n - 1), d).ravel(), ids.take(range(1, n), d).ravel())
+        for ids in mesh.blocks
+        for d, n in enumerate(ids.shape)
+    ]
+    first, second = (np.concatenate(ends) for ends in zip(*pairs))
+    graph = sparse.csr_array((np.ones(len(first)), (first, second)), shape=(mesh.n_points, mesh.n_points))
+    return ((graph + graph.T) > 0.0).astype(float)

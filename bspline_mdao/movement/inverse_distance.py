@@ -12,11 +12,8 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add, add_to, dot, less, row, scaled
 from ..topology.boundary_surface import quads_in_turn
-from .centres import CentredInterpolation, Centres, find_centres
 from .increments import IncrementalMover
-from .interpolation import InterpolatedStep, interpolated_step
-
-__all__ = ["InverseDistance"]
+from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find_centres, interpolated_step
 
 TOUCHING = 1e-24
 """Added to squared distances in units of the mesh's size, so that a point at the place of a centre follows it."""
@@ -56,8 +53,6 @@ class InverseDistance(IncrementalMover):
     exponents: tuple[int, int] = (3, 5)
     reach: float = 0.1
     n_increments: int | str = 1
-
-    name = "inverse distance"
 
     def __post_init__(self):
         super().__post_init__()

@@ -26,6 +26,7 @@ __all__ = [
     "Trial",
     "check_reach",
     "check_request",
+    "differentiable",
     "digits_of",
 ]
 

@@ -1,6 +1,7 @@
-"""The numbers Q that the springs of a hexahedron hold on to: their gradients g, and the change of g along a field.
+"""The numbers Q that the springs of a hexahedron resist: their gradients g, and the change of g along a field.
 
-See `bspline_mdao.movement.spring_element` for what Q is. Corners and gradients are arrays, shapes (8, 3) and (4, 3).
+See `bspline_mdao.movement.springs` for what Q is. Theory: ``docs/theory/springs.rst``. Corners and gradients are
+arrays, shapes (8, 3) and (4, 3).
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ import numpy as np
 from numba import njit
 
 from ..numerics.vectors import add, cross, dot, less, row, scaled
-from .gauss_points import FAST
-from .regularization import FLAT_CORNER, floored
+from .trilinear import FAST, FLAT_CORNER, regularised
 
 __all__ = ["COUNTS", "N_LINEAL", "N_SPRINGS", "POINTS", "gradient", "gradient_change"]
 
+
 N_LINEAL = 28
 """Pairs of corners."""
+
 
 N_SPRINGS = N_LINEAL + 8 * 4
 """All springs of an element: at every corner three angles and the triple product."""
@@ -34,10 +36,14 @@ def _points():
 POINTS = _points()
 """Corners of every spring."""
 
+
 COUNTS = np.array([2] * N_LINEAL + [3, 3, 3, 4] * 8)
 """How many of them count."""
 
-_SHARES = np.array([(0.5, np.sqrt(0.5), 1.0)[bin(p ^ q).count("1") - 1] for p, q in POINTS[:N_LINEAL, :2]])
+
+_WEIGHTS = np.array([(0.5, np.sqrt(0.5), 1.0)[bin(p ^ q).count("1") - 1] for p, q in POINTS[:N_LINEAL, :2]])
+
+
 _PARITY = np.array([(-1.0) ** bin(c).count("1") for c in range(8)])
 
 
@@ -46,10 +52,10 @@ _TINY = 1e-150
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _inverse_floor(t, t_0):
-    """Inverse of the floor of t at t_0, and its derivative."""
-    floor, slope = floored(t, t_0)
-    inverse = 1.0 / floor
+def _inverse_regularised(t, t_0):
+    """Inverse of t regularised at t_0, and its derivative."""
+    number, slope = regularised(t, t_0)
+    inverse = 1.0 / number
     return inverse, -slope * inverse * inverse
 
 
@@ -96,9 +102,9 @@ def _put(g, n, vector):
 def _lineal(x, points, factor, power, g):
     """Gradient of the Q of a lineal spring by its ends."""
     direction, inverse = _unit(x, points[0], points[1])
-    by_end = scaled(factor * inverse ** (0.5 * power), direction)
-    _put(g, 0, scaled(-1.0, by_end))
-    _put(g, 1, by_end)
+    pull = scaled(factor * inverse ** (0.5 * power), direction)
+    _put(g, 0, scaled(-1.0, pull))
+    _put(g, 1, pull)
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -107,20 +113,20 @@ def _lineal_change(x, dx, points, factor, power, dg):
     direction, inverse = _unit(x, points[0], points[1])
     d_edge = less(row(dx, points[1]), row(dx, points[0]))
     along = (1.0 + 0.5 * power) * dot(direction, d_edge)
-    by_end = scaled(factor * inverse ** (1.0 + 0.5 * power), _across(along, direction, d_edge))
-    _put(dg, 0, scaled(-1.0, by_end))
-    _put(dg, 1, by_end)
+    pull = scaled(factor * inverse ** (1.0 + 0.5 * power), _across(along, direction, d_edge))
+    _put(dg, 0, scaled(-1.0, pull))
+    _put(dg, 1, pull)
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _angular(x, points, factor, g):
     """Gradient of the Q of an angle by its vertex and the ends of its legs."""
-    a, by_a = _unit(x, points[0], points[1])
-    b, by_b = _unit(x, points[0], points[2])
+    a, inverse_a = _unit(x, points[0], points[1])
+    b, inverse_b = _unit(x, points[0], points[2])
     cosine = dot(a, b)
-    slope = -factor * _inverse_floor(1.0 - cosine * cosine, FLAT_CORNER * FLAT_CORNER)[0]
-    first = scaled(slope * by_a, _across(cosine, a, b))
-    second = scaled(slope * by_b, _across(cosine, b, a))
+    slope = -factor * _inverse_regularised(1.0 - cosine * cosine, FLAT_CORNER * FLAT_CORNER)[0]
+    first = scaled(slope * inverse_a, _across(cosine, a, b))
+    second = scaled(slope * inverse_b, _across(cosine, b, a))
     _put(g, 0, scaled(-1.0, add(first, second)))
     _put(g, 1, first)
     _put(g, 2, second)
@@ -129,17 +135,17 @@ def _angular(x, points, factor, g):
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _angular_change(x, dx, points, factor, dg):
     """Change of `_angular`."""
-    a, by_a = _unit(x, points[0], points[1])
-    b, by_b = _unit(x, points[0], points[2])
-    d_a, d_by_a = _unit_change(dx, points[0], points[1], a, by_a)
-    d_b, d_by_b = _unit_change(dx, points[0], points[2], b, by_b)
+    a, inverse_a = _unit(x, points[0], points[1])
+    b, inverse_b = _unit(x, points[0], points[2])
+    d_a, d_inverse_a = _unit_change(dx, points[0], points[1], a, inverse_a)
+    d_b, d_inverse_b = _unit_change(dx, points[0], points[2], b, inverse_b)
     cosine, d_cosine = dot(a, b), dot(d_a, b) + dot(a, d_b)
-    inverse, by_square = _inverse_floor(1.0 - cosine * cosine, FLAT_CORNER * FLAT_CORNER)
-    slope, d_slope = -factor * inverse, 2.0 * factor * by_square * cosine * d_cosine
+    inverse, square_slope = _inverse_regularised(1.0 - cosine * cosine, FLAT_CORNER * FLAT_CORNER)
+    slope, d_slope = -factor * inverse, 2.0 * factor * square_slope * cosine * d_cosine
     d_first = _across_change(cosine, d_cosine, a, d_a, d_b)
     d_second = _across_change(cosine, d_cosine, b, d_b, d_a)
-    first = _product_change(slope, d_slope, by_a, d_by_a, _across(cosine, a, b), d_first)
-    second = _product_change(slope, d_slope, by_b, d_by_b, _across(cosine, b, a), d_second)
+    first = _product_change(slope, d_slope, inverse_a, d_inverse_a, _across(cosine, a, b), d_first)
+    second = _product_change(slope, d_slope, inverse_b, d_inverse_b, _across(cosine, b, a), d_second)
     _put(dg, 0, scaled(-1.0, add(first, second)))
     _put(dg, 1, first)
     _put(dg, 2, second)
@@ -148,15 +154,15 @@ def _angular_change(x, dx, points, factor, dg):
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _solid(x, points, factor, sign, g):
     """Gradient of the Q of a corner by its vertex and the ends of its three edges."""
-    a, by_a = _unit(x, points[0], points[1])
-    b, by_b = _unit(x, points[0], points[2])
-    c, by_c = _unit(x, points[0], points[3])
+    a, inverse_a = _unit(x, points[0], points[1])
+    b, inverse_b = _unit(x, points[0], points[2])
+    c, inverse_c = _unit(x, points[0], points[3])
     bc, ca, ab = cross(b, c), cross(c, a), cross(a, b)
     t = dot(a, bc)
-    slope = sign * factor * _inverse_floor(sign * t, FLAT_CORNER)[0]
-    first = scaled(slope * by_a, _across(t, a, bc))
-    second = scaled(slope * by_b, _across(t, b, ca))
-    third = scaled(slope * by_c, _across(t, c, ab))
+    slope = sign * factor * _inverse_regularised(sign * t, FLAT_CORNER)[0]
+    first = scaled(slope * inverse_a, _across(t, a, bc))
+    second = scaled(slope * inverse_b, _across(t, b, ca))
+    third = scaled(slope * inverse_c, _across(t, c, ab))
     _put(g, 0, scaled(-1.0, add(first, add(second, third))))
     _put(g, 1, first)
     _put(g, 2, second)
@@ -166,22 +172,22 @@ def _solid(x, points, factor, sign, g):
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _solid_change(x, dx, points, factor, sign, dg):
     """Change of `_solid`."""
-    a, by_a = _unit(x, points[0], points[1])
-    b, by_b = _unit(x, points[0], points[2])
-    c, by_c = _unit(x, points[0], points[3])
-    d_a, d_by_a = _unit_change(dx, points[0], points[1], a, by_a)
-    d_b, d_by_b = _unit_change(dx, points[0], points[2], b, by_b)
-    d_c, d_by_c = _unit_change(dx, points[0], points[3], c, by_c)
+    a, inverse_a = _unit(x, points[0], points[1])
+    b, inverse_b = _unit(x, points[0], points[2])
+    c, inverse_c = _unit(x, points[0], points[3])
+    d_a, d_inverse_a = _unit_change(dx, points[0], points[1], a, inverse_a)
+    d_b, d_inverse_b = _unit_change(dx, points[0], points[2], b, inverse_b)
+    d_c, d_inverse_c = _unit_change(dx, points[0], points[3], c, inverse_c)
     bc, ca, ab = cross(b, c), cross(c, a), cross(a, b)
     t, d_t = dot(a, bc), dot(d_a, bc) + dot(d_b, ca) + dot(d_c, ab)
-    inverse, by_triple = _inverse_floor(sign * t, FLAT_CORNER)
-    slope, d_slope = sign * factor * inverse, factor * by_triple * d_t
+    inverse, triple_slope = _inverse_regularised(sign * t, FLAT_CORNER)
+    slope, d_slope = sign * factor * inverse, factor * triple_slope * d_t
     d_first = _across_change(t, d_t, a, d_a, add(cross(d_b, c), cross(b, d_c)))
     d_second = _across_change(t, d_t, b, d_b, add(cross(d_c, a), cross(c, d_a)))
     d_third = _across_change(t, d_t, c, d_c, add(cross(d_a, b), cross(a, d_b)))
-    first = _product_change(slope, d_slope, by_a, d_by_a, _across(t, a, bc), d_first)
-    second = _product_change(slope, d_slope, by_b, d_by_b, _across(t, b, ca), d_second)
-    third = _product_change(slope, d_slope, by_c, d_by_c, _across(t, c, ab), d_third)
+    first = _product_change(slope, d_slope, inverse_a, d_inverse_a, _across(t, a, bc), d_first)
+    second = _product_change(slope, d_slope, inverse_b, d_inverse_b, _across(t, b, ca), d_second)
+    third = _product_change(slope, d_slope, inverse_c, d_inverse_c, _across(t, c, ab), d_third)
     _put(dg, 0, scaled(-1.0, add(first, add(second, third))))
     _put(dg, 1, first)
     _put(dg, 2, second)
@@ -194,7 +200,7 @@ def gradient(x, n, sign, settings, g):
     power, torsion = settings
     points = POINTS[n]
     if n < N_LINEAL:
-        _lineal(x, points, _SHARES[n], power, g)
+        _lineal(x, points, _WEIGHTS[n], power, g)
     elif n % 4 < 3:
         _angular(x, points, torsion, g)
     else:
@@ -207,7 +213,7 @@ def gradient_change(x, dx, n, sign, settings, dg):
     power, torsion = settings
     points = POINTS[n]
     if n < N_LINEAL:
-        _lineal_change(x, dx, points, _SHARES[n], power, dg)
+        _lineal_change(x, dx, points, _WEIGHTS[n], power, dg)
     elif n % 4 < 3:
         _angular_change(x, dx, points, torsion, dg)
     else:

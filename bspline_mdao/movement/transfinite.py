@@ -1,7 +1,12 @@
-"""Algebraic movement of blocks: transfinite interpolation of the displacement of corners, edges and faces."""
+"""Algebraic movement of blocks: transfinite interpolation of the displacement of corners, edges and faces.
+
+Theory: ``docs/theory/movers.rst``. Block corners that nothing prescribes follow a network of springs along the edges of
+the blocks; the weights of all other points are made section by section: from corners to edges, faces and insides.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,13 +14,13 @@ import numpy as np
 from scipy import sparse
 
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.transfinite import boolean_sum
 from ..sparse.spring_network import SpringNetwork
-from .corners import free_corners
+from ..topology.index_space import inner_slices, sections_of, whole_slices
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
-from .section_weights import arc_lengths, transfinite_weights
 
-__all__ = ["Transfinite"]
+__all__ = ["Transfinite", "arc_lengths", "free_corners", "transfinite_weights"]
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,6 @@ class Transfinite(IncrementalMover):
 
     mesh: MovingMesh
     n_increments: int | str = 1
-
-    name = "transfinite"
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         displacement = surface - before[self.mesh.surface_ids]
@@ -85,3 +88,115 @@ class _Constant:
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros_like(bar), self.weights.transpose_dot(bar)
+
+
+def free_corners(mesh: MovingMesh) -> SpringNetwork:
+    """Connect the corners along the edges of all blocks by springs, as stiff as the edges are short on the baseline.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        The blocks.
+
+    Returns
+    -------
+    SpringNetwork
+        Its given points are those of the surface.
+    """
+    lengths = {}
+    for ids in mesh.blocks:
+        for section in sections_of(ids.shape, n_free=1):
+            edge = ids[whole_slices(section)].ravel()
+            ends = (int(min(edge[0], edge[-1])), int(max(edge[0], edge[-1])))
+            if ends[0] != ends[1]:  # neither collapsed nor closed
+                lengths[ends] = np.linalg.norm(np.diff(mesh.points[edge], axis=0), axis=1).sum()
+    return SpringNetwork.of(
+        mesh.n_points, lengths, mesh.surface_ids, mesh.fixed_ids, lambda ids: _directions(mesh, ids)
+    )
+
+
+def _directions(mesh: MovingMesh, ids: np.ndarray) -> sparse.csr_array:
+    """Directions in which points may move as orthonormal columns, shape (3 n, n_free)."""
+    frames = np.broadcast_to(np.eye(3), (len(ids), 3, 3)) if mesh.frames is None else mesh.frames[ids]
+    blocks = sparse.block_diag(list(frames.transpose(0, 2, 1)), format="csc") if len(ids) else sparse.csc_array((0, 0))
+    return sparse.csr_array(blocks[:, np.flatnonzero(mesh.is_free[ids])])
+
+
+def arc_lengths(points: np.ndarray) -> np.ndarray:
+    """Place of every point on the three grid lines through it, from 0 to 1 by arc length.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N0, N1, N2, 3)
+        Points of a block (m).
+
+    Returns
+    -------
+    ndarray, shape (N0, N1, N2, 3)
+        By direction; uniform along lines without length.
+    """
+    places = np.empty_like(points)
+    for d in range(3):
+        lengths = np.linalg.norm(np.diff(points, axis=d), axis=-1)
+        lengths = np.where(lengths.sum(axis=d, keepdims=True) > 0.0, lengths, 1.0)
+        sums = np.insert(np.cumsum(lengths, axis=d), 0, 0.0, axis=d)
+        places[..., d] = sums / sums.take([-1], axis=d)
+    return places
+
+
+def transfinite_weights(
+    blocks: Sequence[np.ndarray], places: Sequence[np.ndarray], known_ids: np.ndarray, n_points: int
+) -> sparse.csr_array:
+    """Weights by which all points follow the known ones.
+
+    Inside a section whose boundary is known, the interpolant is that of `bspline_mdao.numerics.transfinite`. Points
+    that are known, or belong to an earlier section, keep what they have: shared sections are interpolated once, and all
+    blocks agree.
+
+    Parameters
+    ----------
+    blocks : sequence of ndarray of int, each of shape (N0, N1, N2)
+        Points of every block.
+    places : sequence of ndarray, each of shape (N0, N1, N2, 3)
+        Where each point stands between the two ends of every direction, from 0 to 1.
+    known_ids : ndarray of int, shape (n_known,)
+        Known points; all corners of all blocks are among them.
+    n_points : int
+        Number of points.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (n_points, n_known)
+    """
+    shape = (n_points, len(known_ids))
+    weights = sparse.csr_array((np.ones(len(known_ids)), (known_ids, np.arange(len(known_ids)))), shape=shape)
+    is_done = np.zeros(n_points, dtype=bool)
+    is_done[known_ids] = True
+    for n_free in (1, 2, 3):
+        parts = [(rows, section @ weights) for rows, section in _sections(blocks, places, is_done, n_free)]
+        weights = weights + _in_rows(parts, shape)
+    return weights
+
+
+def _in_rows(parts, shape) -> sparse.csr_array:
+    """Matrix of the given rows, zero in the others."""
+    rows = np.concatenate([np.zeros(0, dtype=int), *(rows for rows, _ in parts)])
+    stacked = sparse.vstack([sparse.csr_array((0, shape[1])), *(part for _, part in parts)], format="csr")
+    spread = sparse.csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(shape[0], len(rows)))
+    return spread @ stacked
+
+
+def _sections(blocks, places, is_done: np.ndarray, n_free: int) -> Iterator[tuple[np.ndarray, sparse.csr_array]]:
+    """Points of every section that are not done yet, and their weights of all points; marks them as done."""
+    for ids, place in zip(blocks, places):
+        for section in sections_of(ids.shape, n_free):
+            inner = ids[inner_slices(section)].ravel()
+            rows, first = np.unique(inner, return_index=True)  # a folded section holds points twice
+            first, rows = first[~is_done[rows]], rows[~is_done[rows]]
+            is_done[rows] = True
+            if len(rows):
+                whole = whole_slices(section)
+                columns, values = boolean_sum(place[whole], first)
+                numbers = np.tile(np.arange(len(rows)), len(columns))
+                entries = values.ravel(), (numbers, ids[whole].ravel()[columns.ravel()])
+                yield rows, sparse.csr_array(entries, shape=(len(rows), len(is_done)))

@@ -1,4 +1,6 @@
-"""Stiffness laws: Young's modulus of every element at the start of an increment.
+"""Stiffness laws: Young's modulus E of every element at the start of an increment, and the orthogonality measure Phi.
+
+Section III.B of the paper, after Eq. (8). Theory: ``docs/theory/elasticity.rst``.
 
 A law is any object with `StiffnessLaw.modulus` and its two derivative products; it is asked with the initial points of
 the whole move and the points before the increment. Only ratios of the modulus between elements matter.
@@ -11,13 +13,21 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from scipy.spatial import cKDTree
 
+from ..cells.hexahedron import ElementMeasures, element_measures, element_measures_vjp
 from ..mesh.moving_mesh import MovingMesh
-from .element_corners import add_at_corners, contract
-from .element_measures import FlooredMeasures
+from .trilinear import FLAT_CORNER, FLAT_ELEMENT, add_at_corners, regularised_array
 
-__all__ = ["ConstantLaw", "InverseVolumeLaw", "OrthogonalityLaw", "StiffnessLaw", "WallDistanceLaw"]
+__all__ = [
+    "ConstantLaw",
+    "InverseVolumeLaw",
+    "OrthogonalityLaw",
+    "RegularisedMeasures",
+    "StiffnessLaw",
+    "WallDistanceLaw",
+]
 
 
 class StiffnessLaw(Protocol):
@@ -51,7 +61,9 @@ class _CornerLaw:
     def modulus_jvp(self, mesh, initial, points, d_initial, d_points):
         """Change of the modulus."""
         changes = zip(self._log_gradients(mesh, initial, points), (d_initial, d_points))
-        change = sum(contract(gradient, mesh.elements, d) for gradient, d in changes if gradient is not None)
+        change = sum(
+            np.einsum("ecd,ecd->e", gradient, d[mesh.elements]) for gradient, d in changes if gradient is not None
+        )
         return self.modulus(mesh, initial, points) * change
 
     def modulus_vjp(self, mesh, initial, points, bar):
@@ -74,11 +86,11 @@ class OrthogonalityLaw(_CornerLaw):
 
     def modulus(self, mesh, initial, points):
         """See `StiffnessLaw.modulus`."""
-        at_start, now = FlooredMeasures(mesh, initial), FlooredMeasures(mesh, points)
+        at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return np.exp(2.0 * (at_start.log_orthogonality - now.log_orthogonality) - now.log_volume)
 
     def _log_gradients(self, mesh, initial, points):
-        at_start, now = FlooredMeasures(mesh, initial), FlooredMeasures(mesh, points)
+        at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return at_start.gradient(2.0, 0.0), now.gradient(-2.0, -1.0)
 
 
@@ -96,10 +108,10 @@ class InverseVolumeLaw(_CornerLaw):
 
     def modulus(self, mesh, initial, points):
         """See `StiffnessLaw.modulus`."""
-        return np.exp(-self.power * FlooredMeasures(mesh, points).log_volume)
+        return np.exp(-self.power * RegularisedMeasures.at(mesh, points).log_volume)
 
     def _log_gradients(self, mesh, initial, points):
-        return None, FlooredMeasures(mesh, points).gradient(0.0, -self.power)
+        return None, RegularisedMeasures.at(mesh, points).gradient(0.0, -self.power)
 
 
 @dataclass(frozen=True)
@@ -166,3 +178,98 @@ def _nearest(mesh: MovingMesh) -> np.ndarray:
     """Surface point nearest to every element on the baseline."""
     _, rows = cKDTree(mesh.points[mesh.surface_ids]).query(mesh.points[mesh.elements].mean(axis=1))
     return mesh.surface_ids[rows]
+
+
+LEAST_ORTHOGONALITY = 1e-5
+"""Where Q is regularised, which keeps Phi = 1 / Q^2 below 4e10: without that K loses definiteness to round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegularisedMeasures:
+    """Orthogonality and volume of all elements as the stiffness sees them: always positive.
+
+    Both are given as logarithms, with the gradient of any combination of them with respect to the corners, from which
+    follow the derivatives in both directions.
+
+    Parameters
+    ----------
+    mesh : MovingMesh
+        Its baseline decides which corners are degenerate.
+    corners : ndarray, shape (n_elements, 8, 3)
+        Points at the corners (m).
+    measures : ElementMeasures
+        Triple products and volumes as they are.
+    squares : ndarray, shape (n_elements, 3)
+        Mean squares of the four edges along each direction (m2).
+    fullness : ndarray, shape (n_elements,)
+        Volume over the product of the three lengths: 1 in a box, less in any other element.
+    """
+
+    mesh: MovingMesh
+    corners: np.ndarray
+    measures: ElementMeasures
+    squares: np.ndarray
+    fullness: np.ndarray
+
+    @classmethod
+    def at(cls, mesh: MovingMesh, points: np.ndarray) -> RegularisedMeasures:
+        """Measure the elements at points, shape (n_points, 3), in metres."""
+        corners = points[mesh.elements]
+        measures, squares = element_measures(corners, mesh.handedness, mesh.degenerate_corners), _mean_squares(corners)
+        return cls(mesh, corners, measures, squares, measures.volume / np.sqrt(squares.prod(axis=1)))
+
+    @property
+    def log_orthogonality(self) -> np.ndarray:
+        """Logarithm of Q, Eq. (9), with each factor and the product regularised, shape (n_elements,)."""
+        factors, _ = regularised_array(self.measures.triples, FLAT_CORNER)
+        return np.log(regularised_array(factors.prod(axis=1), LEAST_ORTHOGONALITY)[0])
+
+    @property
+    def log_volume(self) -> np.ndarray:
+        """Logarithm of the volume, regularised relative to the product of the root-mean-square edge lengths."""
+        return np.log(regularised_array(self.fullness, FLAT_ELEMENT)[0]) + 0.5 * np.log(self.squares).sum(axis=1)
+
+    def gradient(self, orthogonality_factor: float, volume_factor: float) -> np.ndarray:
+        """Gradient of a combination of both logarithms with respect to the corners, shape (n_elements, 8, 3)."""
+        mesh = self.mesh
+        number, slope = regularised_array(self.fullness, FLAT_ELEMENT)
+        volume_bar = volume_factor * slope / (number * np.sqrt(self.squares.prod(axis=1)))
+        triples_bar = orthogonality_factor * self._orthogonality_slopes()
+        total = element_measures_vjp(self.corners, mesh.handedness, mesh.degenerate_corners, triples_bar, volume_bar)
+        lengths_bar = volume_factor * (1.0 - self.fullness * slope / number)
+        if lengths_bar.any():
+            _add_length_gradients(self.corners, lengths_bar[:, None] / (4.0 * self.squares), total)
+        return total
+
+    def _orthogonality_slopes(self):
+        """Derivatives of the logarithm of Q with respect to the corner triple products."""
+        factors, triple_slopes = regularised_array(self.measures.triples, FLAT_CORNER)
+        product = factors.prod(axis=1)
+        number, product_slope = regularised_array(product, LEAST_ORTHOGONALITY)
+        return (product * product_slope / number)[:, None] * triple_slopes / factors
+
+
+@njit(cache=True)
+def _mean_squares(corners):
+    """Mean squares of the four edges along each direction, shape (n_elements, 3)."""
+    squares = np.zeros((len(corners), 3))
+    for element in range(len(corners)):
+        for direction in range(3):
+            for start in range(8):
+                end = start | 1 << direction
+                for d in range(3):
+                    squares[element, direction] += 0.25 * (corners[element, end, d] - corners[element, start, d]) ** 2
+    return squares
+
+
+@njit(cache=True)
+def _add_length_gradients(corners, factors, gradient):
+    """Add factors, shape (n_elements, 3), times the edges along each direction to the ends of these."""
+    for element in range(len(corners)):
+        for direction in range(3):
+            for start in range(8):
+                end = start | 1 << direction
+                for d in range(3):
+                    pull = factors[element, direction] * (corners[element, end, d] - corners[element, start, d])
+                    gradient[element, end, d] += pull
+                    gradient[element, start, d] -= pull

@@ -31,7 +31,7 @@ class ControlMeshMove(om.ExplicitComponent):
     """Move the control mesh behind its surface, section III, with the exact derivative through all increments.
 
     The mover is an object: one of `bspline_mdao.movement`, or the user's own, see `bspline_mdao.movement.mover.Mover`.
-    Surface control points end where they are asked for, those on symmetry planes slide in them, held ones stay.
+    Surface control points end where they are asked for, those on symmetry planes slide in them, fixed ones stay.
 
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
@@ -85,6 +85,7 @@ class ControlMeshMove(om.ExplicitComponent):
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self._last: _Move | None = None
+        self._start: object = None
         self._n_increments: int | None = None
 
     @property
@@ -96,7 +97,7 @@ class ControlMeshMove(om.ExplicitComponent):
         """Declare the variables, of the sizes of the mover's mesh."""
         mesh = mesh_of(self.options["mover"], self.msginfo)
         self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
-        self._last = self._n_increments = None
+        self._last = self._start = self._n_increments = None
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
@@ -126,21 +127,27 @@ class ControlMeshMove(om.ExplicitComponent):
         with failures_as_analysis_errors(self):
             if self._last is None or not self._last.is_for(initial, surface):
                 self._last = None  # its factors make room for those of the next
-                self._last = _Move(initial.copy(), surface.copy(), self._move(initial, surface))
+                movement = self._mover.move(initial, surface, **self._options_at(initial))
+                self._start = getattr(movement, "start", None)
+                self._last = _Move(initial.copy(), surface.copy(), movement)
             if self.options["require_valid"]:
                 self._last.movement.report.require_valid()
         self._count(self._last.movement.report)
         return self._last.movement
 
-    def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
-        """Make a move; where the mover chooses the number of increments, out of those that are not given up yet."""
-        mover, last = self._mover, self._n_increments
-        if getattr(mover, "n_increments", None) != AUTO or last is None:
-            return mover.move(initial, surface)
-        if self.under_finite_difference:
-            return mover.move(initial, surface, numbers=(last,))
+    def _options_at(self, initial: np.ndarray) -> dict:
+        """Options of a move: the factor of its initial points where that is there, and numbers of increments to try.
+
+        Where the mover chooses the number, it is out of those that are not given up yet.
+        """
+        if self._start is not None and not np.array_equal(self._start.points, initial):
+            self._start = None  # its memory serves the next one
+        options, last = {} if self._start is None else {"start": self._start}, self._n_increments
+        if getattr(self._mover, "n_increments", None) != AUTO or last is None:
+            return options
         least = last if self.options["keep_increments"] else NUMBERS[0]
-        return mover.move(initial, surface, numbers=[number for number in NUMBERS if number >= least])
+        tried = (last,) if self.under_finite_difference else tuple(number for number in NUMBERS if number >= least)
+        return {**options, "numbers": tried}
 
     def _count(self, report: MovementReport) -> None:
         """Keep the number of increments of a design, and tell where it has grown."""
@@ -158,7 +165,7 @@ class ControlMeshMove(om.ExplicitComponent):
 
 
 def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
-    """Give the mesh of a mover, or raise `InputError` where it is none."""
+    """Mesh of a mover; `InputError` where it is none."""
     mesh = getattr(mover, "mesh", None)
     if mesh is None or not callable(getattr(mover, "move", None)):
         raise InputError(f"{pathname}: {mover!r} is no mover; give an object with mesh and move")

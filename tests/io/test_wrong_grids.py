@@ -14,8 +14,8 @@ from component_cases import two_blocks
 
 from bspline_mdao import (
     FittedModel,
+    FixedInterior,
     Grid,
-    Held,
     InputError,
     LinearElasticity,
     SurfaceGrid,
@@ -123,8 +123,8 @@ def test_lists_are_taken_for_arrays():
 def test_movers_take_lists():
     mesh = moving_mesh(model())
     surface = mesh.points[mesh.surface_ids] + [0.0, 0.0, 1e-3]
-    moved = Held(mesh).move(mesh.points.tolist(), surface.tolist())
-    np.testing.assert_array_equal(moved.points, Held(mesh).move(mesh.points, surface).points)
+    moved = FixedInterior(mesh).move(mesh.points.tolist(), surface.tolist())
+    np.testing.assert_array_equal(moved.points, FixedInterior(mesh).move(mesh.points, surface).points)
 
 
 def test_arrays_are_kept_as_they_are():

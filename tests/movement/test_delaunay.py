@@ -18,8 +18,7 @@ from mover_cases import (
 )
 
 from bspline_mdao.errors import MovementError
-from bspline_mdao.movement.delaunay import DelaunayGraph
-from bspline_mdao.movement.tetrahedra import signed_volumes, tetrahedra
+from bspline_mdao.movement.delaunay import DelaunayGraph, signed_volumes, tetrahedra
 
 
 def changes_in_planes(mesh, seed):

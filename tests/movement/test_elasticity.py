@@ -1,12 +1,12 @@
 """Linear elasticity in increments: what it must leave alone, what it must reproduce, and its derivatives."""
 
-import weakref
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from elastic_cases import assembled, crooked_box
 from mover_cases import (
+    CountingSolver,
     assert_derivative_is_exact,
     assert_derivative_is_transposed,
     assert_known_points_match,
@@ -27,45 +27,12 @@ from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.boundary import moving_mesh
-from bspline_mdao.movement.assembly import Unknowns
-from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity
-from bspline_mdao.movement.element import lame_constants
+from bspline_mdao.movement.elasticity import ElasticElements, LinearElasticity, lame_constants
+from bspline_mdao.movement.equilibrium import Unknowns
 from bspline_mdao.movement.young_modulus import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
-from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.topology.detection import find_topology
 
 MESHES = [channel, oblique_channel, plate, wing]
-
-
-@dataclass(frozen=True)
-class CountingSolver:
-    """The default solver, with a list of the matrices that were factorised."""
-
-    solver: object = field(default_factory=Cholesky)
-    factorised: list = field(default_factory=list)
-    factors: list = field(default_factory=list)
-    n_alive: list = field(default_factory=list)
-    """Factors that still existed at each factorisation."""
-
-    @property
-    def name(self):
-        return self.solver.name
-
-    def analyze(self, pattern, points):
-        return CountingAnalysis(self.solver.analyze(pattern, points), self)
-
-
-@dataclass(frozen=True)
-class CountingAnalysis:
-    analysis: object
-    counts: CountingSolver
-
-    def factorize(self, matrix):
-        self.counts.factorised.append(matrix)
-        self.counts.n_alive.append(sum(factor() is not None for factor in self.counts.factors))
-        factor = self.analysis.factorize(matrix)
-        self.counts.factors.append(weakref.ref(factor))
-        return factor
 
 
 def open_channel(is_oblique=False):
@@ -187,18 +154,20 @@ def test_taylor_remainders_fall_with_the_square_of_the_step():
     np.testing.assert_allclose(np.log2(remainders[:-1] / remainders[1:]), 2.0, atol=0.05)
 
 
-def test_the_factor_of_the_baseline_is_made_once_and_never_mixed_up():
+def test_moves_that_share_a_start_share_its_factor_and_others_are_not_mixed_up():
     solver = CountingSolver()
     mover = LinearElasticity(channel(), n_increments=3, solver=solver)
     initial, surface = bent_surface(mover.mesh)
     first = mover.move(initial, surface)
     assert len(solver.factorised) == 3
-    mover.move(initial.copy(), surface + 0.0)
+    mover.move(initial.copy(), surface + 0.0, start=first.start)
     assert len(solver.factorised) == 5
-    mover.move(1.1 * initial, 1.1 * surface)
+    other = mover.move(1.1 * initial, 1.1 * surface, start=first.start)
     assert len(solver.factorised) == 8
-    np.testing.assert_array_equal(mover.move(initial, surface).points, first.points)
+    np.testing.assert_array_equal(mover.move(initial, surface, start=other.start).points, first.points)
     assert len(solver.factorised) == 11
+    np.testing.assert_array_equal(mover.move(initial, surface, start=mover.start(initial)).points, first.points)
+    assert len(solver.factorised) == 14
 
 
 def test_derivatives_without_kept_factors_are_the_same_and_factorise_again():
@@ -218,7 +187,7 @@ def test_factors_that_are_not_needed_any_more_make_room_for_the_next():
     mover = LinearElasticity(mesh, n_increments=3, solver=solver, keep_factors=False)
     mover.move(initial, surface)
     mover.move(1.01 * initial, 1.01 * surface)
-    assert solver.n_alive == [0, 1, 1, 0, 1, 1]
+    assert solver.n_alive == [0, 1, 1, 0, 1, 1]  # that of the first increment serves its derivative
 
 
 def test_a_move_does_not_see_its_arguments_change_afterwards():

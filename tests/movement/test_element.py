@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from elastic_cases import assembled, by_columns, crooked_points
 
-from bspline_mdao.movement import element, element_stiffness
-from bspline_mdao.movement.regularization import FLAT_ELEMENT, floored, floored_array
+from bspline_mdao.movement import elasticity
+from bspline_mdao.movement.trilinear import FLAT_ELEMENT, regularised, regularised_array
 
 ONE = np.arange(8, dtype=np.int32)[None]
 CUBE = np.array([(a, b, d) for d in (0.0, 1.0) for b in (0.0, 1.0) for a in (0.0, 1.0)])
@@ -31,12 +31,12 @@ ELEMENTS = {
 
 
 def arguments(x, sign, modulus=1.7, poisson_ratio=-0.2):
-    return x, ONE, np.array([sign], np.int8), np.array([modulus]), element.lame_constants(poisson_ratio)
+    return x, ONE, np.array([sign], np.int8), np.array([modulus]), elasticity.lame_constants(poisson_ratio)
 
 
 def reference_stiffness(x, sign, modulus, poisson_ratio):
     """Integral of B^T C B in Voigt notation, by 2 x 2 x 2 Gauss points."""
-    lame, mu = element.lame_constants(poisson_ratio)
+    lame, mu = elasticity.lame_constants(poisson_ratio)
     c = np.diag([2.0 * mu] * 3 + [mu] * 3)
     c[:3, :3] += lame
     total = np.zeros((24, 24))
@@ -58,7 +58,7 @@ def reference_stiffness(x, sign, modulus, poisson_ratio):
 @pytest.mark.parametrize("name", ["crooked", "left-handed", "slender"])
 def test_stiffness_of_valid_elements_is_the_integral_of_the_strain_energy(name, poisson_ratio):
     x, sign = ELEMENTS[name]
-    stiffness = by_columns(lambda u: element.force(*arguments(x, sign, 1.7, poisson_ratio), u[None])[0], 8)
+    stiffness = by_columns(lambda u: elasticity.force(*arguments(x, sign, 1.7, poisson_ratio), u[None])[0], 8)
     expected = reference_stiffness(x, sign, 1.7, poisson_ratio)
     np.testing.assert_allclose(stiffness, expected, atol=1e-12 * np.abs(expected).max())
 
@@ -66,8 +66,8 @@ def test_stiffness_of_valid_elements_is_the_integral_of_the_strain_energy(name, 
 @pytest.mark.parametrize("name", ELEMENTS)
 def test_assembled_blocks_are_the_stiffness_of_the_force(name):
     args = arguments(*ELEMENTS[name])
-    from_force = by_columns(lambda u: element.force(*args, u[None])[0], 8)
-    from_blocks = assembled(lambda *rest: element_stiffness.add_stiffness(*args, *rest), ONE, 8)
+    from_force = by_columns(lambda u: elasticity.force(*args, u[None])[0], 8)
+    from_blocks = assembled(lambda *rest: elasticity.add_stiffness(*args, *rest), ONE, 8)
     np.testing.assert_allclose(from_blocks, from_force, atol=1e-13 * np.abs(from_force).max())
 
 
@@ -78,8 +78,8 @@ def test_collapsed_edges_and_any_numbering_assemble_the_same(corners):
     x = np.zeros((n, 3))
     x[corners] = crooked_cube()
     args = x, elements, *arguments(x, 1)[2:]
-    from_force = by_columns(lambda u: element.force(*args, u[None])[0], n)
-    from_blocks = assembled(lambda *rest: element_stiffness.add_stiffness(*args, *rest), elements, n)
+    from_force = by_columns(lambda u: elasticity.force(*args, u[None])[0], n)
+    from_blocks = assembled(lambda *rest: elasticity.add_stiffness(*args, *rest), elements, n)
     assert np.isfinite(from_force).all()
     np.testing.assert_allclose(from_blocks, from_force, atol=1e-13 * np.abs(from_force).max())
 
@@ -87,7 +87,7 @@ def test_collapsed_edges_and_any_numbering_assemble_the_same(corners):
 @pytest.mark.parametrize("name", ["crooked", "left-handed", "folded", "mirrored", "nearly flat"])
 def test_stiffness_is_symmetric_with_six_rigid_body_modes_and_otherwise_positive(name):
     x, sign = ELEMENTS[name]
-    stiffness = by_columns(lambda u: element.force(*arguments(x, sign), u[None])[0], 8)
+    stiffness = by_columns(lambda u: elasticity.force(*arguments(x, sign), u[None])[0], 8)
     np.testing.assert_allclose(stiffness, stiffness.T, atol=1e-13 * np.abs(stiffness).max())
     turns = [np.cross(axis, x) for axis in np.eye(3)]
     rigid = np.stack([*np.repeat(np.eye(3)[:, None], 8, axis=1), *turns]).reshape(6, 24)
@@ -105,7 +105,7 @@ def mesh_of_many(dtype=float):
     elements = np.arange(8 * n, dtype=np.int32).reshape(n, 8)
     elements[-1, 5] = elements[-1, 4]  # one of them has a collapsed edge
     rng = np.random.default_rng(11)
-    return x, elements, signs, rng.uniform(0.5, 2.0, n).astype(dtype), element.lame_constants(0.3), rng
+    return x, elements, signs, rng.uniform(0.5, 2.0, n).astype(dtype), elasticity.lame_constants(0.3), rng
 
 
 def test_change_of_the_force_is_its_complex_step():
@@ -114,10 +114,10 @@ def test_change_of_the_force_is_its_complex_step():
     dx *= np.ptp(x.real.reshape(-1, 8, 3), axis=1).min(axis=1).repeat(8)[:, None]  # an element's smallest extent
     d_modulus = rng.normal(size=modulus.shape)
     fixed = x.real, elements, signs, modulus.real, lame
-    change = (element.force_jvp(*fixed, u[None], dx, d_modulus) + element.force(*fixed, du[None]))[0]
+    change = (elasticity.force_jvp(*fixed, u[None], dx, d_modulus) + elasticity.force(*fixed, du[None]))[0]
     h = 1e-40
     moved = x + 1j * h * dx, elements, signs, modulus + 1j * h * d_modulus, lame
-    step = element.force(*moved, u[None] + 1j * h * du[None])[0].imag / h
+    step = elasticity.force(*moved, u[None] + 1j * h * du[None])[0].imag / h
     scale = np.abs(change).reshape(-1, 24).max(axis=1).repeat(8)[:, None]
     assert (np.abs(step - change) < 1e-12 * scale).all()
 
@@ -125,29 +125,29 @@ def test_change_of_the_force_is_its_complex_step():
 def test_reverse_is_the_transpose_of_forward():
     x, elements, signs, modulus, lame, rng = mesh_of_many()
     u, dx, du, bar = rng.normal(size=(4, *x.shape))
-    force = element.force(x, elements, signs, modulus, lame, u[None])[0]
+    force = elasticity.force(x, elements, signs, modulus, lame, u[None])[0]
     bar[elements] /= np.abs(force)[elements].max(axis=(1, 2), keepdims=True)
     d_modulus = rng.normal(size=modulus.shape)
     fixed = x, elements, signs, modulus, lame
-    change = bar * (element.force_jvp(*fixed, u[None], dx, d_modulus) + element.force(*fixed, du[None]))[0]
-    points_bar, modulus_bar, displacement_bar = element.force_vjp(*fixed, u[None], bar[None])
+    change = bar * (elasticity.force_jvp(*fixed, u[None], dx, d_modulus) + elasticity.force(*fixed, du[None]))[0]
+    points_bar, modulus_bar, displacement_bar = elasticity.force_vjp(*fixed, u[None], bar[None])
     terms = points_bar * dx, modulus_bar * d_modulus, displacement_bar * du
     assert abs(change.sum() - sum(t.sum() for t in terms)) < 1e-13 * max(np.abs(t).sum() for t in (change, *terms))
-    np.testing.assert_allclose(displacement_bar, element.force(*fixed, bar[None])[0], rtol=1e-9)
+    np.testing.assert_allclose(displacement_bar, elasticity.force(*fixed, bar[None])[0], rtol=1e-9)
 
 
 def test_floor_leaves_large_values_and_is_positive_and_twice_differentiable():
     t = np.linspace(-1.0, 1.0, 4001)
-    values, slopes = floored_array(t, FLAT_ELEMENT)
+    values, slopes = regularised_array(t, FLAT_ELEMENT)
     np.testing.assert_array_equal(values[t >= FLAT_ELEMENT], t[t >= FLAT_ELEMENT])
     assert values.min() > FLAT_ELEMENT / 2.0
     assert (slopes > 0.0).all()
     h = 1e-30
     for point in (-0.5, 0.0, 0.9 * FLAT_ELEMENT, 0.5):
-        value, slope = floored(point + 1j * h, FLAT_ELEMENT)
+        value, slope = regularised(point + 1j * h, FLAT_ELEMENT)
         assert value.imag / h == pytest.approx(slope.real, rel=1e-14)
     for epsilon in (1e-4, 1e-5):  # the slope leaves 1 with the square of the distance
-        assert 1.0 - floored(FLAT_ELEMENT * (1.0 - epsilon), FLAT_ELEMENT)[1] < 30.0 * epsilon**2
+        assert 1.0 - regularised(FLAT_ELEMENT * (1.0 - epsilon), FLAT_ELEMENT)[1] < 30.0 * epsilon**2
 
 
 def test_forces_of_a_lattice_without_strain_vanish():
@@ -158,7 +158,9 @@ def test_forces_of_a_lattice_without_strain_vanish():
     elements = np.stack(corners, axis=-1).astype(np.int32)
     signs, modulus = np.ones(len(elements), np.int8), np.random.default_rng(0).uniform(1.0, 9.0, len(elements))
     turn = np.cross([0.3, -0.5, 0.8], x) + np.array([1.0, 2.0, 3.0])
-    assert np.abs(element.force(x, elements, signs, modulus, element.lame_constants(0.4), turn[None])).max() < 1e-12
+    assert (
+        np.abs(elasticity.force(x, elements, signs, modulus, elasticity.lame_constants(0.4), turn[None])).max() < 1e-12
+    )
 
 
 @pytest.mark.parametrize("poisson_ratio", [-0.6, -0.2, 0.0, 0.3, 0.45])
@@ -166,7 +168,7 @@ def test_a_bar_in_tension_has_youngs_modulus_and_thins_by_poissons_ratio(poisson
     sizes, strain = np.array([2.0, 0.7, 1.3]), 0.01
     x = CUBE * sizes
     pulled = strain * x * [1.0, -poisson_ratio, -poisson_ratio]
-    force = element.force(*arguments(x, 1, modulus=1.7, poisson_ratio=poisson_ratio), pulled[None])[0]
+    force = elasticity.force(*arguments(x, 1, modulus=1.7, poisson_ratio=poisson_ratio), pulled[None])[0]
     ends = force[CUBE[:, 0] == 1.0, 0].sum(), force[CUBE[:, 0] == 0.0, 0].sum()
     np.testing.assert_allclose(ends, np.array([1.7, -1.7]) * strain * sizes[1] * sizes[2], rtol=1e-12)
     np.testing.assert_allclose(force[:, 1:], 0.0, atol=1e-15)

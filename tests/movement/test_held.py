@@ -9,13 +9,13 @@ from mover_cases import (
     wing,
 )
 
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 
 
 def test_nothing_moves_but_the_surface():
     mesh = wing()
     initial, surface = bent_surface(mesh)
-    points = Held(mesh, n_increments=3).move(initial, surface).points
+    points = FixedInterior(mesh, n_increments=3).move(initial, surface).points
     assert_known_points_match(mesh, initial, surface, points)
     inner = np.delete(np.arange(mesh.n_points), mesh.surface_ids)
     np.testing.assert_array_equal(points[inner], initial[inner])
@@ -23,7 +23,7 @@ def test_nothing_moves_but_the_surface():
 
 @pytest.mark.parametrize("n_increments", [1, 2, 5])
 def test_derivatives_of_holding_are_exact(n_increments):
-    mover = Held(channel(is_oblique=True), n_increments)
+    mover = FixedInterior(channel(is_oblique=True), n_increments)
     initial, surface = bent_surface(mover.mesh)
     assert_derivative_is_transposed(mover.move(initial, surface))
     assert_derivative_is_exact(mover, initial, surface)
@@ -32,7 +32,7 @@ def test_derivatives_of_holding_are_exact(n_increments):
 def test_the_report_tells_where_holding_tangles():
     mesh = channel()
     surface = mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.3]  # the first cells are 0.1 high
-    report = Held(mesh, n_increments=4).move(mesh.points, surface).report
+    report = FixedInterior(mesh, n_increments=4).move(mesh.points, surface).report
     number, worst = report.first_tangled()
     assert len(report.increments) == 4
     assert number == 2

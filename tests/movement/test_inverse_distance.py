@@ -16,7 +16,7 @@ from mover_cases import (
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.movement.centres import APART, find_centres
+from bspline_mdao.movement.interpolation import APART, find_centres
 from bspline_mdao.movement.inverse_distance import InverseDistance
 
 

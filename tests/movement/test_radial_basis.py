@@ -23,17 +23,18 @@ from mover_cases import (
 from scipy.interpolate import RBFInterpolator
 
 from bspline_mdao.errors import InputError, MovementError
-from bspline_mdao.movement.centres import find_centres
-from bspline_mdao.movement.radial_basis import MOST_CENTRES, RadialBasis
-from bspline_mdao.movement.radial_functions import (
+from bspline_mdao.movement.interpolation import find_centres
+from bspline_mdao.movement.radial_basis import (
     COMPACT,
     GLOBAL,
+    MOST_CENTRES,
     NEEDS_LINEAR,
+    RadialBasis,
+    radial_interpolation,
     radial_matrix,
     radial_sums,
     radial_sums_jvp,
 )
-from bspline_mdao.movement.radial_interpolation import radial_interpolation
 
 SMOOTH_RADIUS = {"gaussian": 0.1, "multiquadric": 0.1, "inverse multiquadric": 0.1}
 """Infinitely smooth functions give systems near singular where they are wide."""

@@ -17,7 +17,7 @@ from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.increments import IncrementalMover
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.mover import MAX_AMPLIFICATION
@@ -39,7 +39,7 @@ KINDS = {
     "transfinite": Transfinite,
     "inverse distance": InverseDistance,
     "delaunay": DelaunayGraph,
-    "held": Held,
+    "held": FixedInterior,
 }
 
 
@@ -87,7 +87,7 @@ class Runaway(IncrementalMover):
     n_increments: int = 2
 
     def _step(self, initial, before, surface):
-        step = Held(self.mesh)._step(initial, before, surface)
+        step = FixedInterior(self.mesh)._step(initial, before, surface)
         step.points[7] += self.factor * (surface - before[self.mesh.surface_ids]).max(axis=0)
         return step
 

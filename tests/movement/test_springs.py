@@ -19,7 +19,8 @@ from mover_cases import (
     wing,
 )
 
-from bspline_mdao.movement import spring_element
+from bspline_mdao.movement import springs
+from bspline_mdao.movement.spring_gradients import N_LINEAL, N_SPRINGS
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
 
 NETWORKS = [LinealSprings, TorsionalSprings]
@@ -35,7 +36,7 @@ def crooked_cube(seed=0, amount=0.3):
     return CUBE + amount * np.random.default_rng(seed).uniform(-1.0, 1.0, (8, 3))
 
 
-def arguments(x, sign=1, n_springs=spring_element.N_SPRINGS, settings=(2.0, 1.0), degenerate_corners=0):
+def arguments(x, sign=1, n_springs=N_SPRINGS, settings=(2.0, 1.0), degenerate_corners=0):
     return x, ONE, np.array([sign], np.int8), np.array([degenerate_corners], np.uint8), n_springs, settings
 
 
@@ -50,7 +51,7 @@ def numbers(x):
     return np.array(values)
 
 
-@pytest.mark.parametrize("n_springs", [spring_element.N_LINEAL, spring_element.N_SPRINGS])
+@pytest.mark.parametrize("n_springs", [N_LINEAL, N_SPRINGS])
 def test_stiffness_is_the_sum_of_squares_of_the_changes_of_lengths_angles_and_triple_products(n_springs):
     x, h = crooked_cube(), 1e-3
     at = lambda unit, t: numbers(x + t * unit.reshape(8, 3))[:n_springs]  # noqa: E731
@@ -60,7 +61,7 @@ def test_stiffness_is_the_sum_of_squares_of_the_changes_of_lengths_angles_and_tr
             for e in np.eye(24)
         ]
     )
-    stiffness = by_columns(lambda u: spring_element.force(*arguments(x, n_springs=n_springs), u[None])[0], 8)
+    stiffness = by_columns(lambda u: springs.force(*arguments(x, n_springs=n_springs), u[None])[0], 8)
     np.testing.assert_allclose(stiffness, gradients @ gradients.T, atol=1e-9 * np.abs(stiffness).max())
 
 
@@ -69,18 +70,18 @@ def test_lineal_stiffness_falls_with_the_power_of_the_length(power):
     x = CUBE * [1.0, 1.0, 4.0]
     pull = np.zeros((8, 3))
     pull[4:, 2] = 1.0  # stretches the four vertical edges, eight face and four body diagonals
-    force = spring_element.force(*arguments(x, 1, spring_element.N_LINEAL, (power, 0.0)), pull[None])[0, 4:, 2].sum()
+    force = springs.force(*arguments(x, 1, N_LINEAL, (power, 0.0)), pull[None])[0, 4:, 2].sum()
     lengths, counts = np.sqrt([16.0, 17.0, 18.0]), np.array([4, 8, 4]) * [0.25, 0.5, 1.0]
     assert force == pytest.approx(np.sum(counts * lengths**-power * (4.0 / lengths) ** 2), rel=1e-14)
 
 
-@pytest.mark.parametrize("n_springs", [spring_element.N_LINEAL, spring_element.N_SPRINGS])
+@pytest.mark.parametrize("n_springs", [N_LINEAL, N_SPRINGS])
 @pytest.mark.parametrize(("amount", "sign"), [(0.2, 1), (0.9, 1), (0.2, -1)])
 def test_stiffness_is_symmetric_with_six_rigid_body_modes_and_otherwise_positive(n_springs, amount, sign):
     x = crooked_cube(4, amount)
     args = arguments(x, sign, n_springs)
-    stiffness = by_columns(lambda u: spring_element.force(*args, u[None])[0], 8)
-    from_blocks = assembled(lambda *rest: spring_element.add_stiffness(*args, *rest), ONE, 8)
+    stiffness = by_columns(lambda u: springs.force(*args, u[None])[0], 8)
+    from_blocks = assembled(lambda *rest: springs.add_stiffness(*args, *rest), ONE, 8)
     np.testing.assert_allclose(from_blocks, stiffness, atol=1e-13 * np.abs(stiffness).max())
     rigid = [*np.repeat(np.eye(3)[:, None], 8, axis=1), *(np.cross(axis, x) for axis in np.eye(3))]
     assert np.abs(stiffness @ np.reshape(rigid, (6, 24)).T).max() < 1e-12 * np.abs(stiffness).max()
@@ -91,15 +92,15 @@ def test_stiffness_is_symmetric_with_six_rigid_body_modes_and_otherwise_positive
 
 def test_torsion_does_not_depend_on_the_size_of_the_mesh():
     x = crooked_cube()
-    forces = [spring_element.force(*arguments(scale * x), scale * crooked_cube(7)[None]) for scale in (1.0, 10.0)]
+    forces = [springs.force(*arguments(scale * x), scale * crooked_cube(7)[None]) for scale in (1.0, 10.0)]
     np.testing.assert_allclose(forces[1], forces[0] / 10.0, rtol=1e-11, atol=1e-12)
 
 
-def test_corners_that_are_left_out_have_no_torsion():
+def test_degenerate_corners_have_no_torsion():
     x = crooked_cube()
     unit = crooked_cube(3)[None]
-    lineal = spring_element.force(*arguments(x, n_springs=spring_element.N_LINEAL), unit)
-    np.testing.assert_array_equal(spring_element.force(*arguments(x, degenerate_corners=255), unit), lineal)
+    lineal = springs.force(*arguments(x, n_springs=N_LINEAL), unit)
+    np.testing.assert_array_equal(springs.force(*arguments(x, degenerate_corners=255), unit), lineal)
 
 
 @pytest.mark.parametrize("network", NETWORKS)

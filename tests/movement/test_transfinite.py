@@ -20,8 +20,7 @@ from mover_cases import (
 )
 from topology_cases import grid_of, patch
 
-from bspline_mdao.movement.corners import free_corners
-from bspline_mdao.movement.transfinite import Transfinite
+from bspline_mdao.movement.transfinite import Transfinite, free_corners
 from bspline_mdao.topology.index_space import Window
 
 

@@ -17,7 +17,7 @@ from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
@@ -74,7 +74,7 @@ PARTIALS = {
     "LiveGridEvaluate, grid": (LiveGridEvaluate, {}, GRID, GRID_INITIAL),
     **{
         f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": of(mover)}, CONTROL_POINTS, wrt)
-        for mover in (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, Held, Shear)
+        for mover in (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
         for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
     },
     "Quality, cells": (Quality, {"cells": True}, "cell_quality", GRID),

@@ -12,7 +12,7 @@ from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.sparse import conjugate_gradient
@@ -65,7 +65,7 @@ def move_to(problem, surface):
 
 
 def test_the_mesh_starts_at_its_baseline(mesh):
-    problem = problem_of(Held(mesh))
+    problem = problem_of(FixedInterior(mesh))
     problem.run_model()
     np.testing.assert_array_equal(problem.get_val(CONTROL_POINTS, units="m"), mesh.points.ravel())
 
@@ -127,7 +127,7 @@ def test_the_report_tells_of_every_increment(mesh):
 
 
 def test_tangling_is_an_analysis_error_with_its_place(mesh):
-    problem = problem_of(Held(mesh, n_increments=4))
+    problem = problem_of(FixedInterior(mesh, n_increments=4))
     expected = r"'move'.*increment \d of 4 inverts element \(\d+, \d+, 1\) of block \d .*smaller step"
     with pytest.raises(om.AnalysisError, match=expected) as caught:
         move_to(problem, lifted(mesh, 0.6))
@@ -138,14 +138,14 @@ def test_tangling_is_an_analysis_error_with_its_place(mesh):
 
 
 def test_a_tangled_mesh_is_passed_on_where_that_is_wanted(mesh):
-    problem = problem_of(Held(mesh), require_valid=False)
+    problem = problem_of(FixedInterior(mesh), require_valid=False)
     moved = move_to(problem, lifted(mesh, 0.6))
     assert mesh.tangled(moved.reshape(-1, 3)).n_tangled > 0
     assert problem.model.move.report.increments[-1].n_tangled > 0
 
 
 def test_derivatives_at_a_tangled_mesh_are_refused(mesh):
-    component = problem_of(Held(mesh)).model.move
+    component = problem_of(FixedInterior(mesh)).model.move
     inputs = {CONTROL_POINTS_INITIAL: mesh.points.ravel(), SURFACE_CONTROL_POINTS: lifted(mesh, 0.6)}
     bar = {CONTROL_POINTS: np.ones(mesh.points.size)}
     with pytest.raises(om.AnalysisError, match="inverts element"):
@@ -191,7 +191,7 @@ def test_random_products_by_conjugate_gradients_at_their_defaults_are_those_of_a
     np.testing.assert_allclose(products(ConjugateGradients()), direct, atol=1e-10 * np.abs(direct).max())
 
 
-@pytest.mark.parametrize("mover", [Held, Shear])
+@pytest.mark.parametrize("mover", [FixedInterior, Shear])
 def test_a_problem_recovers_from_an_infeasible_request(mesh, mover):
     problem, good = problem_of(mover(mesh)), lifted(mesh, 0.05)
     for bad in (lifted(mesh, 5.0), np.full(good.size, np.nan)):
@@ -209,7 +209,7 @@ def height_problem(mesh, driver, upper) -> om.Problem:
     start = lifted(mesh, 0.0)
     raised = om.ExecComp("s = s0 + h * d", s={"shape": start.size, "units": "m"}, s0=start, d=lifted(mesh, 1.0) - start)
     problem.model.add_subsystem("raise", raised, promotes=["h", ("s", SURFACE_CONTROL_POINTS)])
-    problem.model.add_subsystem("move", ControlMeshMove(mover=Held(mesh)), promotes=["*"])
+    problem.model.add_subsystem("move", ControlMeshMove(mover=FixedInterior(mesh)), promotes=["*"])
     size = {"shape": mesh.points.size, "units": "m"}
     problem.model.add_subsystem("fall", om.ExecComp("f = -sum(b[2::3])", b=size), promotes=[("b", CONTROL_POINTS), "f"])
     problem.model.add_design_var("h", lower=0.0, upper=upper)
@@ -262,7 +262,7 @@ def recorded(problem, run, successes):
 
 def test_complex_step_is_refused_in_one_line(mesh):
     problem = om.Problem(reports=False)
-    problem.model.add_subsystem("move", ControlMeshMove(mover=Held(mesh)), promotes=["*"])
+    problem.model.add_subsystem("move", ControlMeshMove(mover=FixedInterior(mesh)), promotes=["*"])
     problem.setup(force_alloc_complex=True)
     problem.run_model()
     problem.check_partials(method="cs", out_stream=None)  # takes its own differences
@@ -271,7 +271,7 @@ def test_complex_step_is_refused_in_one_line(mesh):
         problem.check_partials(out_stream=None)
 
 
-@pytest.mark.parametrize("mover", [None, "elasticity", Held])
+@pytest.mark.parametrize("mover", [None, "elasticity", FixedInterior])
 def test_what_is_no_mover_is_refused(mover):
     with pytest.raises(InputError, match=r"is no mover; give an object with mesh and move"):
         problem_of(mover)
@@ -280,7 +280,7 @@ def test_what_is_no_mover_is_refused(mover):
 def test_a_difference_step_may_leave_a_symmetry_plane():
     mesh = moving_mesh(fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5)))
     assert len(mesh.in_plane_rows)
-    problem = problem_of(Held(mesh))
+    problem = problem_of(FixedInterior(mesh))
     problem.run_model()
     (checks,) = problem.check_partials(out_stream=None).values()
     check = checks[CONTROL_POINTS, SURFACE_CONTROL_POINTS]

@@ -21,7 +21,7 @@ from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.mesh.surface_map import SurfaceMap
 from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.radial_basis import RadialBasis
 from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
@@ -29,7 +29,7 @@ from bspline_mdao.movement.transfinite import Transfinite
 
 MOVERS = (
     DelaunayGraph,
-    Held,
+    FixedInterior,
     InverseDistance,
     LinealSprings,
     LinearElasticity,

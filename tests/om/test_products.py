@@ -21,7 +21,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.held import Held
+from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
@@ -47,7 +47,7 @@ from bspline_mdao.om.mphys import builders as flow_group
 from bspline_mdao.om.mphys import geometry, warper
 
 ROOT = Path(__file__).parents[2]
-MOVERS = (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, Held, Shear)
+MOVERS = (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
 
 
 @cache
@@ -125,7 +125,7 @@ VALUES = {
 }
 """Values of inputs that have no baseline."""
 
-LINEAR = ("ControlMeshMove, Transfinite", "ControlMeshMove, Held", "UnfoldedLattice")
+LINEAR = ("ControlMeshMove, Transfinite", "ControlMeshMove, FixedInterior", "UnfoldedLattice")
 """Components that cannot say of themselves that they are linear, though they are in these modes."""
 
 every_component = pytest.mark.parametrize("name", COMPONENTS)

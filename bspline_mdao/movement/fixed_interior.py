@@ -10,8 +10,6 @@ from ..mesh.moving_mesh import MovingMesh
 from .increments import IncrementalMover
 from .interpolation import InterpolatedStep, interpolated_step
 
-__all__ = ["Held"]
-
 
 @dataclass(frozen=True, eq=False)
 class _NoDisplacement:
@@ -28,7 +26,7 @@ class _NoDisplacement:
 
 
 @dataclass(frozen=True)
-class Held(IncrementalMover):
+class FixedInterior(IncrementalMover):
     """Hold all points where they are, except those of the surface.
 
     Parameters
@@ -41,8 +39,6 @@ class Held(IncrementalMover):
 
     mesh: MovingMesh
     n_increments: int | str = 1
-
-    name = "held"
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         nothing = _NoDisplacement(np.zeros_like(before), len(surface))

@@ -1,10 +1,19 @@
-"""Coordinates at the Gauss points of a trilinear hexahedron: slopes, adjugate and a positive divisor for the Jacobian.
+"""The trilinear hexahedron that the elements of `bspline_mdao.movement` share. Theory: ``docs/theory/elasticity.rst``.
 
-With the slopes f_i = dx/dxi_i at a Gauss point, the rows of the adjugate are a_0 = f_1 x f_2, a_1 = f_2 x f_0 and
-a_2 = f_0 x f_1, and the Jacobian is J = f_0 . a_0. Edges may have no length: only the Gauss points count.
+Coordinates at its Gauss points, a positive number in place of a Jacobian that may vanish, and sums over corners.
 
-Slopes at all Gauss points of an element are computed at once, the Gauss points being the vector lanes. All kernels take
-real or complex points.
+Corner a + 2 b + 4 d stands at (a, b, d). With the slopes f_i = dx/dxi_i at a Gauss point, the rows of the adjugate are
+a_0 = f_1 x f_2, a_1 = f_2 x f_0 and a_2 = f_0 x f_1, and the Jacobian is J = f_0 . a_0. Edges may have no length: only
+the Gauss points count. Slopes at all Gauss points of an element are computed at once, the Gauss points being the SIMD
+lanes. All kernels take real or complex points.
+
+Regularisation
+--------------
+Measures of elements that real meshes hold flat or folded are kept positive: regularised at t_0, a number t stays what
+it is from t_0 up, and levels off at t_0 / 2 below, with two continuous derivatives::
+
+    t                                           t >= t_0
+    t_0 / 2 (1 + 1 / (1 + z + z^2))             t <  t_0,   z = 2 (1 - t / t_0)
 """
 
 from __future__ import annotations
@@ -13,12 +22,15 @@ import numpy as np
 from numba import njit
 
 from ..numerics.vectors import add, cross, dot, less, scaled
-from .element_corners import add_exactly
-from .regularization import FLAT_ELEMENT, floored
 
 __all__ = [
     "FAST",
+    "FLAT_CORNER",
+    "FLAT_ELEMENT",
     "SLOPES",
+    "add_at_corners",
+    "add_element",
+    "add_exactly",
     "add_slopes_transposed",
     "add_slopes_transposed_to_sum",
     "adjugate",
@@ -28,9 +40,36 @@ __all__ = [
     "divisor_gradient",
     "divisor_of",
     "put_at_point",
+    "regularised",
+    "regularised_array",
     "slopes_of",
     "slopes_of_sum",
 ]
+
+FLAT_CORNER = 0.01
+"""Where the triple product of unit edges at a corner is regularised: 0.6 degrees from flat."""
+
+FLAT_ELEMENT = 0.05
+"""The same of Jacobian over lengths of slopes, and of volume over lengths of edges: 3 degrees from flat."""
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
+def regularised(t, t_0):
+    """Regularise t at t_0: the number and its derivative; t may be complex."""
+    z = 2.0 * (1.0 - t / t_0)
+    g = 1.0 / (1.0 + z + z * z)
+    is_above = t.real >= t_0
+    return (t if is_above else 0.5 * t_0 * (1.0 + g)), (1.0 + 0.0 * t if is_above else (1.0 + 2.0 * z) * g * g)
+
+
+@njit(cache=True, error_model="numpy")
+def regularised_array(values, t_0):
+    """Regularise an array: numbers and their derivatives, both of its shape."""
+    numbers, slopes = np.empty_like(values), np.empty_like(values)
+    for index in np.ndindex(values.shape):
+        numbers[index], slopes[index] = regularised(values[index], t_0)
+    return numbers, slopes
+
 
 _AT = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 _GAUSS = np.array([(_AT[a], _AT[b], _AT[d]) for d in (0, 1) for b in (0, 1) for a in (0, 1)])
@@ -62,8 +101,12 @@ def _corner_slopes():
 
 _WEIGHTS = _edge_weights()
 SLOPES = _corner_slopes()
+
 _TINY = 1e-290
+"""Added to squares of lengths: an edge without length has a slope of 0 and no infinite inverse."""
+
 FAST = {"contract", "nsz", "reassoc"}
+"""Flags of the element kernels: sums in any order, so that they vectorise; infinities and NaN stay what they are."""
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
@@ -114,22 +157,22 @@ def adjugate_vjp(f, bar):
 def divisor_of(f, a, sign):
     """Positive divisor: the size of J in valid elements; and its derivatives by J and by the logarithms of the f_i^2.
 
-    It is the product of the lengths of the f_i times the floored triple product of the unit slopes.
+    It is the product of the lengths of the f_i times the regularised triple product of the unit slopes.
     """
     jacobian = sign * dot(f[0], a[0])
     lengths = np.sqrt(dot(f[0], f[0]) * dot(f[1], f[1]) * dot(f[2], f[2]) + _TINY)
     flatness = jacobian / lengths
-    height, slope = floored(flatness, FLAT_ELEMENT)
+    height, slope = regularised(flatness, FLAT_ELEMENT)
     return lengths * height, sign * slope, lengths * (height - flatness * slope)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
-def divisor_gradient(f, a, by_jacobian, by_lengths):
+def divisor_gradient(f, a, jacobian_slope, length_slope):
     """Derivatives of the divisor with respect to the slopes f_i."""
     return (
-        add(scaled(by_jacobian, a[0]), scaled(by_lengths / (dot(f[0], f[0]) + _TINY), f[0])),
-        add(scaled(by_jacobian, a[1]), scaled(by_lengths / (dot(f[1], f[1]) + _TINY), f[1])),
-        add(scaled(by_jacobian, a[2]), scaled(by_lengths / (dot(f[2], f[2]) + _TINY), f[2])),
+        add(scaled(jacobian_slope, a[0]), scaled(length_slope / (dot(f[0], f[0]) + _TINY), f[0])),
+        add(scaled(jacobian_slope, a[1]), scaled(length_slope / (dot(f[1], f[1]) + _TINY), f[1])),
+        add(scaled(jacobian_slope, a[2]), scaled(length_slope / (dot(f[2], f[2]) + _TINY), f[2])),
     )
 
 
@@ -215,3 +258,58 @@ def _pull(slopes, i, edge, d):
     for g in range(1, 8):
         total += slopes[i, d, g] * _WEIGHTS[i, edge, g]
     return total
+
+
+@njit(cache=True)
+def add_at_corners(elements, values, n_points):
+    """Sum values at corners, shape (n_elements, 8, 3), over the corners of every point: shape (n_points, 3)."""
+    total = np.zeros((n_points, 3), values.dtype)
+    for element in range(len(elements)):
+        for corner in range(8):
+            point = elements[element, corner]
+            for d in range(3):
+                total[point, d] += values[element, corner, d]
+    return total
+
+
+@njit(cache=True)
+def add_exactly(parts, point, d, value):
+    """Add a number to a component of a point, a sum of two parts: what rounding takes of the first goes to the second.
+
+    Parts are of shape (2, n_points, 3). Compiled without leave to change the order of the sums.
+    """
+    before = parts[0, point, d]
+    total = before + value
+    of_value = total - before
+    parts[0, point, d] = total
+    parts[1, point, d] += (before - (total - of_value)) + (value - of_value)
+
+
+@njit(cache=True)
+def add_element(stiffness, rows, slots, data):
+    """Add the stiffness of an element to the blocks of a symmetric matrix.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (8, 8, 3, 3)
+        Blocks (a, b) of corners b <= a.
+    rows : ndarray of int32, shape (8,)
+        Block row of every corner, -1 where it has none.
+    slots : ndarray of int32, shape (36,)
+        Place of every pair of corners, see `bspline_mdao.sparse.blocks.slots`.
+    data : ndarray, shape (n_blocks, 3, 3)
+        Blocks of the lower triangle, added to.
+    """
+    for a in range(8):
+        for b in range(a + 1):
+            place = slots[a * (a + 1) // 2 + b]
+            if place < 0:
+                continue
+            if rows[a] >= rows[b]:  # below the diagonal or on it
+                for c in range(3):
+                    for d in range(3):
+                        data[place, c, d] += stiffness[a, b, c, d]
+            if rows[a] < rows[b] or (rows[a] == rows[b] and a > b):  # above it, or two corners are one point
+                for c in range(3):
+                    for d in range(3):
+                        data[place, c, d] += stiffness[a, b, d, c]
