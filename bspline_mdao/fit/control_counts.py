@@ -1,7 +1,14 @@
-"""How many control points, and of which order, each direction of each segment gets.
+"""Numbers of control points and orders: how many, and of which order, each direction of each segment gets.
 
 Directions that interfaces join form a class (`bspline_mdao.topology.sharing.direction_classes`); a class has one
 number of control points and one order.
+
+Numbers that are chosen are such that a mover can take them. Linear elasticity factors a matrix of all control points in
+every increment, and keeps the factors where derivatives are asked for. That memory grows faster than the number of
+control points, and is known before there is a fit: from the topology and the numbers of control points alone, by the
+symbolic analysis of `bspline_mdao.sparse`.
+
+Theory: ``docs/theory/fit.rst``.
 """
 
 from __future__ import annotations
@@ -13,9 +20,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..mesh.boundary import boundary_points
+from ..mesh.moving_mesh import MovingMesh
+from ..movement.equilibrium import Unknowns
+from ..sparse.cholesky import Cholesky
 from ..topology.index_space import FACE_NAMES
 from ..topology.sharing import direction_classes
-from ..topology.topology import Topology
+from ..topology.topology import Topology, shared_ids
+
+LARGEST_FACTOR = 2**30
+"""Bytes of one factor that numbers of control points chosen from the grid lead to; five increments keep five."""
+
+SMALL_MESH = 10_000
+"""Control points below which a factor is not predicted: it takes less than 0.2 GB."""
+
+_GROWTH = 4.2
+"""Power of the spans per direction with which a factor grows, about."""
+
+_MOST_CELLS = 64
+"""Cells along a span beyond which numbers do not fall any more."""
 
 NODES_PER_SPAN = 4
 """Cells along a knot span where the number of control points is chosen from the grid."""
@@ -50,14 +73,65 @@ class ControlCounts:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Wish:
-    """What one segment direction asks for; a firm count comes from the user and is not a share of a cut block's."""
+def choose_affordable_counts(topology: Topology, n_control=None, order=None) -> tuple[ControlCounts, int | None]:
+    """Numbers of control points and orders, and the memory of a factor of the mover's matrix.
 
-    count: int
-    order: int
-    is_firm: bool
-    asked_order: int | None
+    Parameters
+    ----------
+    topology : Topology
+        Segments and their links.
+    n_control, order
+        See `choose_counts`. Where numbers are not given, spans are widened until a
+        factor takes no more than `LARGEST_FACTOR`.
+
+    Returns
+    -------
+    counts : ControlCounts
+    factor_bytes : int or None
+        See `predict_factor_bytes`.
+
+    Raises
+    ------
+    InputError
+        As `choose_counts`.
+    """
+    cells = NODES_PER_SPAN
+    counts = choose_counts(topology, n_control, order)
+    n_bytes = predict_factor_bytes(topology, counts.n_control)
+    while n_control is None and (n_bytes or 0) > LARGEST_FACTOR and cells < _MOST_CELLS:
+        cells *= 1.01 * (n_bytes / LARGEST_FACTOR) ** (1 / _GROWTH)
+        counts = choose_counts(topology, None, order, cells)
+        n_bytes = predict_factor_bytes(topology, counts.n_control)
+    return counts, n_bytes
+
+
+def predict_factor_bytes(topology: Topology, n_control: np.ndarray) -> int | None:
+    """Memory of one factor of the matrix with which linear elasticity moves a control mesh.
+
+    Parameters
+    ----------
+    topology : Topology
+        Segments, links and boundary. All of it is taken as given or fixed, but for planes of symmetry.
+    n_control : ndarray of int, shape (n_segments, 3)
+        Control points of every segment.
+
+    Returns
+    -------
+    int or None
+        Bytes; None for fewer than `SMALL_MESH` control points, and for planar grids, which do not move.
+    """
+    shapes = [tuple(map(int, shape)) for shape in n_control]
+    ids = tuple(shared_ids(shapes, topology.links, topology.collapses, topology.segment_names))
+    n_points = 1 + max(int(block.max()) for block in ids)
+    if n_points < SMALL_MESH or np.min(n_control) == 1:
+        return None
+    is_free = np.ones((n_points, 3), dtype=bool)
+    for face, points in boundary_points(topology, ids):
+        is_free[points] &= face.kind == "symmetry"
+    nowhere = np.zeros((n_points, 3))
+    mesh = MovingMesh(ids, topology.segment_names, nowhere, np.zeros(0, dtype=np.int32), is_free)
+    unknowns = Unknowns(mesh)
+    return Cholesky().analyze(unknowns.pattern, nowhere[unknowns.point_ids]).factor_bytes
 
 
 def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PER_SPAN) -> ControlCounts:
@@ -91,17 +165,29 @@ def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PE
         order = LONG_ORDER
     orders = None if order is None else _per_block(order, topology, "order")
     counts = None if n_control is None else _per_block(n_control, topology, "n_control")
-    wishes = [[_wish(topology, s, d, counts, orders, cells) for d in range(3)] for s in range(len(topology.segments))]
+    requests = [
+        [_request(topology, s, d, counts, orders, cells) for d in range(3)] for s in range(len(topology.segments))
+    ]
     classes = direction_classes(topology)
     n_result, p_result = np.empty_like(classes), np.empty_like(classes)
     for number in range(classes.max() + 1):
         members = [tuple(m) for m in np.argwhere(classes == number)]
-        n_result[classes == number], p_result[classes == number] = _agree(topology, members, wishes)
+        n_result[classes == number], p_result[classes == number] = _agree(topology, members, requests)
     limited = ()
     if n_control is None:
-        limited = (*_say_wide(topology, cells), *_limit_size(topology, classes, n_result, p_result))
-    lowered = () if orders is None else tuple(_lowered(topology, orders, p_result))
+        limited = (*_warn_of_wide_spans(topology, cells), *_limit_size(topology, classes, n_result, p_result))
+    lowered = () if orders is None else tuple(_warn_of_lowered_orders(topology, orders, p_result))
     return ControlCounts(n_result, p_result, (*limited, *lowered))
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What one segment direction asks for; a firm count comes from the user and is not a part of a cut block's."""
+
+    count: int
+    order: int
+    is_firm: bool
+    asked_order: int | None
 
 
 def _per_block(value, topology: Topology, name: str) -> np.ndarray:
@@ -121,7 +207,7 @@ def _per_block(value, topology: Topology, name: str) -> np.ndarray:
     return array
 
 
-def _wish(topology: Topology, segment: int, d: int, counts, orders, cells: float) -> _Wish:
+def _request(topology: Topology, segment: int, d: int, counts, orders, cells: float) -> _Request:
     window = topology.segments[segment]
     n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
     order = None if orders is None else int(orders[window.block, d])
@@ -129,7 +215,7 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders, cells: float
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
     if counts is None:
         count = _sound_count(n_nodes, order, cells)
-        return _Wish(count, min(order or sound_order(n_nodes), count), False, order)
+        return _Request(count, min(order or sound_order(n_nodes), count), False, order)
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
         raise InputError(
@@ -137,10 +223,10 @@ def _wish(topology: Topology, segment: int, d: int, counts, orders, cells: float
             f"with its {n_block} nodes; give {f'2 to {n_block}' if n_block > 1 else 1}"
         )
     if n_nodes == n_block:
-        return _Wish(whole, min(order, whole), True, order)
+        return _Request(whole, min(order, whole), True, order)
     n_spans = max(round((whole + 1 - order) * (n_nodes - 1) / (n_block - 1)), 1)
     count = min(n_spans + order - 1, n_nodes)
-    return _Wish(count, min(order, count), False, order)
+    return _Request(count, min(order, count), False, order)
 
 
 def sound_order(n_nodes: int) -> int:
@@ -156,8 +242,8 @@ def _sound_count(n_nodes: int, order: int | None, cells: float) -> int:
     return min(max(round((n_nodes - 1) / cells) + order - 2, order + 1), n_nodes)
 
 
-def _say_wide(topology: Topology, cells: float) -> Iterator[str]:
-    """Tell in one line where spans are wider than usual."""
+def _warn_of_wide_spans(topology: Topology, cells: float) -> Iterator[str]:
+    """Warn in one line where spans are wider than usual."""
     if cells != NODES_PER_SPAN:
         yield (
             f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {NODES_PER_SPAN}, so "
@@ -166,7 +252,7 @@ def _say_wide(topology: Topology, cells: float) -> Iterator[str]:
 
 
 def _limit_size(topology: Topology, classes: np.ndarray, n_control: np.ndarray, orders: np.ndarray) -> Iterator[str]:
-    """Lower counts in place until the least squares of every interior are of reasonable size; tell in one line."""
+    """Lower counts in place until the least squares of every interior are of reasonable size; warn in one line."""
     chosen = n_control.copy()
     for s in range(len(classes)):
         while _gram_bytes(n_control[s], orders[s]) > LARGEST_CHOICE:
@@ -190,25 +276,25 @@ def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
     return 8 * n_unknown * (bandwidth + 1 if 3 * bandwidth < n_unknown else n_unknown)
 
 
-def _agree(topology: Topology, members: Sequence[tuple[int, int]], wishes) -> tuple[int, int]:
-    """Settle the number of control points and the order of a class: what is firm wins, otherwise the largest."""
-    firm = [m for m in members if wishes[m[0]][m[1]].is_firm]
+def _agree(topology: Topology, members: Sequence[tuple[int, int]], requests) -> tuple[int, int]:
+    """Agree on the number of control points and the order of a class: what is firm wins, otherwise the largest."""
+    firm = [m for m in members if requests[m[0]][m[1]].is_firm]
     for group, name in ((members, "asked_order"), (firm, "count")):
-        asked = [wishes[s][d] for s, d in group]
-        for member, wish in zip(group, asked):
-            if getattr(wish, name) != getattr(asked[0], name):
-                raise _disagreement(topology, group[0], asked[0], member, wish)
-    asked = [wishes[s][d] for s, d in firm or members]
+        asked = [requests[s][d] for s, d in group]
+        for member, request in zip(group, asked):
+            if getattr(request, name) != getattr(asked[0], name):
+                raise _disagreement(topology, group[0], asked[0], member, request)
+    asked = [requests[s][d] for s, d in firm or members]
     return max(w.count for w in asked), max(w.order for w in asked)
 
 
-def _disagreement(topology: Topology, first, first_wish: _Wish, other, other_wish: _Wish) -> InputError:
+def _disagreement(topology: Topology, first, first_request: _Request, other, other_request: _Request) -> InputError:
     """Name two blocks whose directions interfaces join and which ask for different numbers."""
     texts = []
-    for (segment, d), wish in ((first, first_wish), (other, other_wish)):
+    for (segment, d), request in ((first, first_request), (other, other_request)):
         block = topology.segments[segment].block
         faces = _faces_along(topology, segment, d)
-        texts.append(f"block {block + 1} has {wish.count} of order {wish.order} in {'ijk'[d]} (on {faces})")
+        texts.append(f"block {block + 1} has {request.count} of order {request.order} in {'ijk'[d]} (on {faces})")
     return InputError(
         f"{topology.source}: numbers of control points disagree along interfaces: {' and '.join(texts)}; "
         f"give both the same"
@@ -226,8 +312,8 @@ def _faces_along(topology: Topology, segment: int, d: int) -> str:
     return ", ".join(sorted(names)) or "an edge"
 
 
-def _lowered(topology: Topology, orders: np.ndarray, result: np.ndarray) -> Iterator[str]:
-    """Tell in one line where a direction of several nodes got a lower order than asked for."""
+def _warn_of_lowered_orders(topology: Topology, orders: np.ndarray, result: np.ndarray) -> Iterator[str]:
+    """Warn in one line where a direction of several nodes got a lower order than asked for."""
     lowest: dict[tuple[int, int], int] = {}
     for window, row in zip(topology.segments, result):
         for d in range(3):

@@ -1,4 +1,6 @@
-"""Parameter correction: alternate between least squares and moving the parameters of the nodes, section II.D.
+"""Parameter correction (Hoschek): alternate between least squares and moving the parameters of the nodes, section II.D.
+
+Theory: ``docs/theory/fit.rst``.
 
 References
 ----------
@@ -12,27 +14,33 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
+from numba import njit
 
+from ..splines.volume import Volume, point_and_gradient, volume_basis_gradients
 from ..topology.index_space import Orientation, Section, inner_slices, sections_of, whole_slices
 from .entities import Entity
 from .problem import FitProblem, FitSolution, Progress, part_of, solve_fit
-from .projection import project
+
+LARGEST_STEP = 0.45
+"""Largest step of a parameter relative to the room to its neighbours: the order along grid lines is kept."""
+
+SMALLEST_GAP = 0.1
+"""Smallest distance of two neighbouring parameters, relative to their distance before the steps."""
+
+CLOSE = 1e-3
+"""A node closer than this fraction of the initial RMS distance of its section is left alone by default."""
+
+_CHUNK = 2048
+"""Points at a time, so that their basis functions stay in the cache."""
+
+_DAMPING = 1e-12
+"""Damping of the scaled normal equations for directions in which the mapping does not move, far below their entries."""
 
 STEPS = 3
 """Gauss-Newton steps in each cycle."""
 
 CYCLE_COST = 6
-"""Time of a cycle by that of the least squares alone, about; most of it goes into the steps."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Follower:
-    """A section of a segment that is the same as an entity of another and takes over its parameters."""
-
-    entity: Entity
-    segment: int
-    section: Section
-    orientation: Orientation
+"""Time of a cycle relative to that of the least squares alone, about; most of it goes into the steps."""
 
 
 def correct_parameters(
@@ -46,10 +54,12 @@ def correct_parameters(
 ) -> tuple[list[np.ndarray], FitSolution]:
     """Correct the parameters of a fit; knots stay as they are.
 
-    Each cycle moves the parameters of edges, faces and interiors towards the closest points and solves the fit anew; a
-    cycle that does not lower the RMS error is dropped and ends the correction. The last word is a fit, so that the
-    control points are those that the nodes have for the corrected parameters. A node that segments share is moved by
-    the one that fits it; the others take over its parameters.
+    A cycle, after Hoschek:
+
+    1. Move the parameters of edges, faces and interiors towards the closest points of the spline, control points fixed.
+    2. A node that segments share is moved by the one that fits it; the others take over its parameters.
+    3. Solve the least squares anew, so that the control points are those that the nodes have for these parameters.
+    4. Drop a cycle that does not lower the RMS error, and end with it.
 
     Parameters
     ----------
@@ -78,8 +88,11 @@ def correct_parameters(
     followers = _find_followers(problem)
     for cycle in range(cycles):
         moving = part_of(progress, cycle / cycles, (cycle + 1) / cycles)
+        # steps 1 and 2
         moved = _move(problem, followers, parameters, nodes, solution.control_points, moving)
+        # step 3
         refitted = solve(problem, moved, nodes)
+        # step 4
         if not _square(nodes, refitted) < _square(nodes, solution):
             break
         parameters, solution = moved, refitted
@@ -104,6 +117,162 @@ def _move(problem: FitProblem, followers, parameters, nodes, control_points, pro
     for follower in followers:
         _take_over(follower, parameters)
     return parameters
+
+
+def project(
+    volume: Volume, control_points, parameters, is_free, nodes, n_steps: int, close: float = CLOSE
+) -> tuple[np.ndarray, np.ndarray]:
+    """Move parameters so that the mapping comes closer to the nodes, by damped Gauss-Newton steps.
+
+    A node of an edge has one parameter to move, of a face two, of an interior three. One round:
+
+    1. Shorten the steps so that parameters stay strictly increasing along grid lines.
+    2. Try them where nodes are not close enough yet.
+    3. Take those that reduce the distance, with the steps from there.
+    4. Halve the others for the next round, so that no distance ever grows.
+
+    Parameters
+    ----------
+    volume : Volume
+        Orders and knots.
+    control_points : ndarray, shape (N0, N1, N2, 3)
+        Control points (m).
+    parameters : ndarray, shape (m0, m1, m2, 3)
+        Parameters of the nodes of a whole section, its boundary included; the boundary stays.
+    is_free : sequence of three bool
+        Directions in which the section extends.
+    nodes : ndarray, shape (n, 3)
+        Inner nodes of the section, in C order (m).
+    n_steps : int
+        Largest number of steps.
+    close : float
+        A node closer than this fraction of the initial RMS distance is left alone.
+
+    Returns
+    -------
+    parameters : ndarray, shape (m0, m1, m2, 3)
+        New parameters.
+    points : ndarray, shape (n, 3)
+        The mapping at the inner ones (m).
+    """
+    inner = tuple(slice(1, -1) if free else slice(None) for free in is_free)
+    parameters, free = parameters.copy(), np.flatnonzero(is_free)
+    current = parameters[inner].reshape(-1, 3).copy()
+    points, steps = _gauss_newton(volume, control_points, current, free, nodes)
+    distances = ((nodes - points) ** 2).sum(axis=1)
+    least_gaps = [SMALLEST_GAP * gaps for gaps in _gaps(parameters, inner, free)]
+    enough = close**2 * distances.mean()
+    for _ in range(n_steps):
+        # step 1
+        steps *= _step_limits(parameters, inner, free, least_gaps, steps)
+        # step 2
+        far = np.flatnonzero(distances > enough)
+        trial = current[far] + steps[far]
+        trial_points, trial_steps = _gauss_newton(volume, control_points, trial, free, nodes[far])
+        trial_distances = ((nodes[far] - trial_points) ** 2).sum(axis=1)
+        # step 3
+        is_better = trial_distances < distances[far]
+        better = far[is_better]
+        current[better], points[better] = trial[is_better], trial_points[is_better]
+        distances[better], steps[better] = trial_distances[is_better], trial_steps[is_better]
+        # step 4
+        steps[far[~is_better]] *= 0.5
+        parameters[inner] = current.reshape(parameters[inner].shape)
+    return parameters, points
+
+
+def _gaps(parameters, inner, free) -> list[np.ndarray]:
+    """Distances of neighbouring parameters along the grid lines of each free direction through inner nodes."""
+    return [np.diff(parameters[inner[:d] + (slice(None),) + inner[d + 1 :]][..., d], axis=d) for d in free]
+
+
+def _step_limits(parameters, inner, free, least_gaps, steps) -> np.ndarray:
+    """Fraction of each step that keeps the order of the parameters, shape (n, 1)."""
+    limits = np.ones(len(steps))
+    for d, gaps, least in zip(free, _gaps(parameters, inner, free), least_gaps):
+        room = np.moveaxis(gaps - least, d, 0)
+        allowed = LARGEST_STEP * np.moveaxis(np.minimum(room[:-1], room[1:]), 0, d).ravel().clip(min=0.0)
+        size = np.abs(steps[:, d])
+        is_long = size > allowed
+        limits[is_long] = np.minimum(limits[is_long], allowed[is_long] / size[is_long])
+    return limits[:, None]
+
+
+def _gauss_newton(volume: Volume, control_points, parameters, free, nodes) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the mapping and Gauss-Newton steps of the free parameters, both of shape (n, 3)."""
+    points, steps = np.empty_like(nodes), np.zeros_like(nodes)
+    is_free = np.isin(np.arange(3), free)
+    for start in range(0, len(nodes), _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        firsts, gradients = volume_basis_gradients(volume, parameters[chunk])
+        arguments = control_points, volume.orders, firsts, gradients, is_free, nodes[chunk]
+        _gauss_newton_chunk(*arguments, points[chunk], steps[chunk])
+    return points, steps
+
+
+@njit(cache=True, error_model="numpy")
+def _gauss_newton_chunk(B, orders, firsts, gradients, is_free, nodes, points, steps):
+    sums, jacobian = np.empty((gradients.shape[1], 3)), np.empty((3, 3))
+    normal, scale, right = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for q in range(len(nodes)):
+        point_and_gradient(B, firsts[q], orders, gradients[q], sums, points[q], jacobian)
+        _solve_step(jacobian, is_free, nodes[q], points[q], steps[q], scale, normal, right)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_step(jacobian, is_free, node, point, step, scale, normal, right):
+    """Least-squares step of the free parameters, with columns scaled to unit length."""
+    for m in range(3):
+        scale[m], right[m] = 1.0, 0.0
+        for n in range(3):
+            normal[m, n] = 1.0 if m == n else 0.0
+        if is_free[m]:
+            length = np.sqrt(jacobian[0, m] ** 2 + jacobian[1, m] ** 2 + jacobian[2, m] ** 2)
+            scale[m] = 1.0 / length if length > 0.0 else 0.0
+    for m in range(3):
+        if is_free[m]:
+            for c in range(3):
+                right[m] += scale[m] * jacobian[c, m] * (node[c] - point[c])
+            for n in range(m):
+                if is_free[n]:
+                    product = 0.0
+                    for c in range(3):
+                        product += jacobian[c, m] * jacobian[c, n]
+                    normal[m, n] = normal[n, m] = product * scale[m] * scale[n]
+            normal[m, m] += _DAMPING
+    _cramer(normal, right, step)
+    for m in range(3):
+        step[m] *= scale[m] * is_free[m]
+
+
+@njit(cache=True, error_model="numpy")
+def _cramer(A, r, out):
+    """Solution of a symmetric 3 x 3 system."""
+    c0, c1, c2 = (
+        A[1, 1] * A[2, 2] - A[1, 2] ** 2,
+        A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2],
+        A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1],
+    )
+    determinant = A[0, 0] * c0 + A[0, 1] * c1 + A[0, 2] * c2
+    inverse = 1.0 / determinant if determinant > 0.0 else 0.0
+    c11, c12, c22 = (
+        A[0, 0] * A[2, 2] - A[0, 2] ** 2,
+        A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2],
+        A[0, 0] * A[1, 1] - A[0, 1] ** 2,
+    )
+    out[0] = inverse * (c0 * r[0] + c1 * r[1] + c2 * r[2])
+    out[1] = inverse * (c1 * r[0] + c11 * r[1] + c12 * r[2])
+    out[2] = inverse * (c2 * r[0] + c12 * r[1] + c22 * r[2])
+
+
+@dataclass(frozen=True, eq=False)
+class _Follower:
+    """A section of a segment that is the same as an entity of another and takes over its parameters."""
+
+    entity: Entity
+    segment: int
+    section: Section
+    orientation: Orientation
 
 
 def _take_over(follower: _Follower, parameters) -> None:

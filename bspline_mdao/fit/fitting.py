@@ -18,12 +18,11 @@ from ..topology.detection import find_topology
 from ..topology.grid import Grid
 from ..topology.sharing import node_sharing
 from ..topology.topology import Topology, shared_ids
+from .control_counts import choose_affordable_counts, predict_factor_bytes
 from .correction import CYCLE_COST, correct_parameters
-from .edge_knots import knots_of_segments
+from .edge_knots import knots_of_segments, require_agreement
 from .errors import report_errors
-from .factor_size import choose_affordable_counts, predict_factor_bytes
-from .knot_agreement import require_agreement
-from .parameters import EXPONENTS, chord_length_parameters, given_parameters
+from .parameters import EXPONENTS, as_parameters, chord_length_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
 from .validity import make_valid
 
@@ -179,7 +178,7 @@ def segment_parameters(grid: Grid, topology: Topology, parametrization="chord_le
         If the parametrization is unknown, or the user's own does not fit the grid.
     """
     if not isinstance(parametrization, str):
-        return given_parameters(topology, parametrization)
+        return as_parameters(topology, parametrization)
     if parametrization not in EXPONENTS:
         raise InputError(
             f'{grid.source}: parametrization "{parametrization}" is unknown; use one of {", ".join(EXPONENTS)}, or '

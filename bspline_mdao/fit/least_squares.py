@@ -29,9 +29,8 @@ from ..errors import InputError
 from ..numerics.transfinite import boolean_sum, inner_of
 from ..splines.volume import Volume
 from ..topology.index_space import whole_slices
-from .design_matrix import DesignMatrix, build_design_matrix
+from .design_matrix import DesignMatrix, build_design_matrix, edge_corners
 from .entities import Entity
-from .matrix_derivatives import edge_corners
 from .quasi_interpolant import LEAST_SQUARES, Mixture, greville_means, greville_places
 
 LARGEST_GRAM = 2**31
@@ -366,7 +365,7 @@ class GramFactor:
         return self.shift > 0.0
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """FitSolution of ``(G + shift I) d = right``; both of shape (n, m)."""
+        """Solution of ``(G + shift I) d = right``; both of shape (n, m)."""
         routine = dpbtrs if self.is_banded else dpotrs
         return routine(self.lower, right, lower=1)[0]
 

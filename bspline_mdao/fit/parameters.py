@@ -1,4 +1,7 @@
-"""Parameters of the nodes of a block from powers of its chord lengths, or the user's own, section II.D."""
+"""Parameters of the nodes of a block from powers of its chord lengths, or the user's own, section II.D.
+
+Theory: ``docs/theory/fit.rst``.
+"""
 
 from __future__ import annotations
 
@@ -95,14 +98,14 @@ def chord_length_parameters_vjp(
     return nodes_bar
 
 
-def given_parameters(topology: Topology, given: Sequence[np.ndarray]) -> list[np.ndarray]:
+def as_parameters(topology: Topology, values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Check the user's own parameters, and cut them up where blocks are cut.
 
     Parameters
     ----------
     topology : Topology
         Segments and links.
-    given : sequence of array_like, each of shape (L0, L1, L2, 3)
+    values : sequence of array_like, each of shape (L0, L1, L2, 3)
         Parameters xi, eta and zeta of the nodes of every block, or of every segment.
 
     Returns
@@ -117,7 +120,7 @@ def given_parameters(topology: Topology, given: Sequence[np.ndarray]) -> list[np
         that segments share: names block and place.
     """
     try:
-        arrays = [np.array(array, dtype=float) for array in given]
+        arrays = [np.array(array, dtype=float) for array in values]
     except (TypeError, ValueError):
         raise InputError(
             f"{topology.source}: parameters that are no arrays of numbers; give one for each block"

@@ -201,7 +201,7 @@ class FitReport:
         Whatever the user should know, one line each.
     factor_bytes : int or None
         Predicted memory of one factor of elasticity's matrix (bytes); derivatives keep one for every increment. None
-        for small control meshes, see `bspline_mdao.fit.factor_size.predict_factor_bytes`.
+        for small control meshes, see `bspline_mdao.fit.control_counts.predict_factor_bytes`.
     fallback : Fallback or None
         Where the fit is not least squares; None where it is.
     """

@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
-from ..fit.derivatives import LiveFit, live_fit
+from ..fit.live_fit import LiveFit, live_fit
 from ..fit.problem import problem_of_mesh
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL

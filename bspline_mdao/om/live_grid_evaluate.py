@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
-from ..fit.live_grid import LiveGrid, LiveGridState, live_grid
+from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 from .component import (
@@ -23,7 +23,7 @@ INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
 
 
 class LiveGridEvaluate(om.ExplicitComponent):
-    """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.fit.live_grid`.
+    """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.fit.live_fit`.
 
     The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Residual
     and wall layer are those of x0; which nodes are near a wall, and how much they follow it, stays as in the model. Of

@@ -5,9 +5,9 @@ import pytest
 from fit_cases import ALL_SHAPES, bend, bent_block, grid_of, lattice, two_blocks
 
 from bspline_mdao.fit import correction
+from bspline_mdao.fit.correction import project
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.fit.problem import problem_of_mesh
-from bspline_mdao.fit.projection import project
 from bspline_mdao.splines.knots import ConstantKnots
 from bspline_mdao.splines.volume import Volume, evaluate
 

@@ -5,10 +5,10 @@ import pytest
 from fit_cases import ALL_SHAPES, FOLDING, bend, folded_block, grid_of, lattice
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.fit.derivatives import live_fit
 from bspline_mdao.fit.edge_knots import edge_knots, edge_knots_jvp, edge_knots_vjp
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.fit.least_squares import ReferenceNet, greville_sampling
+from bspline_mdao.fit.live_fit import live_fit
 from bspline_mdao.fit.parameters import (
     chord_length_parameters,
     chord_length_parameters_jvp,

@@ -17,9 +17,13 @@ from bspline_mdao import (
 )
 from bspline_mdao.cli.main import run
 from bspline_mdao.evaluation.index_scaling import refined_topology
-from bspline_mdao.fit import factor_size
-from bspline_mdao.fit.control_counts import choose_counts
-from bspline_mdao.fit.factor_size import LARGEST_FACTOR, choose_affordable_counts, predict_factor_bytes
+from bspline_mdao.fit import control_counts as factor_size
+from bspline_mdao.fit.control_counts import (
+    LARGEST_FACTOR,
+    choose_affordable_counts,
+    choose_counts,
+    predict_factor_bytes,
+)
 
 
 @pytest.fixture(scope="module")

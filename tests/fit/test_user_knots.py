@@ -18,8 +18,7 @@ from bspline_mdao import (
     require_inside,
     ride,
 )
-from bspline_mdao.fit.edge_knots import joined_corners
-from bspline_mdao.fit.knot_agreement import require_agreement
+from bspline_mdao.fit.edge_knots import joined_corners, require_agreement
 
 
 def bent_knots(order, n_control):
