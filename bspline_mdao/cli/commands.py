@@ -1,21 +1,48 @@
-"""The commands and their options. What a command needs is imported when it runs, so that ``--help`` is quick."""
+"""The commands and their options.
+
+To add a command, write its function here and its file beside this one. Names that help shows come from the tables of
+what there is. What a command needs is imported when it runs, and takes the options by their names, so that ``--help``
+is quick and nothing is named twice.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import click
 
 from .. import __version__
+from ..io.formats import read_names, written_names
+from .movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
+from .sources import BUILT_IN
 
 PROGRAM = "bspline-mdao"
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
+NAMES = {
+    "read": read_names(),
+    "written": written_names(),
+    "built_in": f"{' or '.join(f'@{name}' for name in BUILT_IN)}, at another size as @{next(iter(BUILT_IN))}:45x65x33",
+}
+"""What stands in braces in the texts of commands."""
+
+
 def example(*lines: str) -> str:
-    """Text that ends a help page."""
-    return "\b\nExample:\n" + "\n".join(f"  {line}" for line in lines)
+    """Return the text that ends a help page: lines of commands, without the name of the program."""
+    return "\b\nExample:\n" + "\n".join(f"  {PROGRAM} {line}" for line in lines)
+
+
+def command(*examples: str) -> Callable[[Callable], click.Command]:
+    """Return what makes a command of a function: its docstring is the help, with `NAMES` put in."""
+
+    def declare(function: Callable) -> click.Command:
+        return bspline_mdao.command(help=function.__doc__.format(**NAMES), epilog=example(*examples))(function)
+
+    return declare
 
 
 grid_argument = click.argument("grid_name", metavar="GRID")
@@ -40,11 +67,11 @@ class Increments(click.IntRange):
     context_settings=CONTEXT,
     invoke_without_command=True,
     epilog=example(
-        f"{PROGRAM} inspect wing.xyz --draft wing.toml",
-        f"{PROGRAM} fit wing.xyz --patches wing.toml -o wing.h5",
-        f"{PROGRAM} refine wing.h5 --factor 2 -o fine.xyz",
-        f"{PROGRAM} move wing.h5 --deform twist=10deg -o moved.xyz",
-        f"{PROGRAM} quality moved.xyz",
+        "inspect wing.xyz --draft wing.toml",
+        "fit wing.xyz --patches wing.toml -o wing.h5",
+        "refine wing.h5 --factor 2 -o fine.xyz",
+        "move wing.h5 --deform twist=10deg -o moved.xyz",
+        "quality moved.xyz",
     ),
 )
 @click.version_option(__version__, prog_name=PROGRAM)
@@ -55,7 +82,7 @@ def bspline_mdao(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} inspect wing.xyz --draft wing.toml"))
+@command("inspect wing.xyz --draft wing.toml")
 @grid_argument
 @patches_option
 @click.option("--draft", type=click.Path(path_type=Path), metavar="FILE.toml", help="Write patches to start from.")
@@ -66,19 +93,17 @@ def bspline_mdao(context: click.Context) -> None:
     help="Reynolds number per metre, for an estimate of y+ at walls.",
 )
 @json_option
-def inspect(
-    grid_name: str, patches: Path | None, draft: Path | None, reynolds: float | None, json: Path | None
-) -> None:
+def inspect(**options) -> None:
     """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
 
-    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate, at another size as @onera_m6:45x65x33.
+    GRID is a {read} file, or a built-in grid: {built_in}.
     """
     from .inspect import inspect_grid
 
-    inspect_grid(grid_name, patches, draft, json, reynolds)
+    inspect_grid(**options)
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} fit wing.xyz -o wing.h5 --n-control 13 13 9 --correct 2"))
+@command("fit wing.xyz -o wing.h5 --n-control 13 13 9 --correct 2")
 @grid_argument
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.h5", required=True, help="Fitted model."
@@ -123,17 +148,17 @@ def inspect(
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
 @json_option
-def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
+def fit(**options) -> None:
     """Fit a grid with B-spline volumes and write the model.
 
-    GRID is a PLOT3D or CGNS file, or a built-in grid: @onera_m6 or @flat_plate, at another size as @onera_m6:45x65x33.
+    GRID is a {read} file, or a built-in grid: {built_in}.
     """
-    from .fit import FitOptions, fit_model
+    from .fit import fit_model
 
-    fit_model(grid_name, output, json, FitOptions(**options))
+    fit_model(**options)
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} refine wing.h5 --factor 2 -o fine.xyz"))
+@command("refine wing.h5 --factor 2 -o fine.xyz")
 @click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
 @click.option(
     "--factor",
@@ -144,17 +169,17 @@ def fit(grid_name: str, output: Path, json: Path | None, **options) -> None:
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
 @json_option
-def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
+def refine(**options) -> None:
     """Write a finer or coarser member of the grid family of a model.
 
-    The name of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), or a folder polyMesh (OpenFOAM).
+    The name of GRID tells the format: {written}.
     """
     from .refine import refine_model
 
-    refine_model(model, factor, output, json)
+    refine_model(**options)
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} move wing.h5 --deform twist=10deg --deform stretch=1.2 -o moved.xyz"))
+@command("move wing.h5 --deform twist=10deg --deform stretch=1.2 -o moved.xyz")
 @click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
 @click.option(
     "--deform",
@@ -171,7 +196,7 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
     default="elasticity",
     show_default=True,
     metavar="NAME",
-    help="What carries the control mesh along: elasticity, springs, torsional, transfinite, rbf, idw, delaunay, held.",
+    help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
 )
 @click.option(
     "--increments",
@@ -184,10 +209,12 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
 @click.option(
     "--stiffness",
     metavar="NAME",
-    help="Stiffness of elasticity: orthogonality (default), volume, distance, constant.",
+    help=f"Stiffness of elasticity: {', '.join(STIFFNESS).replace(',', ' (default),', 1)}.",
 )
 @click.option(
-    "--solver", metavar="NAME", help="Solver of elasticity and springs: cholesky (default), cg, cholmod, pardiso."
+    "--solver",
+    metavar="NAME",
+    help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
 )
 @click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default.")
 @click.option(
@@ -206,21 +233,20 @@ def refine(model: Path, factor: float, output: Path, json: Path | None) -> None:
 )
 @click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
 @json_option
-def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], **options) -> None:
+def move(model: Path, output: Path, json: Path | None, **options) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
-    The name of GRID tells the format: .xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), or a folder polyMesh (OpenFOAM).
+    The name of GRID tells the format: {written}.
     PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
     than once.
     """
     from .move import MoveOptions, move_model
-    from .movers import MoverOptions
 
-    mover = MoverOptions(**{name: options.pop(name) for name in ("mover", "increments", "nu", "stiffness", "solver")})
-    move_model(model, output, json, MoveOptions(deform, mover=mover, **options))
+    mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
+    move_model(model, output, json, MoveOptions(mover=mover, **options))
 
 
-@bspline_mdao.command(epilog=example(f"{PROGRAM} quality wing_moved.xyz --baseline wing.h5"))
+@command("quality wing_moved.xyz --baseline wing.h5")
 @grid_argument
 @click.option(
     "--baseline",
@@ -238,12 +264,11 @@ def move(model: Path, output: Path, json: Path | None, deform: tuple[str, ...], 
     help="Bins of the distribution of Q between 0 and 1.",
 )
 @json_option
-def quality(grid_name: str, baseline: str | None, patches: Path | None, bins: int, json: Path | None) -> None:
+def quality(**options) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
-    GRID is a PLOT3D or CGNS file, a fitted model MODEL.h5, or a built-in grid: @onera_m6 or @flat_plate, at another
-    size as @onera_m6:45x65x33.
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
     """
     from .quality import measure_quality
 
-    measure_quality(grid_name, bins, json, patches, baseline)
+    measure_quality(**options)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import FitWarning, InputError
@@ -24,41 +23,20 @@ from .output import (
 from .sources import file_of, load_grid
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """Options of ``fit``.
-
-    Parameters
-    ----------
-    n_control : tuple of three int, optional
-        Control points per direction in every block.
-    order : int, optional
-        Order of the B-splines.
-    correct : int
-        Cycles of parameter correction.
-    patches : Path, optional
-        Patches of the grid.
-    method : str
-        How control points are found, see `bspline_mdao.fit.fitting.fit_grid`.
-    no_residual : bool
-        Do not carry the residual.
-    no_wall_layer : bool
-        Do not let nodes near walls follow them.
-    parametrization : str
-        Of the nodes along grid lines.
-    """
-
-    n_control: tuple[int, int, int] | None = None
-    order: int | None = None
-    correct: int = 0
-    patches: Path | None = None
-    method: str = "valid"
-    no_residual: bool = False
-    no_wall_layer: bool = False
-    parametrization: str = "chord_length"
-
-
-def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptions) -> None:
+def fit_model(
+    grid_name: str,
+    output: Path,
+    json: Path | None = None,
+    *,
+    patches: Path | None = None,
+    n_control: tuple[int, int, int] | None = None,
+    order: int | None = None,
+    correct: int = 0,
+    method: str = "valid",
+    parametrization: str = "chord_length",
+    no_residual: bool = False,
+    no_wall_layer: bool = False,
+) -> None:
     """Fit a grid, write the model and show how good it is.
 
     Parameters
@@ -67,29 +45,39 @@ def fit_model(grid_name: str, output: Path, json: Path | None, options: FitOptio
         File, or ``@`` and the name of a built-in grid.
     output, json : Path
         Model and numbers to write.
-    options : FitOptions
-        How to fit.
+    patches : Path, optional
+        Patches of the grid.
+    n_control : tuple of three int, optional
+        Control points per direction in every block.
+    order : int, optional
+        Order of the B-splines.
+    correct : int
+        Cycles of parameter correction.
+    method, parametrization : str
+        How control points and parameters are found, see `bspline_mdao.fit_grid`.
+    no_residual, no_wall_layer : bool
+        Do not keep the residual; do not let nodes near walls follow them.
 
     Raises
     ------
     InputError
         If the grid cannot be used or a file cannot be written.
     """
-    check_outputs([output, json], [file_of(grid_name), options.patches])
+    check_outputs([output, json], [file_of(grid_name), patches])
     if output.suffix != ".h5":
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)  # it is in the report
         progress(0.0, "reading")
         model = fit_grid(
-            load_grid(grid_name, options.patches),
-            n_control=options.n_control,
-            order=options.order,
-            corrections=options.correct,
-            keep_residual=not options.no_residual,
-            wall_layer=not options.no_wall_layer,
-            method=options.method,
-            parametrization=options.parametrization,
+            load_grid(grid_name, patches),
+            n_control=n_control,
+            order=order,
+            corrections=correct,
+            keep_residual=not no_residual,
+            wall_layer=not no_wall_layer,
+            method=method,
+            parametrization=parametrization,
             progress=progress,
         )
     with written_json(json, fit_numbers(model)):

@@ -21,10 +21,11 @@ from .output import (
     print_title,
     print_warnings,
     progress_bar,
+    show_spacings,
+    spacing_numbers,
     written_json,
 )
 from .sources import file_of, load_grid
-from .walls import show_spacings, spacing_numbers
 
 
 def inspect_grid(

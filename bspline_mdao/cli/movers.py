@@ -1,44 +1,49 @@
-"""Movers, stiffness laws and solvers by the names that the command line gives them."""
+"""Movers, stiffness laws and solvers by the names that the command line gives them.
+
+The tables name classes by their places, and import those that are asked for: help shows the names, and should not wait
+for NumPy and numba.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..mesh.moving_mesh import MovingMesh
-from ..movement.delaunay import DelaunayGraph
-from ..movement.elasticity import LinearElasticity
-from ..movement.fixed_interior import FixedInterior
-from ..movement.inverse_distance import InverseDistance
-from ..movement.mover import Mover
-from ..movement.radial_basis import RadialBasis
-from ..movement.springs import LinealSprings, TorsionalSprings
-from ..movement.transfinite import Transfinite
-from ..movement.young_modulus import ConstantLaw, InverseVolumeLaw, OrthogonalityLaw, WallDistanceLaw
-from ..sparse.cholesky import Cholesky
-from ..sparse.cholmod import Cholmod
-from ..sparse.conjugate_gradient import ConjugateGradients
-from ..sparse.pardiso import Pardiso
+
+if TYPE_CHECKING:
+    from ..mesh.moving_mesh import MovingMesh
+    from ..movement.mover import Mover
 
 MOVERS = {
-    "elasticity": LinearElasticity,
-    "springs": LinealSprings,
-    "torsional": TorsionalSprings,
-    "transfinite": Transfinite,
-    "rbf": RadialBasis,
-    "idw": InverseDistance,
-    "delaunay": DelaunayGraph,
-    "held": FixedInterior,
+    "elasticity": "bspline_mdao.movement.elasticity.LinearElasticity",
+    "springs": "bspline_mdao.movement.springs.LinealSprings",
+    "torsional": "bspline_mdao.movement.springs.TorsionalSprings",
+    "transfinite": "bspline_mdao.movement.transfinite.Transfinite",
+    "rbf": "bspline_mdao.movement.radial_basis.RadialBasis",
+    "idw": "bspline_mdao.movement.inverse_distance.InverseDistance",
+    "delaunay": "bspline_mdao.movement.delaunay.DelaunayGraph",
+    "held": "bspline_mdao.movement.fixed_interior.FixedInterior",
 }
+"""Place of the class of each mover by its name."""
 
 STIFFNESS = {
-    "orthogonality": OrthogonalityLaw,
-    "volume": InverseVolumeLaw,
-    "distance": WallDistanceLaw,
-    "constant": ConstantLaw,
+    "orthogonality": "bspline_mdao.movement.young_modulus.OrthogonalityLaw",
+    "volume": "bspline_mdao.movement.young_modulus.InverseVolumeLaw",
+    "distance": "bspline_mdao.movement.young_modulus.WallDistanceLaw",
+    "constant": "bspline_mdao.movement.young_modulus.ConstantLaw",
 }
+"""Place of the class of each law of stiffness."""
 
-SOLVERS = {"cholesky": Cholesky, "cg": ConjugateGradients, "cholmod": Cholmod, "pardiso": Pardiso}
+SOLVERS = {
+    "cholesky": "bspline_mdao.sparse.cholesky.Cholesky",
+    "cg": "bspline_mdao.sparse.conjugate_gradient.ConjugateGradients",
+    "cholmod": "bspline_mdao.sparse.cholmod.Cholmod",
+    "pardiso": "bspline_mdao.sparse.pardiso.Pardiso",
+}
+"""Place of the class of each solver."""
 
 
 @dataclass(frozen=True)
@@ -71,23 +76,29 @@ class MoverOptions:
         InputError
             If a name is not known, or the mover has no such setting.
         """
-        kind = _named(MOVERS, self.mover, "--mover")
-        known = {field.name for field in fields(kind)}
+        kind = class_named(MOVERS, self.mover, "--mover")
+        accepted = {field.name for field in fields(kind)}
         settings = {
             "n_increments": ("--increments", self.increments),
             "poisson_ratio": ("--nu", self.nu),
-            "stiffness": ("--stiffness", self.stiffness and _named(STIFFNESS, self.stiffness, "--stiffness")()),
-            "solver": ("--solver", self.solver and _named(SOLVERS, self.solver, "--solver")()),
+            "stiffness": ("--stiffness", self.stiffness and class_named(STIFFNESS, self.stiffness, "--stiffness")()),
+            "solver": ("--solver", self.solver and class_named(SOLVERS, self.solver, "--solver")()),
         }
-        given = {name: setting for name, setting in settings.items() if setting[1] is not None}
-        for name, (option, _) in given.items():
-            if name not in known:
+        chosen = {name: setting for name, setting in settings.items() if setting[1] is not None}
+        for name, (option, _) in chosen.items():
+            if name not in accepted:
                 raise InputError(f"{option}: the mover '{self.mover}' has no such setting; leave the option out")
-        return kind(mesh, **{name: value for name, (_, value) in given.items()})
+        return kind(mesh, **{name: value for name, (_, value) in chosen.items()})
 
 
-def _named(known: dict, name: str, option: str):
-    """Look a name up."""
-    if name not in known:
-        raise InputError(f"{option} {name}: is not known; give one of {', '.join(known)}")
-    return known[name]
+def class_named(table: Mapping[str, str], name: str, option: str) -> type:
+    """Import the class that a name of a table stands for.
+
+    Raises
+    ------
+    InputError
+        If the table has no such name.
+    """
+    if name not in table:
+        raise InputError(f"{option} {name}: is not known; give one of {', '.join(table)}")
+    return resolve_name(table[name])

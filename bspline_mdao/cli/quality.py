@@ -15,22 +15,25 @@ from ..topology.grid import Grid
 from .output import (
     check_outputs,
     counts_text,
+    height_numbers,
+    height_warnings,
     print_lines,
     print_table,
     print_title,
     print_warnings,
     progress_bar,
+    show_height_ratios,
+    show_heights,
     written_json,
 )
 from .sources import file_of, load_grid
-from .walls import height_numbers, height_warnings, show_height_ratios, show_heights
 
 MOST_SHOWN = 10
 """Inverted cells that are printed."""
 
 
 def measure_quality(
-    grid_name: str, n_bins: int, json: Path | None, patches: Path | None = None, baseline_name: str | None = None
+    grid_name: str, bins: int, json: Path | None, patches: Path | None = None, baseline: str | None = None
 ) -> None:
     """Measure the cells of a grid and show what they are like.
 
@@ -38,13 +41,13 @@ def measure_quality(
     ----------
     grid_name : str
         Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid.
-    n_bins : int
+    bins : int
         Bins of the distribution of Q.
     json : Path, optional
         Numbers to write.
     patches : Path, optional
         Declared patches.
-    baseline_name : str, optional
+    baseline : str, optional
         The grid before it was moved, as ``grid_name``: decides which cells are inverted now and were not, and what the
         heights at walls are compared with.
 
@@ -53,20 +56,20 @@ def measure_quality(
     InputError
         If a grid cannot be used, the two have other blocks, or a file cannot be written.
     """
-    check_outputs([json], [file_of(grid_name), patches, baseline_name and file_of(baseline_name)])
+    check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)])
     with progress_bar() as progress:
         progress(0.0, "reading")
         grid, warnings = _grid_of(grid_name, patches)
-        baseline = grid if baseline_name is None else _baseline_of(baseline_name, grid, grid_name)
+        before = grid if baseline is None else _baseline_of(baseline, grid, grid_name)
         progress(0.5, "cells")
-        quality, nodes = GridQuality.of_baseline(baseline), grid.to_vector().reshape(-1, 3)
-        report = report_quality(quality, nodes, n_bins)
-        newly = () if baseline_name is None else inverted_cells(quality, quality.cells(nodes), newly=True)
-    with written_json(json, _numbers(grid_name, baseline_name, report, newly)):
+        quality, nodes = GridQuality.of_baseline(before), grid.to_vector().reshape(-1, 3)
+        report = report_quality(quality, nodes, bins)
+        newly = () if baseline is None else inverted_cells(quality, quality.cells(nodes), newly=True)
+    with written_json(json, _numbers(grid_name, baseline, report, newly)):
         pass
-    _show(grid_name, baseline_name, report, newly)
+    _show(grid_name, baseline, report, newly)
     print_warnings(warnings)
-    if baseline_name is not None:
+    if baseline is not None:
         print_warnings(height_warnings(report.heights))
 
 

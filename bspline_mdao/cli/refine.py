@@ -23,15 +23,15 @@ MOST_NODES = 100_000_000
 """Nodes beyond which a member is refused: its evaluation takes some 200 bytes a node."""
 
 
-def refine_model(model_file: Path, factor: float, output: Path, json: Path | None) -> None:
+def refine_model(model: Path, factor: float, output: Path, json: Path | None) -> None:
     """Write a finer or coarser member of the grid family of a model.
 
     Parameters
     ----------
-    model_file : Path
+    model : Path
         Fitted model.
     factor : float
-        Cells per direction, by those of the grid.
+        Cells per direction, divided by those of the grid.
     output, json : Path
         Grid and numbers to write.
 
@@ -40,28 +40,26 @@ def refine_model(model_file: Path, factor: float, output: Path, json: Path | Non
     InputError
         If the model cannot be used, the factor leaves no cell, or a file cannot be written.
     """
-    check_outputs([output, json], [model_file])
-    numbers = {"model": str(model_file), "factor": factor, "grid": str(output)}
+    check_outputs([output, json], [model])
+    numbers = {"model": str(model), "factor": factor, "grid": str(output)}
     with progress_bar() as progress:
         progress(0.0, "reading")
-        model = FittedModel.load(model_file)
-        check_grid_name(output, model.header)
-        topology = refined_topology(model.topology, factor)
+        fitted = FittedModel.load(model)
+        check_grid_name(output, fitted.header)
+        topology = refined_topology(fitted.topology, factor)
         n_nodes = topology.n_nodes
         if n_nodes > MOST_NODES:
-            raise InputError(
-                f"{model_file}: factor {factor:g} makes {n_nodes:,} nodes, more than {MOST_NODES:,}; lower it"
-            )
+            raise InputError(f"{model}: factor {factor:g} makes {n_nodes:,} nodes, more than {MOST_NODES:,}; lower it")
         progress(0.2, "evaluating")
-        grid = family_member(model, factor)
+        grid = family_member(fitted, factor)
         progress(0.8, "writing")
         with written_json(json, {**numbers, "blocks": grid.shapes, "n_nodes": grid.n_nodes}):
             write_grid(output, grid, topology)
-    print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / model.n_nodes:.3g} times those of {model_file}")
+    print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / fitted.n_nodes:.3g} times those of {model}")
     rows = [
         (number, counts_text(before), counts_text(block.shape), block.name)
-        for number, (block, before) in enumerate(zip(grid.blocks, model.topology.shapes), start=1)
+        for number, (block, before) in enumerate(zip(grid.blocks, fitted.topology.shapes), start=1)
     ]
     print_table(["block", "nodes before", "nodes", "name"], rows)
-    print_warnings(model.topology.warnings)
+    print_warnings(fitted.topology.warnings)
     print_lines([f"{output} written"])

@@ -1,19 +1,26 @@
-"""Where a command's grid comes from: a file, or the built-in grids by name."""
+"""Where a command's grid comes from: a file, or the built-in grids by name.
+
+What reads and makes grids is imported when it is called: help shows the names, and should not wait for NumPy.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..generators.canonical import flat_plate_grid, onera_m6_grid
-from ..io.files import read_grid
-from ..io.patches import read_patches
-from ..topology.grid import Grid
 
-BUILT_IN = {"onera_m6": (onera_m6_grid, (23, 33, 17)), "flat_plate": (flat_plate_grid, (23, 23, 23))}
-"""Generator and nodes per block of each built-in grid, half of the paper's."""
+if TYPE_CHECKING:
+    from ..topology.grid import Grid
+
+BUILT_IN = {
+    "onera_m6": ("bspline_mdao.generators.canonical.onera_m6_grid", (23, 33, 17)),
+    "flat_plate": ("bspline_mdao.generators.canonical.flat_plate_grid", (23, 23, 23)),
+}
+"""Place of the generator, and nodes per block, of each built-in grid, half of the paper's."""
 
 MOST_NODES = 2_000_000
 """Nodes per block of a built-in grid that memory is sure to hold."""
@@ -43,6 +50,9 @@ def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
     InputError
         If there is no such grid or a file cannot be used.
     """
+    from ..io.files import read_grid  # NumPy and HDF5, for which help should not wait
+    from ..io.patches import read_patches
+
     if file_of(grid_name):
         return read_grid(grid_name, patches)
     grid = _generate(grid_name)
@@ -58,4 +68,4 @@ def _generate(grid_name: str) -> Grid:
     shape = tuple(map(int, match.groups()[1:])) if match[2] else shape
     if math.prod(shape) > MOST_NODES:
         raise InputError(f"{grid_name}: has {math.prod(shape):,} nodes per block, more than {MOST_NODES:,}; lower them")
-    return generator(shape)
+    return resolve_name(generator)(shape)

@@ -14,8 +14,12 @@ import pytest
 from component_cases import two_blocks
 
 from bspline_mdao import FittedModel, __version__, onera_m6_grid, read_grid, write_grid
+from bspline_mdao.cli.commands import bspline_mdao as program
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.output import written_json
+from bspline_mdao.cli.sources import BUILT_IN, load_grid
+from bspline_mdao.fit.fitting import METHODS
+from bspline_mdao.fit.parameters import EXPONENTS
 
 COMMANDS = ("inspect", "fit", "refine", "quality")
 
@@ -303,3 +307,14 @@ def test_the_program_prints_names_that_the_terminal_cannot_show(workplace):
     output, error = program.communicate(timeout=120)
     assert (program.returncode, error) == (0, "")
     assert "2 blocks" in output
+
+
+def test_choices_of_fit_are_those_that_there_are():
+    choices = {option.name: getattr(option.type, "choices", ()) for option in program.commands["fit"].params}
+    assert tuple(choices["method"]) == METHODS
+    assert {"chord_length"} < set(choices["parametrization"]) < set(EXPONENTS)
+
+
+def test_every_built_in_grid_is_made_in_its_usual_size():
+    for name, (_, shape) in BUILT_IN.items():
+        assert set(load_grid(f"@{name}").shapes) == {shape}

@@ -18,8 +18,8 @@ from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import inverted_cells, report_quality
 from bspline_mdao.cli import output
 from bspline_mdao.cli.main import run
+from bspline_mdao.cli.move import complaint
 from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
-from bspline_mdao.cli.refusal import complaint
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
@@ -123,7 +123,7 @@ def test_options_reach_the_mover(workplace, monkeypatch):
             made.append(self)
             return super().move(initial, surface)
 
-    monkeypatch.setitem(MOVERS, "elasticity", Watched)
+    monkeypatch.setattr(MOVERS["elasticity"], Watched)
     options = ["--increments", "2", "--nu", "0.3", "--stiffness", "constant", "--solver", "cholesky"]
     assert run(move(*FLOOR, *options)) == 0
     (mover,) = made
