@@ -138,7 +138,8 @@ def _placed(blocks, rows, columns, n):
 def state_bytes(linearization: Linearization, factor: BlockFactor) -> dict[str, float]:
     """Bytes per cell of what a derivative keeps: Jacobians of the faces, factor, and vectors of GMRES."""
     n = linearization.discretization.faces.n_cells
-    jacobians = linearization.by_state, linearization.by_area, linearization.shares, linearization.sensors
+    names = ("state_jacobians", "area_jacobians", "cell_weights", "sensors")
+    jacobians = [getattr(linearization, name) for name in names]
     return {
         "jacobians": _bytes(*jacobians) / n,
         "factor": _bytes(factor.lower, factor.upper, factor.pivots, factor.pattern.columns) / n,

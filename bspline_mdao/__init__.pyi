@@ -95,6 +95,7 @@ from .movement.springs import TorsionalSprings as TorsionalSprings
 from .movement.transfinite import Transfinite as Transfinite
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
+from .om.drivers.optimality import optimality_of as optimality_of
 from .om.fit import Fit as Fit
 from .om.flow.euler_flow import EulerFlow as EulerFlow
 from .om.flow.lattice_flow import LatticeFlow as LatticeFlow

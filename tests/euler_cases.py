@@ -227,7 +227,7 @@ class OpenEnds(Discretization):
 
     def linearize(self, states, areas, stream):
         parts = [Discretization.linearize(self, states, *part) for part in self._parts(areas)]
-        names = "by_state", "by_area", "shares", "sensors"
+        names = "state_jacobians", "area_jacobians", "cell_weights", "sensors"
         return Linearization(self, *(sum(getattr(part, name) for part in parts) for name in names))
 
     def _parts(self, areas):

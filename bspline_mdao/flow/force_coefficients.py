@@ -1,4 +1,7 @@
-"""Coefficients of lift, drag and moment of forces that act at points."""
+"""Coefficients of lift, drag and moment of forces that act at points, and what all flows about a wing have as outputs.
+
+Theory: ``docs/theory/far_field.rst``.
+"""
 
 from __future__ import annotations
 
@@ -13,73 +16,17 @@ from ..errors import InputError
 from .induced_drag import InducedDrag
 from .stream import stream_axes
 
-# FOLDED DOCSTRING (rework): What every flow tells of the forces on a wing, by the names that it has in OpenMDAO.
-
-
-@dataclass(frozen=True, eq=False)
-class WingCoefficients:
-    """Coefficients ``CL``, ``CD``, ``CM`` and ``CD_induced``, and the ``span_load`` (m).
-
-    Parameters
-    ----------
-    coefficients : ForceCoefficients
-        The first three.
-    induced : InducedDrag
-        The others.
-    """
-
-    coefficients: ForceCoefficients
-    induced: InducedDrag
-
-    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
-        """Give all of them for forces by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad).
-
-        Arguments are those of `ForceCoefficients.evaluate`.
-        """
-        at = forces, nodes, alpha
-        return self._named(self.coefficients.evaluate(*at), *self.induced.evaluate(*at))
-
-    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, np.ndarray]:
-        """Derivatives of `evaluate` along a direction in all of its arguments."""
-        at = forces, nodes, alpha, d_forces, d_nodes, d_alpha
-        return self._named(self.coefficients.jvp(*at), *self.induced.jvp(*at))
-
-    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
-        """Apply the transpose of `jvp` to derivatives in some of the numbers, by name.
-
-        Returns
-        -------
-        tuple
-            Derivatives in the forces, shape (n_forces, 3), in the nodes, shape (n_nodes, 3), and in the angle (1/rad).
-        """
-        still = {"CL": 0.0, "CD": 0.0, "CM": np.zeros(3), "CD_induced": 0.0, "span_load": 0.0}
-        lift, drag, moment, induced, load = (bars.get(name, zero) for name, zero in still.items())
-        of_forces = self.coefficients.vjp(forces, nodes, alpha, np.hstack([lift, drag, moment]))
-        of_wake = self.induced.vjp(forces, nodes, alpha, load, induced / self.coefficients.area)
-        return tuple(a + b for a, b in zip(of_forces, of_wake))
-
-    def _named(self, coefficients, load, drag):
-        lift, drag_of_forces, *_ = coefficients
-        return {
-            "CL": lift,
-            "CD": drag_of_forces,
-            "CM": coefficients[2:],
-            "CD_induced": drag / self.coefficients.area,
-            "span_load": load,
-        }
-
-
 __all__ = ["ForceCoefficients", "WingCoefficients"]
 
 
 @dataclass(frozen=True, eq=False)
 class ForceCoefficients:
-    """Lift, drag, and moments about the axes x, y and z of the grid, in this order.
+    """Coefficients of lift, drag, and moments about the axes x, y and z of the grid, in this order.
 
     Parameters
     ----------
     points : csr_array, shape (n_forces, n_nodes)
-        Share of every node of a grid in the points that forces act at.
+        Weights of the nodes of a grid in the points that forces act at.
     axes : ndarray, shape (3, 3)
         Rows are the directions downstream, along the span, and up.
     area, chord : float
@@ -112,7 +59,7 @@ class ForceCoefficients:
         Parameters
         ----------
         forces : ndarray, shape (n_forces, 3)
-            Forces by the dynamic pressure (m^2).
+            Forces divided by the dynamic pressure (m^2).
         nodes : ndarray, shape (n_nodes, 3)
             Nodes of the grid (m).
         alpha : float
@@ -128,12 +75,13 @@ class ForceCoefficients:
         return self._coefficients(self._directions(alpha) @ d_forces.sum(axis=0) + turned, d_moment.sum(axis=0))
 
     def vjp(self, forces, nodes, alpha, bar) -> tuple[np.ndarray, np.ndarray, float]:
-        """Apply the transpose of `jvp` to derivatives in the coefficients, shape (5,).
+        """Apply the transpose of `jvp` to derivatives with respect to the coefficients, shape (5,).
 
         Returns
         -------
         tuple
-            Derivatives in the forces, shape (n_forces, 3), in the nodes, shape (n_nodes, 3), and in the angle (1/rad).
+            Derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the angle
+            (1/rad).
         """
         force_bar, moment_bar = bar[:2] / self.area, bar[2:] / (self.area * self.chord)
         forces_bar = force_bar @ self._directions(alpha) + np.cross(moment_bar, self._arms(nodes))
@@ -148,9 +96,63 @@ class ForceCoefficients:
         return stream_axes(alpha, self.axes)[::-1]
 
     def _slopes(self, alpha):
-        """Derivatives of the directions in the angle."""
+        """Derivatives of the directions with respect to the angle."""
         drag, lift = stream_axes(alpha, self.axes)
         return np.stack([-drag, lift])
 
     def _coefficients(self, force, moment):
         return np.concatenate([force, moment / self.chord]) / self.area
+
+
+@dataclass(frozen=True, eq=False)
+class WingCoefficients:
+    """Coefficients ``CL``, ``CD``, ``CM`` and ``CD_induced``, and the ``span_load`` (m).
+
+    Parameters
+    ----------
+    coefficients : ForceCoefficients
+        The first three.
+    induced : InducedDrag
+        The others.
+    """
+
+    coefficients: ForceCoefficients
+    induced: InducedDrag
+
+    def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
+        """Compute them for forces divided by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad).
+
+        Arguments are those of `ForceCoefficients.evaluate`.
+        """
+        at = forces, nodes, alpha
+        return self._named(self.coefficients.evaluate(*at), *self.induced.evaluate(*at))
+
+    def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, np.ndarray]:
+        """Derivatives of `evaluate` along a direction in all of its arguments."""
+        at = forces, nodes, alpha, d_forces, d_nodes, d_alpha
+        return self._named(self.coefficients.jvp(*at), *self.induced.jvp(*at))
+
+    def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
+
+        Returns
+        -------
+        tuple
+            Derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the angle
+            (1/rad).
+        """
+        still = {"CL": 0.0, "CD": 0.0, "CM": np.zeros(3), "CD_induced": 0.0, "span_load": 0.0}
+        lift, drag, moment, induced, load = (bars.get(name, zero) for name, zero in still.items())
+        of_forces = self.coefficients.vjp(forces, nodes, alpha, np.hstack([lift, drag, moment]))
+        of_wake = self.induced.vjp(forces, nodes, alpha, load, induced / self.coefficients.area)
+        return tuple(a + b for a, b in zip(of_forces, of_wake))
+
+    def _named(self, coefficients, load, drag):
+        lift, drag_of_forces, *_ = coefficients
+        return {
+            "CL": lift,
+            "CD": drag_of_forces,
+            "CM": coefficients[2:],
+            "CD_induced": drag / self.coefficients.area,
+            "span_load": load,
+        }

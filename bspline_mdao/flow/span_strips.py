@@ -2,7 +2,9 @@
 
 Both are decided on the baseline and kept. A grid whose lines run around the sections has strips of its own: rows of
 wall quads that close around the wing, one after another from the plane of symmetry to the tip. On any other grid, quads
-are shared out among strips of equal width by their extent along the span.
+are divided among strips of equal width by their extent along the span.
+
+Theory: ``docs/theory/far_field.rst``.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from ..measures.edge_cuts import cut_edges, edges_of_quads
 __all__ = ["SpanStrips"]
 
 _NEAR = 1e-9
-"""Distance, in spans, within which nodes are level with a station, or equally far downstream."""
+"""Distance, in spans, within which nodes are level with a station, or equally far downstream: round-off of a grid."""
 
 _SHORT = 1e-6
 """Width of a strip, in spans, that is taken for none: that of collapsed quads at a tip."""
@@ -31,17 +33,17 @@ class SpanStrips:
 
     Parameters
     ----------
-    shares : csr_array, shape (n, n_faces)
-        Share of every wall face in every strip; those of a face add up to 1.
+    face_weights : csr_array, shape (n, n_faces)
+        Weights of the wall faces in every strip; those of a face add up to 1.
     trailing : csr_array, shape (n + 1, n_nodes)
-        Share of every node of the grid in the points of the trailing edge at the stations.
+        Weights of the nodes of the grid in the points of the trailing edge at the stations.
     axes : ndarray, shape (3, 3)
         Rows are the directions downstream, along the span towards the last strip, and up.
     is_symmetric : bool
         The wing is one half of a symmetric one, whose plane is span 0.
     """
 
-    shares: csr_array
+    face_weights: csr_array
     trailing: csr_array
     axes: np.ndarray
     is_symmetric: bool
@@ -56,7 +58,7 @@ class SpanStrips:
         is_symmetric: bool = True,
         n_strips: int = 16,
     ) -> SpanStrips:
-        """Divide a wing.
+        """Divide the wall of a wing into strips.
 
         Parameters
         ----------
@@ -83,15 +85,15 @@ class SpanStrips:
         axes = axes * np.array([1.0, -1.0 if is_turned else 1.0, 1.0])[:, None]
         numbers = _numbered(corners, nodes @ axes[1]) if is_symmetric else None
         if numbers is None:
-            parts = _shared_out(corners, nodes, axes, n_strips)
+            parts = _of_equal_width(corners, nodes, axes, n_strips)
         else:
-            parts = _by_lines(corners, nodes @ axes[0], numbers)
+            parts = _along_grid_lines(corners, nodes @ axes[0], numbers)
         return cls(*_widened(*parts, nodes @ axes.T), axes, is_symmetric)
 
     @property
     def n_strips(self) -> int:
-        """Number of strips."""
-        return self.shares.shape[0]
+        """Number of strips along the span."""
+        return self.face_weights.shape[0]
 
 
 def _numbered(corners: np.ndarray, span: np.ndarray) -> np.ndarray | None:
@@ -100,18 +102,18 @@ def _numbered(corners: np.ndarray, span: np.ndarray) -> np.ndarray | None:
     Opposite edges of a quad belong to one row of quads. Rows along the span end in the plane of symmetry, at edges of
     one quad alone; those around the sections do not end.
     """
-    edges, is_rim = _edges(corners)
-    rows = _rows_of_edges(edges, len(is_rim))
+    edges, is_boundary = _edges(corners)
+    rows = _rows_of_edges(edges, len(is_boundary))
     ends = np.zeros(rows.max() + 1, dtype=bool)
-    ends[rows[is_rim]] = True
+    ends[rows[is_boundary]] = True
     both = rows[edges[:, :2]]
     if (ends[both].sum(axis=1) != 1).any():
         return None
     strips = np.where(ends[both[:, 0]], both[:, 1], both[:, 0])
     strips = np.unique(strips, return_inverse=True)[1]
-    at_rim = np.unique(strips[is_rim[edges].any(axis=1)])
+    at_boundary = np.unique(strips[is_boundary[edges].any(axis=1)])
     middles = np.bincount(strips, span[corners].mean(axis=1)) / np.bincount(strips)
-    root = at_rim[np.argmax(middles[at_rim])]
+    root = at_boundary[np.argmax(middles[at_boundary])]
     return _in_turn(strips, edges, int(root))
 
 
@@ -124,9 +126,9 @@ def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     is_none = ends[:, 0] == ends[:, 1]
     ends[is_none, 1] = -1 - np.arange(is_none.sum())
     _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    is_rim = count == 1
-    is_rim[number[is_none]] = False
-    return number.reshape(corners.shape), is_rim
+    is_boundary = count == 1
+    is_boundary[number[is_none]] = False
+    return number.reshape(corners.shape), is_boundary
 
 
 def _rows_of_edges(edges: np.ndarray, n_edges: int) -> np.ndarray:
@@ -147,8 +149,8 @@ def _in_turn(strips: np.ndarray, edges: np.ndarray, root: int) -> np.ndarray | N
     return (n - 1 - steps).astype(int)[strips]
 
 
-def _by_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.ndarray) -> tuple[csr_array, csr_array]:
-    """Shares of the faces and points of the trailing edge, the last ones downstream on the lines between strips."""
+def _along_grid_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.ndarray) -> tuple[csr_array, csr_array]:
+    """Weights of the faces, and points of the trailing edge: the last ones downstream on the lines between strips."""
     n, n_nodes = strips.max() + 1, len(downstream)
     last, first = np.full(n_nodes, -1), np.full(n_nodes, n)
     np.maximum.at(last, corners, strips[:, None])
@@ -156,8 +158,8 @@ def _by_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.ndarray) -
     on_wall = np.flatnonzero(last >= 0)
     first, last = first[on_wall], last[on_wall]
     stations = np.where((first < last) | (last == 0), last, n)
-    shares = csr_array((np.ones(len(strips)), (strips, np.arange(len(strips)))), shape=(n, len(strips)))
-    return shares, _last_nodes(stations, on_wall, downstream)
+    face_weights = csr_array((np.ones(len(strips)), (strips, np.arange(len(strips)))), shape=(n, len(strips)))
+    return face_weights, _last_nodes(stations, on_wall, downstream)
 
 
 def _last_nodes(stations: np.ndarray, rows: np.ndarray, downstream: np.ndarray) -> csr_array:
@@ -171,8 +173,8 @@ def _last_nodes(stations: np.ndarray, rows: np.ndarray, downstream: np.ndarray) 
     return csr_array((weights, (stations, rows)), shape=(len(furthest), len(downstream)))
 
 
-def _shared_out(corners, nodes, axes, n_strips) -> tuple[csr_array, csr_array]:
-    """Shares of the faces in strips of equal width, and points of the trailing edge between these."""
+def _of_equal_width(corners, nodes, axes, n_strips) -> tuple[csr_array, csr_array]:
+    """Weights of the faces in strips of equal width, and points of the trailing edge between these."""
     span, downstream, edges = nodes @ axes[1], nodes @ axes[0], edges_of_quads(corners)
     used = span[corners]
     stations = np.linspace(used.min(), used.max(), n_strips + 1)
@@ -184,15 +186,15 @@ def _shared_out(corners, nodes, axes, n_strips) -> tuple[csr_array, csr_array]:
 
 
 def _last_cut(cuts, downstream: np.ndarray) -> csr_array:
-    """Share of the nodes in the last one downstream of some points on edges."""
+    """Weights of the nodes in the last one downstream of some points on edges."""
     points = cuts.matrix(len(downstream))
     return points[[np.argmax(points @ downstream)]]
 
 
-def _widened(shares: csr_array, trailing: csr_array, points: np.ndarray) -> tuple[csr_array, csr_array]:
+def _widened(face_weights: csr_array, trailing: csr_array, points: np.ndarray) -> tuple[csr_array, csr_array]:
     """Join strips of no width to their neighbours; nodes are in the axes downstream, along the span, up."""
     widths = np.linalg.norm(np.diff((trailing @ points)[:, 1:], axis=0), axis=1)
     group = np.maximum(np.cumsum(widths > _SHORT * widths.sum()) - 1, 0)
     join = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
     stations = np.concatenate([[0], 1 + np.flatnonzero(np.diff(group)), [len(group)]])
-    return csr_array(join @ shares), csr_array(trailing[stations])
+    return csr_array(join @ face_weights), csr_array(trailing[stations])

@@ -7,11 +7,11 @@ import numpy as np
 __all__ = ["RADIAN", "stream_axes"]
 
 RADIAN = np.pi / 180.0
-"""Of a degree."""
+"""One degree in radians."""
 
 
 def stream_axes(alpha, axes: np.ndarray) -> np.ndarray:
-    """Directions of drag and lift, shape (2, 3); the second is the derivative of the first in the angle.
+    """Directions of drag and lift, shape (2, 3); the second is the derivative of the first with respect to the angle.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Where a symmetric matrix of 3 x 3 blocks differs from zero: its lower triangle, by rows.
+    """Pattern of a symmetric matrix of 3 x 3 blocks: its lower triangle, by rows.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ class BlockPattern:
 
     @property
     def n(self) -> int:
-        """Block rows."""
+        """Number of block rows."""
         return len(self.indptr) - 1
 
     @property
     def n_blocks(self) -> int:
-        """Stored blocks."""
+        """Number of stored blocks."""
         return len(self.indices)
 
     @classmethod

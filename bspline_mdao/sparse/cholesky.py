@@ -8,7 +8,6 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
@@ -19,8 +18,8 @@ from numba import njit
 from ..errors import InputError, MovementError
 from ..numerics.threads import Crew, thread_count
 from . import multifrontal
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
-from .conjugate_gradient import preconditioned_solve
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, graph_of
+from .conjugate_gradient import solve_with_factor
 from .fronts import Fronts, Stages, find_stages, lay_out
 from .lapack import one_blas_thread, routines
 from .multifrontal import rounds
@@ -28,10 +27,6 @@ from .ordering import fill_reducing_order
 from .symbolic import Supernodes, find_supernodes
 
 __all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
-
-
-CG_TOLERANCE = 1e-12
-"""Relative residual at which conjugate gradients end, or earlier where rounding leaves more: `preconditioned_solve`."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +49,12 @@ class Cholesky:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the solver in reports."""
         return "Cholesky, single precision" if self.single else "Cholesky"
 
     @property
     def threads(self) -> int:
-        """Number of threads to use."""
+        """Number of threads of a factorisation."""
         return thread_count(self.n_threads)
 
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholeskyAnalysis:
@@ -219,12 +214,12 @@ class CholeskyFactor:
 
     @property
     def n_bytes(self) -> int:
-        """Memory of the factor."""
+        """Memory of the factor in bytes."""
         return self.panels.nbytes
 
     @cached_property
     def cancellation(self) -> float:
-        """How much larger a diagonal entry of the matrix is than what elimination leaves of it, at the most.
+        """Largest ratio of a diagonal entry of the matrix to what elimination leaves of it.
 
         Times the unit round-off it is about the relative error of a solution: no scaling of the matrix changes it.
         """
@@ -245,7 +240,7 @@ class CholeskyFactor:
         return largest * (scale * self._substitute(scaled / largest))
 
     def _substitute(self, right: np.ndarray) -> np.ndarray:
-        """Forward and backward substitution."""
+        """Solve with the factor as it is stored, by forward and backward substitution."""
         supernodes, dtype = self.analysis.supernodes, self.panels.dtype
         ranges, starts = self.analysis.stages
         firsts, n_sides = supernodes.firsts, int(np.prod(right.shape[2:]))
@@ -285,12 +280,7 @@ class CholeskyFactor:
         -------
         LinearSolution
         """
-        start = time.perf_counter()
-        right = check_right(right, self.matrix.pattern.n)
-        if self.panels.dtype == np.float32 or (matrix is not None and matrix is not self.matrix):
-            return preconditioned_solve(self.matrix if matrix is None else matrix, self, right, CG_TOLERANCE)
-        x = self.apply(right)
-        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+        return solve_with_factor(self, right, matrix, is_exact=self.panels.dtype == np.float64)
 
 
 @njit(cache=True)

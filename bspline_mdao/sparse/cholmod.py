@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..errors import InputError, MovementError
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, residual_norm
-from .conjugate_gradient import preconditioned_solve
+from .blocks import BlockMatrix, BlockPattern, LinearSolution
+from .conjugate_gradient import solve_with_factor
 
 __all__ = ["Cholmod", "CholmodAnalysis", "CholmodFactor"]
 
@@ -21,7 +20,7 @@ class Cholmod:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the solver in reports."""
         return "CHOLMOD"
 
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> CholmodAnalysis:
@@ -66,7 +65,7 @@ class CholmodAnalysis:
 
 @dataclass(frozen=True, eq=False)
 class CholmodFactor:
-    """Factor of a matrix.
+    """CHOLMOD's factor of a matrix.
 
     Parameters
     ----------
@@ -84,7 +83,7 @@ class CholmodFactor:
 
     @property
     def cancellation(self) -> float:
-        """Not known: infinite, see `CholeskyFactor.cancellation`."""
+        """Infinite: this engine does not tell; see `CholeskyFactor.cancellation`."""
         return np.inf
 
     def apply(self, right: np.ndarray) -> np.ndarray:
@@ -95,9 +94,4 @@ class CholmodFactor:
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve, or solve with another matrix preconditioned by this factor; see `CholeskyFactor.solve`."""
-        start = time.perf_counter()
-        right = check_right(right, self.matrix.pattern.n)
-        if matrix is not None and matrix is not self.matrix:
-            return preconditioned_solve(matrix, self, right)
-        x = self.apply(right)
-        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+        return solve_with_factor(self, right, matrix)

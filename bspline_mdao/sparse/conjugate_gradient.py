@@ -1,4 +1,7 @@
-"""Conjugate gradients for symmetric matrices of 3 x 3 blocks, preconditioned with any factor."""
+"""Conjugate gradients for symmetric matrices of 3 x 3 blocks, preconditioned with any factor, as in section III.B.
+
+Theory: ``docs/theory/sparse_iterative.rst``.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,21 @@ import numpy as np
 from numba import njit
 
 from ..errors import MovementError
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
 
 __all__ = [
     "ConjugateGradients",
     "ConjugateGradientsAnalysis",
+    "DirectFactor",
     "PreconditionedMatrix",
     "Preconditioner",
     "preconditioned_solve",
+    "solve_with_factor",
 ]
 
 ROUNDING_MARGIN = 4.0
-"""By how much a residual may be above ``eps |A| |x|`` where it stays."""
+"""Factor by which a residual that no longer falls may be above ``eps |A| |x|``, which is an estimate of rounding."""
 
 ADVICE = "give more shift or a higher fill, or use a direct solver"
 
@@ -32,10 +37,18 @@ class Preconditioner(Protocol):
 
     @property
     def n_bytes(self) -> int:
-        """Memory that it takes."""
+        """Memory that it takes in bytes."""
 
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Solve for a right-hand side, shape (n, 3)."""
+
+
+class DirectFactor(Preconditioner, Protocol):
+    """A factor of a matrix by a direct solver."""
+
+    @property
+    def matrix(self) -> BlockMatrix:
+        """Matrix that was factored."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +60,7 @@ class ConjugateGradients:
     fill : int, optional
         Level of fill p of the incomplete factor.
     shift : float, optional
-        Share of the diagonal blocks that is added to them before they are factored. The factor takes more where a pivot
+        Part of the diagonal blocks that is added to them before they are factored. The factor takes more where a pivot
         is not positive otherwise.
     tolerance : float, optional
         Residual to reach in the 2-norm, relative to the right-hand side, or what rounding leaves if that is more: see
@@ -66,7 +79,7 @@ class ConjugateGradients:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the solver in reports."""
         return f"CG, ILU({self.fill})"
 
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> ConjugateGradientsAnalysis:
@@ -77,7 +90,7 @@ class ConjugateGradients:
 
 @dataclass(frozen=True, eq=False)
 class ConjugateGradientsAnalysis:
-    """The pattern of an incomplete factor, with the settings.
+    """The pattern of an incomplete factor, with the settings of the solver.
 
     Parameters
     ----------
@@ -98,7 +111,7 @@ class ConjugateGradientsAnalysis:
 
 @dataclass(frozen=True, eq=False)
 class PreconditionedMatrix:
-    """A matrix with its preconditioner.
+    """A matrix with its preconditioner and the tolerance of the iteration.
 
     Parameters
     ----------
@@ -115,12 +128,12 @@ class PreconditionedMatrix:
 
     @property
     def n_bytes(self) -> int:
-        """Memory of the preconditioner."""
+        """Memory of the preconditioner in bytes."""
         return self.preconditioner.n_bytes
 
     @property
     def cancellation(self) -> float:
-        """What `CholeskyFactor.cancellation` would be for the tolerance: more digits take a smaller one."""
+        """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits take a smaller one."""
         return self.tolerance / np.finfo(float).eps
 
     def apply(self, right: np.ndarray) -> np.ndarray:
@@ -190,6 +203,35 @@ def preconditioned_solve(
     return LinearSolution(x, max(iterations), max(residuals), time.perf_counter() - clock)
 
 
+def solve_with_factor(
+    factor: DirectFactor, right: np.ndarray, matrix: BlockMatrix | None = None, is_exact: bool = True
+) -> LinearSolution:
+    """Solve with the factor of a direct solver, or, where it is not that of the matrix, by conjugate gradients.
+
+    Parameters
+    ----------
+    factor : DirectFactor
+        The factor.
+    right : ndarray, shape (n, 3) or (n, 3, m)
+        Right-hand side, or m of them.
+    matrix : BlockMatrix, optional
+        Matrix to solve with in place of the one that was factored: by conjugate gradients, with this factor as the
+        preconditioner.
+    is_exact : bool
+        The factor is that of its matrix to double precision; otherwise it is always used as a preconditioner.
+
+    Returns
+    -------
+    LinearSolution
+    """
+    start = time.perf_counter()
+    right = check_right(right, factor.matrix.pattern.n)
+    if not is_exact or (matrix is not None and matrix is not factor.matrix):
+        return preconditioned_solve(factor.matrix if matrix is None else matrix, factor, right)
+    x = factor.apply(right)
+    return LinearSolution(x, 0, residual_norm(factor.matrix, x, right), time.perf_counter() - start)
+
+
 def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
     """LinearSolution, iterations and true relative residual of one right-hand side."""
     right = np.ascontiguousarray(right)
@@ -201,7 +243,8 @@ def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
     x = np.array(start, order="C")
     rest = right - matrix.dot(x)
     iterations, residual = 0, np.sqrt(_dot(rest, rest)) / size
-    while not residual <= tolerance:
+    while not residual <= tolerance:  # also where it is not a number, which _iterate then refuses
+        # to half the tolerance, so that a little drift of the recurrence does not cost another start
         step, n_steps = _iterate(matrix, factor, rest, 0.5 * tolerance * size, max_iterations - iterations)
         x += step
         iterations += n_steps
@@ -281,8 +324,8 @@ def _advance(x, residual, direction, image, length):
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def _turn(direction, z, share):
-    """Next direction, in place: ``z`` and a share of the last one."""
+def _turn(direction, z, ratio):
+    """Next direction, in place: ``z`` plus ``ratio`` times the last one."""
     for i in range(len(z)):
         for a in range(3):
-            direction[i, a] = z[i, a] + share * direction[i, a]
+            direction[i, a] = z[i, a] + ratio * direction[i, a]

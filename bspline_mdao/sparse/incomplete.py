@@ -142,7 +142,7 @@ def fill_pattern(neighbour_starts, neighbours, order, fill: int) -> tuple[np.nda
 
 @njit(cache=True)
 def _count(neighbour_starts, neighbours, order, rank, fill):
-    """Where the rows of the factor start."""
+    """Find the starts of the rows of the factor."""
     n = len(order)
     starts, queue, seen = np.zeros(n + 1, np.int64), np.empty(n, np.int32), np.full(n, -1, np.int32)
     for column in range(n):
@@ -192,7 +192,7 @@ def _reach(column, neighbour_starts, neighbours, order, rank, fill, seen, queue)
 def incomplete_factor(
     matrix: BlockMatrix, pattern: IncompletePattern, shift: float, dtype=np.float32
 ) -> IncompleteFactor:
-    """Factor a matrix incompletely.
+    """Factor a matrix incompletely on a pattern.
 
     The diagonal blocks are taken 1 + ``shift`` times. If a pivot is not positive in spite of that, all is done again
     with a larger shift.

@@ -291,7 +291,7 @@ def _subtract(routines, panel, n, first, last, rows, columns, target, n_target, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def pivots(supernodes, fronts, factor):
-    """What elimination leaves of the diagonal, in the order of elimination: squares of the factor's, shape (n, 3)."""
+    """Pivots, the squares of the diagonal of the factor, in the order of elimination; shape (n, 3)."""
     squares = np.empty((supernodes.firsts[-1], 3))
     for s in range(len(supernodes.parents)):
         n_own, n_rest = _extents(s, supernodes)

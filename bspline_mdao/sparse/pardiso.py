@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
 
 from ..errors import InputError, MovementError
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, residual_norm
-from .conjugate_gradient import preconditioned_solve
+from .blocks import BlockMatrix, BlockPattern, LinearSolution
+from .conjugate_gradient import solve_with_factor
 
 __all__ = ["Pardiso", "PardisoAnalysis", "PardisoFactor"]
 
@@ -27,7 +26,7 @@ class Pardiso:
 
     @property
     def name(self) -> str:
-        """Name for reports."""
+        """Name of the solver in reports."""
         return "PARDISO"
 
     def analyze(self, pattern: BlockPattern, points: np.ndarray) -> PardisoAnalysis:
@@ -41,7 +40,7 @@ class Pardiso:
 
 @dataclass(frozen=True, eq=False)
 class PardisoAnalysis:
-    """A pattern.
+    """A pattern, of which PARDISO keeps nothing.
 
     Parameters
     ----------
@@ -73,7 +72,7 @@ class PardisoAnalysis:
 
 @dataclass(frozen=True, eq=False)
 class PardisoFactor:
-    """Factor of a matrix, freed with this object.
+    """PARDISO's factor of a matrix, freed with this object.
 
     Parameters
     ----------
@@ -92,12 +91,12 @@ class PardisoFactor:
 
     @property
     def n_bytes(self) -> int:
-        """Memory of the factor."""
+        """Memory of the factor in bytes."""
         return 1024 * int(self.solver.get_iparm(N_KILOBYTES))
 
     @property
     def cancellation(self) -> float:
-        """Not known: infinite, see `CholeskyFactor.cancellation`."""
+        """Infinite: this engine does not tell; see `CholeskyFactor.cancellation`."""
         return np.inf
 
     def apply(self, right: np.ndarray) -> np.ndarray:
@@ -107,9 +106,4 @@ class PardisoFactor:
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve, or solve with another matrix preconditioned by this factor; see `CholeskyFactor.solve`."""
-        start = time.perf_counter()
-        right = check_right(right, self.matrix.pattern.n)
-        if matrix is not None and matrix is not self.matrix:
-            return preconditioned_solve(matrix, self, right)
-        x = self.apply(right)
-        return LinearSolution(x, 0, residual_norm(self.matrix, x, right), time.perf_counter() - start)
+        return solve_with_factor(self, right, matrix)

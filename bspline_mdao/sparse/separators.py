@@ -409,7 +409,7 @@ def empty_heap(n):
 
 @njit(cache=True)
 def reset(heap):
-    """Take all points out."""
+    """Take all points out of the heap."""
     for place in range(heap.size[0]):
         heap.places[heap.points[place]] = -1
     heap.size[0] = 0

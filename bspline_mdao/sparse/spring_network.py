@@ -1,4 +1,8 @@
-"""Displacement of points that nothing prescribes: a network of springs that joins them to given and held ones."""
+"""Displacement of points that nothing prescribes: a network of springs joins them to prescribed and fixed ones.
+
+Each component of the displacement is the solution of a discrete Laplace equation on the graph of the springs, with
+weights of one over their lengths.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +19,16 @@ __all__ = ["SpringNetwork"]
 
 @dataclass(frozen=True, eq=False)
 class SpringNetwork:
-    """Points between those that are given and those that are held, as a linear map of the given displacement.
+    """Displacement of points between prescribed and fixed ones, as a linear map of the prescribed displacement.
 
     Parameters
     ----------
     ids : ndarray of int, shape (n_free,)
-        The points that follow, ascending.
-    pull : scipy.sparse.csr_array, shape (n_free, n_given)
-        Force on each of them for a unit displacement of each given point.
+        The points that are displaced, ascending.
+    pull : scipy.sparse.csr_array, shape (n_free, n_prescribed)
+        Force on each of them for a unit displacement of each prescribed point.
     directions : scipy.sparse.csr_array, shape (3 n_free, n_directions)
-        Orthonormal columns: what they may do.
+        Orthonormal columns: their allowed directions.
     solve : callable
         Inverse of the network's stiffness in these directions, symmetric.
     """
@@ -39,25 +43,25 @@ class SpringNetwork:
         cls,
         n_points: int,
         lengths: Mapping[tuple[int, int], float],
-        given_ids: np.ndarray,
+        prescribed_ids: np.ndarray,
         fixed_ids: np.ndarray,
         directions: Callable[[np.ndarray], sparse.csr_array],
     ) -> SpringNetwork:
         """Join points by springs, as stiff as they are short.
 
         Each component of the displacement is in equilibrium by itself, but for points that slide. Points without a
-        connection to given or held ones stay.
+        connection to prescribed or fixed ones stay.
 
         Parameters
         ----------
         n_points : int
             Number of points; those without a spring take no part.
         lengths : mapping of (int, int) to float
-            Length of the spring (m) between each pair of points; pairs of one point with itself are left out.
-        given_ids, fixed_ids : ndarray of int
-            Points with a given displacement, and points that stay.
+            Length of the spring (m) between each pair of points; those of one point with itself do not count.
+        prescribed_ids, fixed_ids : ndarray of int
+            Points with a prescribed displacement, and points that stay.
         directions : callable
-            Orthonormal columns, shape (3 n, n_directions), of what points, by their numbers of shape (n,), may do.
+            Orthonormal columns, shape (3 n, n_directions), of the allowed directions of points by numbers, shape (n,).
 
         Returns
         -------
@@ -68,23 +72,24 @@ class SpringNetwork:
         graph = sparse.csr_array((list(stiffness.values()), tuple(pairs)), shape=(n_points, n_points))
         graph = graph + graph.T
         laplacian = sparse.diags_array(graph.sum(axis=1)).tocsr() - graph
-        points, is_known = np.unique(pairs), np.zeros(n_points, dtype=bool)
-        is_known[given_ids] = is_known[fixed_ids] = True
+        points, is_prescribed = np.unique(pairs), np.zeros(n_points, dtype=bool)
+        is_prescribed[prescribed_ids] = is_prescribed[fixed_ids] = True
         _, labels = connected_components(graph, directed=False)
-        is_anchored = np.isin(labels, labels[points[is_known[points]]])
-        ids = points[(is_anchored & ~is_known)[points]]
-        rows, freedoms = laplacian[ids], directions(ids)
-        stiffness = freedoms.T @ sparse.kron(rows[:, ids], sparse.eye_array(3)) @ freedoms
+        is_anchored = np.isin(labels, labels[points[is_prescribed[points]]])
+        ids = points[(is_anchored & ~is_prescribed)[points]]
+        rows, allowed = laplacian[ids], directions(ids)
+        stiffness = allowed.T @ sparse.kron(rows[:, ids], sparse.eye_array(3)) @ allowed
         solve = splu(sparse.csc_array(stiffness)).solve if stiffness.size else np.zeros_like
-        return cls(ids, -rows[:, given_ids], freedoms, solve)
+        return cls(ids, -rows[:, prescribed_ids], allowed, solve)
 
     def dot(self, displacement: np.ndarray) -> np.ndarray:
-        """Displacements of the points that follow, (n_free, 3), for those of the given ones, (n_given, 3)."""
-        return self._yield_to(self.pull @ displacement)
+        """Displacements of the points, (n_free, 3), for those of the prescribed ones, (n_prescribed, 3)."""
+        return self._displacement_under(self.pull @ displacement)
 
     def transpose_dot(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `dot`."""
-        return self.pull.T @ self._yield_to(bar)
+        return self.pull.T @ self._displacement_under(bar)
 
-    def _yield_to(self, force: np.ndarray) -> np.ndarray:
+    def _displacement_under(self, force: np.ndarray) -> np.ndarray:
+        """Equilibrium displacement under forces on the points, both of shape (n_free, 3)."""
         return (self.directions @ self.solve(self.directions.T @ force.ravel())).reshape(-1, 3)

@@ -101,7 +101,7 @@ def test_solves_with_a_factor_and_its_transpose_agree(fill):
 
 def compact_jacobian(case, dissipation):
     """The compact neighbour of the Jacobian, from the Jacobians of the faces."""
-    stencil, faces, by_state = case.discretization.stencil, case.faces, case.linearization.by_state
+    stencil, faces, by_state = case.discretization.stencil, case.faces, case.linearization.state_jacobians
     mean, jump = by_state[..., :BLOCK], by_state[..., BLOCK:]
     inner = slice(0, faces.n_inner)
     left, right = faces.left[inner], faces.right

@@ -83,7 +83,7 @@ def trace(drag, nodes, alpha=ALPHA):
 
 def forces_of(drag, nodes, load, seed=0):
     """Forces on the faces, unevenly spread, that add up to a load per length of the trace, and others downstream."""
-    rng, shares = np.random.default_rng(seed), drag.strips.shares.T
+    rng, shares = np.random.default_rng(seed), drag.strips.face_weights.T
     points, turn = trace(drag, nodes)
     widths = np.diff(points, axis=0)
     on_strips = load[:, None] * np.stack([-widths[:, 1], widths[:, 0]], axis=1) @ turn
@@ -110,9 +110,9 @@ def test_lines_of_the_grid_divide_the_wing_into_strips_from_the_tip_to_the_root(
     corners, nodes = wall_of(name)
     strips = SpanStrips.of(corners, nodes, AXES)
     assert strips.n_strips == WALLS[name][2]
-    np.testing.assert_array_equal(strips.shares.data, 1.0)
-    np.testing.assert_array_equal(strips.shares.sum(axis=0), 1.0)
-    counts = strips.shares.sum(axis=1)
+    np.testing.assert_array_equal(strips.face_weights.data, 1.0)
+    np.testing.assert_array_equal(strips.face_weights.sum(axis=0), 1.0)
+    counts = strips.face_weights.sum(axis=1)
     np.testing.assert_array_equal(counts, counts[0])
 
 
@@ -129,14 +129,14 @@ def test_points_of_the_stations_run_along_the_trailing_edge(name):
 @pytest.mark.parametrize("shape", [generic_blended_wing_body(), upright(0.4)])
 def test_body_with_winglets_has_the_strips_of_the_plate_that_it_was(shape):
     one, other = (SpanStrips.of(*wall(plate(17), shape), AXES) for shape in (None, shape))
-    np.testing.assert_array_equal(other.shares.toarray(), one.shares.toarray())
+    np.testing.assert_array_equal(other.face_weights.toarray(), one.face_weights.toarray())
     np.testing.assert_array_equal(other.trailing.toarray(), one.trailing.toarray())
 
 
 def test_strips_lie_between_the_planes_of_their_stations():
     corners, nodes = wall_of("plate")
     strips = SpanStrips.of(corners, nodes, AXES)
-    stations, number = (strips.trailing @ nodes)[:, 2], strips.shares.argmax(axis=0)
+    stations, number = (strips.trailing @ nodes)[:, 2], strips.face_weights.argmax(axis=0)
     np.testing.assert_allclose(nodes[corners][..., 2].max(axis=1), stations[number], atol=1e-12)
     np.testing.assert_allclose(nodes[corners][..., 2].min(axis=1), stations[number + 1], atol=1e-12)
 
@@ -147,7 +147,7 @@ def test_order_of_faces_and_of_their_corners_does_not_matter():
     order, turns = rng.permutation(len(corners)), rng.integers(4, size=len(corners))
     mixed = np.take_along_axis(corners[order], (turns[:, None] + np.arange(4)) % 4, axis=1)
     one, other = SpanStrips.of(corners, nodes, AXES), SpanStrips.of(mixed, nodes, AXES)
-    np.testing.assert_array_equal(other.shares.toarray(), one.shares.toarray()[:, order])
+    np.testing.assert_array_equal(other.face_weights.toarray(), one.face_weights.toarray()[:, order])
     np.testing.assert_array_equal(other.trailing.toarray(), one.trailing.toarray())
 
 
@@ -160,13 +160,13 @@ def test_collapsed_quads_at_the_tip_join_the_strip_beside_them():
     flat[np.abs(nodes[:, 2] - inner) < 1e-12, 2] = tip
     strips = SpanStrips.of(corners, flat, AXES)
     assert strips.n_strips == width.n_strips - 1
-    np.testing.assert_array_equal(strips.shares.sum(axis=0), 1.0)
+    np.testing.assert_array_equal(strips.face_weights.sum(axis=0), 1.0)
 
 
 def test_walls_without_rows_around_them_are_shared_out_by_span():
     corners, nodes = wall(ball_grid((4, 5, 6, 3)))
     strips = SpanStrips.of(corners, nodes, AXES, is_symmetric=False, n_strips=6)
-    np.testing.assert_allclose(strips.shares.sum(axis=0), 1.0, atol=1e-14)
+    np.testing.assert_allclose(strips.face_weights.sum(axis=0), 1.0, atol=1e-14)
     points, z = strips.trailing @ nodes, nodes[corners][..., 2]
     np.testing.assert_allclose(points[:, 2], np.linspace(z.min(), z.max(), 7), atol=1e-12)
     np.testing.assert_allclose(points[:, 0], points[::-1, 0], atol=1e-12)
@@ -285,7 +285,7 @@ def test_lift_of_a_strip_is_taken_across_its_trace():
     load = np.linspace(1.0, 2.0, drag.strips.n_strips)
     forces = forces_of(drag, nodes, load)
     np.testing.assert_allclose(drag.evaluate(forces, nodes, ALPHA)[0], load, rtol=1e-10)
-    tip = drag.strips.shares[[0]].T @ np.ones(1)
+    tip = drag.strips.face_weights[[0]].T @ np.ones(1)
     upwards = forces + tip[:, None] * AXES[2]  # along the upright tip, up to the angle of attack
     np.testing.assert_allclose(drag.evaluate(upwards, nodes, 0.0)[0][0], drag.evaluate(forces, nodes, 0.0)[0][0])
 

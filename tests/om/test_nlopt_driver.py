@@ -326,7 +326,7 @@ def test_a_second_interrupt_keeps_the_best_point(monkeypatch):
     def interrupt(functions):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bspline_mdao.om.drivers.nlopt_functions.Functions.settle", interrupt)
+    monkeypatch.setattr("bspline_mdao.om.drivers.nlopt_functions.Functions.restore_best", interrupt)
     problem = breaking(error=KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
         run(problem, optimizer="LD_SLSQP")

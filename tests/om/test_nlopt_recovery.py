@@ -1,4 +1,4 @@
-"""The NLopt driver where analyses fail, and what it foresees of the algorithms."""
+"""The NLopt driver where analyses fail, and what it predicts of the algorithms."""
 
 import numpy as np
 import openmdao.api as om
@@ -7,12 +7,21 @@ from driver_cases import CASES, error, nlopt_driver, solve
 from scipy.optimize import rosen, rosen_der
 
 from bspline_mdao.om.drivers import nlopt_driver as module
-from bspline_mdao.om.drivers.foresight import Blind, Conservative, Sequential
 from bspline_mdao.om.drivers.nlopt_algorithms import ALGORITHMS
 from bspline_mdao.om.drivers.nlopt_functions import Functions
 from bspline_mdao.om.drivers.nlopt_problem import Statement, split_constraints
+from bspline_mdao.om.drivers.nlopt_rules import (
+    RECOVERIES,
+    TURN,
+    ConservativeRules,
+    LineSearchRules,
+    NoRules,
+    SearchRecord,
+    not_a_number,
+    uphill,
+    worst,
+)
 from bspline_mdao.om.drivers.optimality import optimality
-from bspline_mdao.om.drivers.recovery import RECOVERIES, TURN, Known, not_a_number, uphill, worst
 
 GRADIENT = [a.name for a in ALGORITHMS.values() if a.gradients and a.is_compiled and not a.is_global]
 PLAIN = [name for name in GRADIENT if ALGORITHMS[name].local_optimizer == "none"]
@@ -214,34 +223,34 @@ def statement(n=3, m=2):
     return Statement(np.full(n, -np.inf), np.full(n, np.inf), *rows, tolerance=1e-6)
 
 
-def known(random):
-    """Something known of a problem with three variables and two constraints."""
+def record_of(random):
+    """Record of a problem with three variables and two constraints."""
     base, other = (statement().point(random.standard_normal(3), f, random.standard_normal(2)) for f in (2.0, 5.0))
-    return Known(base, random.standard_normal((3, 3)), 5.0, other)
+    return SearchRecord(base, random.standard_normal((3, 3)), 5.0, other)
 
 
 def test_uphill_leaves_the_base_with_its_slope_and_turns_early():
     random = np.random.default_rng(1)
-    given = known(random)
+    given = record_of(random)
     step = -random.uniform(0.5, 1.5, 3) * given.totals[0]
     slope = given.totals[0] @ step
-    standin = uphill(given, given.base.x + step)
+    substitute = uphill(given, given.base.x + step)
     curvature = -slope / TURN
-    assert standin.objective == pytest.approx(given.base.objective + slope + curvature / 2, rel=1e-12)
-    assert standin.totals[0] @ step == pytest.approx(slope + curvature, rel=1e-12)
-    assert standin.objective > given.base.objective
-    np.testing.assert_array_equal(standin.totals[1:], given.totals[1:])
+    assert substitute.objective == pytest.approx(given.base.objective + slope + curvature / 2, rel=1e-12)
+    assert substitute.totals[0] @ step == pytest.approx(slope + curvature, rel=1e-12)
+    assert substitute.objective > given.base.objective
+    np.testing.assert_array_equal(substitute.totals[1:], given.totals[1:])
 
 
 def test_the_worst_is_worse_than_all_that_was_seen():
-    given = known(np.random.default_rng(2))
-    standin = worst(given, np.zeros(3))
-    assert standin.objective == pytest.approx(5.0 + 3.0)
-    np.testing.assert_array_equal(standin.constraints, given.most_violating.constraints)
+    given = record_of(np.random.default_rng(2))
+    substitute = worst(given, np.zeros(3))
+    assert substitute.objective == pytest.approx(5.0 + 3.0)
+    np.testing.assert_array_equal(substitute.constraints, given.most_violating.constraints)
 
 
 def test_nothing_is_said_by_what_is_not_a_number():
-    assert np.isnan(not_a_number(known(np.random.default_rng(3)), np.zeros(3)).objective)
+    assert np.isnan(not_a_number(record_of(np.random.default_rng(3)), np.zeros(3)).objective)
     assert {algorithm.recovery for algorithm in ALGORITHMS.values()} == set(RECOVERIES)
 
 
@@ -292,10 +301,10 @@ def test_an_upper_bound_holds_a_point_that_would_rise():
     assert optimality(problem, at_bound, np.array([[3.0, 0.0]])) == pytest.approx(3.0)
 
 
-# Foresight
+# AlgorithmRules
 
 
-def visited(case, algorithm, foresee, monkeypatch):
+def visited(case, algorithm, make_rules, monkeypatch):
     """All points at which an algorithm asks for the objective, and the number of total derivatives."""
     points, objective = [], Functions.objective
 
@@ -305,7 +314,7 @@ def visited(case, algorithm, foresee, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(Functions, "objective", remembering)
-        patch.setattr(module, "_foresee", foresee)
+        patch.setattr(module, "_rules_of", make_rules)
         problem = solve(case, nlopt_driver(algorithm))
     assert error(case, problem) < 1e-6
     return np.array(points), problem.driver.result.deriv_evals
@@ -313,19 +322,19 @@ def visited(case, algorithm, foresee, monkeypatch):
 
 @pytest.mark.parametrize("algorithm", ["LD_MMA", "LD_CCSAQ", "LD_SLSQP"])
 def test_gradients_that_are_left_out_change_no_point(algorithm, monkeypatch):
-    class Patient(Sequential):
+    class Patient(LineSearchRules):
         def is_converged(self, x):
             return False
 
-    known = {"LD_SLSQP": lambda *_: Patient(1e-9, 0.0, 1e-6)}.get(algorithm, lambda *_: Conservative())
+    predicted = {"LD_SLSQP": lambda *_: Patient(1e-9, 0.0, 1e-6)}.get(algorithm, lambda *_: ConservativeRules())
     saved = 0
     for case in CASES:
         if case.has_equality and not ALGORITHMS[algorithm].equality:
             continue
-        (blind, n_all), (foreseeing, n_some) = (
-            visited(case, algorithm, foresee, monkeypatch) for foresee in (lambda *_: Blind(), known)
+        (all_points, n_all), (points, n_some) = (
+            visited(case, algorithm, make_rules, monkeypatch) for make_rules in (lambda *_: NoRules(), predicted)
         )
-        np.testing.assert_array_equal(blind, foreseeing)
+        np.testing.assert_array_equal(all_points, points)
         assert n_some <= n_all
         saved += n_all - n_some
     assert saved > 5
@@ -333,12 +342,12 @@ def test_gradients_that_are_left_out_change_no_point(algorithm, monkeypatch):
 
 def test_a_converged_line_search_is_not_begun():
     point = statement().point(np.zeros(3), 4.0, np.zeros(2))
-    foresight = Sequential(1e-6, 0.0, 1e-6)
-    assert not foresight.is_converged(np.ones(3))
-    foresight.keep(point, np.array([1.0, 0.0, 0.0]))
-    assert foresight.is_converged(np.array([-3e-6, 5.0, 0.0]))
-    assert not foresight.is_converged(np.array([-5e-6, 5.0, 0.0]))
-    foresight.fail()
-    assert not foresight.is_converged(np.array([-3e-6, 5.0, 0.0]))
-    foresight.keep(statement().point(np.zeros(3), 4.0, np.array([2.0, 0.0])), np.array([1.0, 0.0, 0.0]))
-    assert not foresight.is_converged(np.array([-3e-6, 5.0, 0.0]))
+    rules = LineSearchRules(1e-6, 0.0, 1e-6)
+    assert not rules.is_converged(np.ones(3))
+    rules.keep(point, np.array([1.0, 0.0, 0.0]))
+    assert rules.is_converged(np.array([-3e-6, 5.0, 0.0]))
+    assert not rules.is_converged(np.array([-5e-6, 5.0, 0.0]))
+    rules.fail()
+    assert not rules.is_converged(np.array([-3e-6, 5.0, 0.0]))
+    rules.keep(statement().point(np.zeros(3), 4.0, np.array([2.0, 0.0])), np.array([1.0, 0.0, 0.0]))
+    assert not rules.is_converged(np.array([-3e-6, 5.0, 0.0]))

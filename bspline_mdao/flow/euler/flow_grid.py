@@ -1,4 +1,7 @@
-"""What the flow about a grid needs and that does not change with its shape."""
+"""The parts of a flow that do not change with the shape of the grid: faces, stencils, preconditioner pattern, axes.
+
+Theory: ``docs/theory/euler.rst``.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +16,11 @@ from ...topology.topology import Topology
 from .discretization import Discretization
 from .preconditioner import FactorPattern, factor_pattern
 
-# FOLDED DOCSTRING (rework): Area vectors of faces from the nodes of the grid, and their derivatives.
-#
-# Half the cross product of the diagonals: what is on the rims of the faces of a cell cancels, whatever the nodes, so that
-# the area vectors of a cell sum to zero.
-
-
-def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Area vectors (m^2), shape (n_faces, 3), of the nodes, shape (n_nodes, 3), at corners, shape (n_faces, 4)."""
-    return quads.area_vectors(nodes[corners])
-
-
-def area_vectors_jvp(nodes: np.ndarray, corners: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
-    """Change of the area vectors with the nodes."""
-    return quads.area_vectors_jvp(nodes[corners], d_nodes[corners])
-
-
-def area_vectors_vjp(nodes: np.ndarray, corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
-    """Transposed product of `area_vectors_jvp`, shape (n_nodes, 3)."""
-    return quads.add_to_nodes(corners, quads.area_vectors_vjp(nodes[corners], bar), len(nodes))
-
-
 __all__ = ["FlowGrid"]
+
+
+_FLAT = 1e-9
+"""Height of a face, relative to the size of the grid, below which it is collapsed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +41,12 @@ class FlowGrid:
 
     @classmethod
     def of(cls, topology: Topology, nodes: np.ndarray, axes: str = "xzy", **settings) -> FlowGrid:
-        """Prepare a grid.
+        """Find the faces, stencils and preconditioner pattern of a grid.
 
         Parameters
         ----------
         topology : Topology
-            How its blocks hang together, with declared patches.
+            Connections of its blocks, with declared patches.
         nodes : ndarray, shape (n_nodes, 3)
             Baseline nodes (m).
         axes : str
@@ -78,11 +64,11 @@ class FlowGrid:
 
     @property
     def faces(self) -> CellFaces:
-        """Cells and faces."""
+        """Cells and faces of the grid."""
         return self.discretization.faces
 
     def least_height(self, nodes: np.ndarray) -> float:
-        """Height (m) of the flattest face, its area by its longest edge, but for faces that have none to speak of."""
+        """Height (m) of the flattest face, its area divided by its longest edge; collapsed faces do not count."""
         corners = nodes[self.faces.corners]
         edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
         heights = np.linalg.norm(self.areas(nodes), axis=1) / np.maximum(edges, np.finfo(float).tiny)
@@ -101,5 +87,20 @@ class FlowGrid:
         return area_vectors_vjp(nodes, self.faces.corners, bar)
 
 
-_FLAT = 1e-9
-"""Height of a face, by the size of the grid, that is none."""
+def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Area vectors (m^2), shape (n_faces, 3), of the nodes, shape (n_nodes, 3), at corners, shape (n_faces, 4).
+
+    Half the cross product of the diagonals: the parts of the boundary edges of neighbouring faces cancel, whatever the
+    nodes, so that the area vectors of a cell sum to zero and uniform flow is a solution on any grid.
+    """
+    return quads.area_vectors(nodes[corners])
+
+
+def area_vectors_jvp(nodes: np.ndarray, corners: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
+    """Change of the area vectors with the nodes."""
+    return quads.area_vectors_jvp(nodes[corners], d_nodes[corners])
+
+
+def area_vectors_vjp(nodes: np.ndarray, corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
+    """Transposed product of `area_vectors_jvp`, shape (n_nodes, 3)."""
+    return quads.add_to_nodes(corners, quads.area_vectors_vjp(nodes[corners], bar), len(nodes))

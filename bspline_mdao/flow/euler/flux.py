@@ -26,6 +26,8 @@ P. L. Roe, "Approximate Riemann solvers, parameter vectors, and difference schem
 357-372. J. M. Weiss and W. A. Smith, "Preconditioning applied to variable and constant density flows", AIAA J. 33
 (1995), 2050-2057, for this form of the product. F. Rieper, "A low-Mach number fix for Roe's approximate Riemann
 solver", J. Comput. Phys. 230 (2011), 5263-5287, for the factor, there min(1, M).
+
+Theory: ``docs/theory/euler.rst`` and ``docs/theory/euler_transonic.rst``.
 """
 
 from __future__ import annotations
@@ -36,19 +38,16 @@ from numba import njit
 from .gas import GAMMA
 
 ROUNDING = 0.05
-"""Below this share of the speed of sound wave speeds are rounded off."""
+"""Wave speeds below this part of the speed of sound are rounded off: epsilon of the entropy fix, which keeps the flux
+differentiable."""
 
-_BY_GAMMA = 1.0 / (GAMMA - 1.0)
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+_CV = 1.0 / (GAMMA - 1.0)
+"""Specific heat at constant volume relative to the gas constant: internal energy per volume divided by pressure."""
 
 
 @njit(cache=True, error_model="numpy")
 def face_flux(w, j, s, shock=0.0):
-    """Flux of mass, momentum and energy.
+    """Flux of mass, momentum and energy through a face, as in the docstring of this module, with its names.
 
     Parameters
     ----------
@@ -57,14 +56,14 @@ def face_flux(w, j, s, shock=0.0):
     s : tuple of three
         Area vector, not zero.
     shock : float
-        Share by which f is one.
+        Sensor of shocks, from 0 to 1, by which f is blended into one.
     """
     r, u, p = w[0], (w[1], w[2], w[3]), w[4]
     jr, ju, jp = j[0], (j[1], j[2], j[3]), j[4]
     U, jU, q2, s2, x = _dot(u, s), _dot(ju, s), _dot(u, u), _dot(s, s), 0.25 * shock
     through = r * U + x * jr * jU
     T = (r * p - x * jr * jp) / (r * r - x * jr * jr)
-    H = GAMMA * _BY_GAMMA * T + 0.5 * (q2 + x * _dot(ju, ju))
+    H = GAMMA * _CV * T + 0.5 * (q2 + x * _dot(ju, ju))
     A = np.sqrt(GAMMA * p / r * s2)
     k = (ROUNDING * A) ** 2
     l0, lp, lm = np.sqrt(U * U + k), np.sqrt((U + A) ** 2 + k), np.sqrt((U - A) ** 2 + k)
@@ -76,7 +75,7 @@ def face_flux(w, j, s, shock=0.0):
     Q = sigma * jp / (GAMMA * p) + delta * jU / A
     m = through - 0.5 * (l0 * jr + r * Q)
     push, drag = p - 0.5 * P, 0.5 * l0 * r
-    energy = H * (through - 0.5 * r * Q) - 0.5 * (l0 * (jp * _BY_GAMMA + 0.5 * q2 * jr + r * _dot(u, ju)) + P * U)
+    energy = H * (through - 0.5 * r * Q) - 0.5 * (l0 * (jp * _CV + 0.5 * q2 * jr + r * _dot(u, ju)) + P * U)
     return (
         m,
         m * u[0] + push * s[0] - drag * ju[0],
@@ -88,7 +87,7 @@ def face_flux(w, j, s, shock=0.0):
 
 @njit(cache=True, error_model="numpy", forceinline=True, fastmath={"contract", "nnan", "nsz"})
 def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
-    """Change of the flux with mean state, jump, area vector and share of shocks.
+    """Change of the flux with the mean state, the jump, the area vector and the sensor of shocks.
 
     Inlined, and allowed to take 0 x for 0: for constant directions most of it goes.
     """
@@ -103,8 +102,8 @@ def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
     through, dthrough = r * U + x * jr * jU, dr * U + r * dU + x * (djr * jU + jr * djU) + dx * jr * jU
     product, dproduct = r * p - x * jr * jp, dr * p + r * dp - x * (djr * jp + jr * djp) - dx * jr * jp
     square, dsquare = r * r - x * jr * jr, 2.0 * (r * dr - x * jr * djr) - dx * jr * jr
-    H = GAMMA * _BY_GAMMA * product / square + 0.5 * (q2 + x * _dot(ju, ju))
-    dH = GAMMA * _BY_GAMMA * (dproduct - product / square * dsquare) / square
+    H = GAMMA * _CV * product / square + 0.5 * (q2 + x * _dot(ju, ju))
+    dH = GAMMA * _CV * (dproduct - product / square * dsquare) / square
     dH += 0.5 * (dq2 + dx * _dot(ju, ju)) + x * _dot(ju, dju)
     A = np.sqrt(GAMMA * p / r * s2)
     dA = 0.5 * A * (dp / p - dr / r + ds2 / s2)
@@ -128,8 +127,8 @@ def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
     dm = dthrough - 0.5 * (dl0 * jr + l0 * djr + dr * Q + r * dQ)
     push, drag = p - 0.5 * P, 0.5 * l0 * r
     dpush, ddrag = dp - 0.5 * dP, 0.5 * (dl0 * r + l0 * dr)
-    loss = jp * _BY_GAMMA + 0.5 * q2 * jr + r * _dot(u, ju)
-    dloss = djp * _BY_GAMMA + 0.5 * (dq2 * jr + q2 * djr) + dr * _dot(u, ju) + r * (_dot(du, ju) + _dot(u, dju))
+    loss = jp * _CV + 0.5 * q2 * jr + r * _dot(u, ju)
+    dloss = djp * _CV + 0.5 * (dq2 * jr + q2 * djr) + dr * _dot(u, ju) + r * (_dot(du, ju) + _dot(u, dju))
     denergy = dH * (through - 0.5 * r * Q) + H * (dthrough - 0.5 * (dr * Q + r * dQ))
     denergy -= 0.5 * (dl0 * loss + l0 * dloss + dP * U + P * dU)
     return (
@@ -139,3 +138,8 @@ def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
         dm * u[2] + m * du[2] + dpush * s[2] + push * ds[2] - ddrag * ju[2] - drag * dju[2],
         denergy,
     )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,4 +1,7 @@
-"""Everything that the states of all cells tell of the forces on a body."""
+"""Forces on a body from the states of all cells: wall pressures, and the entropy that leaves through the far field.
+
+Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,133 @@ from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vj
 from .gas import GAMMA
 from .reconstruction import MEAN
 
-# FOLDED DOCSTRING (rework): Pressures and forces on the walls, and the entropy that leaves through the far field.
+__all__ = ["EntropyDrag", "FlowForces", "WallPressure"]
+
+
+_FLAT = 1e-6
+"""Length, relative to the size of the grid, that counts as zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlowForces:
+    """Forces of a flow: coefficients ``CL``, ``CD``, ``CM``, ``CD_induced``, ``CD_entropy``; ``Cp``; ``span_load`` (m).
+
+    Parameters
+    ----------
+    wall, far : ndarray of int, shapes (n_wall, 4) and (n_far, 4)
+        Corners of the faces of the walls and of the far field.
+    pressure : WallPressure
+    entropy : EntropyDrag
+    wing : WingCoefficients
+    """
+
+    wall: np.ndarray
+    far: np.ndarray
+    pressure: WallPressure
+    entropy: EntropyDrag
+    wing: WingCoefficients
+
+    @classmethod
+    def of(
+        cls, flow: FlowGrid, nodes: np.ndarray, area: float, chord: float = 1.0, reference=(0.0, 0.0, 0.0)
+    ) -> FlowForces:
+        """Find the walls, the strips of the wing and the far field of a grid.
+
+        Parameters
+        ----------
+        flow : FlowGrid
+            Its faces and axes.
+        nodes : ndarray, shape (n_nodes, 3)
+            Baseline nodes (m).
+        area, chord : float
+            Reference area (m^2) of what the grid shows, and chord (m).
+        reference : sequence of three float
+            Point that moments are taken about (m).
+
+        Raises
+        ------
+        InputError
+            If there is no wall, it has no span, a reference cannot be used, or the plane of symmetry is not at span 0.
+        """
+        faces = flow.faces
+        wall, far = (faces.corners[faces.faces_of(kind)] for kind in ("wall", "farfield"))
+        if not len(wall):
+            raise InputError("flow: no patch is a wall, so that there are no forces; declare what the body is")
+        planes = _planes_of_symmetry(flow, nodes)
+        strips = SpanStrips.of(wall, nodes, flow.axes, is_symmetric=len(planes) == 1)
+        induced = InducedDrag.of(strips, nodes) if len(planes) < 2 else InducedDrag.none(strips)
+        middles = csr_array(
+            (np.full(wall.size, 0.25), wall.ravel(), 4 * np.arange(len(wall) + 1)), (len(wall), len(nodes))
+        )
+        coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
+        wing = WingCoefficients(coefficients, induced)
+        return cls(wall, far, WallPressure.of(flow.discretization), EntropyDrag.of(flow.discretization), wing)
+
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
+        """Compute all outputs by name; real or complex.
+
+        Parameters
+        ----------
+        states : ndarray, shape (n_cells, 5)
+            States of all cells.
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of the grid (m).
+        alpha, mach : float
+            Angle of attack (rad) and Mach number.
+        """
+        areas, pressure = area_vectors(nodes, self.wall), self.pressure.evaluate(states, mach)
+        drag = self.entropy.evaluate(states, area_vectors(nodes, self.far), mach)
+        return {
+            "Cp": pressure,
+            "CD_entropy": drag / self._area,
+            **self.wing.evaluate(pressure[:, None] * areas, nodes, alpha),
+        }
+
+    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
+        """Derivatives of `evaluate` along a direction in all of its arguments."""
+        areas, d_areas = area_vectors(nodes, self.wall), area_vectors_jvp(nodes, self.wall, d_nodes)
+        pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
+        forces, d_forces = pressure[:, None] * areas, d_pressure[:, None] * areas + pressure[:, None] * d_areas
+        far, d_far = area_vectors(nodes, self.far), area_vectors_jvp(nodes, self.far, d_nodes)
+        return {
+            "Cp": d_pressure,
+            "CD_entropy": self.entropy.jvp(states, far, mach, d_states, d_far, d_mach) / self._area,
+            **self.wing.jvp(forces, nodes, alpha, d_forces, d_nodes, d_alpha),
+        }
+
+    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
+
+        Returns
+        -------
+        tuple
+            Derivatives with respect to the states, the nodes, the angle (1/rad) and the Mach number.
+        """
+        areas, pressure = area_vectors(nodes, self.wall), self.pressure.evaluate(states, mach)
+        forces_bar, nodes_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, nodes, alpha, bars)
+        pressure_bar = bars.get("Cp", 0.0) + np.sum(forces_bar * areas, axis=1)
+        states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
+        far, drag_bar = area_vectors(nodes, self.far), np.sum(bars.get("CD_entropy", 0.0)) / self._area
+        entropy_bars = self.entropy.vjp(states, far, mach, drag_bar)
+        nodes_bar += area_vectors_vjp(nodes, self.wall, pressure[:, None] * forces_bar)
+        nodes_bar += area_vectors_vjp(nodes, self.far, entropy_bars[1])
+        return states_bar + entropy_bars[0], nodes_bar, alpha_bar, mach_bar + entropy_bars[2]
+
+    @property
+    def _area(self) -> float:
+        return self.wing.coefficients.area
+
+
+def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
+    """Coordinates along the span of the planes of symmetry across it: one of a half wing, two of an infinite one."""
+    corners = flow.faces.corners[flow.faces.faces_of("symmetry")]
+    span, sizes = (nodes @ flow.axes[1])[corners], np.ptp(nodes, axis=0).max()
+    across = np.ptp(span, axis=1) < _FLAT * sizes
+    places = np.sort(span[across].mean(axis=1))
+    planes = places[np.diff(places, prepend=-np.inf) > _FLAT * sizes]
+    if len(planes) == 1 and abs(planes[0]) > _FLAT * sizes:
+        raise InputError(f"flow: the plane of symmetry is at span {planes[0]:g}; shift the grid, so that it is at 0")
+    return list(planes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +181,7 @@ class WallPressure:
         return d_pressures / (0.5 * mach**2) - 2.0 * d_mach / mach * self.evaluate(states, mach)
 
     def vjp(self, states: np.ndarray, mach, bar: np.ndarray) -> tuple[np.ndarray, float]:
-        """Apply the transpose of `jvp`: derivatives in the states and in the Mach number."""
+        """Apply the transpose of `jvp`: derivatives with respect to the states and the Mach number."""
         states_bar = np.zeros_like(states)
         np.add.at(states_bar[:, 4], self.cells, self.weights * bar[:, None] / (0.5 * mach**2))
         return states_bar, -2.0 / mach * (bar @ self.evaluate(states, mach))
@@ -60,7 +189,7 @@ class WallPressure:
 
 @dataclass(frozen=True, eq=False)
 class EntropyDrag:
-    """Drag of the entropy that leaves through the far field (Oswatitsch), by the dynamic pressure (m^2).
+    """Drag of the entropy that leaves through the far field (Oswatitsch), divided by the dynamic pressure (m^2).
 
     In flow without shocks there should be none. What there is comes from the errors of the discretization, those that
     wear trailing vortices down included: their part of the induced drag is in the entropy as well, so that the two do
@@ -90,162 +219,33 @@ class EntropyDrag:
         return np.sum(states_bar * d_states[self.cells]) + np.sum(areas_bar * d_areas) + mach_bar * d_mach
 
     def vjp(self, states, areas, mach, bar: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Derivatives in the states, the area vectors and the Mach number, times a number."""
+        """Derivatives with respect to the states, the area vectors and the Mach number, times a number."""
         gradient, areas_bar, mach_bar = self._gradients(states, areas, mach)
         states_bar = np.zeros_like(states)
         np.add.at(states_bar, self.cells, bar * gradient)
         return states_bar, bar * areas_bar, bar * mach_bar
 
     def _gradients(self, states, areas, mach):
-        """Derivatives in the states of the cells, shape (n_far, 5), the area vectors and the Mach number."""
+        """Derivatives with respect to the cells' states, shape (n_far, 5), the area vectors and the Mach number."""
         w, scale = states[self.cells], _scale(mach)
         rho, entropy, through = w[:, 0], _entropy(w), _dot(w[:, 1:4], areas)
-        by_state = np.empty_like(w)
-        by_state[:, 0] = through * (entropy - GAMMA)
-        by_state[:, 1:4] = (rho * entropy)[:, None] * areas
-        by_state[:, 4] = rho * through / w[:, 4]
+        w_bar = np.empty_like(w)
+        w_bar[:, 0] = through * (entropy - GAMMA)
+        w_bar[:, 1:4] = (rho * entropy)[:, None] * areas
+        w_bar[:, 4] = rho * through / w[:, 4]
         areas_bar = (rho * entropy)[:, None] * w[:, 1:4] / scale
-        return by_state / scale, areas_bar, -3.0 / mach * self.evaluate(states, areas, mach)
+        return w_bar / scale, areas_bar, -3.0 / mach * self.evaluate(states, areas, mach)
 
 
 def _entropy(w: np.ndarray) -> np.ndarray:
-    """Entropy above that of the free stream, by the specific heat at constant volume."""
+    """Entropy above that of the free stream, divided by the specific heat at constant volume."""
     return np.log(GAMMA * w[:, 4]) - GAMMA * np.log(w[:, 0])
 
 
 def _scale(mach):
-    """Dynamic pressure times speed by the temperature of the stream and the specific heat at constant volume."""
+    """Dynamic pressure times speed, divided by temperature of the stream and specific heat at constant volume."""
     return 0.5 * mach**3 * GAMMA * (GAMMA - 1.0)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(a * b, axis=1)
-
-
-__all__ = ["EntropyDrag", "FlowForces", "WallPressure"]
-
-
-@dataclass(frozen=True, eq=False)
-class FlowForces:
-    """Coefficients ``CL``, ``CD``, ``CM``, ``CD_induced`` and ``CD_entropy``, ``Cp`` and ``span_load`` (m).
-
-    Parameters
-    ----------
-    wall, far : ndarray of int, shapes (n_wall, 4) and (n_far, 4)
-        Corners of the faces of the walls and of the far field.
-    pressure : WallPressure
-    entropy : EntropyDrag
-    wing : WingCoefficients
-    """
-
-    wall: np.ndarray
-    far: np.ndarray
-    pressure: WallPressure
-    entropy: EntropyDrag
-    wing: WingCoefficients
-
-    @classmethod
-    def of(
-        cls, flow: FlowGrid, nodes: np.ndarray, area: float, chord: float = 1.0, reference=(0.0, 0.0, 0.0)
-    ) -> FlowForces:
-        """Prepare a grid.
-
-        Parameters
-        ----------
-        flow : FlowGrid
-            Its faces and axes.
-        nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
-        area, chord : float
-            Reference area (m^2) of what the grid shows, and chord (m).
-        reference : sequence of three float
-            Point that moments are taken about (m).
-
-        Raises
-        ------
-        InputError
-            If there is no wall, it has no span, a reference cannot be used, or the plane of symmetry is not at span 0.
-        """
-        faces = flow.faces
-        wall, far = (faces.corners[faces.faces_of(kind)] for kind in ("wall", "farfield"))
-        if not len(wall):
-            raise InputError("flow: no patch is a wall, so that there are no forces; declare what the body is")
-        planes = _planes_of_symmetry(flow, nodes)
-        strips = SpanStrips.of(wall, nodes, flow.axes, is_symmetric=len(planes) == 1)
-        induced = InducedDrag.of(strips, nodes) if len(planes) < 2 else InducedDrag.none(strips)
-        middles = csr_array(
-            (np.full(wall.size, 0.25), wall.ravel(), 4 * np.arange(len(wall) + 1)), (len(wall), len(nodes))
-        )
-        coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
-        wing = WingCoefficients(coefficients, induced)
-        return cls(wall, far, WallPressure.of(flow.discretization), EntropyDrag.of(flow.discretization), wing)
-
-    def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
-        """Give all of them by name; real or complex.
-
-        Parameters
-        ----------
-        states : ndarray, shape (n_cells, 5)
-            States of all cells.
-        nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
-        alpha, mach : float
-            Angle of attack (rad) and Mach number.
-        """
-        areas, pressure = area_vectors(nodes, self.wall), self.pressure.evaluate(states, mach)
-        drag = self.entropy.evaluate(states, area_vectors(nodes, self.far), mach)
-        return {
-            "Cp": pressure,
-            "CD_entropy": drag / self._area,
-            **self.wing.evaluate(pressure[:, None] * areas, nodes, alpha),
-        }
-
-    def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
-        """Derivatives of `evaluate` along a direction in all of its arguments."""
-        areas, d_areas = area_vectors(nodes, self.wall), area_vectors_jvp(nodes, self.wall, d_nodes)
-        pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
-        forces, d_forces = pressure[:, None] * areas, d_pressure[:, None] * areas + pressure[:, None] * d_areas
-        far, d_far = area_vectors(nodes, self.far), area_vectors_jvp(nodes, self.far, d_nodes)
-        return {
-            "Cp": d_pressure,
-            "CD_entropy": self.entropy.jvp(states, far, mach, d_states, d_far, d_mach) / self._area,
-            **self.wing.jvp(forces, nodes, alpha, d_forces, d_nodes, d_alpha),
-        }
-
-    def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Apply the transpose of `jvp` to derivatives in some of the numbers, by name.
-
-        Returns
-        -------
-        tuple
-            Derivatives in the states, the nodes, the angle (1/rad) and the Mach number.
-        """
-        areas, pressure = area_vectors(nodes, self.wall), self.pressure.evaluate(states, mach)
-        forces_bar, nodes_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, nodes, alpha, bars)
-        pressure_bar = bars.get("Cp", 0.0) + np.sum(forces_bar * areas, axis=1)
-        states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
-        far, drag_bar = area_vectors(nodes, self.far), np.sum(bars.get("CD_entropy", 0.0)) / self._area
-        by_entropy = self.entropy.vjp(states, far, mach, drag_bar)
-        nodes_bar += area_vectors_vjp(nodes, self.wall, pressure[:, None] * forces_bar)
-        nodes_bar += area_vectors_vjp(nodes, self.far, by_entropy[1])
-        return states_bar + by_entropy[0], nodes_bar, alpha_bar, mach_bar + by_entropy[2]
-
-    @property
-    def _area(self) -> float:
-        return self.wing.coefficients.area
-
-
-def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
-    """Coordinates along the span of the planes of symmetry across it: one of a half wing, two of an infinite one."""
-    corners = flow.faces.corners[flow.faces.faces_of("symmetry")]
-    span, sizes = (nodes @ flow.axes[1])[corners], np.ptp(nodes, axis=0).max()
-    across = np.ptp(span, axis=1) < _FLAT * sizes
-    places = np.sort(span[across].mean(axis=1))
-    planes = places[np.diff(places, prepend=-np.inf) > _FLAT * sizes]
-    if len(planes) == 1 and abs(planes[0]) > _FLAT * sizes:
-        raise InputError(f"flow: the plane of symmetry is at span {planes[0]:g}; shift the grid, so that it is at 0")
-    return list(planes)
-
-
-_FLAT = 1e-6
-"""Length, by the size of the grid, that is none."""

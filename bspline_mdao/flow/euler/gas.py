@@ -1,6 +1,6 @@
 """The perfect gas and its free stream.
 
-States are primitive, ``(rho, u, v, w, p)``, by the density and the speed of sound of the free stream: there
+States are primitive, ``(rho, u, v, w, p)``, relative to the density and the speed of sound of the free stream: there
 ``rho = 1``, ``p = 1/GAMMA`` and the speed is the Mach number.
 """
 
@@ -38,7 +38,7 @@ def free_stream(mach, alpha, axes: np.ndarray) -> np.ndarray:
 
 
 def free_stream_partials(mach, alpha, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Differentiate `free_stream` in the Mach number and in the angle (1/rad): two arrays of shape (5,)."""
+    """Differentiate `free_stream` with respect to the Mach number and the angle (1/rad): two arrays of shape (5,)."""
     drag, lift = stream_axes(alpha, axes)
     return np.concatenate([[0.0], drag, [0.0]]), np.concatenate([[0.0], mach * lift, [0.0]])
 

@@ -1,8 +1,6 @@
-"""Steady states by Newton steps with pseudo-time terms that fade out as the residual falls.
+"""Newton-GMRES: steady states of a discretisation, and linear systems with its Jacobian or the transpose.
 
-Every step solves ``(T / CFL + dR/dW) dW = -R`` inexactly, T being the volumes by the time steps. The CFL number grows
-as the residual falls, and is cut where a linear solve fails or the step has to be shortened much: a density or pressure
-may fall by `LARGEST_FALL` at most, and the residual may rise by `LARGEST_RISE`.
+Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations
@@ -17,137 +15,6 @@ from threadpoolctl import threadpool_limits
 from .discretization import Discretization
 from .preconditioner import FactorPattern, compact_factor, time_terms
 
-# FOLDED DOCSTRING (rework): Linear systems with the Jacobian of the residual or its transpose: GMRES, preconditioned from the right.
-
-RESTART = 50
-"""Vectors after which GMRES starts again: more save few products and take 40 bytes per cell each."""
-
-
-ROUNDING = 16.0 * np.finfo(float).eps
-"""Residual by the norm of the solution, with a matrix of the size of one, that is left by rounding."""
-
-LEAST = 1e-10
-"""Tolerance that one run of GMRES can be asked for: its own residual drifts from the true one."""
-
-
-@dataclass(frozen=True, eq=False)
-class KrylovSolution:
-    """Solution of a linear system.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n_cells, 5)
-    n_products : int
-        Products with the matrix.
-    is_converged : bool
-        Whether the tolerance was reached.
-    """
-
-    x: np.ndarray
-    n_products: int
-    is_converged: bool
-
-
-def solve_system(
-    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
-) -> KrylovSolution:
-    """Solve a linear system in the states of all cells.
-
-    Parameters
-    ----------
-    product, precondition : callable
-        Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
-    right : ndarray, shape (n_cells, 5)
-        Right-hand side.
-    tolerance : float
-        Norm of the residual by that of the right-hand side.
-    max_products : int
-        Products with the matrix after which it is given up.
-    """
-    n_products = 0
-
-    def preconditioned(y):
-        nonlocal n_products
-        n_products += 1
-        return product(precondition(y.reshape(right.shape))).ravel()
-
-    operator = LinearOperator((right.size, right.size), preconditioned, dtype=float)
-    n_cycles = max(1, max_products // RESTART)
-    with threadpool_limits(1, user_api="blas"):  # on a busy machine its threads only wait for each other
-        y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
-    return KrylovSolution(precondition(y.reshape(right.shape)), n_products, info == 0)
-
-
-def solve_refined(
-    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
-) -> KrylovSolution:
-    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
-
-    Corrections are solved for as long as they halve the true residual; parameters are those of `solve_system`.
-    """
-    x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
-    while True:
-        norm, asked = np.linalg.norm(rest), tolerance * np.linalg.norm(right)
-        if norm <= asked or norm > 0.5 * before or n_products >= max_products:
-            return KrylovSolution(x, n_products, bool(norm <= max(asked, ROUNDING * np.linalg.norm(x))))
-        share = max(0.5 * asked / norm, LEAST)
-        correction = solve_system(product, precondition, rest, share, max_products - n_products)
-        x, n_products, before = x + correction.x, n_products + correction.n_products, norm
-        rest = right - product(x)
-
-
-# FOLDED DOCSTRING (rework): Steady states where Newton's steps find none from the uniform stream: by way of flows with more dissipation.
-#
-# Where flow separates from sharp edges, as from those of a flat plate at an angle, a steady state of a scheme of little
-# dissipation draws Newton's steps from close by only. With all of the third difference dissipated it is found from the
-# uniform stream; from there the dissipation is lowered to that of the scheme. Such flows need not be the only ones of
-# their grid, and the way can end at a dissipation below which there is none nearby.
-
-LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)
-"""Shares of the third difference that are dissipated on the way."""
-
-STAGE_TOLERANCE, STAGE_STEPS = 1e-6, 20
-"""Residual of the flows on the way, and their Newton steps at most."""
-
-
-def solve_by_dissipation(
-    discretization: Discretization,
-    areas: np.ndarray,
-    stream: np.ndarray,
-    *,
-    pattern: FactorPattern,
-    tolerance: float = 1e-10,
-    max_steps: int = 200,
-    progress: Callable[[NewtonStep], None] | None = None,
-) -> FlowSolution:
-    """Solve for the steady flow from the uniform stream; parameters and result are those of `solve_flow`.
-
-    The history is that of all flows on the way, each by the residual of its own uniform stream; where one ends, it has
-    the residual with the dissipation of the next.
-    """
-    levels = [level for level in LEVELS if level > discretization.dissipation]
-    settings = {"pattern": pattern, "progress": progress}
-    states, history, n_left = None, (), max_steps
-    for level in levels:
-        solution = solve_flow(
-            replace(discretization, dissipation=level),
-            areas,
-            stream,
-            states=states,
-            tolerance=max(tolerance, STAGE_TOLERANCE),
-            max_steps=min(STAGE_STEPS, n_left),
-            **settings,
-        )
-        states, history = solution.states, history[:-1] + solution.history
-        n_left = max_steps - len(history) + 1 if solution.is_converged else 0
-        if not n_left:
-            break
-    solution = solve_flow(
-        discretization, areas, stream, states=states, tolerance=tolerance, max_steps=n_left, **settings
-    )
-    return replace(solution, history=history[:-1] + solution.history)
-
-
 __all__ = [
     "FlowSolution",
     "KrylovSolution",
@@ -158,20 +25,23 @@ __all__ = [
     "solve_system",
 ]
 
+
 FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
 """CFL number of the first step from the uniform stream, and where growth and cuts end."""
 
 CFL_GROWTH = 1.5
-"""Growth of the CFL number beyond that of the inverse residual."""
+"""Growth of the CFL number in addition to that of the inverse residual: without it a step that halves the residual
+forever would keep its time terms forever."""
 
 LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
-"""Relative fall of density and pressure, rise of the residual, and share of a Newton step."""
+"""Bounds of a step: largest relative fall of a density or pressure, largest rise of the residual, and the smallest
+part of a Newton step that is worth its residual."""
 
 STALLED = 15
-"""Steps in which the residual has to be halved."""
+"""The residual has to be halved within so many steps, or the run ends: it would only go on in circles."""
 
 ROUNDED = 1e-9
-"""Residual below which steps that gain nothing are the end: fluxes are rounded."""
+"""Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
 
 FORCING, LARGEST_SOLVE = 1e-2, 300
 """Tolerance of the linear solves, and the products after which they have failed: a smaller CFL number is cheaper."""
@@ -179,18 +49,18 @@ FORCING, LARGEST_SOLVE = 1e-2, 300
 
 @dataclass(frozen=True)
 class NewtonStep:
-    """What a step did.
+    """Record of a Newton step.
 
     Parameters
     ----------
     residual : float
-        Norm of the residual after it, by that of the uniform stream.
+        Norm of the residual after it, relative to that of the uniform stream.
     cfl : float
         CFL number.
     n_products : int
         Products with the Jacobian.
     length : float
-        Share of the step that was taken; 0 where none was.
+        Part of the step that was taken; 0 where none was.
     """
 
     residual: float
@@ -201,7 +71,7 @@ class NewtonStep:
 
 @dataclass(frozen=True, eq=False)
 class FlowSolution:
-    """States, and how they were reached.
+    """States of all cells, with the history of the residual.
 
     Parameters
     ----------
@@ -221,7 +91,7 @@ class FlowSolution:
 
     @property
     def residual(self) -> float:
-        """Norm of the last residual, by that of the uniform stream."""
+        """Norm of the last residual, relative to that of the uniform stream."""
         return self.history[-1].residual
 
     @property
@@ -241,7 +111,16 @@ def solve_flow(
     max_steps: int = 100,
     progress: Callable[[NewtonStep], None] | None = None,
 ) -> FlowSolution:
-    """Solve for the steady flow.
+    """Solve for the steady flow by Newton steps with pseudo-time terms that fade out as the residual falls.
+
+    With the volumes divided by the time steps T, until the residual R is small enough:
+
+    1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``.
+    2. Factor a compact neighbour of A for the preconditioner.
+    3. Solve ``A dW = -R`` inexactly [1]_ by GMRES.
+    4. Take as much of the step as keeps densities, pressures and the residual within bounds.
+    5. Let the CFL number grow as the residual falls, switched evolution relaxation [2]_ [3]_, or cut it where the
+       linear solve failed, the step was shortened much or the residual rose.
 
     Parameters
     ----------
@@ -255,44 +134,53 @@ def solve_flow(
     states : ndarray, shape (n_cells, 5), optional
         Where to start; the uniform stream by default.
     tolerance : float
-        Norm of the residual by that of the uniform stream.
+        Norm of the residual relative to that of the uniform stream.
     max_steps : int
-        Newton steps after which it is given up.
+        Largest number of Newton steps.
     progress : callable, optional
-        Is told every step.
+        Called with every step.
 
     Returns
     -------
     FlowSolution
         Converged or not: see ``is_converged``.
+
+    References
+    ----------
+    .. [1] R. S. Dembo, S. C. Eisenstat, T. Steihaug, "Inexact Newton methods", SIAM J. Numer. Anal. 19 (1982), 400-408.
+    .. [2] W. A. Mulder, B. van Leer, "Experiments with implicit upwind methods for the Euler equations", J. Comput.
+       Phys. 59 (1985), 232-246.
+    .. [3] C. T. Kelley, D. E. Keyes, "Convergence analysis of pseudo-transient continuation", SIAM J. Numer. Anal. 35
+       (1998), 508-523.
     """
-    tell = progress or (lambda step: None)
     scale = _scale(discretization, areas, stream, tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = discretization.residual(states, areas, stream)
     norm = np.linalg.norm(residual)
+    # near a solution, as after a small change of the design, time terms would only hold the steps back
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         if _is_rounded(history) or _is_stalled(history):
             break
-        update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)
-        states, residual, length = _advance(discretization, states, areas, stream, residual, update)
+        update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)  # steps 1 to 3
+        states, residual, length = _advance(discretization, states, areas, stream, residual, update)  # step 4
         before, norm = norm, np.linalg.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
-        tell(history[-1])
-        cfl = _next_cfl(cfl, length, before, norm)
+        if progress:
+            progress(history[-1])
+        cfl = _next_cfl(cfl, length, before, norm)  # step 5
     return FlowSolution(states, stream, tuple(history), tolerance)
 
 
 def relative_residual(discretization: Discretization, states, areas, stream, tolerance: float = 1e-10) -> float:
-    """Norm of the residual of states by that of the uniform stream; arguments are those of `solve_flow`."""
+    """Norm of the residual of states relative to that of the uniform stream; arguments are those of `solve_flow`."""
     residual = np.linalg.norm(discretization.residual(states, areas, stream))
     return float(residual / _scale(discretization, areas, stream, tolerance))
 
 
 def _scale(discretization: Discretization, areas, stream, tolerance: float) -> float:
-    """Norm of the residual of the uniform stream, and no less than what rounded fluxes are by the tolerance."""
+    """Norm of the residual of the uniform stream, but no less than rounding of the fluxes divided by the tolerance."""
     scale = np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream))
     return max(scale, np.finfo(float).eps * np.linalg.norm(areas) / tolerance)
 
@@ -310,10 +198,10 @@ def _is_stalled(history: list[NewtonStep]) -> bool:
 
 
 def _update(discretization, pattern, states, areas, stream, residual, cfl):
-    """Newton update, or none where the linear solve fails, and its products with the Jacobian."""
-    linearization = discretization.linearize(states, areas, stream)
+    """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
+    linearization = discretization.linearize(states, areas, stream)  # step 1
     diagonal = time_terms(discretization, states, areas) / cfl
-    factor = compact_factor(linearization, pattern, diagonal)
+    factor = compact_factor(linearization, pattern, diagonal)  # step 2
 
     def product(x):
         return linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)
@@ -339,15 +227,154 @@ def _advance(discretization, states, areas, stream, residual, update):
 
 
 def _physical_length(states: np.ndarray, update: np.ndarray) -> float:
-    """Share of a step at which no density or pressure falls too far."""
+    """Largest part of a step, up to all of it, at which no density or pressure falls by more than `LARGEST_FALL`."""
     fall = np.max(-update[:, [0, 4]] / states[:, [0, 4]])
     return min(1.0, LARGEST_FALL / max(fall, np.finfo(float).tiny))
 
 
 def _next_cfl(cfl: float, length: float, before: float, after: float) -> float:
-    """CFL number of the next step."""
+    """CFL number of the next step, from the length of this one and the norms of the residual."""
     if length < 0.1:
         return 0.2 * cfl
     if after > 1.5 * before:
         return 0.7 * cfl
     return min(LARGEST_CFL, cfl * max(1.0, CFL_GROWTH * before / max(after, np.finfo(float).tiny)))
+
+
+RESTART = 50
+"""Vectors after which GMRES starts again: more save few products and take 40 bytes per cell each."""
+
+ROUNDING = 16.0 * np.finfo(float).eps
+"""Residual relative to the norm of the solution, with a matrix of the size of one, that is left by rounding."""
+
+LEAST = 1e-10
+"""Smallest tolerance that one run of GMRES is asked for: its own residual drifts from the true one by rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class KrylovSolution:
+    """Solution of a linear system by GMRES.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_cells, 5)
+    n_products : int
+        Products with the matrix.
+    is_converged : bool
+        Whether the tolerance was reached.
+    """
+
+    x: np.ndarray
+    n_products: int
+    is_converged: bool
+
+
+def solve_system(
+    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
+) -> KrylovSolution:
+    """Solve a linear system in the states of all cells by GMRES [1]_, restarted and preconditioned from the right.
+
+    From the right, so that the residual that ends it is the true one.
+
+    Parameters
+    ----------
+    product, precondition : callable
+        Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
+    right : ndarray, shape (n_cells, 5)
+        Right-hand side.
+    tolerance : float
+        Norm of the residual relative to that of the right-hand side.
+    max_products : int
+        Largest number of products with the matrix, in whole cycles of `RESTART`.
+
+    References
+    ----------
+    .. [1] Y. Saad, M. H. Schultz, "GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear
+       systems", SIAM J. Sci. Stat. Comput. 7 (1986), 856-869.
+    """
+    n_products = 0
+
+    def preconditioned(y):
+        nonlocal n_products
+        n_products += 1
+        return product(precondition(y.reshape(right.shape))).ravel()
+
+    operator = LinearOperator((right.size, right.size), preconditioned, dtype=float)
+    n_cycles = max(1, max_products // RESTART)
+    with threadpool_limits(1, user_api="blas"):  # on a busy machine its threads only wait for each other
+        y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
+    return KrylovSolution(precondition(y.reshape(right.shape)), n_products, info == 0)
+
+
+def solve_refined(
+    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
+) -> KrylovSolution:
+    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
+
+    Iterative refinement; parameters are those of `solve_system`:
+
+    1. Find the true residual of the solution so far.
+    2. End where it is small enough, or where the last correction has not halved it.
+    3. Solve for a correction, and add it.
+    """
+    x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
+    while True:
+        norm, asked = np.linalg.norm(rest), tolerance * np.linalg.norm(right)
+        if norm <= asked or norm > 0.5 * before or n_products >= max_products:  # step 2
+            return KrylovSolution(x, n_products, bool(norm <= max(asked, ROUNDING * np.linalg.norm(x))))
+        part = max(0.5 * asked / norm, LEAST)
+        correction = solve_system(product, precondition, rest, part, max_products - n_products)  # step 3
+        x, n_products, before = x + correction.x, n_products + correction.n_products, norm
+        rest = right - product(x)  # step 1
+
+
+LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)
+"""Parts of the third difference that are dissipated on the way."""
+
+STAGE_TOLERANCE, STAGE_STEPS = 1e-6, 20
+"""Residual of the flows on the way, and their Newton steps at most."""
+
+
+def solve_by_dissipation(
+    discretization: Discretization,
+    areas: np.ndarray,
+    stream: np.ndarray,
+    *,
+    pattern: FactorPattern,
+    tolerance: float = 1e-10,
+    max_steps: int = 200,
+    progress: Callable[[NewtonStep], None] | None = None,
+) -> FlowSolution:
+    """Solve for the steady flow from the uniform stream by continuation in the dissipation.
+
+    Where flow separates from sharp edges, as from those of a flat plate at an angle, a steady state of a scheme of
+    little dissipation draws Newton's steps from close by only. With all of the third difference dissipated it is found
+    from the uniform stream; from there the dissipation is lowered to that of the scheme. Such flows need not be the
+    only ones of their grid, and the way can end at a dissipation below which there is none nearby.
+
+    Parameters and result are those of `solve_flow`.
+
+    The history is that of all flows on the way, each by the residual of its own uniform stream; where one ends, it has
+    the residual with the dissipation of the next.
+    """
+    levels = [level for level in LEVELS if level > discretization.dissipation]
+    settings = {"pattern": pattern, "progress": progress}
+    states, history, n_left = None, (), max_steps
+    for level in levels:
+        solution = solve_flow(
+            replace(discretization, dissipation=level),
+            areas,
+            stream,
+            states=states,
+            tolerance=max(tolerance, STAGE_TOLERANCE),
+            max_steps=min(STAGE_STEPS, n_left),
+            **settings,
+        )
+        states, history = solution.states, history[:-1] + solution.history
+        n_left = max_steps - len(history) + 1 if solution.is_converged else 0
+        if not n_left:
+            break
+    solution = solve_flow(
+        discretization, areas, stream, states=states, tolerance=tolerance, max_steps=n_left, **settings
+    )
+    return replace(solution, history=history[:-1] + solution.history)

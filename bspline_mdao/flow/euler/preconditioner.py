@@ -1,7 +1,13 @@
-"""An incomplete factor of a compact neighbour of the Jacobian, with time steps on its diagonal.
+"""The preconditioner of linear systems with the Jacobian: an incomplete factor L U of a compact neighbour of it.
 
-The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a share of their
-difference is dissipated: all of it at shocks, where the Jacobian itself is as compact.
+The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a part of their
+difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
+
+Blocks are 5 x 5, and the pattern, with level of fill, is symmetric. Entry ``(row, column)`` of the strict lower
+triangle holds the block of L there and the block of U at ``(column, row)``. Both triangles are made, and solved with,
+row by row of this one pattern, forwards and transposed.
+
+Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations
@@ -18,18 +24,103 @@ from .discretization import Discretization, Linearization
 from .gas import GAMMA
 from .reconstruction import FIRST, INNER, MEAN
 
-# FOLDED DOCSTRING (rework): Incomplete factorisation L U of a matrix of 5 x 5 blocks with a symmetric pattern, with level of fill.
-#
-# Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block of U at
-# ``(column, row)``; the blocks of L are by the pivots. Both triangles are made, and solved with, row by row of this one
-# pattern, forwards and transposed.
-
 BLOCK = 5
+
+FILL = 1
+"""Level of fill of the factor."""
+
+COMPACT_DISSIPATION = 0.5
+"""Part of the first difference, at least, that is dissipated in place of the third."""
+
+
+def factor_pattern(discretization: Discretization) -> FactorPattern:
+    """Find the pattern of the factor, once per grid."""
+    faces = discretization.faces
+    return FactorPattern.of(faces.left[: faces.n_inner], faces.right, faces.n_cells, FILL)
+
+
+def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> BlockFactor:
+    """Factor the compact neighbour of a Jacobian.
+
+    Parameters
+    ----------
+    linearization : Linearization
+    pattern : FactorPattern
+    diagonal : ndarray, shape (n_cells, 5, 5)
+        What is added to the blocks on the diagonal.
+    """
+    stencil = linearization.discretization.stencil
+    lower = np.zeros((len(pattern.columns), *diagonal.shape[1:]), np.float32)
+    upper, placed = np.zeros_like(lower), np.empty_like(diagonal)
+    placed[pattern.rank] = diagonal
+    index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
+    dissipation = max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation)
+    sensor = linearization.sensors[:, 0]
+    _place(
+        *index, linearization.state_jacobians, dissipation, sensor, pattern.rank, pattern.places, lower, upper, placed
+    )
+    return BlockFactor.of(pattern, lower, upper, placed)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _place(cells, weights, classes, roles, state_jacobians, dissipation, sensor, rank, places, lower, upper, diagonal):
+    """Add the blocks of all faces at their places."""
+    for f in range(len(cells)):
+        left, right, jacobian = rank[cells[f, 1]], rank[cells[f, 2]], state_jacobians[f]
+        if roles[f] != INNER:
+            w = weights[classes[f]]
+            mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
+            diagonal[left] += mean * jacobian[:, :5] + w[FIRST, 1] * jacobian[:, 5:]
+            continue
+        at, shock = places[f], sensor[f] if len(sensor) > 0 else 0.0
+        part = dissipation + shock * (1.0 - dissipation)
+        for n in range(5):
+            for m in range(5):
+                from_left = 0.5 * jacobian[n, m] - part * jacobian[n, 5 + m]
+                from_right = 0.5 * jacobian[n, m] + part * jacobian[n, 5 + m]
+                diagonal[left, n, m] += from_left
+                diagonal[right, n, m] -= from_right
+                if left > right:
+                    lower[at, n, m] += from_right
+                    upper[at, n, m] -= from_left
+                else:
+                    lower[at, n, m] -= from_left
+                    upper[at, n, m] += from_right
+
+
+def time_terms(discretization: Discretization, states: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    """Diagonal of the pseudo-time term at a CFL number of one, shape (n_cells, 5, 5).
+
+    Derivatives of the conserved quantities with respect to the states, times half the sum of the wave speeds through
+    the faces of a cell, which is its volume divided by its time step.
+    """
+    out = np.zeros((len(states), 5, 5))
+    _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, out)
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _time_terms(cells, roles, areas, states, out):
+    rates = np.zeros(len(states))
+    for f in range(len(cells)):
+        s = areas[f]
+        for k in range(1, 3 if roles[f] == INNER else 2):
+            w = states[cells[f, k]]
+            sound = np.sqrt(GAMMA * w[4] / w[0] * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]))
+            rates[cells[f, k]] += 0.5 * (abs(w[1] * s[0] + w[2] * s[1] + w[3] * s[2]) + sound)
+    for c in range(len(states)):
+        rho, u, v, w, _ = states[c]
+        block, rate = out[c], rates[c]
+        block[0, 0], block[4, 4] = rate, rate / (GAMMA - 1.0)
+        block[1, 0], block[2, 0], block[3, 0] = rate * u, rate * v, rate * w
+        block[1, 1] = block[2, 2] = block[3, 3] = rate * rho
+        block[4, 0] = 0.5 * rate * (u * u + v * v + w * w)
+        block[4, 1], block[4, 2], block[4, 3] = rate * rho * u, rate * rho * v, rate * rho * w
 
 
 @dataclass(frozen=True, eq=False)
 class FactorPattern(IncompletePattern):
-    """Where the factor has blocks, and where the faces of the grid put theirs.
+    """Pattern of the factor, and the places in it of the blocks that faces of the grid make.
 
     Parameters
     ----------
@@ -65,7 +156,7 @@ class FactorPattern(IncompletePattern):
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Incomplete factor.
+    """Incomplete factor L U of a matrix of 5 x 5 blocks.
 
     Parameters
     ----------
@@ -100,12 +191,44 @@ class BlockFactor:
 
 @njit(cache=True, error_model="numpy")
 def _find(starts, columns, left, right):
-    """Entries of pairs of rows."""
+    """Find the entry of the pattern for each pair of rows."""
     places = np.empty(len(left), np.int64)
     for n in range(len(left)):
         row, column = max(left[n], right[n]), min(left[n], right[n])
         places[n] = starts[row] + np.searchsorted(columns[starts[row] : starts[row + 1]], column)
     return places
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _factorize(starts, columns, lower, upper, diagonal):
+    """Factor row by row in place, the diagonal blocks into their inverses.
+
+    For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
+
+    1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
+    2. ``L_ij = L_ij U_jj^-1``.
+    3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
+    """
+    n = len(starts) - 1
+    place_of = np.full(n, -1, np.int64)
+    product = np.empty((BLOCK, BLOCK))
+    for row in range(n):
+        for entry in range(starts[row], starts[row + 1]):
+            column = columns[entry]
+            for other in range(starts[column], starts[column + 1]):
+                place = place_of[columns[other]]
+                if place >= 0:  # step 1
+                    _subtract(lower[entry], lower[place], upper[other])
+                    _subtract(upper[entry], lower[other], upper[place])
+            product[:] = 0.0  # step 2
+            _subtract(product, lower[entry], diagonal[column])
+            lower[entry] = -product
+            _subtract(diagonal[row], lower[entry], upper[entry])  # step 3
+            place_of[column] = entry
+        for entry in range(starts[row], starts[row + 1]):
+            place_of[columns[entry]] = -1
+        product[:] = diagonal[row]
+        _invert(product, diagonal[row])
 
 
 @njit(cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"})
@@ -131,40 +254,15 @@ def _invert(block, inverse):
         for b in range(BLOCK):
             block[k, b], block[pivot, b] = block[pivot, b], block[k, b]
             inverse[k, b], inverse[pivot, b] = inverse[pivot, b], inverse[k, b]
-        by_pivot = 1.0 / block[k, k]
+        inverse_pivot = 1.0 / block[k, k]
         for b in range(BLOCK):
-            block[k, b] *= by_pivot
-            inverse[k, b] *= by_pivot
+            block[k, b] *= inverse_pivot
+            inverse[k, b] *= inverse_pivot
         for a in range(BLOCK):
             factor = block[a, k] if a != k else 0.0
             for b in range(BLOCK):
                 block[a, b] -= factor * block[k, b]
                 inverse[a, b] -= factor * inverse[k, b]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _factorize(starts, columns, lower, upper, diagonal):
-    """Factor row by row in place, the diagonal blocks into their inverses."""
-    n = len(starts) - 1
-    place_of = np.full(n, -1, np.int64)
-    product = np.empty((BLOCK, BLOCK))
-    for row in range(n):
-        for entry in range(starts[row], starts[row + 1]):
-            column = columns[entry]
-            for other in range(starts[column], starts[column + 1]):
-                place = place_of[columns[other]]
-                if place >= 0:
-                    _subtract(lower[entry], lower[place], upper[other])
-                    _subtract(upper[entry], lower[other], upper[place])
-            product[:] = 0.0
-            _subtract(product, lower[entry], diagonal[column])
-            lower[entry] = -product
-            _subtract(diagonal[row], lower[entry], upper[entry])
-            place_of[column] = entry
-        for entry in range(starts[row], starts[row + 1]):
-            place_of[columns[entry]] = -1
-        product[:] = diagonal[row]
-        _invert(product, diagonal[row])
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
@@ -228,93 +326,3 @@ def _solve_transposed(rank, starts, columns, lower, upper, pivots, right):
                 for b in range(BLOCK):
                     z[b] -= block[a, b] * factor
     return x[rank]
-
-
-FILL = 1
-"""Level of fill of the factor."""
-
-COMPACT_DISSIPATION = 0.5
-"""Share of the first difference that stands in for that of the third."""
-
-
-def factor_pattern(discretization: Discretization) -> FactorPattern:
-    """Find where the factor has blocks: once per grid."""
-    faces = discretization.faces
-    return FactorPattern.of(faces.left[: faces.n_inner], faces.right, faces.n_cells, FILL)
-
-
-def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> BlockFactor:
-    """Factor the compact neighbour of a Jacobian.
-
-    Parameters
-    ----------
-    linearization : Linearization
-    pattern : FactorPattern
-    diagonal : ndarray, shape (n_cells, 5, 5)
-        What is added to the blocks on the diagonal.
-    """
-    stencil = linearization.discretization.stencil
-    lower = np.zeros((len(pattern.columns), *diagonal.shape[1:]), np.float32)
-    upper, placed = np.zeros_like(lower), np.empty_like(diagonal)
-    placed[pattern.rank] = diagonal
-    index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
-    dissipation = max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation)
-    sensor = linearization.sensors[:, 0]
-    _place(*index, linearization.by_state, dissipation, sensor, pattern.rank, pattern.places, lower, upper, placed)
-    return BlockFactor.of(pattern, lower, upper, placed)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _place(cells, weights, classes, roles, by_state, dissipation, sensor, rank, places, lower, upper, diagonal):
-    """Add the blocks of all faces at their places."""
-    for f in range(len(cells)):
-        left, right, jacobian = rank[cells[f, 1]], rank[cells[f, 2]], by_state[f]
-        if roles[f] != INNER:
-            w = weights[classes[f]]
-            mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
-            diagonal[left] += mean * jacobian[:, :5] + w[FIRST, 1] * jacobian[:, 5:]
-            continue
-        at, shock = places[f], sensor[f] if len(sensor) > 0 else 0.0
-        share = dissipation + shock * (1.0 - dissipation)
-        for n in range(5):
-            for m in range(5):
-                from_left = 0.5 * jacobian[n, m] - share * jacobian[n, 5 + m]
-                from_right = 0.5 * jacobian[n, m] + share * jacobian[n, 5 + m]
-                diagonal[left, n, m] += from_left
-                diagonal[right, n, m] -= from_right
-                if left > right:
-                    lower[at, n, m] += from_right
-                    upper[at, n, m] -= from_left
-                else:
-                    lower[at, n, m] -= from_left
-                    upper[at, n, m] += from_right
-
-
-def time_terms(discretization: Discretization, states: np.ndarray, areas: np.ndarray) -> np.ndarray:
-    """Diagonal of the pseudo-time term at a CFL number of one, shape (n_cells, 5, 5).
-
-    The conserved quantities by the states, times half the sum of the wave speeds through the faces of a cell: its
-    volume by its time step.
-    """
-    out = np.zeros((len(states), 5, 5))
-    _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, out)
-    return out
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _time_terms(cells, roles, areas, states, out):
-    rates = np.zeros(len(states))
-    for f in range(len(cells)):
-        s = areas[f]
-        for k in range(1, 3 if roles[f] == INNER else 2):
-            w = states[cells[f, k]]
-            sound = np.sqrt(GAMMA * w[4] / w[0] * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]))
-            rates[cells[f, k]] += 0.5 * (abs(w[1] * s[0] + w[2] * s[1] + w[3] * s[2]) + sound)
-    for c in range(len(states)):
-        rho, u, v, w, _ = states[c]
-        block, rate = out[c], rates[c]
-        block[0, 0], block[4, 4] = rate, rate / (GAMMA - 1.0)
-        block[1, 0], block[2, 0], block[3, 0] = rate * u, rate * v, rate * w
-        block[1, 1] = block[2, 2] = block[3, 3] = rate * rho
-        block[4, 0] = 0.5 * rate * (u * u + v * v + w * w)
-        block[4, 1], block[4, 2], block[4, 3] = rate * rho * u, rate * rho * v, rate * rho * w

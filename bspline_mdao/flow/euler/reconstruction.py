@@ -1,9 +1,15 @@
 """Mean state and jump at a face, from the cells along the grid line through it.
 
-In smooth flow the mean is of fourth order and the jump the third difference times ``dissipation``; at shocks both are
-those of the two cells at the face. The sensor ``sigma`` of shocks blends one into the other. With the relative second
-differences ``n`` of the pressure at the cells on both sides, after Jameson, Schmidt and Turkel (AIAA 81-1259), and
-``q = n_l^2 + n_r^2``, it is ``q^2 / (q^2 + threshold^4)``: smooth, and of eighth order in smooth flow.
+Along the line lie the cells a, b on the left of the face and c, d on its right. On even grids the mean
+``(-a + 7 b + 7 c - d) / 12`` of cell averages is of fourth order; what is dissipated is a part, ``dissipation``, of the
+third difference ``a - 3 b + 3 c - d``. At shocks the mean is that of the two cells at the face, and the jump the first
+difference, ``c - b``. Where a line ends, the cell behind the last is extrapolated linearly.
+
+The sensor ``sigma`` of shocks blends one into the other. With the relative second differences ``n`` of the pressure at
+the cells on both sides, after Jameson, Schmidt and Turkel (AIAA 81-1259), and ``q = n_l^2 + n_r^2``, it is
+``q^2 / (q^2 + threshold^4)``: smooth, and of eighth order in smooth flow.
+
+Theory: ``docs/theory/euler.rst`` and, for shocks, ``docs/theory/euler_transonic.rst``.
 """
 
 from __future__ import annotations
@@ -17,21 +23,23 @@ from ...cells.cell_faces import NONE, CellFaces
 from ...errors import InputError
 from .gas import GAMMA
 
-# FOLDED DOCSTRING (rework): Which cells give the mean state and the jump at a face, and with which weights.
-#
-# Along the grid line through a face lie the cells a, b on its left and c, d on its right. On even grids the mean
-# ``(-a + 7 b + 7 c - d) / 12`` of cell averages is of fourth order; what is dissipated is a share of the third difference
-# ``a - 3 b + 3 c - d``, and at shocks of the first, ``c - b``. Where a line ends, the cell behind the last is
-# extrapolated linearly.
-
 MEAN, FIRST, THIRD = 0, 1, 2
 """Rows of the weights of a face: of its mean state, its first and its third difference."""
 
 INNER, FARFIELD, SLIP = 0, 1, 2
-"""What is known about a face: cells on both sides, the free stream outside, or no flow through it."""
+"""Roles of a face: cells on both sides, the free stream outside, or no flow through it."""
 
 KINDS = {"wall": SLIP, "symmetry": SLIP, "farfield": FARFIELD}
-"""What the kinds of patches mean for the flow."""
+"""Roles of boundary faces by the kind of their patch."""
+
+COMPACT_MEAN = (0.0, 0.5, 0.5, 0.0)
+"""Weights of the four cells in the mean state at shocks."""
+
+SHUT, OPEN = 0.7, 1.0
+"""Squares of the Mach number below which the sensor is zero, since there are no shocks, and above which it is free."""
+
+OUTER_MEAN = (0.5, 0.0, 0.0, 0.5)
+"""Weights of the four cells in the state whose Mach number that is: a cell next to a shock still sees what is ahead."""
 
 _FULL = np.array([[-1, 7, 7, -1], [0, -12, 12, 0], [12, -36, 36, -12]]) / 12.0
 
@@ -59,7 +67,7 @@ class Stencil:
 
     @classmethod
     def of(cls, faces: CellFaces) -> Stencil:
-        """Choose cells and weights.
+        """Choose cells and weights by what lies along the grid line through each face.
 
         Raises
         ------
@@ -117,108 +125,8 @@ _WEIGHTS = np.stack(
         *_boundary((0.5,), (0.5,), (0.5,), first=-1.0),  # half-way to the free stream
     ]
 )
+
 _BOUNDARY_CLASSES = {SLIP: 4, FARFIELD: 7}
-
-
-COMPACT_MEAN = (0.0, 0.5, 0.5, 0.0)
-"""Weights of the four cells in the mean state at shocks."""
-
-SHUT, OPEN = 0.7, 1.0
-"""Squares of the Mach number below which there are no shocks, and above which the sensor is free."""
-
-OUTER_MEAN = (0.5, 0.0, 0.0, 0.5)
-"""Weights of the four cells in the state whose Mach number that is: a cell next to a shock still sees what is ahead."""
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _sum(weights, states, cells, n):
-    return (
-        weights[0] * states[cells[0], n]
-        + weights[1] * states[cells[1], n]
-        + weights[2] * states[cells[2], n]
-        + weights[3] * states[cells[3], n]
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _combine(weights, states, cells):
-    return (
-        _sum(weights, states, cells, 0),
-        _sum(weights, states, cells, 1),
-        _sum(weights, states, cells, 2),
-        _sum(weights, states, cells, 3),
-        _sum(weights, states, cells, 4),
-    )
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _blend(smooth, shock, sigma):
-    """Mix what holds in smooth flow and at shocks; and the derivative in the sensor."""
-    slope = (
-        shock[0] - smooth[0],
-        shock[1] - smooth[1],
-        shock[2] - smooth[2],
-        shock[3] - smooth[3],
-        shock[4] - smooth[4],
-    )
-    return _add(smooth, sigma, slope), slope
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _scale(factor, a):
-    return factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4]
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _add(a, factor, b):
-    return (
-        a[0] + factor * b[0],
-        a[1] + factor * b[1],
-        a[2] + factor * b[2],
-        a[3] + factor * b[3],
-        a[4] + factor * b[4],
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def shock_sensor(states, cells, threshold):
-    """Share of what holds at shocks at an inner face.
-
-    And its derivatives in the pressures of the four cells, and in the mean state of the first and the last.
-    """
-    share, by_pressure = _kink(states, cells, threshold)
-    gate, by_mean = _gate(_combine(OUTER_MEAN, states, cells))
-    return gate * share, _scale(gate, by_pressure), _scale(share, by_mean)
-
-
-@njit(cache=True, error_model="numpy")
-def _kink(states, cells, threshold):
-    """Sense the second differences, and differentiate in the four pressures."""
-    a, b, c, d = states[cells[0], 4], states[cells[1], 4], states[cells[2], 4], states[cells[3], 4]
-    has_a, has_d = (1.0 if cells[0] != cells[1] else 0.0), (1.0 if cells[3] != cells[2] else 0.0)
-    sum_l, sum_r = a + 2.0 * b + c, b + 2.0 * c + d
-    n_l, n_r = has_a * (a - 2.0 * b + c) / sum_l, has_d * (b - 2.0 * c + d) / sum_r
-    q, level = n_l * n_l + n_r * n_r, threshold**4
-    slope = 4.0 * q * level / (q * q + level) ** 2
-    l, r = slope * n_l * has_a / sum_l, slope * n_r * has_d / sum_r
-    ratio_l, ratio_r = l * n_l, r * n_r
-    gradient = (l - ratio_l, r - 2.0 * l - 2.0 * ratio_l - ratio_r, l - 2.0 * r - ratio_l - 2.0 * ratio_r, r - ratio_r)
-    return q * q / (q * q + level), (*gradient, 0.0 * q)
-
-
-@njit(cache=True, error_model="numpy")
-def _gate(w):
-    """Open at the speed of sound, shut in slow flow; and its derivatives in the state."""
-    r, u, v, w, p = w
-    by_square = 1.0 / (GAMMA * p)
-    square = (u * u + v * v + w * w) * r * by_square
-    t = (square - SHUT) / (OPEN - SHUT)
-    if t.real <= 0.0 or t.real >= 1.0:
-        return (0.0 if t.real <= 0.0 else 1.0) + 0.0 * t, (0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t)
-    slope = 6.0 * t * (1.0 - t) / (OPEN - SHUT)
-    by_speed = 2.0 * slope * r * by_square
-    gradient = (slope * square / r, by_speed * u, by_speed * v, by_speed * w, -slope * square / p)
-    return t * t * (3.0 - 2.0 * t), gradient
 
 
 @njit(cache=True, error_model="numpy")
@@ -244,3 +152,94 @@ def face_weights(weights, role, dissipation, sigma, out):
             third = dissipation * weights[THIRD, k]
             out[0, k] += sigma * (COMPACT_MEAN[k] - out[0, k])
             out[1, k] = third + sigma * (out[1, k] - third)
+
+
+@njit(cache=True, error_model="numpy")
+def shock_sensor(states, cells, threshold):
+    """Sensor of shocks at an inner face, from 0 in smooth flow to 1.
+
+    Also its derivatives with respect to the pressures of the four cells, and to the mean state of the first and last.
+    """
+    kink, pressure_gradient = _kink(states, cells, threshold)
+    gate, mean_gradient = _gate(_combine(OUTER_MEAN, states, cells))
+    return gate * kink, _scale(gate, pressure_gradient), _scale(kink, mean_gradient)
+
+
+@njit(cache=True, error_model="numpy")
+def _kink(states, cells, threshold):
+    """Sensor by second differences of the pressure, and its derivatives with respect to the four pressures."""
+    a, b, c, d = states[cells[0], 4], states[cells[1], 4], states[cells[2], 4], states[cells[3], 4]
+    has_a, has_d = (1.0 if cells[0] != cells[1] else 0.0), (1.0 if cells[3] != cells[2] else 0.0)
+    sum_l, sum_r = a + 2.0 * b + c, b + 2.0 * c + d
+    n_l, n_r = has_a * (a - 2.0 * b + c) / sum_l, has_d * (b - 2.0 * c + d) / sum_r
+    q, level = n_l * n_l + n_r * n_r, threshold**4
+    slope = 4.0 * q * level / (q * q + level) ** 2
+    l, r = slope * n_l * has_a / sum_l, slope * n_r * has_d / sum_r
+    ratio_l, ratio_r = l * n_l, r * n_r
+    gradient = (l - ratio_l, r - 2.0 * l - 2.0 * ratio_l - ratio_r, l - 2.0 * r - ratio_l - 2.0 * ratio_r, r - ratio_r)
+    return q * q / (q * q + level), (*gradient, 0.0 * q)
+
+
+@njit(cache=True, error_model="numpy")
+def _gate(w):
+    """Smooth step from 0 in slow flow to 1 at the speed of sound, and its derivatives with respect to the state."""
+    r, u, v, w, p = w
+    inverse_sound_squared = 1.0 / (GAMMA * p)
+    square = (u * u + v * v + w * w) * r * inverse_sound_squared
+    t = (square - SHUT) / (OPEN - SHUT)
+    if t.real <= 0.0 or t.real >= 1.0:
+        return (0.0 if t.real <= 0.0 else 1.0) + 0.0 * t, (0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t)
+    slope = 6.0 * t * (1.0 - t) / (OPEN - SHUT)
+    speed_slope = 2.0 * slope * r * inverse_sound_squared
+    gradient = (slope * square / r, speed_slope * u, speed_slope * v, speed_slope * w, -slope * square / p)
+    return t * t * (3.0 - 2.0 * t), gradient
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _sum(weights, states, cells, n):
+    return (
+        weights[0] * states[cells[0], n]
+        + weights[1] * states[cells[1], n]
+        + weights[2] * states[cells[2], n]
+        + weights[3] * states[cells[3], n]
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _combine(weights, states, cells):
+    return (
+        _sum(weights, states, cells, 0),
+        _sum(weights, states, cells, 1),
+        _sum(weights, states, cells, 2),
+        _sum(weights, states, cells, 3),
+        _sum(weights, states, cells, 4),
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _blend(smooth, shock, sigma):
+    """Mix states of smooth flow and of shocks by the sensor; also the derivative with respect to it."""
+    slope = (
+        shock[0] - smooth[0],
+        shock[1] - smooth[1],
+        shock[2] - smooth[2],
+        shock[3] - smooth[3],
+        shock[4] - smooth[4],
+    )
+    return _add(smooth, sigma, slope), slope
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _scale(factor, a):
+    return factor * a[0], factor * a[1], factor * a[2], factor * a[3], factor * a[4]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _add(a, factor, b):
+    return (
+        a[0] + factor * b[0],
+        a[1] + factor * b[1],
+        a[2] + factor * b[2],
+        a[3] + factor * b[3],
+        a[4] + factor * b[4],
+    )

@@ -1,7 +1,9 @@
-"""Start from the flow on coarser members of the grid's family, which pick from its nodes.
+"""Grid sequencing: a start from the flow on coarser members of the grid's family, which pick from its nodes.
 
 Every level has half the cells of the next in each direction, see `...evaluation.index_scaling`. Its states, solved
 roughly, are given to the cells of the next that lie in its cells.
+
+Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ def coarse_levels(topology: Topology, nodes: np.ndarray, n_levels: int, axes: st
     Parameters
     ----------
     topology : Topology
-        How the blocks of the grid hang together, with declared patches.
+        Connections of the blocks of the grid, with declared patches.
     nodes : ndarray, shape (n_nodes, 3)
         Baseline nodes (m).
     n_levels : int

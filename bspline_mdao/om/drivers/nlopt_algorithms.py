@@ -1,4 +1,7 @@
-"""What each algorithm of NLopt can do, so that a problem is refused before it runs, naming those that would do."""
+"""Capabilities of each algorithm of NLopt, so that a problem is refused before it runs, naming those that would do.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -21,7 +24,7 @@ class Algorithm:
     name : str
         Its name in NLopt, for example ``"LD_SLSQP"``.
     title : str
-        What it is, in a few words.
+        Its method in a few words.
     gradients : bool
         It asks for gradients.
     is_global : bool
@@ -36,7 +39,7 @@ class Algorithm:
     is_stochastic : bool
         It draws random numbers (option ``seed``).
     recovery : {"nan", "uphill", "worst"}
-        What it is told where the model cannot be analysed (`recovery`).
+        Value that it is given where the model cannot be analysed, see `nlopt_rules`.
     min_variables : int
         The fewest variables it works with.
     is_compiled : bool
@@ -64,7 +67,7 @@ class Algorithm:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a problem asks of an algorithm.
+    """Requirements of a problem on an algorithm.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ class Needs:
     has_derivatives: bool = True
 
     def of_subsidiary(self, algorithm: Algorithm) -> "Needs":
-        """What is asked of the algorithm that runs inside another one."""
+        """Requirements on the algorithm that runs inside another one."""
         inequality = self.inequality if algorithm.hands_on_inequality else ()
         return replace(self, inequality=inequality, equality=())
 
@@ -177,7 +180,7 @@ def _quoted(names: tuple[str, ...]) -> str:
 
 
 def missing(algorithm: Algorithm, needs: Needs) -> str | None:
-    """What an algorithm lacks for a problem, as the end of a sentence that begins with its name; None if nothing."""
+    """Name a lack of an algorithm for a problem, as the end of a sentence that begins with its name; None if none."""
     complaints = {
         "is not compiled into NLopt": not algorithm.is_compiled,
         "needs gradients, and the problem was set up with derivatives=False": algorithm.gradients
@@ -198,7 +201,7 @@ def suitable(needs: Needs) -> tuple[Algorithm, ...]:
     Parameters
     ----------
     needs : Needs
-        What the problem asks.
+        Requirements of the problem.
     """
     return tuple(algorithm for algorithm in _TABLE if missing(algorithm, needs) is None)
 

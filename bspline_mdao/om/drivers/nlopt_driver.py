@@ -1,21 +1,24 @@
-"""OpenMDAO driver for all algorithms of NLopt."""
+"""OpenMDAO driver for all algorithms of NLopt, with its options.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
 
 from functools import partial
+from numbers import Integral, Real
 
 import numpy as np
 from openmdao.core.driver import Driver
 
 from ...errors import InputError
-from .foresight import Blind, Conservative, Foresight, Sequential
-from .nlopt_algorithms import ALGORITHMS, Needs
+from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
 from .nlopt_functions import Functions
-from .nlopt_optimizer import ENDS, Outcome, Settings, minimise
-from .nlopt_options import declare_options, make_settings
+from .nlopt_optimizer import ENDS, Criteria, Outcome, Settings, minimise
 from .nlopt_problem import Limits, Point, Statement
-from .recovery import RECOVERIES
+from .nlopt_rules import RECOVERIES, AlgorithmRules, ConservativeRules, LineSearchRules, NoRules
 from .scaled_model import ScaledModel
 
-__all__ = ["NLoptDriver"]
+__all__ = ["NLoptDriver", "declare_options", "make_settings"]
+
 
 CITATION = """
 @misc{NLopt,
@@ -25,19 +28,6 @@ CITATION = """
   howpublished = {https://github.com/stevengj/nlopt},
 }
 """
-
-
-def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[Limits, ...]) -> Needs:
-    """What the problem asks of an algorithm."""
-    is_equality = {limits.name: not np.isnan(limits.equals).all() for limits in constraints}
-    return Needs(
-        n_variables=sum(limits.lower.size for limits in designs),
-        inequality=tuple(name for name, is_equal in is_equality.items() if not is_equal),
-        equality=tuple(name for name, is_equal in is_equality.items() if is_equal),
-        bounded=tuple(d.name for d in designs if np.isfinite(d.lower).any() or np.isfinite(d.upper).any()),
-        unbounded=tuple(d.name for d in designs if not (np.isfinite(d.lower).all() and np.isfinite(d.upper).all())),
-        has_derivatives=model.has_derivatives,
-    )
 
 
 class NLoptDriver(Driver):
@@ -59,7 +49,7 @@ class NLoptDriver(Driver):
     Attributes
     ----------
     outcome : Outcome or None
-        How the last run ended.
+        The end of the last run.
     best : Point or None
         The best point of the last run so far, in scaled variables: kept from the first point on, whatever ends the run.
     n_failed_analyses : int
@@ -104,7 +94,7 @@ class NLoptDriver(Driver):
         return f"NLopt_{self.options['optimizer']}"
 
     def _setup_driver(self, problem):
-        """Say what the algorithm supports, before OpenMDAO checks it."""
+        """Declare the capabilities of the algorithm before OpenMDAO checks them."""
         super()._setup_driver(problem)
         algorithm = ALGORITHMS[self.options["optimizer"]]
         local_optimizer = ALGORITHMS.get(self.options["local_optimizer"], algorithm)
@@ -119,7 +109,7 @@ class NLoptDriver(Driver):
             )
 
     def run(self) -> bool:
-        """Optimise.
+        """Optimise, and leave the model at the best point.
 
         Returns
         -------
@@ -135,7 +125,7 @@ class NLoptDriver(Driver):
         functions = self._functions(model, statement, settings)
         try:
             self.outcome = _minimise(settings, functions)
-            functions.settle()
+            functions.restore_best()
         except BaseException as error:
             self.outcome, self.best = None, functions.best
             model.place(self.best.x)
@@ -151,7 +141,7 @@ class NLoptDriver(Driver):
         x, *responses = model.start()
         within = np.clip(x, statement.lower, statement.upper)
         start = statement.point(within, *(responses if np.array_equal(x, within) else model.run(within)))
-        recover, foresee = RECOVERIES[settings.algorithm.recovery], partial(_foresee, settings, statement.tolerance)
+        recover, make_rules = RECOVERIES[settings.algorithm.recovery], partial(_rules_of, settings, statement.tolerance)
         log = IterationLog(settings.uses_gradients, self.options["disp"])
         log.add(start, start, None)
         self.best = start
@@ -160,7 +150,7 @@ class NLoptDriver(Driver):
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
             log.add(functions.last, functions.best, norm)
 
-        return Functions(model, statement, recover, foresee, start, watch)
+        return Functions(model, statement, recover, make_rules, start, watch)
 
     @property
     def is_feasible(self) -> bool:
@@ -168,7 +158,7 @@ class NLoptDriver(Driver):
         return self.best is not None and self.best.violation <= self.options["constraint_tolerance"]
 
     def get_exit_status(self) -> str:
-        """How the last run ended, in words."""
+        """Describe the end of the last run in words."""
         if self.outcome is None:
             status = "NOT_FINISHED: the run ended in an exception"
             return status if self.best is None else f"{status}; {self._best_in_words()}"
@@ -203,8 +193,36 @@ class NLoptDriver(Driver):
             print(f"{self.result.deriv_evals} total derivatives")
 
 
+def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[Limits, ...]) -> Needs:
+    """Requirements of the problem on an algorithm."""
+    is_equality = {limits.name: not np.isnan(limits.equals).all() for limits in constraints}
+    return Needs(
+        n_variables=sum(limits.lower.size for limits in designs),
+        inequality=tuple(name for name, is_equal in is_equality.items() if not is_equal),
+        equality=tuple(name for name, is_equal in is_equality.items() if is_equal),
+        bounded=tuple(d.name for d in designs if np.isfinite(d.lower).any() or np.isfinite(d.upper).any()),
+        unbounded=tuple(d.name for d in designs if not (np.isfinite(d.lower).all() and np.isfinite(d.upper).all())),
+        has_derivatives=model.has_derivatives,
+    )
+
+
+def _rules_of(settings: Settings, tolerance: float) -> AlgorithmRules:
+    """Rules of the algorithm, where any are made use of."""
+    if settings.algorithm.name == "LD_SLSQP":
+        return LineSearchRules(settings.criteria.ftol_rel, settings.criteria.ftol_abs, tolerance)
+    return ConservativeRules() if settings.algorithm.name in ("LD_MMA", "LD_CCSAQ") else NoRules()
+
+
+def _minimise(settings: Settings, functions: Functions) -> Outcome:
+    """Minimise; an interrupt from the keyboard ends it in good order."""
+    try:
+        return minimise(settings, functions)
+    except KeyboardInterrupt:
+        return Outcome("INTERRUPTED")
+
+
 class IterationLog:
-    """Table of a run, a line as soon as it is known.
+    """Table of a run, printed line by line while it goes on.
 
     A line is a point at which totals were computed or, without gradients, one that is better than all before it.
 
@@ -235,16 +253,149 @@ class IterationLog:
         print(line.rstrip(), flush=True)
 
 
-def _foresee(settings: Settings, tolerance: float) -> Foresight:
-    """What can be foreseen of the algorithm."""
-    if settings.algorithm.name == "LD_SLSQP":
-        return Sequential(settings.criteria.ftol_rel, settings.criteria.ftol_abs, tolerance)
-    return Conservative() if settings.algorithm.name in ("LD_MMA", "LD_CCSAQ") else Blind()
+LOCAL_NAMES = tuple(a.name for a in ALGORITHMS.values() if not a.is_global and a.local_optimizer == "none")
 
 
-def _minimise(settings: Settings, functions: Functions) -> Outcome:
-    """Minimise; an interrupt from the keyboard ends it in good order."""
-    try:
-        return minimise(settings, functions)
-    except KeyboardInterrupt:
-        return Outcome("INTERRUPTED")
+def declare_options(options) -> None:
+    """Declare all options of the driver.
+
+    Parameters
+    ----------
+    options : openmdao.utils.options_dictionary.OptionsDictionary
+        Where to declare them.
+    """
+    options.declare("optimizer", "LD_SLSQP", values=tuple(ALGORITHMS), desc="Name of the algorithm in NLopt.")
+    options.declare(
+        "local_optimizer", None, values=(*LOCAL_NAMES, None), desc="Algorithm that AUGLAG and MLSL run inside."
+    )
+    _declare_criteria(options)
+    _declare_local_criteria(options)
+    _declare_search(options)
+    options.declare("disp", True, types=bool, desc="Print the iterations and how the run ended.")
+    options.declare(
+        "singular_jac_behavior",
+        "warn",
+        values=("error", "warn", "ignore"),
+        desc="What to do about rows and columns of zeros in the first total derivatives.",
+    )
+    options.declare("singular_jac_tol", 1e-16, lower=0.0, desc="What counts as zero there.")
+
+
+def _declare_criteria(options) -> None:
+    """Declare the stopping criteria."""
+    options.declare("ftol_rel", 1e-9, types=Real, lower=0.0, desc="Stop at this relative change of the objective.")
+    options.declare("ftol_abs", 0.0, types=Real, lower=0.0, desc="Stop at this change of the objective.")
+    options.declare(
+        "xtol_rel", 0.0, types=Real, lower=0.0, desc="Stop at this relative change of the design variables."
+    )
+    options.declare("xtol_abs", 0.0, types=(Real, np.ndarray), desc="Stop at this change of all (or of each) variable.")
+    options.declare("stopval", None, types=Real, allow_none=True, desc="Stop at a feasible point below this objective.")
+    options.declare("maxeval", 1000, types=Integral, lower=0, desc="Stop after so many evaluations; 0 for no limit.")
+    options.declare("maxtime", 0.0, types=Real, lower=0.0, desc="Stop after so many seconds; 0 for no limit.")
+    options.declare(
+        "constraint_tolerance",
+        1e-6,
+        types=Real,
+        lower=0.0,
+        desc="Scaled violation up to which a constraint is satisfied.",
+    )
+
+
+def _declare_local_criteria(options) -> None:
+    """Declare the stopping criteria of the local optimizer."""
+    for name in ("ftol_rel", "xtol_rel"):
+        options.declare(f"local_{name}", 1e-9, types=Real, lower=0.0, desc=f"{name} of the local optimizer.")
+    for name in ("ftol_abs", "xtol_abs"):
+        options.declare(f"local_{name}", 0.0, types=Real, lower=0.0, desc=f"{name} of the local optimizer.")
+    options.declare("local_maxeval", 0, types=Integral, lower=0, desc="maxeval of each run of the local optimizer.")
+
+
+def _declare_search(options) -> None:
+    """Declare what steers the search."""
+    options.declare(
+        "initial_step",
+        None,
+        types=(Real, np.ndarray),
+        allow_none=True,
+        desc="First step of algorithms without gradients, scaled; None for NLopt's choice.",
+    )
+    options.declare("population", 0, types=Integral, lower=0, desc="Initial population; 0 for NLopt's choice.")
+    options.declare(
+        "vector_storage", 0, types=Integral, lower=0, desc="Number of stored gradients; 0 for NLopt's choice."
+    )
+    options.declare(
+        "seed", 0, types=Integral, allow_none=True, desc="Seed of random numbers; None for another one every time."
+    )
+    options.declare("parameters", {}, types=dict, desc="Parameters that one algorithm alone knows, by name.")
+    options.declare(
+        "restarts", 5, types=Integral, lower=0, desc="How often at most to start again after analyses failed."
+    )
+
+
+def make_settings(options, needs: Needs) -> Settings:
+    """Make the settings of a run from the options.
+
+    Parameters
+    ----------
+    options : mapping
+        Options by name, as declared by `declare_options`.
+    needs : Needs
+        Requirements of the problem.
+
+    Returns
+    -------
+    Settings
+        The algorithms and when they stop.
+
+    Raises
+    ------
+    InputError
+        The algorithm or its local optimizer cannot do what the problem asks, or an option does not fit.
+    """
+    if needs.n_variables == 0:
+        raise InputError("NLoptDriver: the problem has no design variables; add some to its model")
+    algorithm = find_algorithm(options["optimizer"], needs)
+    _require_end(algorithm, options)
+    for name in ("xtol_abs", "initial_step"):
+        _require_length(options, name, needs.n_variables)
+    same = ("stopval", "maxtime", "initial_step", "population", "vector_storage", "seed", "parameters", "restarts")
+    return Settings(
+        algorithm=algorithm,
+        local_optimizer=_local_optimizer(algorithm, options, needs),
+        criteria=_criteria(options),
+        local_criteria=_criteria(options, "local_"),
+        **{name: options[name] for name in same},
+    )
+
+
+def _criteria(options, prefix: str = "") -> Criteria:
+    """Stopping criteria of the algorithm, or of the local one."""
+    names = ("ftol_rel", "ftol_abs", "xtol_rel", "xtol_abs", "maxeval")
+    return Criteria(**{name: options[prefix + name] for name in names})
+
+
+def _require_end(algorithm: Algorithm, options) -> None:
+    """A global search needs something that ends it."""
+    if algorithm.is_global and not (options["maxeval"] or options["maxtime"] or options["stopval"] is not None):
+        raise InputError(f"NLoptDriver: {algorithm.name} never ends by itself; set maxeval, maxtime or stopval")
+
+
+def _require_length(options, name: str, n_variables: int) -> None:
+    """An option may be one number or one for every variable."""
+    if options[name] is not None and np.size(options[name]) not in (1, n_variables):
+        raise InputError(
+            f"NLoptDriver: option {name} has {np.size(options[name])} values; give one, or one for each of the"
+            f" {n_variables} design variables"
+        )
+
+
+def _local_optimizer(algorithm: Algorithm, options, needs: Needs) -> Algorithm | None:
+    """The algorithm to run inside, or None for NLopt's choice or where there is none."""
+    name = options["local_optimizer"]
+    if algorithm.local_optimizer == "none" and name is not None:
+        raise InputError(f"NLoptDriver: {algorithm.name} runs no other algorithm; leave local_optimizer out")
+    if algorithm.local_optimizer == "needed" and name is None:
+        raise InputError(
+            f"NLoptDriver: {algorithm.name} needs a local_optimizer; LD_LBFGS, LD_MMA or LN_BOBYQA would do"
+        )
+    return name and find_algorithm(name, needs.of_subsidiary(algorithm), is_subsidiary=True)

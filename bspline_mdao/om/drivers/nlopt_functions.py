@@ -8,10 +8,9 @@ from functools import wraps
 
 import numpy as np
 
-from .foresight import Foresight
 from .nlopt_problem import AnalysisFailed, Model, Point, Rows, Statement, Stop
+from .nlopt_rules import AlgorithmRules, SearchRecord, Substitute
 from .optimality import optimality
-from .recovery import Known, Standin
 
 __all__ = ["Functions"]
 
@@ -43,9 +42,9 @@ class Functions:
     statement : Statement
         Bounds and constraints.
     recover : callable
-        What the algorithm is told where the analysis fails (`recovery`).
-    foresee : callable
-        Makes the `Foresight` of the algorithm.
+        Makes the values for the algorithm where the analysis fails, one of `nlopt_rules.RECOVERIES`.
+    make_rules : callable
+        Makes the `AlgorithmRules` of the algorithm.
     start : Point
         The first point.
     watch : callable
@@ -61,8 +60,8 @@ class Functions:
 
     model: Model
     statement: Statement
-    recover: Callable[[Known, np.ndarray], Standin]
-    foresee: Callable[[], Foresight]
+    recover: Callable[[SearchRecord, np.ndarray], Substitute]
+    make_rules: Callable[[], AlgorithmRules]
     start: Point
     watch: Callable[[Functions, float | None], None] = lambda functions, norm: None
     last: Point = field(init=False)
@@ -71,31 +70,31 @@ class Functions:
     _totals: np.ndarray | None = field(init=False, default=None)
     _is_rejected: bool = field(init=False, default=False)
     _is_underway: bool = field(init=False, default=False)
-    _foresight: Foresight = field(init=False)
-    _known: Known = field(init=False)
-    _before: Known = field(init=False)
+    _rules: AlgorithmRules = field(init=False)
+    _record: SearchRecord = field(init=False)
+    _record_before: SearchRecord = field(init=False)
     _largest_gradient: float = field(init=False, default=np.finfo(float).tiny)
 
     def __post_init__(self):
         self.last = self.start
-        self._foresight = self.foresee()
-        self._known = self._before = Known.at(self.start)
+        self._rules = self.make_rules()
+        self._record = self._record_before = SearchRecord.at(self.start)
 
     @property
     def best(self) -> Point:
         """The best point so far, by `Point.is_better`."""
-        return self._known.base
+        return self._record.base
 
-    def settle(self) -> None:
-        """Leave the model at the best point."""
+    def restore_best(self) -> None:
+        """Run the model at the best point, unless it was last run there."""
         if self.last is not self.best or self._is_underway:
             self.model.run(self.best.x)
             self.last, self._totals = self.best, None
             self._is_rejected = self._is_underway = False
 
     def optimality(self) -> float:
-        """How far the best point is from an optimum, relative to the largest gradient of the objective seen."""
-        self.settle()
+        """Residual of the first-order conditions at the best point, relative to the largest objective gradient."""
+        self.restore_best()
         try:
             totals = self._differentiate(is_new=False)
         except Stop:
@@ -105,17 +104,17 @@ class Functions:
     def restart(self) -> np.ndarray:
         """Forget what the algorithm was doing; the best point (n,), from which it starts again."""
         self.exception = None
-        self._foresight = self.foresee()
+        self._rules = self.make_rules()
         return self.best.x.copy()
 
     @_remembering
     def objective(self, x: np.ndarray, gradient: np.ndarray) -> float:
         """Objective at x (n,), and its gradient (n,) where NLopt gives room for one."""
-        if gradient.size and self._is_new(x) and self._foresight.is_converged(x):
+        if gradient.size and self._is_new(x) and self._rules.is_converged(x):
             raise Stop("FTOL_REACHED")
         is_new = self._move_to(x)
         if gradient.size:
-            self._is_rejected = is_new and self.last.is_analysed and self._foresight.is_rejected(self.last)
+            self._is_rejected = is_new and self.last.is_analysed and self._rules.is_rejected(self.last)
             gradient[:] = self._differentiate(is_new)[0]
         return self.last.objective
 
@@ -154,26 +153,29 @@ class Functions:
         self._is_rejected, self._totals, self._is_underway = False, None, True
         try:
             self.last = self.statement.point(x, *self.model.run(x))
-            self._before, self._known = self._known, self._known.learn(self.last, self.statement.tolerance)
+            self._record_before, self._record = (
+                self._record,
+                self._record.with_point(self.last, self.statement.tolerance),
+            )
         except AnalysisFailed:
-            self._stand_in(x)
+            self._substitute(x)
         self._is_underway = False
         self.watch(self, None)
         return True
 
-    def _stand_in(self, x: np.ndarray) -> None:
-        """Put something in the place of the failed analysis at x."""
+    def _substitute(self, x: np.ndarray) -> None:
+        """Put substitutes in the place of the values of the failed analysis at x."""
         self.n_failed += 1
-        self._foresight.fail()
-        standin = self.recover(self._known, x)
-        point = self.statement.point(x, standin.objective, standin.constraints)
+        self._rules.fail()
+        substitute = self.recover(self._record, x)
+        point = self.statement.point(x, substitute.objective, substitute.constraints)
         self.last = replace(point, is_analysed=False)
-        self._totals = standin.totals
+        self._totals = substitute.totals
 
     def _differentiate(self, is_new: bool) -> np.ndarray:
         """Totals (1 + m, n) at the last point: computed once, zero where they will not be used."""
         if self._is_rejected:
-            return np.zeros_like(self._known.totals)
+            return np.zeros_like(self._record.totals)
         if self._totals is None:
             self._compute_totals(is_new)
         return self._totals
@@ -185,11 +187,11 @@ class Functions:
         except AnalysisFailed:
             if not is_new:
                 raise Stop("BLOCKED") from None  # the algorithm has used the value already
-            self._known = self._before
-            self._stand_in(self.last.x)
+            self._record = self._record_before
+            self._substitute(self.last.x)
             return
         norm = float(np.linalg.norm(self._totals[0]))
-        self._foresight.keep(self.last, self._totals[0])
+        self._rules.keep(self.last, self._totals[0])
         self._largest_gradient = max(self._largest_gradient, norm)
-        self._known = self._known.differentiate(self.last, self._totals)
+        self._record = self._record.with_totals(self.last, self._totals)
         self.watch(self, norm)

@@ -1,4 +1,4 @@
-"""NLopt with all its settings: build the optimizer, run it, restart it, and say in words how it ended."""
+"""Runs of NLopt with all its settings: the optimizer is built, run and restarted, and its end is put in words."""
 
 import time
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ ENDS = {
     "BLOCKED": "analyses fail around the best point, which is no optimum",
     "INTERRUPTED": "it was interrupted from the keyboard",
 }
-"""How a run can end, in words."""
+"""Ends of a run in words, by NLopt's names and our own."""
 
 _CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
 _CONVERGED = ("SUCCESS", "OPTIMAL", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
@@ -42,7 +42,7 @@ _SPENT = ("MAXEVAL_REACHED", "MAXTIME_REACHED")
 
 @dataclass(frozen=True)
 class Criteria:
-    """When to stop; zero switches a criterion off.
+    """Stopping criteria; zero switches one off.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Criteria:
     maxeval: int
 
     def apply(self, optimizer: nlopt.opt) -> None:
-        """Hand them to NLopt."""
+        """Set the criteria of an optimizer of NLopt."""
         optimizer.set_ftol_rel(self.ftol_rel)
         optimizer.set_ftol_abs(self.ftol_abs)
         optimizer.set_xtol_rel(self.xtol_rel)
@@ -120,7 +120,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """End of a run.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _is_worth_restarting(end: str, functions: Functions, n_failed: int, before: 
 
 
 def _judged(end: str, settings: Settings, functions: Functions) -> str:
-    """How it ended, where that says nothing about the point: the gradients do."""
+    """End of a run, corrected by the gradients where NLopt's own says nothing about the point."""
     is_doubtful = functions.n_failed > 0 and end in _CONVERGED
     is_stuck = end in ("ROUNDOFF_LIMITED", "FAILURE")
     if settings.algorithm.is_global or not settings.uses_gradients or not (is_doubtful or is_stuck):
@@ -253,7 +253,7 @@ def minimise(settings: Settings, functions: Functions) -> Outcome:
     Returns
     -------
     Outcome
-        How it ended.
+        The end of the run.
     """
     nlopt.srand_time() if settings.seed is None else nlopt.srand(settings.seed)
     began, x = time.perf_counter(), functions.start.x.copy()

@@ -100,7 +100,7 @@ def split_constraints(lower: np.ndarray, upper: np.ndarray, equals: np.ndarray) 
 
 @dataclass(frozen=True)
 class Point:
-    """A point with what the model says there, or what stands in for it where the analysis failed.
+    """A point with the results of the model there, or with substitutes where the analysis failed.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Point:
     constraints : ndarray, shape (m,)
         The constraints.
     violations : ndarray, shape (n_rows,)
-        How far each row is violated.
+        Violation of each row.
     is_analysed : bool
         False where the analysis failed.
     """
@@ -124,7 +124,7 @@ class Point:
 
     @property
     def violation(self) -> float:
-        """The largest violation."""
+        """Largest violation of any row."""
         return float(self.violations.max(initial=0.0))
 
     def is_better(self, other: "Point", tolerance: float) -> bool:
@@ -161,13 +161,13 @@ class Statement:
         return cls(_joined(designs, "lower"), _joined(designs, "upper"), *split_constraints(*sides), tolerance)
 
     def violations(self, constraints: np.ndarray) -> np.ndarray:
-        """How far each row is violated (n_rows,), zero where it is not."""
+        """Violation of each row (n_rows,), zero where it is satisfied."""
         return np.concatenate(
             [np.maximum(self.inequalities.values(constraints), 0.0), np.abs(self.equalities.values(constraints))]
         )
 
     def point(self, x: np.ndarray, objective: float, constraints: np.ndarray) -> Point:
-        """The point x (n,) with what the model says there."""
+        """Make the point x (n,) with the results of the model there."""
         return Point(x.copy(), float(objective), constraints, self.violations(constraints))
 
 

@@ -1,11 +1,16 @@
-"""How far a point is from satisfying the first-order conditions of an optimum."""
+"""The first-order conditions of an optimum: the residual of a point, and of a problem that has run.
+
+Theory: ``docs/theory/drivers.rst``, "How a run ends".
+"""
 
 import numpy as np
+import openmdao.api as om
 from scipy.optimize import nnls
 
 from .nlopt_problem import Point, Statement
+from .scaled_model import ScaledModel
 
-__all__ = ["ACTIVE", "optimality"]
+__all__ = ["ACTIVE", "optimality", "optimality_of"]
 
 ACTIVE = 1e-4
 """Distance from a limit, relative to its size where that exceeds one, within which it may hold the point."""
@@ -23,8 +28,9 @@ def _outward(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarr
     equal = same.gradients(totals[1:])
     at_upper = _is_near(statement.upper - point.x, statement.upper)
     at_lower = _is_near(point.x - statement.lower, statement.lower)
-    held = (rows.gradients(totals[1:])[is_active], equal, -equal, identity[at_upper], -identity[at_lower])
-    return np.vstack(held).T
+    # an equality may hold the point on either side: its multiplier has any sign, as two gradients with positive ones
+    fixing = (rows.gradients(totals[1:])[is_active], equal, -equal, identity[at_upper], -identity[at_lower])
+    return np.vstack(fixing).T
 
 
 def optimality(statement: Statement, point: Point, totals: np.ndarray) -> float:
@@ -49,3 +55,24 @@ def optimality(statement: Statement, point: Point, totals: np.ndarray) -> float:
     if outward.shape[1] == 0:
         return float(np.linalg.norm(totals[0]))
     return float(nnls(outward, -totals[0], maxiter=10 * outward.shape[1])[1])
+
+
+def optimality_of(problem: om.Problem) -> tuple[float, float]:
+    """Check the first-order conditions of an optimum for a problem that has run with any driver, see `optimality`.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem; its totals are computed.
+
+    Returns
+    -------
+    float
+        Norm of the gradient of the Lagrangian with the best multipliers, in units of the driver.
+    float
+        Largest violation of a constraint, in units of the driver.
+    """
+    model = ScaledModel(problem.driver)
+    statement = Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)
+    point = statement.point(*model.present())
+    return optimality(statement, point, model.differentiate()), point.violation

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from .nlopt_driver import NLoptDriver
 from .nlopt_problem import Point, Statement
-from .optimality import optimality
+from .optimality import optimality, optimality_of
 from .scaled_model import ScaledModel
 
 __all__ = ["Convergence", "RecordedRun", "nlopt", "optimise", "optimise_with", "scipy_slsqp"]
@@ -71,7 +71,7 @@ def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") ->
 
 
 class Convergence(NamedTuple):
-    """How the points of an optimisation approached an optimum, in units of the driver.
+    """Residuals and violations of the points of an optimisation, in units of the driver.
 
     Parameters
     ----------
@@ -113,12 +113,12 @@ class RecordedRun:
     convergence: Convergence
 
     def numbers(self, flow: str | None = None) -> dict:
-        """Sum the optimisation up.
+        """Summarise the optimisation.
 
         Parameters
         ----------
         flow : str, optional
-            Name of a group of the model whose components are told of as one in ``shares``.
+            Name of a group of the model whose components count as one in ``shares``.
 
         Returns
         -------
@@ -129,9 +129,7 @@ class RecordedRun:
         """
         result, total = self.problem.driver.result, sum(self.seconds.values())
         counts = {"evaluations": result.model_evals, "gradients": result.deriv_evals}  # before one more gradient
-        model, statement = ScaledModel(self.problem.driver), Scaling.of(self.problem).statement
-        point = statement.point(*model.present())
-        residual = optimality(statement, point, model.differentiate())
+        residual, violation = optimality_of(self.problem)
         shares = {name: seconds / total for name, seconds in self.seconds.items()}
         if flow is not None:
             parts = {part.name for part in getattr(self.problem.model, flow).system_iter(recurse=True)}
@@ -143,7 +141,7 @@ class RecordedRun:
             **counts,
             "objective": self.problem.driver.get_objective_values(driver_scaling=False).popitem()[1].item(),
             "optimality": residual / self.initial_gradient,
-            "violation": point.violation,
+            "violation": violation,
             "seconds": total,
             "shares": shares,
         }
@@ -247,7 +245,7 @@ class Scaling:
         return cls(Statement.of(*limits, tolerance=0.0), system.get_objectives(), *named)
 
     def point(self, case) -> Point:
-        """Return a recorded point."""
+        """Make the point of a recorded case."""
         parts = (
             (self.designs, case.get_design_vars(scaled=False)),
             (self.objective, case.get_objectives(scaled=False)),

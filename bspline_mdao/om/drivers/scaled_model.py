@@ -175,7 +175,7 @@ class ScaledModel:
         )
 
     def _set(self, x: np.ndarray) -> None:
-        """Set the design variables."""
+        """Set the scaled design variables (n,)."""
         driver = self._driver
         if getattr(driver, "_vectors", None):
             driver._vectors["design_var"].set_data(x, driver_scaling=True)

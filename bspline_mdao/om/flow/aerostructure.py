@@ -12,7 +12,7 @@ from .vortex_lattice import STREAM, lattice_surface, openaerostruct
 
 @dataclass(frozen=True)
 class Spar:
-    """A tubular spar.
+    """Tubular spar of a wing: material, place in the chord, and wall thickness.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Spar:
     origin : float
         Part of the chord at which it lies.
     weight_ratio : float
-        Mass of the wing's structure by that of the spar.
+        Mass of the wing's structure relative to that of the spar.
     """
 
     thickness: tuple[float, ...]
@@ -38,7 +38,7 @@ class Spar:
 
     @property
     def settings(self) -> dict:
-        """OpenAeroStruct's names of these."""
+        """Entries of OpenAeroStruct's dictionary of a surface."""
         return {
             "fem_model_type": "tube",
             "thickness_cp": np.array(self.thickness),

@@ -1,4 +1,4 @@
-"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group."""
+"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group, and its forces."""
 
 from __future__ import annotations
 
@@ -15,96 +15,6 @@ from ...names import GRID
 from ..component import add_bar, direction_in
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .references import REFERENCES, declare_references
-
-# FOLDED DOCSTRING (rework): Forces, pressures and far-field drag of a solution of the Euler equations, as an OpenMDAO component.
-
-
-class EulerForces(om.ExplicitComponent):
-    """Coefficients of forces and moments, pressures, and drag in the far field, of the states of all cells.
-
-    ================  ======  ============  =====  =====================================================================
-    name              role    shape         units  meaning
-    ================  ======  ============  =====  =====================================================================
-    ``states``        input   (5 n_cells)          see `EulerState`
-    ``grid``          input   (3 n_nodes)   m      nodes
-    ``alpha``         input   (1,)          deg    angle of attack
-    ``Mach_number``   input   (1,)                 of the free stream
-    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
-    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid
-    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces, in the order of `CellFaces`
-    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing
-    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream, see `InducedDrag`
-    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
-    ================  ======  ============  =====  =====================================================================
-
-    Options
-    -------
-    flow : FlowGrid
-        Faces and axes.
-    nodes : ndarray, shape (n_nodes, 3)
-        Baseline nodes (m).
-    reference_area, reference_chord : float
-        Of what the grid shows: of the half wing of a half model (m^2); and for moments (m).
-    moment_reference : sequence of three float
-        Point that moments are about, in the axes of the grid (m).
-    """
-
-    is_linear = False
-    """Whether the outputs depend linearly on the inputs."""
-
-    def initialize(self):
-        """Declare the options."""
-        self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
-        self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
-        declare_references(self.options)
-
-    def setup(self):
-        """Declare the variables."""
-        check_on_grid(self, self.options["flow"], self.options["nodes"])
-        self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *REFERENCES)))
-        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells)
-        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
-        self.add_input("alpha", units="deg")
-        self.add_input("Mach_number")
-        for name in ("CL", "CD", "CD_induced", "CD_entropy"):
-            self.add_output(name)
-        self.add_output("CM", shape=3)
-        self.add_output("Cp", shape=len(self._forces.wall))
-        self.add_output("span_load", shape=self._forces.wing.induced.strips.n_strips, units="m")
-
-    def compute(self, inputs, outputs):
-        """Sum the pressures."""
-        for name, value in self._forces.evaluate(*_at(inputs)).items():
-            outputs[name] = value
-
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        """Apply the Jacobian or its transpose."""
-        if mode == "fwd":
-            found = self._forces.jvp(*_at(inputs), *_directions(inputs, d_inputs))
-            for name in d_outputs:
-                d_outputs[name] += found[name]
-        else:
-            bars = self._forces.vjp(*_at(inputs), {name: d_outputs[name] for name in d_outputs})
-            for name, bar, unit in zip(_INPUTS, bars, _UNITS):
-                add_bar(d_inputs, name, unit * np.asarray(bar))
-
-
-_INPUTS = ("states", GRID, "alpha", "Mach_number")
-_UNITS = (1.0, 1.0, RADIAN, 1.0)
-"""Inputs, and what of the kernels' units they are in."""
-
-
-def _at(inputs):
-    """States, nodes, angle (rad) and Mach number."""
-    states, nodes = inputs["states"].reshape(-1, N_STATES), inputs[GRID].reshape(-1, 3)
-    return states, nodes, RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
-
-
-def _directions(inputs, d_inputs):
-    """Directions in all of these, zero where OpenMDAO leaves one out."""
-    states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
-    d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])
-    return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), RADIAN * d_alpha, d_mach
 
 
 class EulerFlow(om.Group):
@@ -176,3 +86,92 @@ class EulerFlow(om.Group):
         self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
         self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
+
+
+class EulerForces(om.ExplicitComponent):
+    """Coefficients of forces and moments, pressures, and drag in the far field, of the states of all cells.
+
+    ================  ======  ============  =====  =====================================================================
+    name              role    shape         units  meaning
+    ================  ======  ============  =====  =====================================================================
+    ``states``        input   (5 n_cells)          see `EulerState`
+    ``grid``          input   (3 n_nodes)   m      nodes
+    ``alpha``         input   (1,)          deg    angle of attack
+    ``Mach_number``   input   (1,)                 of the free stream
+    ``CL``, ``CD``    output  (1,)                 lift and drag of the pressures on the walls
+    ``CM``            output  (3,)                 moments about the axes x, y and z of the grid
+    ``Cp``            output  (n_wall)             pressure coefficients on the wall faces, in the order of `CellFaces`
+    ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing
+    ``CD_induced``    output  (1,)                 induced drag from the wake far downstream, see `InducedDrag`
+    ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ================  ======  ============  =====  =====================================================================
+
+    Options
+    -------
+    flow : FlowGrid
+        Faces and axes.
+    nodes : ndarray, shape (n_nodes, 3)
+        Baseline nodes (m).
+    reference_area, reference_chord : float
+        Of what the grid shows: of the half wing of a half model (m^2); and for moments (m).
+    moment_reference : sequence of three float
+        Point that moments are about, in the axes of the grid (m).
+    """
+
+    is_linear = False
+    """Whether the outputs depend linearly on the inputs."""
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
+        self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
+        declare_references(self.options)
+
+    def setup(self):
+        """Declare the variables."""
+        check_on_grid(self, self.options["flow"], self.options["nodes"])
+        self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *REFERENCES)))
+        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells)
+        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
+        self.add_input("alpha", units="deg")
+        self.add_input("Mach_number")
+        for name in ("CL", "CD", "CD_induced", "CD_entropy"):
+            self.add_output(name)
+        self.add_output("CM", shape=3)
+        self.add_output("Cp", shape=len(self._forces.wall))
+        self.add_output("span_load", shape=self._forces.wing.induced.strips.n_strips, units="m")
+
+    def compute(self, inputs, outputs):
+        """Sum the pressures on the walls, and the rest of the outputs."""
+        for name, value in self._forces.evaluate(*_at(inputs)).items():
+            outputs[name] = value
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose."""
+        if mode == "fwd":
+            found = self._forces.jvp(*_at(inputs), *_directions(inputs, d_inputs))
+            for name in d_outputs:
+                d_outputs[name] += found[name]
+        else:
+            bars = self._forces.vjp(*_at(inputs), {name: d_outputs[name] for name in d_outputs})
+            for name, bar, unit in zip(_INPUTS, bars, _UNITS):
+                add_bar(d_inputs, name, unit * np.asarray(bar))
+
+
+_INPUTS = ("states", GRID, "alpha", "Mach_number")
+
+_UNITS = (1.0, 1.0, RADIAN, 1.0)
+"""Inputs in the order of the kernel's arguments, and their units in those of the kernel."""
+
+
+def _at(inputs):
+    """States, nodes, angle (rad) and Mach number."""
+    states, nodes = inputs["states"].reshape(-1, N_STATES), inputs[GRID].reshape(-1, 3)
+    return states, nodes, RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
+
+
+def _directions(inputs, d_inputs):
+    """Directions in all of these, zero where OpenMDAO leaves one out."""
+    states = d_inputs["states"] if "states" in d_inputs else np.zeros_like(inputs["states"])
+    d_alpha, d_mach = (d_inputs[name].item() if name in d_inputs else 0.0 for name in _INPUTS[2:])
+    return states.reshape(-1, N_STATES), direction_in(d_inputs, inputs, GRID), RADIAN * d_alpha, d_mach

@@ -39,7 +39,7 @@ from ..component import (
 INPUTS = (GRID, "alpha", "Mach_number")
 
 LARGEST_RESIDUAL = 1e-8
-"""Residual, by that of the uniform stream, up to which a flow that no longer converges is taken."""
+"""Residual, relative to that of the uniform stream, up to which a flow that no longer converges is accepted."""
 
 
 class EulerState(om.ImplicitComponent):
@@ -51,12 +51,12 @@ class EulerState(om.ImplicitComponent):
     ``grid``         input   (3 n_nodes)   m      nodes, blocks in file order, each in C order of (i, j, k)
     ``alpha``        input   (1,)          deg    angle of attack
     ``Mach_number``  input   (1,)                 of the free stream
-    ``states``       output  (5 n_cells)          density, velocity and pressure of every cell, by density and speed of
-                                                  sound of the free stream; its residual is what flows out of the cells
+    ``states``       output  (5 n_cells)          density, velocity and pressure of every cell, relative to density and
+                                                  speed of sound of the free stream; its residual is the outflow
     ===============  ======  ============  =====  ======================================================================
 
     A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
-    they are still those of the last solution, they are carried along with the free stream. If that fails, and in a
+    they are still those of the last solution, they are changed by as much as the free stream. If that fails, and in a
     first run, it starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of
     flows with more dissipation.
 
@@ -69,9 +69,9 @@ class EulerState(om.ImplicitComponent):
     nodes : ndarray, shape (n_nodes, 3)
         Baseline nodes (m).
     tolerance : float
-        Residual, by that of the uniform stream, at which a run ends.
+        Residual, relative to that of the uniform stream, at which a run ends.
     linear_tolerance : float
-        Residual of the linear systems of derivatives, by their right-hand sides; what rounding leaves is taken as well.
+        Residual of the linear systems of derivatives, relative to their right-hand sides; or what rounding leaves.
     max_steps : int
         Newton steps at most.
     iprint : int
@@ -162,9 +162,9 @@ class EulerState(om.ImplicitComponent):
         if GRID in d_inputs:
             nodes, d_nodes = inputs[GRID].reshape(-1, 3), direction_in(d_inputs, inputs, GRID)
             change += linearization.area_jvp(self.options["flow"].areas_jvp(nodes, d_nodes))
-        for name, by_name in self._stream_partials(inputs).items():
+        for name, d_stream in self._stream_partials(inputs).items():
             if name in d_inputs:
-                change += linearization.stream_jvp(by_name * d_inputs[name])
+                change += linearization.stream_jvp(d_stream * d_inputs[name])
         d_residuals["states"] += change.ravel()
 
     def _reverse(self, linearization, inputs, d_inputs, d_outputs, d_residuals):
@@ -174,9 +174,9 @@ class EulerState(om.ImplicitComponent):
         if GRID in d_inputs:
             nodes, areas_bar = inputs[GRID].reshape(-1, 3), linearization.area_vjp(bar)
             add_bar(d_inputs, GRID, self.options["flow"].areas_vjp(nodes, areas_bar))
-        for name, by_name in self._stream_partials(inputs).items():
+        for name, d_stream in self._stream_partials(inputs).items():
             if name in d_inputs:
-                d_inputs[name] += by_name @ linearization.stream_vjp(bar)
+                d_inputs[name] += d_stream @ linearization.stream_vjp(bar)
 
     def _tangent_at_solution(self, inputs, outputs) -> _Tangent:
         """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
@@ -231,16 +231,18 @@ class EulerState(om.ImplicitComponent):
         return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
 
     def _last_states(self, outputs, stream) -> np.ndarray:
-        """States that are there, with the change of the free stream since they were solved for, where that is known."""
+        """States that are there, with the change of the free stream since they were solved for, if they were."""
         states, last = outputs["states"].reshape(-1, N_STATES), self._converged
         is_solved = last is not None and np.array_equal(states, last.states)
         return states + (stream - last.stream) if is_solved else states.copy()
 
     def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
-        """Derivatives of the free stream by the inputs."""
+        """Derivatives of the free stream with respect to the inputs, by name."""
         axes = self.options["flow"].axes
-        by_mach, by_alpha = free_stream_partials(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], axes)
-        return {"Mach_number": by_mach, "alpha": RADIAN * by_alpha}
+        d_stream_d_mach, d_stream_d_alpha = free_stream_partials(
+            inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], axes
+        )
+        return {"Mach_number": d_stream_d_mach, "alpha": RADIAN * d_stream_d_alpha}
 
     def _attempts(self, inputs, outputs, areas, stream):
         """Yield solutions, each by a surer way than the last."""
@@ -268,8 +270,9 @@ class _Tangent:
     """Derivatives of the residual, and the states and inputs that they are at.
 
     What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
-    a force feels of a row of the residual with its inverse. So linear systems are solved for rows by the surfaces of
-    their cells, and the error of a total is that of the system by its right-hand side, times no large number.
+    a force feels of a row of the residual with its inverse. So linear systems are solved for rows divided by the
+    surfaces of their cells, and the error of a total is that of the system relative to its right-hand side, times no
+    large number.
     """
 
     point: tuple[np.ndarray, ...]
@@ -279,7 +282,7 @@ class _Tangent:
 
     @cached_property
     def factor(self) -> BlockFactor:
-        """Of a neighbour of the Jacobian in the states, for linear systems with it."""
+        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
         still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES))
         return compact_factor(self.linearization, self.pattern, still)
 
@@ -287,7 +290,7 @@ class _Tangent:
         return all(map(np.array_equal, point, self.point))
 
     def solve(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
-        """Solve with the Jacobian in the states."""
+        """Solve with the Jacobian with respect to the states."""
 
         def product(x):
             return self.linearization.state_jvp(x) / self.sizes
@@ -298,7 +301,7 @@ class _Tangent:
         return solve_refined(product, precondition, right / self.sizes, tolerance)
 
     def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
-        """Solve with its transpose."""
+        """Solve with the transpose of the Jacobian with respect to the states."""
 
         def product(x):
             return self.linearization.state_vjp(x / self.sizes)
@@ -315,7 +318,7 @@ SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
 
 
 def declare_solver(options) -> None:
-    """Declare these."""
+    """Declare the options `SOLVER_OPTIONS`."""
     options.declare("tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
     options.declare("linear_tolerance", default=1e-14, lower=0.0, desc="of the linear systems of derivatives")
     options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
@@ -323,19 +326,19 @@ def declare_solver(options) -> None:
 
 
 def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
-    """Say how the products of a component of the flow are checked: its kernels are exact under complex steps."""
+    """Declare how products of a component of the flow are checked: its kernels are exact under complex steps."""
     step = central_step(float(np.ptp(nodes, axis=0).max()), flow.least_height(nodes))
     check_along_directions(component, SMOOTH_STEP, is_complex=True)
     check_along_directions(component, step, GRID, is_complex=True)
 
 
 def _line(step: NewtonStep) -> str:
-    """Tell of a step."""
+    """Describe a step in a line."""
     return f"residual {step.residual:.2e}  CFL {step.cfl:.1e}  products {step.n_products}  length {step.length:.2g}"
 
 
 def _complaint(solution: FlowSolution) -> str:
-    """Tell of a solution that did not converge."""
+    """Describe a solution that did not converge."""
     residuals = " ".join(f"{step.residual:.1e}" for step in solution.history[-8:])
     return (
         f"the flow did not converge: residual {solution.residual:.1e} by that of the uniform stream after "

@@ -1,4 +1,4 @@
-"""Options of every flow: what coefficients are by and about."""
+"""Options of every flow: reference area and chord of the coefficients, and the point of the moments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ REFERENCES = ("reference_area", "reference_chord", "moment_reference")
 
 
 def declare_references(options) -> None:
-    """Declare these."""
+    """Declare the options `REFERENCES`."""
     options.declare("reference_area", default=None, desc="of what the grid shows, m**2")
     options.declare("reference_chord", default=1.0, desc="for moments, m")
     options.declare("moment_reference", default=(0.0, 0.0, 0.0), desc="point that moments are about, m")

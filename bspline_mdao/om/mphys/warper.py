@@ -89,7 +89,7 @@ class VolumeWarper(om.Group):
 
     @property
     def miss(self) -> SurfaceMiss | None:
-        """How far control points alone would have missed the solver's nodes in the last run; None before any."""
+        """Distances by which control points alone would have missed the nodes in the last run; None before any."""
         return self.movement.fit_surface.miss
 
 
@@ -103,7 +103,7 @@ class _SolverSurface(SparseComponent):
     def setup(self):
         numbers, surface = self.options["numbers"], self.options["surface"]
         given, self._places, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-        self._shares = 1.0 / counts[self._places]
+        self._weights = 1.0 / counts[self._places]
         self.add_input(X_AERO, val=surface.points[numbers].ravel(), tags=COUPLING)
         self.add_input(X_JIG, val=surface.points[numbers].ravel(), tags=COORDINATES)
         self.add_output(SURFACE, val=surface.points[given].ravel(), units="m")
@@ -111,17 +111,17 @@ class _SolverSurface(SparseComponent):
 
     def setup_partials(self):
         rows = (3 * self._places[:, None] + [0, 1, 2]).ravel()
-        self.declare_sparse(SURFACE, X_AERO, rows, np.arange(len(rows)), np.repeat(self._shares, 3))
+        self.declare_sparse(SURFACE, X_AERO, rows, np.arange(len(rows)), np.repeat(self._weights, 3))
 
     def compute(self, inputs, outputs):
-        nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo) * self._shares[:, None]
+        nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo) * self._weights[:, None]
         means = np.zeros_like(outputs[SURFACE].reshape(-1, 3))
         np.add.at(means, self._places, nodes)
         outputs[SURFACE] = means.ravel()
 
 
 class _SolverNodes(SparseComponent):
-    """Hand the nodes of the grid over in a solver's order."""
+    """Put the nodes of the grid in a solver's order."""
 
     def initialize(self):
         self.options.declare("n_nodes", types=int)

@@ -1,0 +1,237 @@
+"""Rules of the algorithms: which gradients they will not use, and what they need where an analysis fails.
+
+NLopt asks for the gradient together with the value. The first trial of a line search of LD_SLSQP and the inner
+iterations of LD_MMA and LD_CCSAQ often fail on their values alone, and then the gradient is not used: `AlgorithmRules`
+predict that, so that it is not computed.
+
+NLopt knows nothing of points where the model cannot be analysed, and every algorithm needs something else there, its
+*recovery*. A line search that halves its step at what is not a number is given that. One that interpolates is given a
+parabola that leaves the base point with the true slope and turns uphill after a fiftieth of the way. An algorithm that
+samples or builds models of the objective is given a value worse than all so far, yet of their size.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from .nlopt_problem import Point
+
+__all__ = [
+    "RECOVERIES",
+    "AlgorithmRules",
+    "ConservativeRules",
+    "LineSearchRules",
+    "NoRules",
+    "SearchRecord",
+    "Substitute",
+    "not_a_number",
+    "uphill",
+    "worst",
+]
+
+
+class AlgorithmRules(Protocol):
+    """Published rules of an algorithm, by which a rejection of a point or convergence is predicted."""
+
+    def is_rejected(self, point: Point) -> bool:
+        """Whether the algorithm will reject a new point, whatever its gradient."""
+
+    def is_converged(self, x: np.ndarray) -> bool:
+        """Whether a new trial at x (n,) shows that the algorithm has converged before."""
+
+    def keep(self, point: Point, gradient: np.ndarray) -> None:
+        """Take note of a point whose gradient (n,) of the objective was given."""
+
+    def fail(self) -> None:
+        """Take note of a failed analysis."""
+
+
+class NoRules:
+    """Rules of an algorithm of which nothing is predicted: every gradient is computed."""
+
+    def is_rejected(self, point: Point) -> bool:
+        """Predict no rejection."""
+        return False
+
+    def is_converged(self, x: np.ndarray) -> bool:
+        """Predict no convergence."""
+        return False
+
+    def keep(self, point: Point, gradient: np.ndarray) -> None:
+        """Ignore a point whose gradient was given."""
+
+    def fail(self) -> None:
+        """Ignore a failed analysis."""
+
+
+class ConservativeRules(NoRules):
+    """Rules of conservative approximations [Svanberg, SIAM J. Optim. 12 (2002)].
+
+    Once a point was feasible, only a lower objective is accepted.
+    """
+
+    def __init__(self):
+        self._lowest = np.inf
+
+    def is_rejected(self, point: Point) -> bool:
+        """Whether a feasible point with no higher objective is known."""
+        return point.objective >= self._lowest
+
+    def keep(self, point: Point, gradient: np.ndarray) -> None:
+        """Lower the level if the point is feasible, without any tolerance."""
+        if point.violation == 0.0:
+            self._lowest = min(self._lowest, point.objective)
+
+
+class LineSearchRules(NoRules):
+    """Rules of sequential quadratic programming with line searches [Kraft, DFVLR-FB 88-28, 1988].
+
+    Every line search starts from the last point whose gradient was given. A trial must lower the merit function
+    ``f + sum(mu |violations|)``: one with a higher objective and no smaller violation does not, whatever the weights
+    mu >= 0. The first trial is the solution of the quadratic problem: where it promises less than ftol, a feasible base
+    is the optimum, by the criterion of Kraft's original code, which NLopt leaves out: there a line search among
+    rounding errors would follow.
+
+    Parameters
+    ----------
+    ftol_rel, ftol_abs : float
+        Change of the objective that counts as none.
+    tolerance : float
+        Violation that counts as none.
+    """
+
+    def __init__(self, ftol_rel: float, ftol_abs: float, tolerance: float):
+        self._ftol_rel, self._ftol_abs, self._tolerance = ftol_rel, ftol_abs, tolerance
+        self._base: tuple[Point, np.ndarray] | None = None
+        self._is_first_trial = False
+
+    def is_rejected(self, point: Point) -> bool:
+        """Whether the base of the line search is better in everything."""
+        if self._base is None:
+            return False
+        base, _ = self._base
+        return point.objective >= base.objective and bool(np.all(point.violations >= base.violations))
+
+    def is_converged(self, x: np.ndarray) -> bool:
+        """Whether the first trial of a line search promises nothing more."""
+        if self._base is None or not self._is_first_trial:
+            return False
+        base, gradient = self._base
+        promise = abs(float(gradient @ (x - base.x)))
+        ftol = max(self._ftol_abs, self._ftol_rel * abs(base.objective))
+        return promise < ftol and base.violation <= self._tolerance
+
+    def keep(self, point: Point, gradient: np.ndarray) -> None:
+        """Note the base from which the next line search starts."""
+        self._base, self._is_first_trial = (point, gradient.copy()), True
+
+    def fail(self) -> None:
+        """Note that what follows is no first trial: the line search goes on with a shorter step."""
+        self._is_first_trial = False
+
+
+TURN = 0.02
+"""Part of the way from the base to the failed point at which the parabola of `uphill` turns: a turn at 0.1 to 0.25
+takes fewer runs in the open, but fails along the edge of a narrow corridor."""
+
+
+@dataclass(frozen=True)
+class SearchRecord:
+    """Extreme points of a run so far, from which values for failed analyses are made.
+
+    Parameters
+    ----------
+    base : Point
+        The best point so far.
+    totals : ndarray, shape (1 + m, n)
+        Totals of objective and constraints there; zero if none were computed.
+    worst_objective : float
+        The highest objective so far.
+    most_violating : Point
+        The point of largest violation so far.
+    """
+
+    base: Point
+    totals: np.ndarray
+    worst_objective: float
+    most_violating: Point
+
+    @classmethod
+    def at(cls, point: Point) -> "SearchRecord":
+        """Record of the first run of the model."""
+        return cls(point, np.zeros((1 + point.constraints.size, point.x.size)), point.objective, point)
+
+    def with_point(self, point: Point, tolerance: float) -> "SearchRecord":
+        """Record with a run at one more point; violations up to `tolerance` count as none."""
+        is_base = point.is_better(self.base, tolerance)
+        return SearchRecord(
+            point if is_base else self.base,
+            np.zeros_like(self.totals) if is_base else self.totals,
+            max(self.worst_objective, point.objective),
+            point if point.violation > self.most_violating.violation else self.most_violating,
+        )
+
+    def with_totals(self, point: Point, totals: np.ndarray) -> "SearchRecord":
+        """Record with the totals at a point, which are kept if it is the base."""
+        return replace(self, totals=totals) if point is self.base else self
+
+    @property
+    def spread(self) -> float:
+        """Scale of the objective: its range so far, or a tenth of its size; positive also where both are 0."""
+        return max(self.worst_objective - self.base.objective, 0.1 * abs(self.worst_objective), 1e-6)
+
+
+@dataclass(frozen=True)
+class Substitute:
+    """Values in place of those of a failed analysis.
+
+    Parameters
+    ----------
+    objective : float
+        The objective.
+    constraints : ndarray, shape (m,)
+        The constraints.
+    totals : ndarray, shape (1 + m, n)
+        Totals of objective and constraints.
+    """
+
+    objective: float
+    constraints: np.ndarray
+    totals: np.ndarray
+
+
+def not_a_number(record: SearchRecord, x: np.ndarray) -> Substitute:
+    """Give no number: a line search that halves its step at what is not a number does so."""
+    return Substitute(np.nan, record.base.constraints, np.zeros_like(record.totals))
+
+
+def worst(record: SearchRecord, x: np.ndarray) -> Substitute:
+    """Give a value worse than all so far, by the range of the objective: of a size that spoils no model of it."""
+    objective = record.worst_objective + record.spread
+    return Substitute(objective, record.most_violating.constraints, np.zeros_like(record.totals))
+
+
+def uphill(record: SearchRecord, x: np.ndarray) -> Substitute:
+    """Give a value and a slope as if the way from the base point had turned uphill.
+
+    With the step d = x - base and the slope s along it (downwards), the parabola ``f + s t + s / (2 TURN) t^2`` of
+    t in [0, 1] has its minimum at t = TURN; its value and gradient at t = 1 are returned.
+    """
+    step = x - record.base.x
+    length2 = max(float(step @ step), np.finfo(float).tiny)
+    slope = -max(abs(float(record.totals[0] @ step)), 1e-3 * record.spread)
+    totals = record.totals.copy()
+    totals[0] = slope * (1.0 - 1.0 / TURN) * step / length2
+    return Substitute(record.base.objective + slope * (1.0 - 0.5 / TURN), record.base.constraints, totals)
+
+
+RECOVERIES: dict[str, Callable[[SearchRecord, np.ndarray], Substitute]] = {
+    "nan": not_a_number,
+    "uphill": uphill,
+    "worst": worst,
+}
+"""Recoveries by name (`nlopt_algorithms.Algorithm.recovery`)."""
