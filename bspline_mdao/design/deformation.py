@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -157,10 +157,13 @@ class Deformation:
 
 
 class PointMap(Protocol):
-    """A map that moves every point by itself."""
+    """A dataclass that moves every point by itself, by an amount that may be replaced."""
 
-    amount: complex
-    """Amount of the deformation: an angle (rad), a factor or a height (m)."""
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def amount(self) -> complex:
+        """Amount of the deformation: an angle (rad), a factor or a height (m)."""
 
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Moved points, shape (n, 3), of points, shape (n, 3), in metres."""
@@ -203,7 +206,7 @@ class InFrame(ABC):
 
     @abstractmethod
     def _moved(self, stream, normal, span):
-        """Moved coordinates."""
+        """Stream, normal and span coordinates of the moved points, of those of the points."""
 
 
 class RotateSections(InFrame):

@@ -110,8 +110,9 @@ class Equations:
 class LinearConstraint(Protocol):
     """A linear constraint among surface control points."""
 
-    name: str
-    """For messages."""
+    @property
+    def name(self) -> str:
+        """For messages."""
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
         """Equations on the displacements from these surface control points, shape (n_surface, 3), in metres.
@@ -393,7 +394,7 @@ def _add(work, column, value):
 
 @njit(cache=True)
 def _largest(work):
-    """Largest value by size."""
+    """Return the largest absolute value of the row in the making."""
     largest = 0.0
     for column in work.columns[: work.n[0]]:
         largest = max(largest, abs(work.values[column]))
@@ -402,7 +403,7 @@ def _largest(work):
 
 @njit(cache=True)
 def _clear(work):
-    """Make the row empty."""
+    """Empty the row in the making, touched columns alone."""
     for column in work.columns[: work.n[0]]:
         work.values[column] = 0.0
         work.is_in[column] = False
@@ -411,7 +412,7 @@ def _clear(work):
 
 @njit(cache=True)
 def _new_work(n_columns):
-    """Empty row."""
+    """Return an empty row in the making."""
     is_in, columns = np.zeros(n_columns, dtype=np.bool_), np.empty(n_columns, dtype=np.int64)
     return Work(np.zeros(n_columns), is_in, columns, np.zeros(1, dtype=np.int64))
 

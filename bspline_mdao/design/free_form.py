@@ -11,6 +11,7 @@ T. W. Sederberg and S. R. Parry, Free-form deformation of solid geometric models
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class FreeForm:
 
     name: str
     lattice: Lattice
-    where: object = ...
+    where: Any = ...
     direction: Direction = "xyz"
     units: str | None = "m"
 

@@ -40,7 +40,7 @@ ON_SIDE = 1e-9
 """Lattice coordinate up to which a point counts as on a side: the tolerance of the search for coordinates."""
 
 BISECTIONS = 16
-"""Halvings of the edges that leave a lattice: which side they pass is told to 1e-5 of their length."""
+"""Halvings of the edges that leave a lattice: which side they pass is found to 1e-5 of their length."""
 
 BOX = 1e-12
 """Distance, relative to the diagonal, up to which control points count as those of a box: round-off of the user's
@@ -70,7 +70,7 @@ class Lattice:
         The surface control points that are embedded; all of them have to be inside.
     continuity : int
         Where the surface leaves the lattice through a side, its displacement ends with this many continuous
-        derivatives: the lattice's own variables leave that side and as many layers behind it alone. -1 holds nothing.
+        derivatives: the lattice's own variables leave that side and as many layers behind it alone. -1 fixes nothing.
 
     Raises
     ------
@@ -183,7 +183,7 @@ class Lattice:
 
     @cached_property
     def volume(self) -> Volume:
-        """Orders and knots."""
+        """The B-spline volume: orders and knots in each direction."""
         return _volume(self.control_points.shape[:3], self.orders)
 
     @property
@@ -305,16 +305,17 @@ def _box_axes(axes) -> np.ndarray:
 
 def _orders(n: Sequence[int], orders: int | Sequence[int] | None) -> tuple[int, int, int]:
     """Orders of the three directions."""
-    orders = [min(m, CUBIC) for m in n] if orders is None else orders
+    if orders is None:
+        orders = [min(m, CUBIC) for m in n]
     if np.shape(n) != (3,) or np.shape(orders) not in ((), (3,)):
         raise InputError(f"lattice: {n} points and orders {orders}; give numbers for three directions")
     if min(n) < 2:
         raise InputError(f"lattice: {n} points; give two or more in each direction")
-    orders = np.broadcast_to(orders, 3)
-    return tuple(int(order) for order in orders)
+    i, j, k = np.broadcast_to(orders, 3).tolist()
+    return int(i), int(j), int(k)
 
 
-def _volume(n: Sequence[int], orders: int | Sequence[int]) -> Volume:
+def _volume(n: Sequence[int], orders: int | Sequence[int] | None) -> Volume:
     """Volume with evenly spaced knots."""
     orders = _orders(n, orders)
     if min(orders) < 2:
@@ -403,7 +404,7 @@ class ExtendedMap:
 
     @cached_property
     def _constant(self) -> tuple[csr_array, csr_array]:
-        """What does not depend on the map: the rows before, and the lattice before, which its new place replaces."""
+        """Constant terms: the rows before, less the lattice before, which its new place replaces."""
         n = self.transfer.shape[0]
         identity = eye_array(n, format="csr")
         return identity, -(self.transfer @ identity[self._coordinates])

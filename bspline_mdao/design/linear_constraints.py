@@ -282,7 +282,7 @@ class Mirrored:
     """
 
     normal: np.ndarray
-    point: np.ndarray = (0.0, 0.0, 0.0)
+    point: np.ndarray | Sequence[float] = (0.0, 0.0, 0.0)
     leaders: Where | None = None
     followers: Where | None = None
     tolerance: float = 1e-6
@@ -353,8 +353,8 @@ def surface_seams(mesh: MovingMesh) -> np.ndarray:
         for edge, inner in _edges(face):
             ahead, back = tuple(edge.tolist()), tuple(edge[::-1].tolist())
             sides[min(ahead, back)].append(inner if ahead <= back else inner[::-1])
-    triples = [np.column_stack([pair[0], edge, pair[1]]) for edge, pair in sides.items() if len(pair) == 2]
-    triples = np.concatenate([np.zeros((0, 3), dtype=np.int64), *triples])
+    found = [np.column_stack([pair[0], edge, pair[1]]) for edge, pair in sides.items() if len(pair) == 2]
+    triples = np.concatenate([np.zeros((0, 3), dtype=np.int64), *found])
     a, on, b = np.moveaxis(triples, 1, 0)
     return _once(triples[(a != on) & (on != b) & (a != b)])
 

@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
-"""Files that hold points, NumPy's own and text with three numbers a line, parted by commas or blanks."""
+"""Suffixes of files of points: NumPy's own, and text with three numbers a line, separated by commas or blanks."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """Pattern of a number in words."""
@@ -220,10 +220,10 @@ class Request:
         """Refuse options other than these; ``"@"`` stands for a place."""
         unknown = [key for key in (*self.options, *(["@"] if self.at is not None else [])) if key not in keys]
         if unknown:
-            known = " and ".join(keys) if keys else "no option"
-            raise self.fail(f"'{unknown[0]}' is not known here; {self.name} takes {known}")
+            allowed = " and ".join(keys) if keys else "no option"
+            raise self.fail(f"'{unknown[0]}' is not known here; {self.name} takes {allowed}")
 
-    def number(self, key: str | None = None, default: float | None = None, low=-math.inf, high=math.inf) -> float:
+    def number(self, key: str | None = None, default: float = math.nan, low=-math.inf, high=math.inf) -> float:
         """Read a number, the value itself or an option (``"@"``: the place), between bounds, both excluded."""
         text = self.value if key is None else self.at if key == "@" else self.options.get(key)
         if text is None:
@@ -244,7 +244,7 @@ class Request:
         match = re.fullmatch(f"({_NUMBER})/({_NUMBER})/({_NUMBER})", self.value)
         if match is None:
             raise self.fail("give three lengths with strokes between them, such as translate=0.1/0/0")
-        return tuple(float(word) for word in match.groups())
+        return float(match[1]), float(match[2]), float(match[3])
 
     def _match(self, text, pattern, what) -> float:
         match = re.fullmatch(pattern, text)
@@ -277,10 +277,13 @@ def parse_requests(text: str) -> list[Request]:
 
 def _parse(text: str) -> Request:
     first, *rest = text.split(",")
-    pairs = [re.fullmatch(r"\s*([a-z]+)\s*=\s*([^=]+?)\s*", word) for word in (first, *rest)]
-    if not all(pairs):
-        raise InputError(f"deformation '{text}' is not of the form name=value; write for example twist=30deg")
-    (name, value), *options = [pair.groups() for pair in pairs]
+    pairs = []
+    for word in (first, *rest):
+        pair = re.fullmatch(r"\s*([a-z]+)\s*=\s*([^=]+?)\s*", word)
+        if pair is None:
+            raise InputError(f"deformation '{text}' is not of the form name=value; write for example twist=30deg")
+        pairs.append((pair[1], pair[2]))
+    (name, value), *options = pairs
     value, *place = value.split("@", 1)
     return Request(text, name, value.strip(), place[0].strip() if place else None, dict(options))
 
@@ -292,7 +295,7 @@ def _first_heights(nodes: np.ndarray, window: Window) -> np.ndarray:
     return np.linalg.norm(np.diff(nodes[tuple(part)], axis=flat), axis=-1).ravel()
 
 
-def _requests(text: str) -> list[Request | Path]:
+def _requests(text: str) -> Sequence[Request | Path]:
     return [Path(text)] if Path(text).suffix.lower() in SUFFIXES else parse_requests(text)
 
 

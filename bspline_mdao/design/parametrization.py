@@ -202,7 +202,8 @@ class Parametrization:
         """Multiply the derivatives of all maps and of the elimination; ``rest`` is what it takes off the identity."""
         n = 3 * self.layout.n_surface
         zeros = csr_array((3 * len(self.layout.points) - n, n))  # auxiliary points do not depend on the surface
-        initial, values = vstack([self._identity, zeros], format="csr"), []
+        initial = vstack([self._identity, zeros], format="csr")
+        values: list[csr_array] = []
         for step in steps:
             initial, values = step.points @ initial, [step.points @ value for value in values] + [step.values]
         return SurfacePartials(

@@ -82,7 +82,7 @@ class AlongAxis(ABC):
 
     @abstractmethod
     def _bind(self, attached: AttachedRows) -> DesignMap:
-        """Map of all rows."""
+        """Return the map of all rows, which are attached to the axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +299,7 @@ class SectionMap:
 
     @property
     def initial(self) -> np.ndarray:
-        """Neutral values."""
+        """Values at which nothing moves, shape (n_values,)."""
         return np.full(self.spline.shape[1], self.neutral)
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -386,7 +386,7 @@ class ShiftMap:
 
     @property
     def initial(self) -> np.ndarray:
-        """Neutral values."""
+        """Values at which nothing moves, shape (n_values,)."""
         return np.full(self.spline.n_values, self.neutral)
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -412,7 +412,7 @@ class ShiftMap:
 
     @cached_property
     def _sums(self) -> np.ndarray:
-        """How much of the slope over every segment reaches every row, shape (n_rows, n_axis - 1)."""
+        """Sums of the slopes over segments up to every row, as weights of shape (n_rows, n_axis - 1)."""
         n = len(self.attached.knots)
         return self.attached.weights @ np.tri(n, n - 1, -1)
 

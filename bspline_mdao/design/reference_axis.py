@@ -32,8 +32,8 @@ _INSIDE = 2e-2
 control points stick out."""
 
 _NEAR = 0.02
-"""Points up to this part of the chord from its end tell how high the end is: control points of a blunt nose stick out
-above and below it."""
+"""Points up to this part of the chord from its end give the height of the end by their mean: control points of a blunt
+nose stick out above and below it."""
 
 _NO_CHORD = 1e-6
 """A chord that is shorter than this part of the surface's box is none: a section of it has no direction."""
@@ -92,7 +92,7 @@ class ReferenceAxis:
         Parameters
         ----------
         mesh : MovingMesh
-            The control mesh. Its planes of symmetry and the box of its surface tell stream, normal and span, see
+            The control mesh. Its planes of symmetry and the box of its surface give stream, normal and span, see
             `surface_frame`.
         at : float
             Part of the chord, 0 the leading edge and 1 the trailing edge.
@@ -207,7 +207,7 @@ class AttachedRows:
     directions : ndarray, shape (n_axis - 1, 3)
         Unit vectors between them, as the axis is seen.
     stations : ndarray, shape (n_rows,)
-        Station of every row; above 1 beyond the end of the axis, and below 0 inboard of one that begins in a plane.
+        Station of every row; above 1 outboard of the axis, and below 0 inboard of one that begins in a plane.
     begins_in_plane : bool
         Whether the axis begins in a plane of symmetry.
     """
@@ -326,7 +326,7 @@ class StationSpline:
         if isinstance(stations, (int, np.integer)):
             if stations < 1:
                 raise InputError(f"stations: {stations} of them; give at least one")
-            stations = np.linspace(0.0, 1.0, stations)
+            return cls(tuple(np.linspace(0.0, 1.0, stations).tolist()), order)
         if np.ndim(stations) != 1:
             raise InputError(f"stations: {stations}; give how many, or a list of places from 0 to 1")
         return cls(tuple(float(station) for station in stations), order)
@@ -361,7 +361,7 @@ class StationSpline:
         if self.order == 2:
             return PPoly(np.stack([np.diff(values, axis=0) / np.diff(places)[:, None], values[:-1]]), places)
         # second-order differences are the slopes of parabolas, one-sided at the ends
-        slopes = np.gradient(values, places, axis=0, edge_order=min(2, self.n_values - 1))
+        slopes = np.gradient(values, places, axis=0, edge_order=2 if self.n_values > 2 else 1)
         return CubicHermiteSpline(places, values, slopes)
 
     @cached_property
@@ -410,7 +410,7 @@ def chord_lines(
     -------
     ChordLines
         From the most upstream to the most downstream place of every section, at the mean height of the points near it.
-        Both go on along straight lines over the last fiftieth before the ends of the surface, and beyond.
+        Over the last fiftieth before the ends of the surface, and outside of it, both go on along straight lines.
 
     Raises
     ------

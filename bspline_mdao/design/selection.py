@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -126,7 +127,7 @@ class _Not(Selection):
 
 @dataclass(frozen=True, eq=False)
 class OnPatch(Selection):
-    """Control points of patches.
+    """Surface control points on patches.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ class InBox(Selection):
         """Whether each surface control point is in the box."""
         points, margin = _surface(mesh), TOUCHING * mesh.size
         is_above = points >= _limits(self.low, -np.inf) - margin
-        return (is_above & (points <= _limits(self.high, np.inf) + margin)).all(axis=1)
+        return np.all(is_above & (points <= _limits(self.high, np.inf) + margin), axis=1)
 
     def __str__(self) -> str:
         return f"in the box from {tuple(self.low)} to {tuple(self.high)}"
@@ -196,7 +197,7 @@ class InBlock(Selection):
     """
 
     block: int
-    index: object = ...
+    index: Any = ...
 
     def mask(self, mesh: MovingMesh) -> np.ndarray:
         """Whether each surface control point is in this part of the block."""
@@ -296,7 +297,7 @@ class NearPlane(Selection):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceRows(Selection):
-    """Points by number.
+    """Surface control points by their number.
 
     Parameters
     ----------

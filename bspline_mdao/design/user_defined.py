@@ -94,7 +94,9 @@ class _UserMap:
             raise self._error(f"the function returns points of shape {moved.shape}; return shape {surface.shape}")
         is_bad = ~np.isfinite(moved).all(axis=1)
         if is_bad.any():
-            raise self._error(f"the function moves {self._place(np.argmax(is_bad))} to {moved[is_bad][0]}; correct it")
+            raise self._error(
+                f"the function moves {self._place(int(np.argmax(is_bad)))} to {moved[is_bad][0]}; correct it"
+            )
         return np.concatenate([moved, points[self.layout.n_surface :]])
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
@@ -114,7 +116,7 @@ class _UserMap:
         return self._derivatives(self.layout.points[self.layout.rows()], self.initial)
 
     def _derivatives(self, surface: np.ndarray, values: np.ndarray) -> tuple[csr_array, csr_array]:
-        """Derivatives of all rows."""
+        """Derivatives of all rows with respect to the rows and to the values, checked."""
         found = self.variable.derivative(surface, values)
         if not isinstance(found, tuple) or len(found) != 2:
             raise self._error("the derivative is no pair; return (d_points, d_values)")
@@ -138,7 +140,7 @@ class _UserMap:
         is_bad = ~np.isfinite(matrix.data)
         if is_bad.any():
             row = np.searchsorted(matrix.indptr, np.argmax(is_bad), side="right") - 1
-            raise self._error(f"{what} of the derivative is not finite for {self._place(row // 3)}; correct it")
+            raise self._error(f"{what} of the derivative is not finite for {self._place(int(row) // 3)}; correct it")
         return matrix
 
     def _place(self, row: int) -> str:

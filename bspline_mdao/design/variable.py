@@ -39,8 +39,9 @@ _STEP = 1e-40
 class AuxiliaryPoints(Protocol):
     """An object with points that move along when variables move the surface: a reference axis, a lattice."""
 
-    points: np.ndarray
-    """The points on the baseline, shape (n, 3), in metres."""
+    @property
+    def points(self) -> np.ndarray:
+        """The points on the baseline, shape (n, 3), in metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +118,9 @@ class MapPartials:
 class DesignMap(Protocol):
     """A design variable that is bound to rows: decided on the baseline, applied anywhere."""
 
-    initial: np.ndarray
-    """Values at which nothing moves, shape (n_values,)."""
+    @property
+    def initial(self) -> np.ndarray:
+        """Values at which nothing moves, shape (n_values,)."""
 
     def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Move all rows, shape (n_rows, 3), in metres; real or complex."""
@@ -130,14 +132,17 @@ class DesignMap(Protocol):
 class Variable(Protocol):
     """A design variable, or several of one kind."""
 
-    name: str
-    """Name of the input of `SurfaceControl`."""
+    @property
+    def name(self) -> str:
+        """Name of the input of `SurfaceControl`."""
 
-    units: str | None
-    """Units of its values."""
+    @property
+    def units(self) -> str | None:
+        """Units of its values."""
 
-    auxiliary: tuple[AuxiliaryPoints, ...]
-    """The axes and lattices that the variable works with."""
+    @property
+    def auxiliary(self) -> tuple[AuxiliaryPoints, ...]:
+        """The axes and lattices that the variable works with."""
 
     def bind(self, layout: Layout) -> DesignMap:
         """Decide what depends on the baseline alone.

@@ -62,7 +62,7 @@ class SurfaceArea:
 
     @classmethod
     def of(cls, surface: SurfaceGrid, relative: bool = False, name: str = "surface_area") -> SurfaceArea:
-        """Measure a surface.
+        """Return the measure of the area of a surface.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class ProjectedArea:
         relative: bool = False,
         name: str = "projected_area",
     ) -> ProjectedArea:
-        """Measure a surface.
+        """Return the measure of the area of a surface as seen from one direction.
 
         Parameters
         ----------

@@ -186,7 +186,7 @@ def _cut(points: np.ndarray, edges: np.ndarray, station: float, side: str) -> cs
 
 
 def _complaint(points: np.ndarray, where: str, what: str, station: float) -> str:
-    """What is missing at a station."""
+    """Describe what a station lacks, and where stations may be."""
     low, high = 0.0 - points[:, 1].max(), 0.0 - points[:, 1].min()
     return (
         f"camber surface: the {where} has no {what} at {abs(station):.6g} along the span, on which its nodes go from "

@@ -98,8 +98,7 @@ class Clearance:
         InputError
             If a patch does not exist, the two touch, or rho is not positive.
         """
-        sides = [nodes_of(surface, side) for side in (patches, others)]
-        return cls._of(surface, *sides, np.empty((0, 3)), rho, name)
+        return cls._of(surface, nodes_of(surface, patches), nodes_of(surface, others), np.empty((0, 3)), rho, name)
 
     @classmethod
     def from_points(
@@ -234,8 +233,8 @@ class PlaneClearance:
         InputError
             If a patch does not exist, the normal has no length, or rho is not positive.
         """
-        normal = as_direction(normal, "clearance: the normal of the plane")
-        plane = Plane(normal, float(as_vector(origin, "clearance: the origin of the plane") @ normal))
+        towards = as_direction(normal, "clearance: the normal of the plane")
+        plane = Plane(towards, float(as_vector(origin, "clearance: the origin of the plane") @ towards))
         return cls(surface, nodes_of(surface, patches), plane, KreisselmeierSteinhauser(rho / surface.size), name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
@@ -244,7 +243,7 @@ class PlaneClearance:
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (1, 3 n_points), on the nodes of the patches."""
-        weights = self.rule.weights(self._distances(points), self.evaluate(points))
+        weights = self.rule.weights(self._distances(points), self.evaluate(points)[0])
         return row_at(self.ids, np.outer(weights, self.plane.normal), len(points))
 
     def _distances(self, points):

@@ -44,7 +44,7 @@ class Curvature:
 
     The curvature is :math:`k_1^2 + k_2^2`, the square of the mean curvature or :math:`k_1 k_2`, from differences of
     second order along the grid lines of every face, one-sided at its edges: kinks between faces do not count. Nodes
-    without a normal on the baseline, where an edge of a face has collapsed, are left out. Make it by `integral` or
+    without a normal on the baseline, where an edge of a face has collapsed, do not count. Make it by `integral` or
     `largest`.
 
     Parameters
@@ -109,7 +109,8 @@ class Curvature:
         InputError
             If the kind is unknown, a face is too narrow, or a flat baseline is to be the reference.
         """
-        measure = cls(surface, *_places(surface, patches), _coefficients(kind), None, 1.0, None, name)
+        differences, weights = _places(surface, patches)
+        measure = cls(surface, differences, weights, _coefficients(kind), None, 1.0, None, name)
         return relative_to_baseline(measure, _NONE) if relative else measure
 
     @classmethod
@@ -147,7 +148,8 @@ class Curvature:
             reference.
         """
         units = None if relative else "1/m**2"
-        plain = cls(surface, *_places(surface, patches), _coefficients(kind), None, 1.0, units, name)
+        differences, weights = _places(surface, patches)
+        plain = cls(surface, differences, weights, _coefficients(kind), None, 1.0, units, name)
         size = max(np.abs(plain.densities(surface.points)).max(), 1.0 / surface.size**2)
         measure = replace(plain, rule=KreisselmeierSteinhauser(rho / size))
         return relative_to_baseline(measure, _NONE / surface.size**2) if relative else measure

@@ -35,7 +35,7 @@ class EdgeCuts(NamedTuple):
 
 
 def edges_of_quads(quads: np.ndarray) -> np.ndarray:
-    """Edges of quads, shape (n_quads, 4), each once, shape (n, 2); collapsed ones are left out."""
+    """Edges of quads, shape (n_quads, 4), each once, shape (n, 2); without collapsed ones."""
     edges = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
     return np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
 

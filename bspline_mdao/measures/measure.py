@@ -28,17 +28,21 @@ MEMBERS = ("name", "units", "shape", "surface", "evaluate", "partials")
 class Measure(Protocol):
     """One or more numbers that describe a surface."""
 
-    name: str
-    """Name of the output."""
+    @property
+    def name(self) -> str:
+        """Name of the output."""
 
-    units: str | None
-    """Units of the numbers."""
+    @property
+    def units(self) -> str | None:
+        """Units of the numbers."""
 
-    shape: tuple[int, ...]
-    """Shape of the output."""
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the output."""
 
-    surface: SurfaceGrid
-    """The surface that is measured: what is discrete is decided on its baseline nodes, once and for all."""
+    @property
+    def surface(self) -> SurfaceGrid:
+        """The surface that is measured: what is discrete is decided on its baseline nodes, once and for all."""
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Measure nodes, shape (n, 3), in metres, real or complex; shape (size,), in the C order of ``shape``."""

@@ -53,7 +53,7 @@ ROUND_OFF = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Probes:
-    """Points of a surface.
+    """Points of a surface that are fixed weighted means of its nodes.
 
     Parameters
     ----------
@@ -127,7 +127,8 @@ def opposite_probes(
     found = find_crossings(surface, points, directions)
     entries, exits = body_intervals(found, FLAT * surface.size)
     _require_all(entries.line, points, what)
-    return tuple(Probes.on_quads(surface.quads[ends.quad], ends.parameters) for ends in (entries, exits))
+    first, last = (Probes.on_quads(surface.quads[ends.quad], ends.parameters) for ends in (entries, exits))
+    return first, last
 
 
 def checked_points(points: np.ndarray, what: str) -> np.ndarray:

@@ -143,7 +143,7 @@ class SectionLines:
             Nodes of all lines that the sections will need.
         fractions : sequence of float, optional
             Fractions of the way from the first to the last line at the leading edge; one section for every line that is
-            not beyond the end of the neighbouring ones by default.
+            not outside of the ends of the neighbouring ones by default.
 
         Returns
         -------
@@ -153,15 +153,15 @@ class SectionLines:
         Raises
         ------
         InputError
-            If a section would need nodes beyond the last line.
+            If a section would need nodes outside of the last line.
         """
         edge, z = self.span[self.sides[0][:, 0]], self.span[nodes]
         low, high = z[0].max() - 1e-9 * np.ptp(edge), z[-1].min() + 1e-9 * np.ptp(edge)
         if fractions is None:
             return edge[(edge >= low) & (edge <= high)]
-        fractions = np.atleast_1d(as_numbers(fractions, "sections: stations"))
-        wanted = edge[0] + fractions * np.ptp(edge)
-        for fraction, position in zip(fractions, wanted):
+        places = np.atleast_1d(as_numbers(fractions, "sections: stations"))
+        wanted = edge[0] + places * np.ptp(edge)
+        for fraction, position in zip(places, wanted):
             if not low <= position <= high:
                 raise InputError(
                     f"sections: no grid lines around station {fraction}; take fractions of the span from "
@@ -272,7 +272,8 @@ class GridLines:
         pairs = pairs[~np.isin(key, between)]
         partners = [np.bincount(numbers, minlength=len(edges)) for numbers in pairs.T]
         pairs = pairs[(partners[0][pairs[:, 0]] == 1) & (partners[1][pairs[:, 1]] == 1)]
-        return cls(*edges[pairs[:, 0]].T, edges[pairs[:, 1], 1], n_nodes)
+        behind, at = edges[pairs[:, 0]].T
+        return cls(behind, at, edges[pairs[:, 1], 1], n_nodes)
 
     def next(self, behind: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Node after two successive ones, each of shape (m,); -1 where the line ends."""

@@ -77,7 +77,7 @@ class SectionThickness:
         rho: float = 200.0,
         name: str = "section_thickness",
     ) -> SectionThickness:
-        """Measure sections.
+        """Return the measure of plane sections at stations along the span.
 
         Parameters
         ----------

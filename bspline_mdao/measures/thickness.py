@@ -162,7 +162,7 @@ class Thickness:
 
 
 def _require_thickness(baseline, surface, points, name):
-    """Refuse probes without thickness."""
+    """Refuse probes at which the baseline has no thickness to be relative to."""
     is_flat = baseline <= FLAT * surface.size
     if is_flat.any():
         number = int(np.argmax(is_flat))

@@ -202,7 +202,7 @@ def apexes_of_caps(planes: tuple[Plane, ...], middle: np.ndarray, size: float, w
 
 
 def _complaint(surface, edge, what):
-    """Name an open edge."""
+    """Describe an open edge by its ends and the face that has it."""
     holders = [name for name, ids in zip(surface.names, surface.faces) if np.isin(edge, ids).all()]
     a, b = ("({:g}, {:g}, {:g})".format(*point) for point in surface.points[edge])
     return (
