@@ -38,13 +38,13 @@ _GROWTH = 4.2
 """Power of the spans per direction with which a factor grows, about."""
 
 _MOST_CELLS = 64
-"""Cells along a span beyond which numbers do not fall any more."""
+"""Most cells along a span; numbers do not fall any further."""
 
 NODES_PER_SPAN = 4
 """Cells along a knot span where the number of control points is chosen from the grid."""
 
 LARGEST_CHOICE = 2**29
-"""Bytes of the largest Gram matrix that a choice from the grid leads to; it takes some seconds to factorize."""
+"""Bytes of the largest Gram matrix that numbers chosen from the grid lead to; it takes some seconds to factorize."""
 
 HIGHEST_ORDER = 16
 """Beyond it B-splines of 8-byte reals lose too many digits, and a fit takes long."""
@@ -182,7 +182,7 @@ def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PE
 
 @dataclass(frozen=True)
 class _Request:
-    """What one segment direction asks for; a firm count comes from the user and is not a part of a cut block's."""
+    """Request of one direction of a segment; a firm count comes from the user and is not a part of a cut block's."""
 
     count: int
     order: int

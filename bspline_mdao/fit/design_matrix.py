@@ -80,7 +80,7 @@ class DesignMatrix:
         Parameters
         ----------
         columns : ndarray of int, shape (N0 N1 N2,)
-            Column of each control point; -1 where it is known.
+            Column of each control point; -1 where it is no unknown.
         n_columns : int
             Number of columns.
         bandwidth : int or None

@@ -253,7 +253,7 @@ def require_agreement(topology: Topology, volumes: Sequence[Volume]) -> None:
 
 
 def _difference(link: Link, d: int, volumes: Sequence[Volume]) -> str:
-    """What differs in direction d of the first section and its partner of the second; empty where they agree."""
+    """Name the difference in direction d of the first section and its partner of the second; empty where they agree."""
     e, is_turned = link.orientation.perm[d], link.orientation.flip[d]
     a, b = volumes[link.a].knots[d], volumes[link.b].knots[e]
     if a.order != b.order:

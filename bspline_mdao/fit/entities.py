@@ -2,6 +2,8 @@
 
 Every node and every control point belongs to exactly one entity; an entity that several segments share belongs to the
 first of them. Where a section coincides with an earlier one (an interface, a collapsed face) it is not an entity.
+
+Theory: ``docs/theory/fit.rst``.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ class Entity:
     unknown_ids : ndarray of int, shape (n_columns,)
         Ids of the control points that it solves for.
     columns : ndarray of int, shape (M0 M1 M2,)
-        Place in ``unknown_ids`` of each control point of the section; -1 for those known before.
+        Place in ``unknown_ids`` of each control point of the section; -1 for those that earlier entities solve for.
     """
 
     segment: int
@@ -70,7 +72,7 @@ class Entity:
 
 
 def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) -> Iterator[Entity]:
-    """Corners, then edges, faces and interiors, each with what no earlier entity holds.
+    """Corners, then edges, faces and interiors, each with what belongs to no earlier entity.
 
     Parameters
     ----------
@@ -86,25 +88,25 @@ def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) 
     Entity
     """
     source = sharing.source_rows()
-    is_known, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(len(source), dtype=bool)
+    is_solved, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(len(source), dtype=bool)
     for n_free in range(4):
         for segment, (ids, rows) in enumerate(zip(control_ids, sharing.rows)):
             for section in sections_of(rows.shape, n_free):
                 inner_rows = source[rows[inner_slices(section)].ravel()]
                 own_ids = ids[whole_slices(section)]
-                if is_seen[inner_rows].all() and is_known[own_ids].all():
+                if is_seen[inner_rows].all() and is_solved[own_ids].all():
                     continue
-                unknown_ids, columns = _number_unknowns(own_ids, is_known)
+                unknown_ids, columns = _number_unknowns(own_ids, is_solved)
                 is_seen[inner_rows] = True
-                is_known[unknown_ids] = True
+                is_solved[unknown_ids] = True
                 yield Entity(segment, section, inner_rows, own_ids, unknown_ids, columns)
 
 
-def _number_unknowns(control_ids: np.ndarray, is_known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _number_unknowns(control_ids: np.ndarray, is_solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unknown control points, the longest direction outermost so that the band of the Gram matrix is narrow."""
     axes = np.argsort([-n for n in control_ids.shape], kind="stable")
     places = np.arange(control_ids.size).reshape(control_ids.shape).transpose(axes).ravel()
-    places = places[~is_known[control_ids.ravel()[places]]]
+    places = places[~is_solved[control_ids.ravel()[places]]]
     unique_ids, first, inverse = np.unique(control_ids.ravel()[places], return_index=True, return_inverse=True)
     sequence = np.argsort(first)
     rank = np.empty(len(sequence), dtype=np.int64)

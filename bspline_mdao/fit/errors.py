@@ -1,4 +1,7 @@
-"""How well a fit reproduces its grid, and whether its control mesh is valid."""
+"""Errors of a fit: how well it reproduces its grid, and whether its control mesh is valid.
+
+Theory: ``docs/theory/fit.rst``.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ def report_errors(
     nodes: np.ndarray,
     solution: FitSolution,
 ) -> FitReport:
-    """Measure a fit.
+    """Report errors, invalid control elements and the fallback of a fit.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Fit a multi-block grid with B-spline volumes, section II.D."""
+"""Fit a multi-block grid with B-spline volumes, section II.D.
+
+Theory: ``docs/theory/fit.rst``.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +78,7 @@ def fit_grid(
     corrections : int
         Cycles of parameter correction.
     keep_residual : bool
-        Carry what the spline misses of the grid, so that the baseline is reproduced.
+        Keep what the spline misses of the grid, so that the baseline is reproduced.
     wall_layer : bool
         Let nodes near walls follow them as a rigid body, and the residual turn with its surroundings, wherever the grid
         is regenerated, see `bspline_mdao.walls.grid_map`. Without, grids are ``A b``, Eq. (3), plus the residual.
@@ -198,7 +201,7 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
         Parameters of the nodes of every segment.
     n_control, orders : array of int, shape (n_segments, 3)
-        Control points and orders; not looked at where ``knots`` carries them.
+        Control points and orders; not looked at where ``knots`` has them.
     knots
         As for `fit_grid`.
 

@@ -1,7 +1,7 @@
 """Least squares for the control points, one entity after the other (section II.D), as a linear map with its transpose.
 
-With the control points of an entity's boundary known, the inner ones are those of a `ReferenceNet` plus a deviation d
-that solves the normal equations
+Once the control points of an entity's boundary are found, the inner ones are those of a `ReferenceNet` plus a deviation
+d that solves the normal equations
 
     (A^T A + shift I) d = A^T (x - A b_reference).
 
@@ -34,7 +34,7 @@ from .entities import Entity
 from .quasi_interpolant import LEAST_SQUARES, Mixture, greville_means, greville_places
 
 LARGEST_GRAM = 2**31
-"""Bytes beyond which a Gram matrix is refused."""
+"""Most bytes of a Gram matrix; a larger one is refused."""
 
 SMALLEST_PIVOT = 1e-11
 """A pivot below this fraction of the largest diagonal entry makes a Gram matrix singular."""
@@ -54,9 +54,9 @@ class FitStep:
     matrix : DesignMatrix
         A, of all control points of its section.
     factor : GramFactor or None
-        Of the normal equations; None where all control points are known before.
+        Of the normal equations; None where earlier entities solve for all control points.
     reference : ReferenceNet
-        What the control points lean on where the factor has a shift.
+        Net that the control points are drawn to where the factor has a shift.
     """
 
     entity: Entity
@@ -251,7 +251,7 @@ def _gram(matrix: DesignMatrix, entity: Entity, name: str) -> tuple[np.ndarray, 
 class ReferenceNet:
     """Linear map from the grid and the control points of a boundary to a whole control net: a coarse copy of the grid.
 
-    A control mesh mimics a coarse grid, so what least squares lean on is the grid itself, sampled at the Greville nodes
+    A control mesh mimics a coarse grid, so least squares are drawn to the grid itself, sampled at the Greville nodes
     (`bspline_mdao.fit.quasi_interpolant.greville_places`). What the boundary's control points differ from their samples
     is spread over the inside by transfinite interpolation, in proportion to lengths along the edges, so that thin
     layers of cells stay layers. Both are fixed linear maps.
@@ -263,7 +263,7 @@ class ReferenceNet:
     interpolation : csr_array, shape (n_inner, N0 N1 N2)
         Weights with which they follow the boundary.
     sampling : csr_array, shape (N0 N1 N2, n_rows), or None
-        Samples of the grid at the Greville nodes; None for zero, where nothing leans on the reference.
+        Samples of the grid at the Greville nodes; None for zero, where the factor has no shift.
     """
 
     inner: np.ndarray
@@ -272,7 +272,7 @@ class ReferenceNet:
 
     @classmethod
     def of(cls, places, sampling: csr_array | None = None) -> ReferenceNet:
-        """Interpolate in a net.
+        """Set up the interpolation of a net whose control points stand at given places along its edges.
 
         Parameters
         ----------
@@ -371,7 +371,7 @@ class GramFactor:
 
 
 def factorize(gram: np.ndarray, is_banded: bool, unit: float) -> GramFactor:
-    """Factor a Gram matrix.
+    """Factor a Gram matrix, with a shift where it is singular.
 
     Parameters
     ----------

@@ -137,7 +137,7 @@ class LiveFit:
         step.solve_residual(moved, right, d_nodes, d_control)
 
     def _step_vjp(self, step: FitStep, control_bar, nodes_bar, bars: Change) -> None:
-        """Reverse of `_step_jvp`."""
+        """Solve the transposed normal equations of an entity: reverse of `_step_jvp`."""
         moved_bar, right_bar = step.solve_residual_transpose(control_bar, nodes_bar)
         np.add.at(nodes_bar, step.entity.rows, moved_bar)
         net, residual = self._net_and_residual(step)
@@ -376,7 +376,7 @@ class LiveGrid:
     grid_map : GridMap
         What does not change with the baseline.
     has_residual : bool
-        Whether a residual is carried.
+        Whether the model has a residual.
     """
 
     mapping: LiveMapping
@@ -390,7 +390,7 @@ class LiveGrid:
 
     @property
     def needs_initial(self) -> bool:
-        """Whether the control points of the baseline matter."""
+        """Whether the grid depends on the control points of the baseline."""
         return self.has_residual or self.grid_map.layer is not None
 
     def at(self, initial: np.ndarray | None, control_points: np.ndarray) -> LiveGridState:
@@ -437,7 +437,7 @@ class LiveGridState:
     layered : Layered or None
         Nodes that followed walls.
     rim_points : ndarray, shape (n_rim, 3)
-        Nodes on the rims of planes before that (m).
+        Nodes on the boundary edges of planes before that (m).
     """
 
     of: LiveGrid

@@ -18,7 +18,8 @@ EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0, "index": 0
 """Kinds of parametrization by the power of the chord lengths; uniform parameters are proportional to the index."""
 
 LARGEST_DIFFERENCE = 1e-9
-"""Given parameters of a node that two segments share may differ by this, where a direction runs backwards, from one."""
+"""Most that the user's parameters of a node that two segments share may differ by, or their sum from one where a
+direction runs backwards."""
 
 COLLAPSED = 1e-12
 """A grid line shorter than this fraction of the block's size has no length; its parameters are uniform."""

@@ -1,4 +1,7 @@
-"""A fit that is set up, and the pass of least squares that solves it, section II.D."""
+"""A fit that is set up, and the pass of least squares that solves it, section II.D.
+
+Theory: ``docs/theory/fit.rst``.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +109,7 @@ class FitProblem:
 
 @dataclass(frozen=True, eq=False)
 class FitSolution:
-    """What a fit yields.
+    """Control points and fitted nodes of a fit.
 
     Parameters
     ----------
@@ -186,7 +189,7 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
     names = topology.segment_names
     shown = ", ".join(entity.describe(names) for entity in entities[:5]) + (", ..." if len(entities) > 5 else "")
     return (
-        f"the nodes do not determine all control points of {len(entities)} parts ({shown}); these lean on the "
+        f"the nodes do not determine all control points of {len(entities)} parts ({shown}); these are drawn to the "
         f"grid's own coarse nodes; fewer control points avoid it",
     )
 

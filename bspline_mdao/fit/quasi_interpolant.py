@@ -7,6 +7,8 @@ numbers) where the parameters, interpolated, are its Greville parameters.
 
 With A the spline at the nodes, ``b <- b + Q (x - A b)`` approaches the accuracy of least squares.
 
+Theory: ``docs/theory/fit.rst``.
+
 References
 ----------
 I. J. Schoenberg, "On spline functions", in: Inequalities, O. Shisha (ed.), Academic Press, 1967.

@@ -58,7 +58,7 @@ _ROUND_OFF = 1e-15
 
 @dataclass(frozen=True)
 class SurfaceMiss:
-    """How far the nodes of a surface are off those that its control points were fitted to.
+    """Distance of the nodes of a surface from those that its control points were fitted to.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ class FittedSurface:
 
     @property
     def nodes(self) -> np.ndarray:
-        """Where the control points put the nodes that were given, shape (n, 3), in metres."""
+        """Nodes of these control points, those that were given, shape (n, 3), in metres."""
         return self.state.nodes[self.of.numbers]
 
     def jvp(self, change: np.ndarray) -> np.ndarray:

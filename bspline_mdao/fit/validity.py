@@ -6,6 +6,8 @@ whose points are moved to it where elements are invalid, or much worse than in t
 neighbours. A mesh that has moved to its base everywhere is as valid as that base, so that this ends. The *weights* of
 the candidates in each control point are then part of the model, like its topology: for given parameters the fit stays a
 linear map of the nodes.
+
+Theory: ``docs/theory/fit.rst``.
 """
 
 from __future__ import annotations
@@ -98,6 +100,12 @@ def is_valid(nets: Sequence[np.ndarray]) -> bool:
 def choose_weights(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_squares: np.ndarray | None) -> np.ndarray:
     """Mix candidates so that the control mesh is valid wherever the grid is.
 
+    1. Start from the most robust candidate, the coarse grid, as the base.
+    2. Take the next closer candidate, and the least measure of each of its elements from that in the base.
+    3. Where the grid itself is folded, ask for nothing: no coarse grid mends that.
+    4. Move its points to the base until all elements have their least measure (`_retreat`).
+    5. What comes of it is the base of the next candidate; go on with step 2.
+
     Parameters
     ----------
     problem : FitProblem
@@ -116,15 +124,19 @@ def choose_weights(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_sq
     """
     mesh = problem.mesh
     candidates = [least_squares, *quasi.candidates(nodes)]
+    # step 1
     base, weights = candidates[-1], np.zeros((mesh.n_control_points, len(CANDIDATES)))
     weights[:, -1] = 1.0
     for number in range(len(CANDIDATES) - 2, -1 if least_squares is not None else 0, -1):
+        # step 2
         margin = LEAST_MARGIN if number == len(CANDIDATES) - 2 else MARGIN if number else LARGEST_MARGIN
         least = [np.where(m > 0.0, margin * m, m - MARGIN) for m in corner_measures(mesh.nets(base))]
-        if number == len(CANDIDATES) - 2:  # no coarse grid mends what is folded in the grid itself
-            for bound, held in zip(least, elements_with(quasi.places, folded_cells(problem, nodes))):
-                bound[held] = -np.inf
+        if number == len(CANDIDATES) - 2:  # step 3
+            for bound, is_folded in zip(least, elements_with(quasi.places, folded_cells(problem, nodes))):
+                bound[is_folded] = -np.inf
+        # step 4
         towards = _retreat(mesh, candidates[number], base, least)
+        # step 5
         base = _mixed(candidates[number], base, towards)
         weights *= towards[:, None]
         weights[:, number] = 1.0 - towards
@@ -189,7 +201,7 @@ def _box(corners: np.ndarray, shape: Sequence[int]) -> tuple[np.ndarray, np.ndar
 
 
 def _retreat(mesh: BSplineMesh, candidate, base, least: Sequence[np.ndarray]) -> np.ndarray:
-    """How far each control point has to move from a candidate to the base, from 0 to 1, shape (n_control_points,)."""
+    """Weight of the base in each control point that makes its elements good enough, shape (n_control_points,)."""
     towards = np.zeros(mesh.n_control_points)
     while True:
         measures = corner_measures(mesh.nets(_mixed(candidate, base, towards)))

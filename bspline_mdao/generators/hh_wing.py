@@ -243,7 +243,7 @@ def _one_deep(windows, kind: str) -> tuple[Window, ...]:
 
 @dataclass(frozen=True)
 class _Layout:
-    """What a grid is made of: the wing, the counts of every block row and the spacings."""
+    """Wing, counts of every block row and spacings of a grid."""
 
     wing: Wing
     n_stream: tuple[int, int, int]

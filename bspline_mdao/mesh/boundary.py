@@ -1,4 +1,4 @@
-"""What the points of a mesh may do, from the patches of its grid.
+"""Directions in which the points of a mesh may move, from the patches of its grid.
 
 The points of the design surface are given. Those on symmetry planes slide in them, and so do those of any planar patch
 that the design surface ends on, because the edge that it moves would fold the cells beside it otherwise. All others on
@@ -74,7 +74,7 @@ def moving_mesh(
     """
     require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
-    asked = _Asked.of(model.topology, len(model.control_points), design, fixed, released, sliding)
+    asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
 
 
@@ -133,13 +133,13 @@ def moving_grid(
         point_ids[rows[segment.block][segment.slices]] = ids
     points = np.empty((max(int(ids.max()) for ids in blocks) + 1, 3))
     points[point_ids] = nodes
-    asked = _Asked.of(topology, len(points), design, fixed, released, sliding)
+    asked = _Requests.of(topology, len(points), design, fixed, released, sliding)
     return _mesh(topology, blocks, points, asked), point_ids
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
-    """What is asked of the patches, by name, and of single points."""
+class _Requests:
+    """Requests for patches, by name, and for single points."""
 
     design: frozenset[str]
     fixed: frozenset[str]
@@ -148,7 +148,7 @@ class _Asked:
     fixed_point_ids: np.ndarray
 
     @classmethod
-    def of(cls, topology: Topology, n_points: int, design, fixed, released, sliding) -> _Asked:
+    def of(cls, topology: Topology, n_points: int, design, fixed, released, sliding) -> _Requests:
         for name, segment in zip(topology.segment_names, topology.segments):
             if 1 in segment.shape:
                 raise InputError(f"{topology.source}: {name} is planar; movement needs cells in all three directions")
@@ -164,7 +164,7 @@ class _Asked:
         return cls(matching_patches(topology, design), **found, fixed_point_ids=fixed_point_ids)
 
 
-def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Asked, parameters=None) -> MovingMesh:
+def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Requests, parameters=None) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
     allowed, others = AllowedDirections.of(len(points)), []
     allowed.fix(asked.fixed_point_ids)
@@ -199,7 +199,7 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Asked, paramet
     )
 
 
-def _normal(face: BoundaryFace, points: np.ndarray, asked: _Asked, source: str) -> np.ndarray | None:
+def _normal(face: BoundaryFace, points: np.ndarray, asked: _Requests, source: str) -> np.ndarray | None:
     """Normal of the plane of a face that has to slide; None for others."""
     what = f"{source}: patch {face.patch}"
     if face.patch in asked.sliding:
@@ -209,7 +209,7 @@ def _normal(face: BoundaryFace, points: np.ndarray, asked: _Asked, source: str) 
     return None
 
 
-def _may_slide(face: BoundaryFace, asked: _Asked) -> bool:
+def _may_slide(face: BoundaryFace, asked: _Requests) -> bool:
     """Whether a face slides where it is planar and the design surface ends on it."""
     return face.kind in ("other", "farfield", None) and face.patch not in asked.fixed
 
@@ -270,8 +270,8 @@ def matching_names(names: Iterable[str], patterns: str | Sequence[str], what: st
     for pattern in (patterns,) if isinstance(patterns, str) else patterns:
         matches = {name for name in names if fnmatchcase(name, pattern)}
         if not matches:
-            known = ", ".join(sorted(names)) or "none"
-            raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {known}")
+            existing = ", ".join(sorted(names)) or "none"
+            raise InputError(f"{what}: no patch is called '{pattern}'; the patches are {existing}")
         found |= matches
     return frozenset(found)
 

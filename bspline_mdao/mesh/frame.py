@@ -148,8 +148,8 @@ def _across(axis):
     main = int(np.argmax(np.abs(axis)))
     rows = []
     for candidate in np.delete(np.eye(3), main, axis=0):
-        for known in (axis, *rows):
-            candidate = candidate - (candidate @ known) * known
+        for row in (axis, *rows):
+            candidate = candidate - (candidate @ row) * row
         rows.append(candidate / np.linalg.norm(candidate))
     return np.array(rows)
 

@@ -1,4 +1,4 @@
-"""The mesh that a mover moves: hexahedra, and what each of their points may do.
+"""The mesh that a mover moves: hexahedra, and the directions in which each of their points may move.
 
 A control mesh and a fine grid are the same thing to a mover. `bspline_mdao.mesh.boundary` makes either from a
 fitted model or a grid and its patches.
@@ -44,7 +44,7 @@ class Tangling:
 
 @dataclass(frozen=True, eq=False)
 class MovingMesh:
-    """Blocks of hexahedra that share points, and what each point may do.
+    """Blocks of hexahedra that share points, and the directions in which each point may move.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class MovingMesh:
         Points of the baseline (m). They decide, once and for all, what is discrete: collapsed corners, handedness and
         planes of symmetry. What is moved is given anew in every move.
     surface_ids : ndarray of int32, shape (n_surface,)
-        Points of the design surface, ascending: known in all three coordinates.
+        Points of the design surface, ascending: given in all three coordinates.
     is_free : ndarray of bool, shape (n_points, 3)
         Directions in which each point may move, of its frame. None on the surface and where a point is fixed.
     frames : ndarray, shape (n_points, 3, 3), or None
@@ -69,7 +69,7 @@ class MovingMesh:
     parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None
         Place of every point of every block in parameter space, where the mesh is a control mesh.
     planes : tuple of (ndarray, float)
-        Unit normals and offsets (m) of the planes of no known kind in which points slide because the design surface
+        Unit normals and offsets (m) of the planes of no declared kind in which points slide because the design surface
         ends on them; the surface itself may leave them.
     obstacles : tuple of (str, ndarray of int)
         Patches that are fixed although the design surface ends on them: what to call them in a message, and their
@@ -123,7 +123,7 @@ class MovingMesh:
     @cached_property
     def degenerate_corners(self) -> np.ndarray:
         """Corners with a collapsed edge on the baseline, as bits, shape (n_elements,), uint8."""
-        return np.concatenate([bits.ravel() for bits in self._left_out_by_block])
+        return np.concatenate([bits.ravel() for bits in self._degenerate_corners])
 
     @cached_property
     def handedness(self) -> np.ndarray:
@@ -178,7 +178,7 @@ class MovingMesh:
         """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
         n_tangled, place, least, ratio = 0, "", np.inf, np.inf
         for name, ids, degenerate_corners, baseline in zip(
-            self.names, self.blocks, self._left_out_by_block, self._baseline_quality
+            self.names, self.blocks, self._degenerate_corners, self._baseline_quality
         ):
             quality = cell_quality(points[ids], degenerate_corners)
             corner = quality.min_corner if quality.handedness == baseline.handedness else -np.abs(quality.min_corner)
@@ -199,12 +199,12 @@ class MovingMesh:
         return f" on {beside[0]}, which is fixed where the surface ends on it: slide or release it" if beside else ""
 
     @cached_property
-    def _left_out_by_block(self):
+    def _degenerate_corners(self):
         return [collapsed_corners(self.points[ids]) for ids in self.blocks]
 
     @cached_property
     def _baseline_quality(self):
-        pairs = zip(self.blocks, self._left_out_by_block)
+        pairs = zip(self.blocks, self._degenerate_corners)
         return [cell_quality(self.points[ids], degenerate_corners) for ids, degenerate_corners in pairs]
 
 

@@ -76,10 +76,10 @@ class SurfaceGrid:
             raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
         nodes = model.regenerate().to_vector().reshape(-1, 3)
         blocks = block_rows(topology.shapes)
-        sheet = BoundarySurface.of(topology, nodes, found)
+        whole = BoundarySurface.of(topology, nodes, found)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
         patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, blocks, nodes)
-        return cls(nodes[sheet.rows], sheet.rows, sheet.faces, names, patches, planes)
+        return cls(nodes[whole.rows], whole.rows, whole.faces, names, patches, planes)
 
     @property
     def n_points(self) -> int:

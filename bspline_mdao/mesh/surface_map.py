@@ -34,7 +34,7 @@ class SurfaceMap:
     constant : ndarray, shape (n, 3)
         c (m): what control points that are fixed contribute, and the residual of the fit where it does not turn.
     turned : _TurnedRows or None
-        The residual, where the model carries it and lets it turn.
+        The residual, where the model has one and lets it turn.
     """
 
     matrix: csr_array
@@ -54,7 +54,7 @@ class SurfaceMap:
         require_mesh_of(model, mesh, "surface: the mesh")
         if surface.rows.max() >= model.n_nodes:
             raise InputError(f"surface: it has nodes that {model.header.source} has not; make it of this model")
-        found = cls.of_rows(model, mesh.surface_ids, surface.rows, partial(_require_known, mesh, surface))
+        found = cls.of_rows(model, mesh.surface_ids, surface.rows, partial(_require_fixed, mesh, surface))
         if not found.matrix.data.any():
             raise InputError(
                 f"surface: {surface.names[0]} and the rest do not depend on the design surface; name others"
@@ -200,13 +200,13 @@ def _evaluator(model: FittedModel, rows: np.ndarray) -> Evaluator:
     return Evaluator.build(model.mesh, parameters, numbers, len(rows))
 
 
-def _require_known(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
-    """Refuse nodes, or corners of spans that their residual turns with, that depend on what a mover decides."""
-    is_known = ~mesh.is_free.any(axis=1)
+def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
+    """Refuse nodes, or corners of spans that their residual turns with, that depend on points that a mover moves."""
+    is_fixed = ~mesh.is_free.any(axis=1)
     nodes, points = matrix.nonzero()
-    unknown = ~is_known[points]
-    if unknown.any():
-        node, point = nodes[np.argmax(unknown)], points[np.argmax(unknown)]
+    is_moving = ~is_fixed[points]
+    if is_moving.any():
+        node, point = nodes[np.argmax(is_moving)], points[np.argmax(is_moving)]
         if turned:
             name, cure = surface.names[0], "fit with wall_layer=False, so that the residual does not turn, "
         else:

@@ -36,7 +36,7 @@ class FittedModel:
     control_points : ndarray, shape (n_control_points, 3)
         Fitted control points (m).
     residual : ndarray, shape (n_nodes, 3), or None
-        Baseline grid minus fitted points (m), where it is carried.
+        Baseline grid minus fitted points (m), where it is kept.
     header : GridHeader
         Names, patches, source and dialect of the grid.
     report : FitReport
@@ -143,7 +143,7 @@ class FittedModel:
     def member(self, factor: float) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.
 
-        The residual of the fit belongs to the nodes of the fitted grid and is not carried over; the layer at walls is
+        The residual of the fit belongs to the nodes of the fitted grid and is not taken over; the layer at walls is
         that of the member's own nodes.
 
         Parameters

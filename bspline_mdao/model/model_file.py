@@ -6,7 +6,7 @@ parametrization either, and the report had no memory of a factor)::
     /                       attributes: format, version, checksum
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
     /control_points         (n_control_points, 3)
-    /residual               (n_nodes, 3), where it is carried
+    /residual               (n_nodes, 3), where it is kept
     /control_ids/<s>        ids of the control points of segment s
     /parameters/<s>         parameters of its nodes
     /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
@@ -99,14 +99,14 @@ def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, 
 
 
 def read_model(path: str | os.PathLike, make: Callable[..., Model]) -> Model:
-    """Read a model.
+    """Read a model and check it.
 
     Parameters
     ----------
     path : path-like
         File that `write_model` made.
     make : callable
-        Makes the model from its fields, given by name; its `InputError` tells that they are damaged.
+        Makes the model from its fields, given by name; an `InputError` of it means that they are damaged.
 
     Returns
     -------
@@ -209,7 +209,7 @@ def _document_of(topology, mesh, header, report, settings, **_) -> dict:
 
 
 def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, object]:
-    """Fields of a model from its document and its arrays; ValueError where they do not go together."""
+    """Fields of a model from its document and its arrays; ValueError where they do not fit each other."""
     volumes = [
         Volume(tuple(knots_from_array(arrays[f"knots/{s}/{d}"], order) for d, order in enumerate(orders)))
         for s, orders in enumerate(document["orders"])

@@ -1,6 +1,6 @@
-"""What a fitted model carries besides its arrays: the header of its grid, the settings of its fit and the report on it.
+"""Records of a fitted model, besides its arrays: the header of its grid, and settings and report of its fit.
 
-These records are stored in the model's file by the names of their classes and fields
+They are stored in the model's file by the names of their classes and fields
 (`bspline_mdao.model.model_file`): to rename one is to change the format.
 """
 
@@ -25,7 +25,7 @@ CANDIDATES = (
 
 @dataclass(frozen=True, eq=False)
 class GridHeader:
-    """What a grid is besides its nodes.
+    """Names, patches, source and file dialect of a grid: all but its nodes.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class GridHeader:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a model was fitted, as far as its derivatives need to know.
+    """Settings of a fit, as far as its derivatives depend on them.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class InvalidElement:
 
 @dataclass(frozen=True)
 class Fallback:
-    """Where a fit is not least squares, and what that changes.
+    """Control points of a fit that are not least squares, and the errors and invalid elements that these would have.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class Fallback:
 
 @dataclass(frozen=True)
 class FitReport:
-    """What a fit achieved.
+    """Errors, invalid control elements, warnings and sizes of a fit.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ class FitReport:
     seconds : float
         Wall clock of the fit.
     warnings : tuple of str
-        Whatever the user should know, one line each.
+        Warnings for the user, one line each.
     factor_bytes : int or None
         Predicted memory of one factor of elasticity's matrix (bytes); derivatives keep one for every increment. None
         for small control meshes, see `bspline_mdao.fit.control_counts.predict_factor_bytes`.
