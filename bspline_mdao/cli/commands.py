@@ -59,7 +59,7 @@ class Increments(click.IntRange):
         super().__init__(min=1)
 
     def convert(self, value, param, context):
-        """Read the option."""
+        """Convert the text of the option to a number, or leave ``auto`` as it is."""
         return value if value == "auto" else super().convert(value, param, context)
 
 

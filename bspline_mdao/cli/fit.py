@@ -1,4 +1,4 @@
-"""The command ``fit``."""
+"""The command ``fit``: a fit, its report and its numbers."""
 
 from __future__ import annotations
 

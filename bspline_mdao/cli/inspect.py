@@ -1,4 +1,4 @@
-"""The command ``inspect``."""
+"""The command ``inspect``: topology and walls of a grid, and the draft of a patches file."""
 
 from __future__ import annotations
 
@@ -104,12 +104,12 @@ def _with_guesses(grid: Grid, topology: Topology) -> Grid:
 
 
 def _boundary_windows(patch: Patch, topology: Topology) -> tuple[Window, ...]:
-    """Windows of a declared patch that are boundary: without those of no known kind on which blocks meet."""
+    """Windows of a declared patch that are boundary: without those of kind other on which blocks meet."""
     return tuple(face.window for face in topology.boundary if face.patch == patch.name)
 
 
 def grid_numbers(grid: Grid, topology: Topology) -> dict:
-    """Collect what is known about a grid for JSON; block, face and node numbers are from 1."""
+    """Collect the numbers of a grid for JSON; block, face and node numbers are from 1."""
     return {
         "grid": grid.source,
         "blocks": grid.shapes,
@@ -138,6 +138,7 @@ def grid_numbers(grid: Grid, topology: Topology) -> dict:
 
 
 def _miss_numbers(miss: NearMiss) -> dict:
+    """Collect the numbers of a near miss for JSON."""
     other = _place(miss.other) if miss.other else None
     return {**_place(miss.window), "other": other, "gap": miss.gap, "spacing": miss.spacing}
 
@@ -175,11 +176,13 @@ def _periodic(grid: Grid, topology: Topology) -> tuple[PeriodicPair, ...]:
 
 
 def _describe_pair(pair: PeriodicPair, grid: Grid) -> str:
+    """Say which faces are periodic, and by which motion."""
     one, other = (" with ".join(describe(window, grid) for window in side) for side in (pair.windows, pair.others))
     return f"periodic, it seems: {one} and {other}, by a {pair.motion}"
 
 
 def _describe_miss(miss: NearMiss, grid: Grid) -> str:
+    """Say which faces nearly meet, and how far they are apart."""
     other = f" and {describe(miss.other, grid)}" if miss.other else ""
     return (
         f"near miss: {describe(miss.window, grid)}{other} are {miss.gap:.3g} m apart where cells are "
@@ -188,6 +191,7 @@ def _describe_miss(miss: NearMiss, grid: Grid) -> str:
 
 
 def _block_rows(grid: Grid, topology: Topology) -> list[tuple]:
+    """One row per block: its nodes, and counts of its interfaces, boundary and collapsed windows."""
     sides = [side.block for interface in topology.interfaces for side in (interface.a, interface.b)]
     boundary = [face.window.block for face in topology.boundary]
     collapsed = [window.block for window in topology.collapsed]
@@ -215,8 +219,10 @@ def _collapsed_faces(topology: Topology) -> list[Window]:
 
 
 def _n_flat(window: Window, shape) -> int:
+    """Count the directions in which a window is flat and its block is not."""
     return sum(n > 1 and lo == hi for n, lo, hi in zip(shape, window.lo, window.hi))
 
 
 def _place(window: Window) -> dict:
+    """Collect block and ranges of a window, from 1, for JSON."""
     return {"block": window.block + 1, "lo": [n + 1 for n in window.lo], "hi": [n + 1 for n in window.hi]}

@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run a command.
+    """Run a command and return its exit status.
 
     Parameters
     ----------

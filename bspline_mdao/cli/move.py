@@ -65,7 +65,7 @@ FEW_DIGITS = 8.0
 
 @dataclass(frozen=True)
 class MoveOptions:
-    """Options of ``move``.
+    """Options of the command ``move``.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class MoveOptions:
     design : tuple of str
         Patches that are the design surface; all walls where there is none.
     slide, fix, release : tuple of str
-        Patches that slide in their planes, are held, and are free.
+        Patches that slide in their planes, are fixed, and are free.
     surface : Path, optional
         File for the new control points of the design surface.
     allow_invalid : bool
@@ -95,7 +95,7 @@ class MoveOptions:
 
 @dataclass(frozen=True)
 class Moved:
-    """A grid that was moved, and what is told about it."""
+    """A grid that was moved, and what is reported about it."""
 
     mesh: MovingMesh
     initial: np.ndarray
@@ -179,8 +179,8 @@ def _grid(
     -------
     grid : Grid
     miss : SurfaceMiss or None
-        How far the control points alone would have missed that; None where they are given, and nothing is asked of
-        nodes.
+        How far the control points alone would have missed that; None where these come from a file, and nothing is
+        asked of nodes.
     """
     if any(isinstance(point_map, PrescribedPoints) for point_map in deformation.maps):
         return model.regenerate(points), None
@@ -296,7 +296,7 @@ def _row(number: int, increment: IncrementReport) -> tuple:
 
 
 def _warnings(moved: Moved) -> list[str]:
-    """What is wrong with a move that was made."""
+    """List what is wrong with a move that was made."""
     warnings = []
     if moved.largest_displacement == 0.0:
         warnings.append("warning: the deformation moves no point of the design surface")
@@ -349,6 +349,7 @@ def complaint(model: FittedModel, moved: Moved, options: MoverOptions) -> str:
 
 
 def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> tuple[str, str]:
+    """Find the first cause that applies, and what cures it."""
     mesh, report = moved.mesh, moved.movement.report
     if mesh.n_invalid:
         n = f"{mesh.n_invalid:,} of {len(mesh.elements):,}"
@@ -363,9 +364,9 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
         return "the splines fold between control points, whose mesh stays valid", "take a smaller deformation"
     number, increment = first
     cause = f"the control mesh tangles in increment {number} of {report.n_increments}, {increment.place}"
-    held = [what for what, _ in mesh.obstacles if what not in cause]
-    if held:
-        cause += f"; {held[0]} is fixed where the surface ends on it: --slide or --release it if the cells are there"
+    fixed = [what for what, _ in mesh.obstacles if what not in cause]
+    if fixed:
+        cause += f"; {fixed[0]} is fixed where the surface ends on it: --slide or --release it if the cells are there"
     return cause, _cure_of_tangling(report, options)
 
 

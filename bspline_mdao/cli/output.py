@@ -1,4 +1,4 @@
-"""What the commands write: JSON, tables, the first cells at walls, and progress."""
+"""Output of the commands: JSON, tables, the first cells at walls, and progress."""
 
 from __future__ import annotations
 
@@ -86,6 +86,7 @@ def written_json(path: Path | None, numbers: dict) -> Iterator[None]:
 
 
 def _plain(value):
+    """Turn numbers of NumPy into those of Python, and those that are not finite into None."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -149,6 +150,7 @@ def counts_text(counts: Sequence[int]) -> str:
 
 
 def _cell(value: object) -> str:
+    """Write what is in a cell of a table."""
     if isinstance(value, float):
         return f"{value:.3g}" if 0.01 <= abs(value) < 1000.0 else f"{value:.1e}"
     return f"{value:,}" if isinstance(value, int) else str(value)
@@ -228,7 +230,7 @@ def show_heights(heights: Sequence[PatchHeights]) -> None:
 
 
 def show_height_ratios(heights: Sequence[PatchHeights]) -> None:
-    """Print the heights at walls by those of a baseline, if there are any."""
+    """Print the heights at walls relative to those of a baseline, if there are any."""
     if heights:
         print_lines(["heights of the first cells at walls, by those of the baseline:"])
         columns = ["wall", "min", "1 %", "median", "99 %", "max", "worst at"]
@@ -236,14 +238,17 @@ def show_height_ratios(heights: Sequence[PatchHeights]) -> None:
 
 
 def _metres(wall: PatchHeights | WallSpacing) -> list[str]:
+    """Write the heights of the first cells at a wall (m)."""
     return [f"{getattr(wall, name):.2e}" for name in HEIGHTS]
 
 
 def _ratios(h: PatchHeights) -> list[str]:
+    """Write the heights at a wall relative to those of the baseline."""
     return [f"{x:.3f}" for x in (h.ratio_min, h.ratio_p01, h.ratio_median, h.ratio_p99, h.ratio_max)]
 
 
 def _place(node: WallNode) -> str:
+    """Name a node of a wall."""
     return f"({node.i}, {node.j}, {node.k}) of {node.block}"
 
 

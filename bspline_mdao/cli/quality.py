@@ -1,4 +1,4 @@
-"""The command ``quality``."""
+"""The command ``quality``: the cells of a grid, and what a move made of them."""
 
 from __future__ import annotations
 
@@ -95,12 +95,13 @@ def _baseline_of(name: str, grid: Grid, grid_name: str) -> Grid:
 
 
 def _shapes_text(grid: Grid) -> str:
+    """Write the nodes of the first blocks."""
     shapes = [counts_text(shape) for shape in grid.shapes]
     return ", ".join(shapes[:3]) + (", ..." if len(shapes) > 3 else "")
 
 
 def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> dict:
-    """Collect what is known about the cells for JSON; cell numbers are from 1."""
+    """Collect the numbers of the cells for JSON; cell numbers are from 1."""
     is_compared = baseline_name is not None
     return {
         "grid": grid_name,
@@ -124,6 +125,7 @@ def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, n
 
 
 def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> None:
+    """Print the measures of the cells, the first cells at walls, and inverted cells."""
     print_title(f"{grid_name}: {report.n_cells:,} cells")
     rows = [
         ("smallest Q", f"{report.q_min:.4g}"),

@@ -1,4 +1,4 @@
-"""The command ``refine``."""
+"""The command ``refine``: a member of the grid family of a model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .output import (
 )
 
 MOST_NODES = 100_000_000
-"""Nodes beyond which a member is refused: its evaluation takes some 200 bytes a node."""
+"""A member with more nodes is refused: its evaluation takes some 200 bytes a node."""
 
 
 def refine_model(model: Path, factor: float, output: Path, json: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Where a command's grid comes from: a file, or the built-in grids by name.
+"""The grid of a command: from a file, or a built-in one by its name.
 
 What reads and makes grids is imported when it is called: help shows the names, and should not wait for NumPy.
 """
@@ -60,6 +60,7 @@ def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
 
 
 def _generate(grid_name: str) -> Grid:
+    """Make a built-in grid."""
     match = re.fullmatch(r"@(\w+)(?::(\d+)x(\d+)x(\d+))?", grid_name)
     if not match or match[1] not in BUILT_IN:
         names = ", ".join(f"@{name}" for name in BUILT_IN)

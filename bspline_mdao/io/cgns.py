@@ -31,7 +31,7 @@ from .cgns_nodes import (
     value,
     word,
 )
-from .disk import held_interrupts, read_raw, replaced_file, replaced_hdf5_file
+from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
 from .formats import ADF
 
 __all__ = ["CgnsDialect", "read_cgns", "write_cgns"]
@@ -40,14 +40,14 @@ LIBRARY_VERSION = 3.4
 """Version written into new files; older tools refuse 4.0."""
 
 _DATA_CLASS = "NormalizedByUnknownDimensional"
-"""What is said of the units: nothing, because most grid files that are converted do not tell theirs."""
+"""Units of new files: none are stated, because most grid files that are converted do not state theirs."""
 
 _AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
 
 @dataclass(frozen=True)
 class CgnsDialect:
-    """Where a CGNS grid came from.
+    """Origin of a CGNS grid: its file, and what of it was not taken over.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     head = read_raw(path, 64)
     if head.startswith(ADF) or head[4:].startswith(ADF):
         raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
-    with held_interrupts(), damaged_is_input_error(source), h5py.File(path, "r") as file:
+    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(path, "r") as file:
         zones = _find_zones(file, source)
         blocks = tuple(Block(_read_nodes(base, zone, name, source), name) for name, base, zone in zones)
         shapes = [block.shape for block in blocks]
@@ -143,17 +143,19 @@ def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> n
 
 
 def _zone_shape(zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
+    """Node counts of a zone, 1 in directions that it does not have."""
     sizes = np.asarray(value(zone))
     if sizes.ndim != 2 or sizes.shape[0] != 3 or not 1 <= sizes.shape[1] <= 3 or sizes[0].min() < 1:
         raise InputError(f"{source}: zone '{name}' has no node counts of a structured zone; write it again")
     # only arrays that are really in the file are as large as this, so that nothing is reserved for a damaged count
-    held = sum(data.size for _, data in _datasets(zone))
-    if float(np.prod(sizes[0].astype(float))) > held:
+    n_stored = sum(data.size for _, data in _datasets(zone))
+    if float(np.prod(sizes[0].astype(float))) > n_stored:
         raise InputError(f"{source}: zone '{name}' announces {sizes[0].tolist()} nodes and holds fewer; write it again")
     return tuple(int(n) for n in sizes[0]) + (1,) * (3 - sizes.shape[1])
 
 
 def _datasets(zone: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
+    """Name and values of every coordinate of a zone."""
     return [(name, node[" data"]) for name, node in children(_grid_coordinates(zone), "DataArray_t")]
 
 
@@ -166,6 +168,7 @@ def _grid_coordinates(zone: h5py.Group) -> h5py.Group:
 
 
 def _coordinates(zone: h5py.Group, n_axes: int, name: str, source: str) -> list[h5py.Group]:
+    """Nodes of the Cartesian coordinates of a zone, in the order x, y, z."""
     arrays = dict(children(_grid_coordinates(zone), "DataArray_t"))
     missing = [axis for axis in _AXES[: min(max(n_axes, 1), 3)] if axis not in arrays]
     if missing:
@@ -204,12 +207,13 @@ def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
 
 
 def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
+    """Write a copy of the file that a grid was read from, with its nodes."""
     source = grid.dialect.path
     if not os.path.isfile(source):
         raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
     with replaced_file(path) as temporary:
         shutil.copyfile(source, temporary)
-        with damaged_is_input_error(source), held_interrupts():
+        with damaged_is_input_error(source), deferred_interrupts():
             _replace_coordinates(temporary, source, grid, topology)
 
 
@@ -248,7 +252,8 @@ def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
 
 
 def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
-    with replaced_hdf5_file(path) as file, held_interrupts():
+    """Write a file of one base, with a zone for every block."""
+    with replaced_hdf5_file(path) as file, deferred_interrupts():
         _write_root(file)
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3
@@ -270,6 +275,7 @@ def _write_root(file: h5py.File) -> None:
 
 
 def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
+    """Write a block as a zone of 2 or 3 index directions."""
     n_nodes = np.array(block.shape[:n_indices], np.int32)
     sizes = np.array([n_nodes, n_nodes - 1, np.zeros_like(n_nodes)])
     zone = add_node(base, free_name(base, block.name), "Zone_t", sizes)

@@ -1,7 +1,7 @@
 """Faces of CGNS zones: boundary conditions and the patches that they make, and one-to-one connections.
 
 A ``GridConnectivity1to1_t`` names the donor zone, the range of nodes on this side (``PointRange``), the range that it
-meets there (``PointRangeDonor``) and the ``Transform``: direction d here runs along direction ``|T[d]|`` of the donor,
+meets there (``PointRangeDonor``) and the ``Transform``: direction d here is along direction ``|T[d]|`` of the donor,
 backwards where ``T[d]`` is negative (SIDS, section 8.2). Each connection stands in both zones.
 
 Format: ``docs/theory/grid_files.rst``.
@@ -34,6 +34,9 @@ _TYPE_OF_KIND = {
     "other": "UserDefined",
 }
 _TYPES_THAT_SAY_NOTHING = ("", "Null", "UserDefined", "BCTypeNull", "BCTypeUserDefined")
+POINT_SIZE = 1e-9
+"""A collapsed face smaller than this part of its coordinates is a point: far above their round-off in 8-byte reals."""
+
 _NO_KIND = "BCGeneral"
 """Type of a patch of kind other whose name would be taken for another kind."""
 
@@ -92,6 +95,7 @@ def read_patches_of_zones(
 
 
 def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
+    """Name and node of every boundary condition of a zone."""
     return [bc for _, zone_bc in children(zone, "ZoneBC_t") for bc in children(zone_bc, "BC_t")]
 
 
@@ -168,10 +172,11 @@ def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collap
 def _degenerate_type(nodes: np.ndarray) -> str:
     """Type of the condition on a face that has collapsed, from its nodes, shape (ni, nj, nk, 3)."""
     sizes = [np.linalg.norm(np.ptp(nodes, axis=d), axis=-1).max() for d in range(3) if nodes.shape[d] > 1]
-    return "BCDegeneratePoint" if max(sizes) <= 1e-9 * np.abs(nodes).max() else "BCDegenerateLine"
+    return "BCDegeneratePoint" if max(sizes) <= POINT_SIZE * np.abs(nodes).max() else "BCDegenerateLine"
 
 
 def _add_condition(zone: h5py.Group, bc_type: str, window: Window) -> h5py.Group:
+    """Write a boundary condition on a window of a face."""
     zone_bc = zone["ZoneBC"] if "ZoneBC" in zone else add_node(zone, "ZoneBC", "ZoneBC_t")
     condition = add_node(zone_bc, f"BC{len(children(zone_bc, 'BC_t')) + 1}", "BC_t", bc_type)
     n_dimensions = zone[" data"].shape[1]
@@ -231,6 +236,7 @@ def _connections(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
 
 
 def _is_periodic(node: h5py.Group) -> bool:
+    """Whether a connection is declared periodic."""
     property_ = first_child(node, "GridConnectivityProperty_t")
     return property_ is not None and first_child(property_, "Periodic_t") is not None
 
@@ -253,7 +259,7 @@ def _parse(node: h5py.Group, block: int, donor: int, shapes) -> Interface | None
 
 
 def _range_window(block: int, ends: np.ndarray, shape) -> Window | None:
-    """Window on a face of a block from the ends of a range, which may run backwards."""
+    """Window on a face of a block from the ends of a range, of which the second may be the lower."""
     ends = np.sort(np.asarray(ends).reshape(2, -1), axis=0) - 1
     lo, hi = (tuple(int(n) for n in end) + (0,) * (3 - len(end)) for end in ends)
     window = Window(block, lo, hi)

@@ -30,7 +30,7 @@ __all__ = [
     "word",
 ]
 
-_MAX_LINKS = 8
+_MAX_LINKS = 8  # links in a row, so that those in a circle end
 _DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)
 
 
@@ -114,12 +114,14 @@ def word(group: h5py.Group) -> str:
 
 
 def _text(attribute) -> str:
+    """Text of an attribute up to its first zero byte, however it is stored."""
     raw = attribute if isinstance(attribute, (bytes, str)) else np.asarray(attribute).tobytes()
     text = raw if isinstance(raw, str) else raw.decode("ascii", "replace")
     return text.split("\x00")[0]
 
 
 def _keeps_creation_order(group: h5py.Group) -> bool:
+    """Whether the file keeps the order in which the children of a node were made."""
     properties = group["."].id.get_create_plist()
     return bool(properties.get_link_creation_order() & h5py.h5p.CRT_ORDER_TRACKED)
 

@@ -1,9 +1,9 @@
 """Files on disk: read as a whole, perhaps compressed; written so that a reader never sees half of one.
 
 What is new is written into a private folder beside its target, flushed to the disk, and put in its place by renaming. A
-process that is killed leaves its private folder behind; the next one that writes there removes it. A lock tells the two
-apart: the system gives it back when its process ends, however that comes about. HDF5 files are written in memory first,
-and no interrupt from the keyboard is lost in h5py.
+process that is killed leaves its private folder behind; the next one that writes there removes it. A lock distinguishes
+the two: the system gives it back when its process ends, however that comes about. HDF5 files are written in memory
+first, and no interrupt from the keyboard is lost in h5py.
 """
 
 from __future__ import annotations
@@ -109,6 +109,7 @@ def _check_replaceable(path: str | os.PathLike, target: Path) -> None:
 
 @contextmanager
 def _os_error_is_input_error(path: str | os.PathLike) -> Iterator[None]:
+    """Turn an error of the system into an `InputError` of one line that names the path."""
     try:
         yield
     except OSError as error:
@@ -209,7 +210,7 @@ def _flush_folder(folder: Path) -> None:
 
 
 @contextmanager
-def held_interrupts() -> Iterator[None]:
+def deferred_interrupts() -> Iterator[None]:
     """Hold an interrupt from the keyboard back until the block ends.
 
     The first Python code that runs after a call of the HDF5 library is often a callback of one of h5py's weak
@@ -250,12 +251,12 @@ def replaced_hdf5_file(path: str | os.PathLike) -> Iterator[h5py.File]:
         When the file cannot be written, see `bspline_mdao.io.disk.replaced_file`.
     """
     buffer = io.BytesIO()
-    with held_interrupts():
+    with deferred_interrupts():
         file = h5py.File(buffer, "w", track_order=True)
     try:
         yield file
     finally:
-        with held_interrupts():
+        with deferred_interrupts():
             file.close()
     with replaced_file(path) as temporary:
         temporary.write_bytes(buffer.getvalue())
@@ -289,7 +290,7 @@ def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool, tuple[str, ...]]:
     Raises
     ------
     InputError
-        When it cannot be read, is damaged, or grows beyond what a grid does.
+        When it cannot be read, is damaged, or grows more than a grid does.
     """
     data = read_raw(path)
     if not data.startswith(_MAGIC):
@@ -338,4 +339,5 @@ def _decompress(data: bytes, path) -> tuple[bytes, int]:
 
 
 def _damaged(path, error) -> InputError:
+    """Return the error of a gzip file that cannot be decompressed."""
     return InputError(f"{path}: damaged gzip file ({error}); transfer or compress it again")

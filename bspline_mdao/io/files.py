@@ -1,4 +1,4 @@
-"""Grid files of all formats: the content tells which one is read, the grid or the name which one is written."""
+"""Grid files of all formats: read by their content, written in the format that the name or the grid asks for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .plot3d import Plot3dDialect
 
 __all__ = ["check_grid_name", "read_grid", "write_grid"]
 
-_HEAD = 4096  # bytes that tell the format
+_HEAD = 4096  # bytes in which the signature of a format is looked for
 
 
 def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:

@@ -84,7 +84,7 @@ FORMATS = (
     GridFormat(
         "PLOT3D",
         "plot3d",
-        "write_plot3d_by_name",
+        "write_plot3d_as_named",
         "read_plot3d",
         suffixes=("", ".xyz", ".x", ".p3d", ".plot3d", ".g", ".grd", ".unf", ".fmt", ".p3dfmt", ".txt"),
         shown=(".xyz", ".fmt"),

@@ -97,7 +97,7 @@ def _parse_plain(plain: bytes) -> np.ndarray:
 
 
 def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str) -> np.ndarray:
-    """Expand ``n*value``."""
+    """Expand repeats: ``n*value`` stands for a value n times."""
     padded = np.frombuffer(b" " + data + b" ", np.uint8)
     stars = np.flatnonzero(padded == ord("*")) - 1
     before, after = padded[stars], padded[stars + 2]
@@ -121,6 +121,7 @@ def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str) ->
 
 
 def _is_count(values: np.ndarray) -> np.ndarray:
+    """Mark positive whole numbers that a real holds exactly."""
     return (values >= 1) & (values < 2**53) & (np.floor(values) == values)
 
 
@@ -135,6 +136,7 @@ def _not_a_number(data: bytes, source: str) -> InputError:
 
 
 def _is_number(token: bytes) -> bool:
+    """Whether Python can read a token, with or without a repeat."""
     value = re.sub(rb"^\d+\*", b"", token).translate(_PLAIN)
     try:
         float(_LOST_EXPONENT.sub(rb"\1E\2", value))
@@ -219,6 +221,7 @@ def _subrecord(view: memoryview, start: int, byte_order: str, marker_bytes: int)
 
 
 def _marker(view: memoryview, start: int, byte_order: str, marker_bytes: int) -> int | None:
+    """Read a marker; None where the file ends in it."""
     raw = view[start : start + marker_bytes]
     if len(raw) < marker_bytes:
         return None

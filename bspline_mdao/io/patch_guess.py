@@ -1,4 +1,4 @@
-"""What the boundary of a grid probably is, from names and from where its faces lie; a first draft of a patches file."""
+"""A guess at the patches of a grid, from names and places of its faces, and the draft of a patches file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FAR = 0.3
 _KINDS = {"symmetry": "symmetry", "wall": "wall", "periodic": "other", "farfield": "farfield"}
 """Kinds of what is guessed, by the word that its name begins with."""
 
-_NODES_SAMPLED = 100_000
+_NODES_SAMPLED = 100_000  # enough for the median, which need not be exact
 _HEADER = """Patches of {source}: a draft to be checked.
 Kinds: wall, symmetry, farfield, other. Faces that are not named are free boundaries or found interfaces.
 A face may be cut: {{ block = 1, face = "kmin", i = [1, 13] }} (nodes counted from 1).
@@ -121,6 +121,7 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
 
 
 def _frame(grid: Grid) -> _Frame:
+    """Measure a grid; its middle is judged from nodes spread over it."""
     low = np.min([block.nodes.min(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
     high = np.max([block.nodes.max(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
     step = 1 + grid.n_nodes // _NODES_SAMPLED
@@ -130,6 +131,7 @@ def _frame(grid: Grid) -> _Frame:
 
 
 def _guess(grid: Grid, window: Window, frame: _Frame) -> str:
+    """Name what a window probably is, periodic planes apart."""
     nodes = grid.blocks[window.block].nodes[window.slices].reshape(-1, 3)
     for axis, letter in enumerate("xyz"):
         if _is_symmetry(grid, window, nodes[:, axis], frame, axis):
@@ -139,10 +141,11 @@ def _guess(grid: Grid, window: Window, frame: _Frame) -> str:
 
 
 def _is_symmetry(grid: Grid, window: Window, values: np.ndarray, frame: _Frame, axis: int) -> bool:
+    """Whether a window is a plane of symmetry normal to an axis, from its nodes' values along it."""
     tolerance = PLANAR * frame.size
     level = float(values.mean())
-    is_at_rim = min(abs(level - frame.low[axis]), abs(level - frame.high[axis])) <= tolerance
-    if np.ptp(values) > tolerance or not is_at_rim:
+    is_outermost = min(abs(level - frame.low[axis]), abs(level - frame.high[axis])) <= tolerance
+    if np.ptp(values) > tolerance or not is_outermost:
         return False
     shape = grid.shapes[window.block]
     is_one_deep = any(n <= 2 and lo == hi for n, lo, hi in zip(shape, window.lo, window.hi))
@@ -183,6 +186,7 @@ def draft_patches(grid: Grid, patches: Sequence[Patch]) -> str:
 
 
 def _draft_face(grid: Grid, window: Window):
+    """Write a window as an inline table: block, face, and ranges where it covers a part of the face."""
     block = grid.blocks[window.block]
     face = _face_of(window, block.shape)
     entry = tomlkit.inline_table()

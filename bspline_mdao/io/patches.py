@@ -48,7 +48,7 @@ INTERFACE = "interface"
 """In ``[kinds]``: such a patch is none, the topology finds what lies against it."""
 
 MAX_BYTES = 2**22
-"""Length of a patches file beyond which it is something else."""
+"""A longer file is no patches file."""
 
 _DIRECTIONS = "ijk"
 
@@ -81,6 +81,7 @@ def read_patches(path: str | os.PathLike, grid: Grid) -> Grid:
 
 
 def _read_text(path: str | os.PathLike) -> str:
+    """Read a patches file, unless it is too long or no text."""
     try:
         if os.path.getsize(path) > MAX_BYTES:
             raise InputError(f"{path}: is longer than {MAX_BYTES} bytes; is this a patches file?")
@@ -135,6 +136,7 @@ def _face_key(window: Window) -> tuple:
 
 
 def _add_toml(text: str, grid: Grid, path: Path) -> Grid:
+    """Add the patches of a TOML file to a grid: those that it includes, kinds by names, and those that it declares."""
     source = str(path)
     try:
         document = tomlkit.parse(text).unwrap()
@@ -157,6 +159,7 @@ def _add_toml(text: str, grid: Grid, path: Path) -> Grid:
 
 
 def _include(name: object, grid: Grid, path: Path) -> Grid:
+    """Add the patches of the neutral map file that a TOML file includes."""
     if not isinstance(name, str) or "\0" in name:
         raise InputError(f"{path}: 'include' is not the name of a NMF file")
     included = path.parent / name
@@ -186,6 +189,7 @@ def _rename_kinds(kinds: object, grid: Grid, source: str) -> Grid:
 
 
 def _parse_patch(table: object, number: int, grid: Grid, source: str) -> Patch:
+    """Read one table ``[[patch]]``."""
     where = f"{source}: patch {number}"
     if not isinstance(table, Mapping):
         raise InputError(f"{where} is not a table; write [[patch]] and its keys below")
@@ -206,6 +210,7 @@ def _parse_patch(table: object, number: int, grid: Grid, source: str) -> Patch:
 
 
 def _parse_face(face: object, grid: Grid, where: str) -> Window:
+    """Read one entry of ``faces``."""
     if not isinstance(face, Mapping):
         raise InputError(f'{where} is not a table like {{ block = 1, face = "kmin" }}')
     _check_keys(face, {"block", "face", *_DIRECTIONS}, where)
@@ -224,6 +229,7 @@ def _parse_face(face: object, grid: Grid, where: str) -> Window:
 
 
 def _find_block(key: object, grid: Grid, where: str) -> int:
+    """Return the number, from 0, of a block that is named or numbered from 1."""
     names = [block.name for block in grid.blocks]
     if isinstance(key, str) and names.count(key) == 1:
         return names.index(key)
@@ -235,16 +241,18 @@ def _find_block(key: object, grid: Grid, where: str) -> int:
 
 
 def _parse_range(ends: object, n_nodes: int, where: str) -> tuple[int, int]:
+    """Return the first and last index, from 0, of a range of nodes counted from 1."""
     is_pair = isinstance(ends, list) and len(ends) == 2 and all(type(end) is int for end in ends)
     if not is_pair or not 1 <= ends[0] <= ends[1] <= n_nodes or (ends[0] == ends[1] and n_nodes > 1):
         raise InputError(f"{where} = {ends!r} is no range of nodes; write [first, last] within 1 to {n_nodes}")
     return ends[0] - 1, ends[1] - 1
 
 
-def _check_keys(table: Mapping, known: set[str], where: str) -> None:
-    unknown = next((key for key in table if key not in known), None)
+def _check_keys(table: Mapping, allowed: set[str], where: str) -> None:
+    """Refuse a table with a misspelt key."""
+    unknown = next((key for key in table if key not in allowed), None)
     if unknown is not None:
-        raise InputError(f"{where}: key '{unknown}' is not known; the keys are {_listed(sorted(known))}")
+        raise InputError(f"{where}: key '{unknown}' is not known; the keys are {_listed(sorted(allowed))}")
 
 
 def _listed(words: Sequence[str]) -> str:
@@ -317,6 +325,7 @@ def _lines(text: str):
 
 
 def _check_blocks(lines: list[tuple[int, str]], grid: Grid, source: str) -> int:
+    """Return the number of blocks of a map file, refusing one whose blocks are not those of the grid."""
     n_blocks = int(lines[0][1])
     if n_blocks != len(grid.blocks):
         raise InputError(
@@ -332,6 +341,7 @@ def _check_blocks(lines: list[tuple[int, str]], grid: Grid, source: str) -> int:
 
 
 def _split_entry(line: str, where: str) -> tuple[str, list[str]]:
+    """Split a line into its type and the fields that follow."""
     match = re.match(r"""('[^']*'|"[^"]*"|[^\s'"]+)\s+(.*)""", line)
     name, fields = (match[1].strip("'\" "), match[2].split()) if match else ("", [])
     numbers = fields[:12] if len(fields) > 6 else fields
@@ -364,6 +374,7 @@ def _parse_rectangle(fields: list[str], grid: Grid, where: str) -> tuple[Window,
 
 
 def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid, where: str) -> None:
+    """Refuse a connection whose two sides do not coincide."""
     if len(fields) < 6:
         raise InputError(f"{where}: names one side of a connection; add B2 F2 S1 E1 S2 E2 and swap")
     other = _parse_rectangle(fields[:6], grid, where)[1]
@@ -381,5 +392,6 @@ def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid, where: s
 
 
 def _shortest_edge(nodes: np.ndarray) -> float:
+    """Length of the shortest edge of a face that is not collapsed."""
     edges = np.concatenate([np.linalg.norm(np.diff(nodes, axis=d), axis=-1).ravel() for d in (0, 1)])
     return float(edges[edges > 0.0].min(initial=np.inf))

@@ -33,7 +33,7 @@ _CLEARLY_SMOOTHER = 0.5
 """A reading is taken if its grid is less rough than any other's by this ratio: real rivals differ by far more."""
 
 _NODES_JUDGED = 200_000
-"""Nodes of a block from which roughness is judged: enough to tell grids from noise, and quick."""
+"""Nodes of a block from which roughness is judged: enough to distinguish grids from noise, and quick."""
 
 _SMOOTHEST = 1e-3
 """Mean change of an edge relative to its length below which cells are all equally smooth."""
@@ -44,7 +44,7 @@ _FLATTEST = 1e-6
 
 @dataclass(frozen=True)
 class Plot3dDialect:
-    """How a PLOT3D grid is written.
+    """Dialect of PLOT3D in which a grid is written.
 
     Parameters
     ----------
@@ -93,20 +93,20 @@ class Plot3dDialect:
 
     @property
     def integer_dtype(self) -> np.dtype:
-        """Type of a count or IBLANK in the bytes of a `Reading`; numbers of a text are all held as reals."""
+        """Type of a count or IBLANK in the bytes of a `Reading`; all numbers of a text are reals."""
         return np.dtype(np.float64) if self.encoding == "ascii" else np.dtype(f"{self.byte_order}i4")
 
     @property
     def node_bytes(self) -> int:
-        """Bytes per node."""
+        """Number of bytes per node: its coordinates, and IBLANK where there is one."""
         return self.n_dimensions * self.real_dtype.itemsize + self.has_iblank * self.integer_dtype.itemsize
 
     def header_bytes(self, n_blocks: int) -> int:
-        """Bytes of the header."""
+        """Return the number of bytes of the header of a file of so many blocks."""
         return self.integer_dtype.itemsize * (self.has_block_count + n_blocks * self.n_dimensions)
 
     def pieces(self, shape: tuple[int, int, int]) -> Iterator[tuple[int, int]]:
-        """Ranges of k whose coordinates stand together: the whole block or its planes one by one."""
+        """Ranges of k whose coordinates follow each other: the whole block or its planes one by one."""
         ends = range(1, shape[2] + 1) if self.layout == "planes" else (shape[2],)
         start = 0
         for stop in ends:
@@ -162,7 +162,7 @@ def exact_readings(data: bytes, source: str) -> list[Reading]:
     Raises
     ------
     InputError
-        When there is none; the message tells what the likeliest header announces.
+        When there is none; the message says what the likeliest header announces.
     """
     exact, near = [], []
     for dialect, content, lengths in _containers(data, source):
@@ -196,6 +196,7 @@ def _containers(data: bytes, source: str) -> Iterator[tuple[Plot3dDialect, objec
 
 
 def _node_formats(dialect: Plot3dDialect) -> list[Plot3dDialect]:
+    """List the dialects of a header with all lengths of reals, with and without IBLANK."""
     sizes = (8,) if dialect.encoding == "ascii" else (4, 8)
     return [replace(dialect, real_bytes=size, has_iblank=blank) for size, blank in product(sizes, (False, True))]
 
@@ -276,22 +277,22 @@ def _no_reading(near: list[Reading], n_bytes: int, source: str) -> InputError:
         return InputError(f"{source}: is not a PLOT3D grid in any known dialect: no header fits its {n_bytes} bytes")
     size = best.dialect.real_dtype.itemsize if best.dialect.encoding == "ascii" else 1
     unit = "numbers" if best.dialect.encoding == "ascii" else "bytes"
-    held = memoryview(best.content).nbytes // size
-    announced = held - int(_misfit(best) / size)
-    if announced == held:
+    n_present = memoryview(best.content).nbytes // size
+    announced = n_present - int(_misfit(best) / size)
+    if announced == n_present:
         return InputError(f"{source}: the Fortran records are cut in no known way; write one record per block")
     shown = "(" + ", ".join(str(n) for n in best.shapes[0].tolist()) + ")"
-    what = "truncated" if announced > held else "too long"
+    what = "truncated" if announced > n_present else "too long"
     return InputError(
         f"{source}: {what}: read as PLOT3D ({best.dialect}), {len(best.shapes)} block(s) beginning with {shown} need "
-        f"{announced} {unit}, but it holds {held}; transfer or write it again"
+        f"{announced} {unit}, but it holds {n_present}; transfer or write it again"
     )
 
 
 def _distance(reading: Reading) -> float:
-    """How far a header is from the file's length; unlikely formats count a little more."""
-    held = memoryview(reading.content).nbytes
-    ratio = abs(np.log((held - _misfit(reading)) / held))
+    """Measure how far a header is from the file's length; unlikely formats count a little more."""
+    n_bytes = memoryview(reading.content).nbytes
+    ratio = abs(np.log((n_bytes - _misfit(reading)) / n_bytes))
     return ratio + 0.1 * (not reading.dialect.has_block_count) + 0.05 * reading.dialect.has_iblank
 
 
@@ -356,6 +357,7 @@ def _by_blanking(rivals: list) -> list:
 
 
 def _read_blocks(reading: Reading) -> tuple[Block, ...]:
+    """Read the blocks of one way to read a file."""
     start = reading.dialect.header_bytes(len(reading.shapes))
     blocks = []
     for number, shape in enumerate(reading.shapes.tolist(), 1):
@@ -395,7 +397,7 @@ def _as_int32(values: np.ndarray) -> np.ndarray:
 
 
 def _roughness(blocks: Iterable[Block]) -> float:
-    """Mean change of a cell edge from cell to cell, relative to the edge, by how far cells are from being flat.
+    """Mean change of a cell edge from cell to cell, relative to the edge, divided by how far cells are from being flat.
 
     Near 0 for a grid and above 1.5 for noise; large, too, where x, y and z are planes of one and the same coordinate.
     """
@@ -464,6 +466,7 @@ def write_plot3d(path: str | os.PathLike, grid: Grid, dialect: Plot3dDialect | N
 
 
 def _check_fits(grid: Grid, dialect: Plot3dDialect) -> None:
+    """Refuse a grid that a dialect cannot hold, or that has a damaged node."""
     if len(grid.blocks) != 1 and not dialect.has_block_count:
         raise InputError(
             f"{grid.source}: {len(grid.blocks)} blocks do not fit a PLOT3D file without a block count; "
@@ -492,7 +495,7 @@ def _encode(grid: Grid, dialect: Plot3dDialect) -> Iterator[bytes]:
 
 
 def _records(grid: Grid, dialect: Plot3dDialect) -> Iterator[list[np.ndarray]]:
-    """Arrays of the file in order, those of one record together."""
+    """Arrays of the file in order, the arrays of a record in one list."""
     integer = np.dtype(np.int64) if dialect.encoding == "ascii" else dialect.integer_dtype
     if dialect.has_block_count:
         yield [np.array([len(grid.blocks)], integer)]
@@ -517,7 +520,7 @@ def _piece_arrays(block: Block, lo: int, hi: int, dialect: Plot3dDialect, intege
     return arrays
 
 
-def write_plot3d_by_name(path: str | os.PathLike, grid: Grid) -> None:
+def write_plot3d_as_named(path: str | os.PathLike, grid: Grid) -> None:
     """Write a PLOT3D grid as it was read, or else as the name says: ASCII or raw binary, compressed or not.
 
     Parameters

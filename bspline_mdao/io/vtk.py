@@ -1,4 +1,7 @@
-"""Grids for ParaView: a VTK multi-block index (``.vtm``) and one structured grid (``.vts``) per block."""
+"""Grids for ParaView: a VTK multi-block index (``.vtm``) and one structured grid (``.vts``) per block.
+
+Format: ``docs/theory/grid_files.rst``.
+"""
 
 from __future__ import annotations
 
@@ -74,6 +77,7 @@ def write_vtk(
 
 
 def _check_fields(fields: Fields, shapes: Sequence[tuple[int, ...]], kind: str) -> None:
+    """Refuse fields that do not fit the blocks, or whose type VTK does not have."""
     for name, values in fields.items():
         if len(values) != len(shapes):
             raise InputError(f"{kind} field '{name}' has values on {len(values)} blocks, the grid has {len(shapes)}")
@@ -130,7 +134,7 @@ class _Appended:
     def declare(self, name: str, values: np.ndarray) -> str:
         """Queue an array and give the element that refers to it."""
         n_components = values.shape[3] if values.ndim == 4 else 1
-        # VTK runs i fastest, with the components of a node together
+        # in VTK i runs fastest, and the components of a node follow each other
         array = np.ascontiguousarray(values.transpose((2, 1, 0, *range(3, values.ndim))))
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         element = (
@@ -143,6 +147,7 @@ class _Appended:
 
 
 def _write_index(path: Path, grid: Grid, folder: str, names: Sequence[str]) -> None:
+    """Write the index, which names the files of the blocks."""
     lines = [
         '<?xml version="1.0"?>',
         f'<VTKFile type="vtkMultiBlockDataSet" version="1.0" byte_order="{_BYTE_ORDER}" header_type="UInt64">',

@@ -31,7 +31,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.cgns import CgnsDialect
-from ..io.disk import held_interrupts, replaced_hdf5_file
+from ..io.disk import deferred_interrupts, replaced_hdf5_file
 from ..io.plot3d import Plot3dDialect
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
@@ -90,11 +90,11 @@ def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, 
     options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
     with replaced_hdf5_file(path) as file:
         attributes = {"format": FORMAT, "version": VERSION, "checksum": _checksum(document, arrays)}
-        with held_interrupts():
+        with deferred_interrupts():
             file.attrs.update(attributes)
             file["document"] = np.frombuffer(document, np.uint8)
         for name, array in arrays.items():
-            with held_interrupts():
+            with deferred_interrupts():
                 file.create_dataset(name, data=array, **options)
 
 
@@ -140,7 +140,7 @@ def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
     limit = _LARGEST_RATIO * os.path.getsize(path)
-    with held_interrupts(), h5py.File(path, "r") as file:
+    with deferred_interrupts(), h5py.File(path, "r") as file:
         if file.attrs.get("format") != FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:

@@ -1,4 +1,4 @@
-"""Which nodes on the faces of blocks are one and the same point.
+"""Numbers for the points on which the nodes on faces of blocks lie: nodes that coincide are one point.
 
 Two nodes coincide if they are closer than a small part of the local spacing, or than the round-off of the numbers in
 the file allows, but never so that the two ends of a cell edge of non-zero length become one.
@@ -66,7 +66,7 @@ class Coincidence:
     is_coarse: bool
 
     def rounding(self, points: np.ndarray) -> np.ndarray:
-        """How far apart the same point may be stored twice, in each coordinate (m), of points (..., 3)."""
+        """Return how far apart (m) each of points (..., 3) may be stored twice, in each coordinate."""
         return _rounding(points, self.round_off, self.unit)
 
 

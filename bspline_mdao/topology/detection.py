@@ -134,7 +134,7 @@ def _covered(faces: Sequence[Face], windows: Sequence[Window]) -> np.ndarray:
 
 
 def _patch_ids(faces: Sequence[Face], patches: Sequence[Patch]) -> np.ndarray:
-    """Number of the patch that each quad of all faces belongs to, a known kind before another one; -1 for none."""
+    """Return the patch that each quad of all faces belongs to, kind other last, by its number; -1 for none."""
     ids = [np.full(face.n_quads, -1) for face in faces]
     for number in sorted(range(len(patches)), key=lambda number: patches[number].kind != "other"):
         by_block = by_blocks(patches[number].windows)

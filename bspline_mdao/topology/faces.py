@@ -38,7 +38,7 @@ class Face:
 
     @property
     def tangents(self) -> tuple[int, int]:
-        """The two directions of the block that run in the face, ascending."""
+        """Directions of the block along the face, ascending."""
         return tuple(d for d in range(3) if d != self.normal)
 
     @property
@@ -106,7 +106,7 @@ def collapsed_windows(faces: Sequence[Face]) -> dict[Window, tuple[int, ...]]:
 
 
 def _containment(windows: dict[Window, tuple[int, ...]]):
-    """Return a function that tells whether an edge without extent along d lies in one of the windows without it."""
+    """Return a function that says whether an edge without extent along d lies in one of the windows without it."""
     ends: dict[tuple[int, int], list[tuple]] = {}
     for window, directions in windows.items():
         for d in directions:
@@ -133,6 +133,7 @@ def _zero_edges(face: Face, axis: int) -> np.ndarray:
 
 
 def _collapsed_faces(face: Face, axis: int) -> list[Window]:
+    """Windows of a face of zero extent along one tangent axis."""
     if face.ids.shape[axis] == 1:
         return []
     mask = np.moveaxis(_collapsed_quads(face, axis), 0, axis)

@@ -12,7 +12,7 @@ from ..errors import InputError
 from .index_space import Interface, Window
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
-"""Boundary conditions that the project tells apart."""
+"""Kinds of boundary conditions."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Block:
-    """One structured block.
+    """A structured block: its nodes, and PLOT3D blanking.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Grid:
-    """A multi-block structured grid.
+    """A multi-block structured grid: blocks, declared patches and connections, and how it was written.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Grid:
     dialect : object, optional
         How the file was written, so that it can be written back alike; None for a generated grid.
     connections : tuple of Interface
-        One-to-one connections that the file declares, each once. The topology is found from the nodes; it tells where
+        One-to-one connections that the file declares, each once. The topology is found from the nodes; it warns where
         the two do not agree.
     """
 
@@ -125,7 +125,7 @@ class Grid:
 
     @property
     def shapes(self) -> tuple[tuple[int, int, int], ...]:
-        """Shape of every block."""
+        """Number of nodes of every block in each direction."""
         return tuple(block.shape for block in self.blocks)
 
     @property
@@ -167,7 +167,7 @@ def require_grid(grid) -> None:
 
 
 def find_fault(blocks: Iterable[Block]) -> str | None:
-    """Name the first node that is not finite, far beyond any grid, or has an IBLANK that is none.
+    """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none.
 
     Parameters
     ----------
@@ -203,4 +203,5 @@ MAX_IBLANK = 1_000_000
 
 
 def _shown(index: list[int]) -> str:
+    """Write an index from 1."""
     return "(" + ", ".join(str(i + 1) for i in index) + ")"

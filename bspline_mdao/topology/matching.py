@@ -258,6 +258,7 @@ class Meeting:
         ]
 
     def _completed(self, regions: Sequence[Region]) -> list[Region]:
+        """Extend regions one after the other, the largest first, each over quads that none before it has taken."""
         is_free = self.is_free.copy()
         if not self.coincidence.is_coarse:
             for region in regions:
@@ -371,6 +372,7 @@ class _Surface:
 
     @classmethod
     def of(cls, number: int, face: Face, nodes: np.ndarray, is_free: np.ndarray, coincidence: Coincidence) -> _Surface:
+        """Take a face with its nodes (ni, nj, nk, 3), and measure how far each may be from the one it meets."""
         nodes = nodes.squeeze(face.normal)
         shortest = np.full(nodes.shape[:2], np.inf)
         for axis in range(2):
@@ -413,7 +415,7 @@ class _Surface:
 
 
 def _key(region: Region):
-    """Return what tells regions apart and orders them."""
+    """Return the sort key of a region, which no other region has."""
     return region.a, region.b, region.turn, region.shift
 
 

@@ -28,7 +28,7 @@ SMALLEST = 1e-3
 """Rotations by less than this angle (rad), and translations by less than this part of the grid's size, are none."""
 
 MOST_CORNERS, MOST_TRIED = 1_000, 64
-"""Corners of windows beyond which no pair is looked for, and motions that are tried, the most frequent first."""
+"""Most corners of windows among which pairs are looked for, and motions that are tried, the most frequent first."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Motion:
         return abs(quarters - round(quarters)) < SMALLEST
 
     def inverse(self) -> Motion:
-        """The motion back."""
+        """Return the motion from the others back to the windows."""
         return Motion(self.axis, -self.angle, tuple(-s for s in self.shift))
 
     def turn(self, vectors: np.ndarray) -> np.ndarray:
@@ -123,10 +123,10 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
         return ()
     pairs, left = [], set(range(len(sides)))
     for motion in [*_rotations(sides, size), *_translations(sides, size)]:
-        able = [n for n in sorted(left) if not (motion.is_of_box and sides[n].is_planar(size))]
-        if not able:
+        candidates = [n for n in sorted(left) if not (motion.is_of_box and sides[n].is_planar(size))]
+        if not candidates:
             continue
-        there, back = (_laid(sides, able, m, size) for m in (motion, motion.inverse()))
+        there, back = (_laid(sides, candidates, m, size) for m in (motion, motion.inverse()))
         if there and back and not there & back:
             pairs.append(PeriodicPair(*(tuple(windows[n] for n in sorted(part)) for part in (there, back)), motion))
             left -= there | back
@@ -148,6 +148,7 @@ class _Side:
 
     @classmethod
     def of(cls, grid: Grid, window: Window) -> _Side:
+        """Take the nodes of a window of a grid."""
         face, inner = face_layers(grid.blocks[window.block].nodes, window)
         inwards = inner - face
         length = np.linalg.norm(inwards, axis=-1, keepdims=True)
@@ -198,13 +199,13 @@ def _frequent(values: np.ndarray, tolerance: float) -> np.ndarray:
     return values[first[order[counts[order] > 1]]]
 
 
-def _laid(sides: list[_Side], able: list[int], motion: Motion, size: float) -> set[int]:
+def _laid(sides: list[_Side], candidates: list[int], motion: Motion, size: float) -> set[int]:
     """Sides all of whose nodes the motion lays onto nodes of others that look at them."""
-    nodes, inwards = (np.concatenate([getattr(sides[n], name) for n in able]) for name in ("nodes", "inwards"))
-    owner = np.repeat(np.arange(len(able)), [len(sides[n].nodes) for n in able])
+    nodes, inwards = (np.concatenate([getattr(sides[n], name) for n in candidates]) for name in ("nodes", "inwards"))
+    owner = np.repeat(np.arange(len(candidates)), [len(sides[n].nodes) for n in candidates])
     tree = cKDTree(nodes)
     found = set()
-    for place, n in enumerate(able):
+    for place, n in enumerate(candidates):
         moved = motion.move(sides[n].corners)
         if np.isinf(tree.query(moved, distance_upper_bound=CLOSE * size)[0]).any():
             continue

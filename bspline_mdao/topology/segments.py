@@ -315,6 +315,7 @@ def _coincident_junctions(segments, ids, shared, n_free: int) -> list[list[Junct
 
 
 def _junction(segment: Window, number: int, section: Section, ids, shared) -> Junction:
+    """Make a junction, turned so that those on the same points list them alike."""
     points, numbers = (array[segment.block][segment.slices][whole_slices(section)].ravel() for array in (ids, shared))
     is_reversed = points.tolist() > points[::-1].tolist()
     step = -1 if is_reversed else 1

@@ -78,13 +78,13 @@ def direction_classes(topology: Topology) -> np.ndarray:
 
 
 def directed_classes(topology: Topology) -> np.ndarray:
-    """Group segment directions that run alike.
+    """Group segment directions with their senses: forwards, or backwards.
 
     Returns
     -------
     ndarray of int, shape (n_segments, 3, 2)
-        Class of each direction of each segment, run forwards and backwards: two that a chain of links joins are in one
-        class where they run the same way. Both classes of a direction are one where links turn it round to itself.
+        Class of each direction of each segment, forwards and backwards: two that a chain of links joins are in one
+        class where they have the same sense. Both classes of a direction are one where links turn it round to itself.
     """
     ids = np.arange(6 * len(topology.segments)).reshape(-1, 3, 2)
     pairs = [
@@ -158,7 +158,7 @@ _NEARER = 0.1
 def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.ndarray:
     """Find every point among nodes that are there once each.
 
-    The precision of the points does not matter as long as they can be told apart.
+    The precision of the points does not matter as long as they can be distinguished.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How the blocks of a grid are joined, and numbers for points in which shared ones have one number.
+"""Topology of a grid: its interfaces, boundary and segments, the links between these, and numbers of shared points.
 
 The links of a topology join whole faces, edges and corners of segments, so the same links number the nodes of a grid
 and the control points of a control mesh, whatever the shapes, as long as linked sections agree.
@@ -143,7 +143,7 @@ class Topology:
 
     @property
     def n_nodes(self) -> int:
-        """Nodes of all blocks."""
+        """Number of nodes of all blocks, those that blocks share counted in each."""
         return sum(math.prod(shape) for shape in self.shapes)
 
     @property
@@ -163,6 +163,7 @@ def describe(window: Window) -> str:
 
 
 def _segment_name(segment: Window, shape) -> str:
+    """Name a segment for messages, as its block where it is one."""
     if segment == Window.whole(segment.block, shape):
         return f"block {segment.block + 1}"
     return describe(segment)

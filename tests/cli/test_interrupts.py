@@ -11,7 +11,7 @@ import pytest
 from component_cases import two_blocks
 
 from bspline_mdao import FittedModel, fit_grid, read_grid, write_grid
-from bspline_mdao.io.disk import held_interrupts
+from bspline_mdao.io.disk import deferred_interrupts
 from bspline_mdao.numerics.threads import run_tasks
 
 pytestmark = pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
@@ -85,7 +85,7 @@ def test_threads_other_than_the_main_one_hold_nothing():
     seen = []
 
     def work():
-        with held_interrupts():
+        with deferred_interrupts():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=work)
