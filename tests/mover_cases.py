@@ -7,7 +7,18 @@ from functools import cache
 import numpy as np
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao import flat_plate_grid, onera_m6_grid
+from bspline_mdao import (
+    DelaunayGraph,
+    FixedInterior,
+    InverseDistance,
+    LinealSprings,
+    LinearElasticity,
+    RadialBasis,
+    TorsionalSprings,
+    Transfinite,
+    flat_plate_grid,
+    onera_m6_grid,
+)
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_grid, moving_mesh
 from bspline_mdao.sparse.cholesky import Cholesky
@@ -191,3 +202,60 @@ def opened(mesh, opening=0.1):
     points[lower[lower != upper], 1] -= opening
     points[upper[lower != upper], 1] += opening
     return points[mesh.surface_ids]
+
+
+def changes_in_planes(mesh, seed):
+    """Changes of initial points and surface that leave the points of the symmetry plane in it, known ones and others.
+
+    A plane of known points that is not quite plane gains tetrahedra as flat as it is.
+    """
+    d_initial = np.random.default_rng(seed).uniform(-1.0, 1.0, mesh.points.shape)
+    normal = mesh.in_plane_normals[0]
+    is_on_plane = np.abs((mesh.points - mesh.points[mesh.surface_ids[mesh.in_plane_rows[0]]]) @ normal) < 1e-12
+    d_initial[is_on_plane] -= np.outer(d_initial[is_on_plane] @ normal, normal)
+    return d_initial, d_initial[mesh.surface_ids] + in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))
+
+
+def irregular(mesh, size=0.02):
+    """Initial points without five of them on a sphere, so that small changes connect the graph as before."""
+    return mesh.points + size * changes_in_planes(mesh, seed=4)[0]
+
+
+@dataclass(frozen=True)
+class MoverCase:
+    """How a mover is tried.
+
+    Attributes
+    ----------
+    bend, slope_bend : float
+        Bends of the surface, by its extent, that it follows in three increments, and in one where it is differentiated.
+    default : int or "auto"
+        Increments that it makes where nothing is said.
+    translates : bool
+        Whether everything follows a translation of the surface where the far field may.
+    turns : bool
+        Whether the move turns with the mesh: not where lengths are relative to its size, that of a box along the axes.
+    is_graph : bool
+        Whether it connects the points anew in each increment: derivatives are those of one connection, and the far
+        field has to stay.
+    """
+
+    bend: float = 0.15
+    slope_bend: float = 0.15
+    default: int | str = 1
+    translates: bool = True
+    turns: bool = True
+    is_graph: bool = False
+
+
+MOVERS = {
+    LinearElasticity: MoverCase(slope_bend=0.05, default="auto"),
+    LinealSprings: MoverCase(bend=0.05, slope_bend=0.05, default="auto"),
+    TorsionalSprings: MoverCase(bend=0.05, slope_bend=0.05, default="auto"),
+    Transfinite: MoverCase(),
+    RadialBasis: MoverCase(translates=False, turns=False),
+    InverseDistance: MoverCase(turns=False),
+    DelaunayGraph: MoverCase(bend=0.03, slope_bend=0.03, translates=False, turns=False, is_graph=True),
+    FixedInterior: MoverCase(translates=False),
+}
+"""Every mover of the package; `test_every_mover` tries all of them."""

@@ -20,16 +20,11 @@ from bspline_mdao import (
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.errors import InputError, MovementError
-from bspline_mdao.movement.delaunay import DelaunayGraph
+from bspline_mdao.errors import MovementError
 from bspline_mdao.movement.equilibrium import Equilibrium
 from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.increments import GOOD_RATIO, IncrementalMover
-from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.mover import IncrementReport, MovementReport
-from bspline_mdao.movement.radial_basis import RadialBasis
-from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
-from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.om.grid_movement import GridMovement
@@ -133,27 +128,6 @@ def test_more_increments_are_tried_where_a_mover_gives_up_and_the_error_names_th
     ]
     with pytest.raises(MovementError, match="increment 1 of 10: fragile: too far"):
         Fragile(mesh, farthest=1e-4).move(mesh.points, surface)
-
-
-@pytest.mark.parametrize("n_increments", [0, -1, 1.5, True, "all", None])
-@pytest.mark.parametrize("kind", [LinearElasticity, TorsionalSprings, FixedInterior, RadialBasis, InverseDistance])
-def test_what_is_no_number_of_increments_is_refused_when_the_mover_is_made(kind, n_increments):
-    with pytest.raises(InputError, match=r"increments; give a whole number from 1, or 'auto'"):
-        kind(plate_mesh(), n_increments=n_increments)
-
-
-@pytest.mark.parametrize(
-    ("kind", "default"),
-    [
-        *((kind, "auto") for kind in (LinearElasticity, LinealSprings, TorsionalSprings)),
-        *((kind, 1) for kind in (FixedInterior, Transfinite, RadialBasis, InverseDistance, DelaunayGraph)),
-    ],
-)
-def test_all_movers_can_choose_and_those_that_solve_for_equilibrium_do(kind, default):
-    mesh = plate_mesh()
-    assert kind(mesh).n_increments == default
-    report = kind(mesh, n_increments="auto").move(mesh.points, twisted(mesh, 0.5)).report
-    assert [trial.n_increments for trial in report.tried] == [1]
 
 
 @pytest.mark.parametrize("degrees", [60, 90, 120])

@@ -3,11 +3,9 @@ import pytest
 from mover_cases import (
     assert_derivative_is_exact,
     assert_derivative_is_transposed,
-    assert_known_points_match,
     bent_surface,
     both_sides,
     channel,
-    in_symmetry,
     oblique_channel,
     opened,
     plate,
@@ -18,22 +16,6 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.movement.interpolation import APART, find_centres
 from bspline_mdao.movement.inverse_distance import InverseDistance
-
-
-@pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
-def test_known_points_match_and_others_slide(make):
-    mesh = make()
-    initial, surface = bent_surface(mesh)
-    points = InverseDistance(mesh, n_increments=2).move(initial, surface).points
-    assert_known_points_match(mesh, initial, surface, points)
-    assert np.abs(points - initial)[mesh.is_free.any(axis=1)].max() > 0.01 * np.ptp(surface)
-
-
-def test_everything_follows_a_translation_where_the_far_field_may():
-    mesh = oblique_channel(released=("farfield",))
-    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.in_plane_rows[0]]
-    points = InverseDistance(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + shift).points
-    np.testing.assert_allclose(points, mesh.points + shift, atol=1e-13)
 
 
 def box_mesh(*lines):
@@ -84,14 +66,6 @@ def test_a_longer_reach_holds_points_near_the_surface_to_it():
     beside = np.setdiff1d(mesh.elements[np.isin(mesh.elements, mesh.surface_ids).any(axis=1)], mesh.surface_ids)
     follow = [np.mean((points - mesh.points)[beside, 1]) for points in moved]
     assert follow[0] < follow[1] < follow[2] < 0.1
-
-
-@pytest.mark.parametrize(("make", "n_increments"), [(channel, 1), (oblique_channel, 2), (channel, 5), (plate, 2)])
-def test_derivatives_of_inverse_distance_movement_are_exact(make, n_increments):
-    mover = InverseDistance(make(), n_increments=n_increments)
-    initial, surface = bent_surface(mover.mesh)
-    assert_derivative_is_transposed(mover.move(initial, surface))
-    assert_derivative_is_exact(mover, initial, surface)
 
 
 def test_derivatives_of_plain_weights_with_the_far_field_released_are_exact():

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import openmdao.api as om
 import pytest
-from mover_cases import bent_surface, channel, mesh_of, wing
+from mover_cases import MOVERS, bent_surface, channel, mesh_of, wing
 from topology_cases import box, grid_of, patch
 
 from bspline_mdao import onera_m6_grid
@@ -15,31 +15,21 @@ from bspline_mdao.errors import MovementError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.moving_mesh import MovingMesh
-from bspline_mdao.movement.delaunay import DelaunayGraph
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.increments import IncrementalMover
-from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.mover import MAX_AMPLIFICATION
 from bspline_mdao.movement.radial_basis import RadialBasis
-from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
-from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.names import SURFACE_CONTROL_POINTS
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.topology.index_space import Window
 
 KINDS = {
+    **{kind.__name__: kind for kind in MOVERS},
     "elasticity": LinearElasticity,
     "elasticity, nu = -0.95": partial(LinearElasticity, poisson_ratio=-0.95),
     "elasticity, nu = 0.45": partial(LinearElasticity, poisson_ratio=0.45),
-    "lineal springs": LinealSprings,
-    "torsional springs": TorsionalSprings,
-    "radial, compact": RadialBasis,
     "radial, volume": partial(RadialBasis, kernel="volume"),
-    "transfinite": Transfinite,
-    "inverse distance": InverseDistance,
-    "delaunay": DelaunayGraph,
-    "held": FixedInterior,
 }
 
 

@@ -8,13 +8,8 @@ from elastic_cases import assembled, by_columns, crooked_box
 from mover_cases import (
     assert_derivative_is_exact,
     assert_derivative_is_transposed,
-    assert_known_points_match,
     bent_surface,
     channel,
-    in_symmetry,
-    oblique_channel,
-    plate,
-    rotation,
     spacings,
     wing,
 )
@@ -101,52 +96,6 @@ def test_degenerate_corners_have_no_torsion():
     unit = crooked_cube(3)[None]
     lineal = springs.force(*arguments(x, n_springs=N_LINEAL), unit)
     np.testing.assert_array_equal(springs.force(*arguments(x, degenerate_corners=255), unit), lineal)
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
-def test_known_points_match_and_others_slide(make, network):
-    mesh = make()
-    initial, surface = bent_surface(mesh, size=0.05)
-    movement = network(mesh, n_increments=3).move(initial, surface)
-    assert_known_points_match(mesh, initial, surface, movement.points)
-    assert np.abs(movement.points - initial)[mesh.is_free.any(axis=1)].max() > 0.003 * np.ptp(surface)
-    assert all(increment.solve.residual < 1e-11 for increment in movement.report.increments)
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-def test_a_surface_at_rest_moves_nothing(network):
-    mesh = wing()
-    points = network(mesh).move(mesh.points, mesh.points[mesh.surface_ids]).points
-    np.testing.assert_array_equal(points, mesh.points)
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("is_oblique", [False, True])
-def test_everything_follows_a_translation_where_the_far_field_may(is_oblique, network):
-    mesh = open_channel(is_oblique)
-    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.in_plane_rows[0]]
-    points = network(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + shift).points
-    np.testing.assert_allclose(points, mesh.points + shift, atol=1e-13)
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-def test_the_move_turns_with_the_mesh(network):
-    straight, turned, turn = channel(), oblique_channel(), rotation()
-    initial, surface = bent_surface(straight, size=0.05)
-    points = network(straight, n_increments=2).move(initial, surface).points
-    again = network(turned, n_increments=2).move(initial @ turn.T, surface @ turn.T).points
-    np.testing.assert_allclose(again, points @ turn.T, atol=1e-11)
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("n_increments", [1, 2, 5])
-@pytest.mark.parametrize("is_oblique", [False, True])
-def test_derivatives_of_a_large_move_are_exact(is_oblique, n_increments, network):
-    mover = network(open_channel(is_oblique), n_increments=n_increments)
-    initial, surface = bent_surface(mover.mesh, size=0.05)
-    assert_derivative_is_transposed(mover.move(initial, surface))
-    assert_derivative_is_exact(mover, initial, surface)
 
 
 def collapsed():

@@ -1,18 +1,14 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from mover_cases import (
     assert_derivative_is_exact,
     assert_derivative_is_transposed,
-    assert_known_points_match,
     bent_surface,
     both_sides,
     channel,
     channel_grid,
-    in_symmetry,
     mesh_of,
-    oblique_channel,
     opened,
     plate,
     rotation,
@@ -22,31 +18,6 @@ from topology_cases import grid_of, patch
 
 from bspline_mdao.movement.transfinite import Transfinite, free_corners
 from bspline_mdao.topology.index_space import Window
-
-
-@pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
-def test_known_points_match_and_others_slide(make):
-    mesh = make()
-    initial, surface = bent_surface(mesh)
-    points = Transfinite(mesh, n_increments=2).move(initial, surface).points
-    assert_known_points_match(mesh, initial, surface, points)
-    assert np.abs(points - initial)[mesh.is_free.any(axis=1)].max() > 0.01 * np.ptp(surface)
-
-
-def test_a_surface_at_rest_moves_nothing():
-    mesh = wing()
-    np.testing.assert_array_equal(
-        Transfinite(mesh).move(mesh.points, mesh.points[mesh.surface_ids]).points, mesh.points
-    )
-
-
-@pytest.mark.parametrize("is_oblique", [False, True])
-def test_everything_follows_a_translation_where_the_far_field_may(is_oblique):
-    mesh = channel(is_oblique, released=("farfield",))
-    shift = in_symmetry(mesh, np.ones((len(mesh.surface_ids), 3)))[mesh.in_plane_rows[0]]
-    assert len(free_corners(mesh).ids) == 6
-    points = Transfinite(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + shift).points
-    np.testing.assert_allclose(points, mesh.points + shift, atol=1e-14)
 
 
 def test_affine_displacements_of_all_boundaries_are_reproduced_in_a_grid_of_boxes():
@@ -77,15 +48,6 @@ def test_corners_between_two_known_ends_move_by_the_length_of_the_edges():
     points = Transfinite(mesh).move(mesh.points, mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.1]).points
     assert len(free_corners(mesh).ids) == 4
     np.testing.assert_allclose((points - mesh.points)[:, 2], 0.1 * (1.0 - mesh.points[:, 0] / 2.5), atol=1e-15)
-
-
-@pytest.mark.parametrize("n_increments", [1, 2, 5])
-@pytest.mark.parametrize("is_oblique", [False, True])
-def test_derivatives_of_transfinite_movement_are_exact(n_increments, is_oblique):
-    mover = Transfinite(channel(is_oblique, released=("farfield",)), n_increments)
-    initial, surface = bent_surface(mover.mesh)
-    assert_derivative_is_transposed(mover.move(initial, surface))
-    assert_derivative_is_exact(mover, initial, surface)
 
 
 def test_derivatives_about_a_wing_are_exact():

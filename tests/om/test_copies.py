@@ -7,6 +7,7 @@ from functools import cache
 import geometry_cases
 import numpy as np
 import pytest
+from mover_cases import MOVERS
 from parametrization_cases import CONSTRAINTS, VARIABLES, surface_of, wing_model
 from scipy.sparse import issparse
 from test_suite import kinds
@@ -19,24 +20,6 @@ from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.mesh.surface_map import SurfaceMap
-from bspline_mdao.movement.delaunay import DelaunayGraph
-from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.fixed_interior import FixedInterior
-from bspline_mdao.movement.inverse_distance import InverseDistance
-from bspline_mdao.movement.radial_basis import RadialBasis
-from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
-from bspline_mdao.movement.transfinite import Transfinite
-
-MOVERS = (
-    DelaunayGraph,
-    FixedInterior,
-    InverseDistance,
-    LinealSprings,
-    LinearElasticity,
-    RadialBasis,
-    TorsionalSprings,
-    Transfinite,
-)
 
 
 @cache

@@ -1,8 +1,5 @@
 import numpy as np
-import pytest
 from mover_cases import (
-    assert_derivative_is_exact,
-    assert_derivative_is_transposed,
     assert_known_points_match,
     bent_surface,
     channel,
@@ -19,14 +16,6 @@ def test_nothing_moves_but_the_surface():
     assert_known_points_match(mesh, initial, surface, points)
     inner = np.delete(np.arange(mesh.n_points), mesh.surface_ids)
     np.testing.assert_array_equal(points[inner], initial[inner])
-
-
-@pytest.mark.parametrize("n_increments", [1, 2, 5])
-def test_derivatives_of_holding_are_exact(n_increments):
-    mover = FixedInterior(channel(is_oblique=True), n_increments)
-    initial, surface = bent_surface(mover.mesh)
-    assert_derivative_is_transposed(mover.move(initial, surface))
-    assert_derivative_is_exact(mover, initial, surface)
 
 
 def test_the_report_tells_where_holding_tangles():
