@@ -1,4 +1,4 @@
-"""Run every run script at its small size and write the gallery page from what they draw."""
+"""Run every run script that draws at its small size and write the gallery page from what they draw."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ HEAD = """Gallery
 
 Each picture is drawn by a run script, at its small size, when these pages are built. The same script makes it
 anywhere: ``python run_scripts/NAME.py --figures DIR``; ``--paper`` runs it at the size of the paper. Flows are those of
-``--quick``.
+``--quick``. A script imports nothing but the package and its libraries: copy it and change it.
 """
 
 
 def main() -> None:
     """Write ``gallery.rst`` and the pictures that it shows."""
     sys.path.insert(0, str(SCRIPTS))
-    sections = [section(path.stem) for path in sorted(SCRIPTS.glob("*.py")) if path.stem != "common"]
+    sections = [section(path.stem) for path in sorted(SCRIPTS.glob("*.py"))]
     (DOCS / "gallery.rst").write_text("\n".join([HEAD, *sections]), encoding="utf-8")
 
 
 def section(name: str) -> str:
-    """Section of one script; empty if it draws nothing."""
+    """Section of one script, with its title, what it shows and its pictures; empty if it draws nothing."""
     script = importlib.import_module(name)
-    if not {"main", "figure"} <= set(vars(script)):  # the latter: what pictures are drawn in, from `common`
+    parameters = inspect.signature(script.main).parameters
+    if "figures" not in parameters:
         return ""
     folder = PICTURES / name
-    is_long = "quick" in inspect.signature(script.main).parameters
-    script.main(figures=folder, **({"quick": True} if is_long else {}))
-    title = script.__doc__.strip().splitlines()[0].rstrip(".")
+    script.main(figures=folder, **({"quick": True} if "quick" in parameters else {}))
+    title, _, about = script.__doc__.strip().partition("\n")
+    title = title.rstrip(".")
     images = [
         f".. image:: _gallery/{name}/{path.name}\n   :alt: {title}\n   :width: {width(path)}px\n"
         for path in sorted(folder.glob("*.png"))
     ]
-    return "\n".join([title, "-" * len(title), "", f"``run_scripts/{name}.py``", "", *images]) if images else ""
+    return "\n".join([title, "-" * len(title), "", f"``run_scripts/{name}.py``", about, "", *images])
 
 
 def width(path: Path) -> int:

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from scipy.spatial import cKDTree
 
 import bspline_mdao as bm
 from bspline_mdao.names import GRID
@@ -83,7 +82,8 @@ class InverseDesign:
         self.mover = bm.LinearElasticity(mesh, n_increments=n_increments)
 
         surface, rng = mesh.points[mesh.surface_ids], np.random.default_rng(6)
-        spacing = np.repeat(cKDTree(surface).query(surface, k=2)[0][:, 1], 3)
+        distances = np.linalg.norm(surface[:, None] - surface, axis=2)
+        spacing = np.repeat(np.sort(distances, axis=1)[:, 1], 3)
         moved = self.parametrization.partials(surface, self.parametrization.initial).values
         self.target = {
             name: AMPLITUDE * (abs(matrix).T @ spacing) * rng.uniform(-1.0, 1.0, matrix.shape[1])

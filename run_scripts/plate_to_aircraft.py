@@ -153,7 +153,7 @@ def main(
 def told(model: bm.FittedModel, problem: om.Problem) -> dict:
     """Tell of a wing: its forces, measures and variables but those of single control points, and invalid cells."""
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
-    wanted = [name for name in TOLD if name in names]
+    wanted = [name for name in TOLD if name in names | set(problem.model.get_design_vars())]
     cells = report_quality(GridQuality.of_baseline(model.regenerate()), problem.get_val(GRID).reshape(-1, 3))
     counts = {"min_corner": cells.min_corner, "n_inverted": cells.n_inverted}
     return {name: problem.get_val(name).copy().squeeze() for name in wanted} | counts

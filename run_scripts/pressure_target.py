@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import openmdao.api as om
-from scipy.linalg import svd
 
 import bspline_mdao as bm
 from bspline_mdao.cells.quads import area_vectors
@@ -51,48 +50,6 @@ SIZES = {
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_LBFGS": partial(nlopt, algorithm="LD_LBFGS")}
 
 
-class Combined(om.ExplicitComponent):
-    """``heights = modes @ combinations``: what the optimiser chooses instead of the heights (m)."""
-
-    def initialize(self):
-        """Declare the options."""
-        self.options.declare("modes", types=np.ndarray, recordable=False, desc="the combinations (m)")
-
-    def setup(self):
-        """Declare the variables."""
-        n_values, n_modes = self.options["modes"].shape
-        self.add_input("combinations", val=np.zeros(n_modes))
-        self.add_output("heights", shape=n_values, units="m")
-        self.declare_partials("heights", "combinations", val=self.options["modes"])
-
-    def compute(self, inputs, outputs):
-        """Combine."""
-        outputs["heights"] = self.options["modes"] @ inputs["combinations"]
-
-
-class Mismatch(om.ExplicitComponent):
-    """``mismatch = sum weights (Cp - target)^2``."""
-
-    def initialize(self):
-        """Declare the options."""
-        self.options.declare("target", types=np.ndarray, recordable=False, desc="pressure coefficients to be found")
-        self.options.declare("weights", types=np.ndarray, recordable=False, desc="weights of the squares")
-
-    def setup(self):
-        """Declare the variables."""
-        self.add_input("Cp", val=self.options["target"])
-        self.add_output("mismatch")
-        self.declare_partials("mismatch", "Cp")
-
-    def compute(self, inputs, outputs):
-        """Square the differences."""
-        outputs["mismatch"] = np.sum(self.options["weights"] * (inputs["Cp"] - self.options["target"]) ** 2)
-
-    def compute_partials(self, inputs, partials):
-        """Differentiate the squares."""
-        partials["mismatch", "Cp"] = 2.0 * self.options["weights"] * (inputs["Cp"] - self.options["target"])
-
-
 class PressureTarget:
     """The problem of one size: ``heights`` (m) and ``target`` (pressures) to be found, ``weights`` and ``modes``."""
 
@@ -106,42 +63,46 @@ class PressureTarget:
         self.variable = bm.Local("heights", sides, "y")
         points = self.mesh.points[self.mesh.surface_ids][sides.mask(self.mesh)]
         self.heights = HEIGHT * points[:, 1] * smooth_noise((points - points.min(axis=0)) / np.ptp(points, axis=0))
-        self.target = self.fly(self.heights).get_val("Cp").copy()
+        self.target = started(self.flight(), heights=self.heights).get_val("Cp").copy()
 
-        start = self.fly(0.0 * self.heights, mode="fwd")
+        start = started(self.flight(), "fwd", heights=0.0 * self.heights)
         self.walls = self.model.regenerate().to_vector().reshape(-1, 3)[wall_quads(self.model)]
         areas = np.linalg.norm(area_vectors(self.walls), axis=1)
         self.weights = areas / (areas @ (start.get_val("Cp") - self.target) ** 2)
         derivative = np.sqrt(self.weights)[:, None] * start.compute_totals(["Cp"], ["heights"])["Cp", "heights"]
-        _, values, modes = svd(derivative, full_matrices=False)
+        _, values, modes = np.linalg.svd(derivative, full_matrices=False)
         self.modes, self.condition = modes.T / values, values[0] / values[-1]
 
     def flight(self) -> om.Problem:
         """From the heights to the pressures. Not set up."""
         problem, parametrization = om.Problem(reports=None), bm.Parametrization(self.mesh, [self.variable])
-        mover = bm.LinearElasticity(self.mesh, n_increments=1)
+        mover, flow = (
+            bm.LinearElasticity(self.mesh, n_increments=1),
+            bm.EulerFlow(model=self.model, reference_area=AREA),
+        )
         geometry = bm.GridMovement(model=self.model, parametrization=parametrization, mover=mover, fit=False)
-        flow = bm.EulerFlow(model=self.model, reference_area=AREA)
         problem.model.add_subsystem("geometry", geometry, promotes=["*"])
         problem.model.add_subsystem("flow", flow, promotes=["*"])
         problem.model.set_input_defaults("Mach_number", val=MACH)
         problem.model.set_input_defaults("alpha", val=ALPHA, units="deg")
         return problem
 
-    def fly(self, heights: np.ndarray, mode: str = "rev") -> om.Problem:
-        """Run the flow about a wing."""
-        problem = self.flight()
-        problem.setup(mode=mode)
-        problem.set_val("heights", heights)
-        problem.run_model()
-        return problem
-
     def problem(self) -> om.Problem:
         """The least squares. Not set up."""
         problem = self.flight()
-        mismatch = Mismatch(target=self.target, weights=self.weights)
-        problem.model.add_subsystem("combine", Combined(modes=self.modes), promotes=["*"])
-        problem.model.add_subsystem("match", mismatch, promotes=["*"])
+        n = self.heights.size
+        combine = om.ExecComp(
+            "heights = dot(modes, combinations)",
+            modes={"val": self.modes, "constant": True},
+            combinations={"shape": n},
+            heights={"shape": n, "units": "m"},
+            do_coloring=False,
+        )
+        constants = {name: {"val": getattr(self, name), "constant": True} for name in ("weights", "target")}
+        formula = "mismatch = sum(weights * (Cp - target)**2)"
+        match = om.ExecComp(formula, Cp={"shape": self.target.size}, **constants, do_coloring=False)
+        problem.model.add_subsystem("combine", combine, promotes=["*"])
+        problem.model.add_subsystem("match", match, promotes=["*"])
         problem.model.set_order(["combine", "geometry", "flow", "match"])
         problem.model.add_design_var("combinations", ref=np.sqrt(0.5 * UNIT))  # second derivatives are then 1
         problem.model.add_objective("mismatch", ref=UNIT)
@@ -155,6 +116,15 @@ class PressureTarget:
             "largest_error_of_variables": np.abs(errors).max(),
             "largest_error_of_pressure": np.abs(problem.get_val("Cp") - self.target).max(),
         }
+
+
+def started(problem: om.Problem, mode: str = "rev", **values: np.ndarray) -> om.Problem:
+    """Set a problem up and run it with some values."""
+    problem.setup(mode=mode)
+    for name, value in values.items():
+        problem.set_val(name, value)
+    problem.run_model()
+    return problem
 
 
 def smooth_noise(places: np.ndarray) -> np.ndarray:
@@ -191,10 +161,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     design = PressureTarget(*pick_size(SIZES, paper, quick))
     runs = optimise_with(drivers, design.problem, TOLERANCE / UNIT, 100, figures, "pressure_target")
-    part_of_the_way = design.problem()
-    part_of_the_way.setup(mode="rev")
-    part_of_the_way.set_val("combinations", next(iter(runs.values())).problem.get_val("combinations") / 3.0)
-    part_of_the_way.run_model()
+    part = next(iter(runs.values())).problem.get_val("combinations") / 3.0
+    part_of_the_way = started(design.problem(), combinations=part)
     if figures:
         draw(figures, design, runs)
         om.n2(part_of_the_way, outfile=str(Path(figures) / "pressure_target.html"), show_browser=False)
@@ -209,7 +177,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
 
 def draw(folder, design: PressureTarget, runs: dict) -> None:
     """Draw a section of the M6, of the target and of what was found with its pressures, and the histories."""
-    wings = {"M6": (design.fly(0.0 * design.heights), GRAY, "-"), "target": (design.fly(design.heights), ORANGE, "-")}
+    start, target = (started(design.flight(), heights=part * design.heights) for part in (0.0, 1.0))
+    wings = {"M6": (start, GRAY, "-"), "target": (target, ORANGE, "-")}
     wings["found"] = next(reversed(runs.values())).problem, BLUE, "."
     around = faces_around(design.walls, 0.5 * design.walls[..., 2].max())
     with figure(folder, "pressure_target", (9.5, 6.5)) as canvas:
@@ -219,8 +188,7 @@ def draw(folder, design: PressureTarget, runs: dict) -> None:
             section.plot(*middles.T[:2], style, color=color, label=name)
             pressure.plot(middles[:, 0], problem.get_val("Cp")[around], style, color=color, label=name)
         section.set(xlabel="$x$ (m)", ylabel="$y$ (m)")
-        pressure.set(xlabel="$x$ (m)", ylabel="$C_p$")
-        pressure.invert_yaxis()
+        pressure.set(xlabel="$x$ (m)", ylabel="$C_p$", ylim=pressure.get_ylim()[::-1])
         section.legend()
         draw_history(mismatch, runs, "mismatch", "mean square difference relative to the start")
         draw_optimality(optimality, runs)

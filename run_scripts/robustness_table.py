@@ -1,52 +1,60 @@
-"""Drastic changes of shape by every mover: how often no cell inverts, and how good the worst cell is."""
+"""Drastic changes of shape by every mover: how often no cell inverts, and how good the worst cell is.
+
+It takes two minutes on two small canonical grids, and hours at the paper's size on real grids. What comes out is a
+table with a row for each mover, of all grids, of the canonical and of the real ones, by deformation and by grid, and
+the cases that the first mover loses and others do not.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from common import run
-from robustness_grids import MORPHS, Body, collect
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import InputError
-from bspline_mdao.errors import MovementError
-from bspline_mdao.movement.delaunay import DelaunayGraph
-from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.fixed_interior import FixedInterior
-from bspline_mdao.movement.inverse_distance import InverseDistance
-from bspline_mdao.movement.radial_basis import RadialBasis
-from bspline_mdao.movement.springs import LinealSprings, TorsionalSprings
-from bspline_mdao.movement.transfinite import Transfinite
+import bspline_mdao as bm
+from bspline_mdao.cells.grid_quality import GridQuality
+from bspline_mdao.cells.report import judge_move
+from bspline_mdao.io.patch_guess import with_guessed_patches
 from bspline_mdao.movement.young_modulus import ConstantLaw, InverseVolumeLaw, WallDistanceLaw
+from bspline_mdao.run_script import run
+
+CANONICAL = {
+    "plate": (bm.flat_plate_grid, bm.generic_blended_wing_body),
+    "M6": (bm.onera_m6_grid, bm.rectangular_wing),
+}
+"""The grids of section IV, each with the shape that it becomes there."""
+
+SIZES = {True: ((23, 33, 17), (9, 9, 7), 200_000), False: ((11, 13, 9), (7, 8, 5), 20_000)}
+"""Nodes and control points of each of their twelve blocks, and nodes of the largest real grid, by ``paper``."""
 
 DEFORMATIONS = ("twist=90deg", "stretch=2", "bend=120deg@0.7", "chord=0.5", "bumps=20cells")
 """What is asked of every grid."""
 
 KINDS = {
-    "elasticity": LinearElasticity,
-    "held": FixedInterior,
-    "transfinite": Transfinite,
-    "lineal springs": LinealSprings,
-    "torsional springs": TorsionalSprings,
-    "radial, wendland c2": RadialBasis,
-    "radial, volume": partial(RadialBasis, kernel="volume"),
-    "delaunay": DelaunayGraph,
-    "inverse distance": InverseDistance,
+    "elasticity": bm.LinearElasticity,
+    "held": bm.FixedInterior,
+    "transfinite": bm.Transfinite,
+    "lineal springs": bm.LinealSprings,
+    "torsional springs": bm.TorsionalSprings,
+    "radial, wendland c2": bm.RadialBasis,
+    "radial, volume": partial(bm.RadialBasis, kernel="volume"),
+    "delaunay": bm.DelaunayGraph,
+    "inverse distance": bm.InverseDistance,
 }
 """All movers, at their defaults but for the increments."""
 
-PAPER = partial(LinearElasticity, n_increments=5)
+PAPER = partial(bm.LinearElasticity, n_increments=5)
 """Elasticity as in the paper."""
 
 ELASTICITY = {
     "m = 5": PAPER,
-    "nu = -0.6": partial(PAPER, poisson_ratio=-0.6),
-    "nu = 0": partial(PAPER, poisson_ratio=0.0),
-    "nu = 0.3": partial(PAPER, poisson_ratio=0.3),
+    **{f"nu = {ratio}": partial(PAPER, poisson_ratio=float(ratio)) for ratio in ("-0.6", "0", "0.3")},
     "constant": partial(PAPER, stiffness=ConstantLaw()),
     "1 / V": partial(PAPER, stiffness=InverseVolumeLaw()),
     "1 / V^2": partial(PAPER, stiffness=InverseVolumeLaw(power=2.0)),
@@ -55,16 +63,12 @@ ELASTICITY = {
 """Elasticity with one setting changed at a time."""
 
 INCREMENTS = {
-    "auto": LinearElasticity,
-    "m = 1": partial(LinearElasticity, n_increments=1),
-    "m = 2": partial(LinearElasticity, n_increments=2),
-    "m = 5": PAPER,
-    "m = 10": partial(LinearElasticity, n_increments=10),
-    "m = 20": partial(LinearElasticity, n_increments=20),
-    "torsional springs, auto": TorsionalSprings,
-    "torsional springs, m = 5": partial(TorsionalSprings, n_increments=5),
-    "lineal springs, auto": LinealSprings,
-    "lineal springs, m = 5": partial(LinealSprings, n_increments=5),
+    "auto": bm.LinearElasticity,
+    **{f"m = {m}": partial(bm.LinearElasticity, n_increments=m) for m in (1, 2, 5, 10, 20)},
+    "torsional springs, auto": bm.TorsionalSprings,
+    "torsional springs, m = 5": partial(bm.TorsionalSprings, n_increments=5),
+    "lineal springs, auto": bm.LinealSprings,
+    "lineal springs, m = 5": partial(bm.LinealSprings, n_increments=5),
 }
 """Numbers of increments, and the number that the move chooses."""
 
@@ -77,23 +81,60 @@ STUDIES = {
 """What is compared: movers by name, each made of a mesh."""
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A fitted grid, its residual kept: the grid that is judged is the user's; and a shape that it may become."""
+
+    name: str
+    grid: bm.Grid
+    n_control: tuple[int, int, int] | None = None
+    target: bm.Shape | None = None
+
+    def __post_init__(self):
+        if not self.mesh.is_free.any():
+            raise bm.InputError("no control point is free")
+
+    @cached_property
+    def model(self) -> bm.FittedModel:
+        """Its fit, as it is done without any option."""
+        return bm.fit_grid(with_guessed_patches(self.grid), n_control=self.n_control)
+
+    @cached_property
+    def mesh(self):
+        """The control mesh."""
+        return bm.moving_mesh(self.model)
+
+    @cached_property
+    def quality(self) -> GridQuality:
+        """Cells of the grid before any move."""
+        return GridQuality.of_baseline(self.model.regenerate())
+
+    def surface(self, request: str) -> np.ndarray:
+        """Place the surface control points, shape (n_surface, 3), where a request wants them (m).
+
+        Raises
+        ------
+        InputError
+            If the surface leaves a plane of symmetry or the box around the grid, whose outer boundary stays, or has no
+            such direction.
+        """
+        if request == "shape":
+            return bm.fit_shape(self.model, self.mesh.surface_ids, self.target)
+        points = self.mesh.points
+        surface = bm.parse_deformation(request, self.model, self.mesh).apply(points[self.mesh.surface_ids])
+        outside = np.maximum(surface - points.max(axis=0), points.min(axis=0) - surface).max()
+        if outside > 1e-6 * self.mesh.size:
+            raise bm.InputError(f"the surface would leave the box around the grid by {outside:.3g} m")
+        return surface
+
+    def judge(self, points: np.ndarray) -> tuple[int, float]:
+        """Count the cells that moved control points invert, and find the smallest Q; of cells that were valid."""
+        return judge_move(self.quality, self.model.regenerate(points).to_vector().reshape(-1, 3))[:2]
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """What a mover made of a case.
-
-    Parameters
-    ----------
-    body, deformation, mover : str
-        The case.
-    n_inverted : int
-        Cells of the regenerated grid that were valid before the move and are not after it.
-    q_min : float
-        Smallest Q of the cells that were valid before.
-    n_tangled : int
-        Control elements that were valid before the move and are not after it.
-    failure : str
-        Why the mover gave up; "" if it did not.
-    """
+    """What a mover made of a case: of cells and control elements, those that were valid before the move count."""
 
     body: str
     deformation: str
@@ -104,17 +145,17 @@ class Outcome:
     failure: str = ""
 
     @property
-    def case(self) -> tuple[str, str]:
-        """Grid and deformation."""
-        return self.body, self.deformation
-
-    @property
     def is_valid(self) -> bool:
         """Whether the mover gave a grid in which no cell has inverted."""
         return not self.failure and self.n_inverted == 0
 
 
-def main(paper: bool = False, figures=None, folder=None, study: str = "movers", deformations=DEFORMATIONS) -> dict:
+def main(
+    paper: bool = False,
+    folder: str | None = None,
+    study: Literal["movers", "one increment", "elasticity", "increments"] = "movers",
+    deformations: Sequence[str] = DEFORMATIONS,
+) -> dict:
     """Move every grid by every deformation with every mover, five increments each.
 
     Parameters
@@ -122,14 +163,13 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
     paper : bool
         Canonical grids of 12 blocks of 23 x 33 x 17 nodes with 9 x 9 x 7 control points, and real ones of up to 200 000
         nodes; by default 11 x 13 x 9 with 7 x 8 x 5, and 20 000.
-    figures : path-like, optional
-        No effect: there is nothing to draw.
     folder : path-like, optional
-        Where real grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default, and none without it.
+        Folder of real grids; the environment variable ``BSPLINE_MDAO_GRIDS`` by default, and none without it.
     study : {"movers", "elasticity", "one increment", "increments"}
-        All movers; settings of elasticity; all movers in a single increment; numbers of increments, and the choice.
+        What is compared: all movers; settings of elasticity; all movers in a single increment; numbers of increments,
+        and the choice.
     deformations : sequence of str
-        What is asked of every grid, as for `bspline_mdao.design.named_deformations.parse_deformation`.
+        What is asked of every grid, as for `parse_deformation`.
 
     Returns
     -------
@@ -142,46 +182,58 @@ def main(paper: bool = False, figures=None, folder=None, study: str = "movers", 
     bodies, left_out = collect(paper, folder or os.environ.get("BSPLINE_MDAO_GRIDS"))
     outcomes, not_applicable = [], {}
     for body in bodies:
-        for request in body.requests(deformations):
+        for request in ([] if body.target is None else ["shape"]) + list(deformations):
             try:
                 surface = body.surface(request)
-            except InputError as error:
+            except bm.InputError as error:
                 not_applicable[f"{body.name}: {request}"] = str(error)
                 continue
             outcomes += [attempt(body, request, surface, *mover) for mover in STUDIES[study].items()]
     return {
-        **rows(outcomes, lambda outcome: "canonical" if outcome.body in MORPHS else "real"),
+        **rows(outcomes, lambda outcome: "canonical" if outcome.body in CANONICAL else "real"),
         "movers": table(outcomes),
         "by_deformation": rows(outcomes, lambda outcome: outcome.deformation),
         "by_grid": rows(outcomes, lambda outcome: outcome.body),
         "lost": lost(outcomes, next(iter(STUDIES[study]))),
-        "fallback": [body.name for body in bodies if body.falls_back],
+        "fallback": [body.name for body in bodies if body.model.candidate_weights is not None],
         "left_out": left_out,
         "not_applicable": not_applicable,
     }
 
 
-def attempt(body: Body, text: str, surface: np.ndarray, name: str, make_mover: Callable) -> Outcome:
+def collect(paper: bool, folder) -> tuple[list[Body], dict[str, str]]:
+    """Prepare the canonical grids and those of a folder; and tell why a file is left out, by its name."""
+    shape, n_control, largest = SIZES[paper]
+    bodies = [Body(name, make(shape), n_control, target()) for name, (make, target) in CANONICAL.items()]
+    left_out, seen = {}, set()
+    for path in sorted(Path(folder).iterdir()) if folder else ():
+        try:
+            grid = bm.read_grid(path)
+            if grid.n_nodes > largest:
+                raise bm.InputError(f"{grid.n_nodes} nodes")
+            if grid.shapes in seen:  # the same one in another dialect
+                raise bm.InputError("another grid has the same blocks")
+            seen.add(grid.shapes)
+            bodies.append(Body(path.name, grid))
+        except bm.InputError as error:
+            left_out[path.name] = str(error).replace(f"{path}: ", "")
+    return bodies, left_out
+
+
+def attempt(body: Body, request: str, surface: np.ndarray, name: str, make_mover: Callable) -> Outcome:
     """Move a body and judge the grid that comes of it."""
-    case = Outcome(body.name, text, name)
+    case = Outcome(body.name, request, name)
     try:
         with threadpool_limits(1):
             points = make_mover(body.mesh).move(body.mesh.points, surface).points
             n_inverted, q_min = body.judge(points)
-    except (InputError, MovementError) as error:
+    except (bm.InputError, bm.MovementError) as error:
         return replace(case, failure=str(error))
     return replace(case, n_inverted=n_inverted, q_min=q_min, n_tangled=body.mesh.tangled(points).n_tangled)
 
 
-def row(outcomes: list[Outcome], possible: set) -> dict:
-    """Sum up what a mover made of all cases.
-
-    Parameters
-    ----------
-    outcomes : list of Outcome
-        Those of the mover.
-    possible : set
-        Cases that at least one mover manages.
+def row(outcomes: list[Outcome], n_possible: int) -> dict:
+    """Sum up what a mover made of all cases, ``n_possible`` of which at least one mover manages.
 
     Returns
     -------
@@ -196,7 +248,7 @@ def row(outcomes: list[Outcome], possible: set) -> dict:
         "n_cases": len(outcomes),
         "n_valid": n_valid,
         "share": n_valid / max(1, len(outcomes)),
-        "share_of_possible": n_valid / max(1, len(possible)),
+        "share_of_possible": n_valid / max(1, n_possible),
         "q_min": min(q_min, default=np.nan),
         "q_median": float(np.median(q_min)) if q_min else np.nan,
         "n_inverted": sum(outcome.n_inverted for outcome in outcomes),
@@ -207,17 +259,17 @@ def row(outcomes: list[Outcome], possible: set) -> dict:
 
 def rows(outcomes: list[Outcome], key: Callable[[Outcome], str]) -> dict:
     """Rows of all movers, for each value of a key."""
-    groups = {key(outcome): [] for outcome in outcomes}
+    groups = {}
     for outcome in outcomes:
-        groups[key(outcome)].append(outcome)
+        groups.setdefault(key(outcome), []).append(outcome)
     return {value: table(group) for value, group in groups.items()}
 
 
 def table(outcomes: list[Outcome]) -> dict:
     """Rows of all movers."""
-    possible = {outcome.case for outcome in outcomes if outcome.is_valid}
+    n_possible = len({(outcome.body, outcome.deformation) for outcome in outcomes if outcome.is_valid})
     movers = dict.fromkeys(outcome.mover for outcome in outcomes)
-    return {mover: row([outcome for outcome in outcomes if outcome.mover == mover], possible) for mover in movers}
+    return {mover: row([outcome for outcome in outcomes if outcome.mover == mover], n_possible) for mover in movers}
 
 
 def lost(outcomes: list[Outcome], first: str) -> list[dict]:
@@ -225,18 +277,13 @@ def lost(outcomes: list[Outcome], first: str) -> list[dict]:
     won = {}
     for outcome in outcomes:
         if outcome.is_valid:
-            won.setdefault(outcome.case, {})[outcome.mover] = outcome.q_min
+            won.setdefault((outcome.body, outcome.deformation), {})[outcome.mover] = outcome.q_min
     return [
-        {"case": ": ".join(o.case), "n_inverted": o.n_inverted, "n_tangled": o.n_tangled, "others": won[o.case]}
+        {"case": f"{o.body}: {o.deformation}", "n_inverted": o.n_inverted, "n_tangled": o.n_tangled, "others": others}
         for o in outcomes
-        if o.mover == first and not o.is_valid and o.case in won
+        if o.mover == first and not o.is_valid and (others := won.get((o.body, o.deformation)))
     ]
 
 
 if __name__ == "__main__":
-    run(
-        main,
-        __doc__,
-        folder={"help": "folder of real grids"},
-        study={"choices": tuple(STUDIES), "default": "movers", "help": "what is compared"},
-    )
+    run(main)

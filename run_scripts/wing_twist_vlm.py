@@ -63,20 +63,20 @@ class Wing:
         trailing = bm.ReferenceAxis.of(self.mesh, at=1.0)  # variables about it leave the trace of the wake alone
         twist, chord = bm.Twist("twist", trailing, STATIONS), bm.Chord("chord", trailing, STATIONS)
         swept = [bm.Taper("taper", trailing), twist, bm.Sweep("sweep", trailing)]
-        variables = {"twist": [twist], "chord": [chord], "swept": swept}[case]
+        parametrization = bm.Parametrization(self.mesh, {"twist": [twist], "chord": [chord], "swept": swept}[case])
         geometry = bm.GridMovement(
             model=self.model,
-            parametrization=bm.Parametrization(self.mesh, variables),
+            parametrization=parametrization,
             measures=[self.lattice],
             mover=bm.LinearElasticity(self.mesh, n_increments=1),
             fit=False,
         )
-        flow = bm.VortexLattice(n_chord=self.lattice_shape[0], n_span=self.lattice_shape[1], reference_area=self.area)
+        lattice = dict(zip(("n_chord", "n_span"), self.lattice_shape))
+        flow = bm.VortexLattice(**lattice, reference_area=self.area)
         problem = om.Problem(reports=None)
-        problem.model.add_subsystem("geometry", geometry, promotes=["*"])
-        problem.model.add_subsystem("flow", flow, promotes=["*"])
-
         top = problem.model
+        top.add_subsystem("geometry", geometry, promotes=["*"])
+        top.add_subsystem("flow", flow, promotes=["*"])
         top.set_input_defaults("Mach_number", val=MACH)
         top.set_input_defaults("alpha", val=ALPHA, units="deg")
         if case == "chord":
@@ -124,8 +124,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
         }
     if figures:
         draw(figures, wings)
-        page = str(Path(figures) / "wing_twist_vlm.html")
-        om.n2(wings["chord"]["initial"], outfile=page, show_browser=False)
+        om.n2(wings["chord"]["initial"], outfile=str(Path(figures) / "wing_twist_vlm.html"), show_browser=False)
     return numbers
 
 
@@ -140,8 +139,7 @@ def perturbed(wing: Wing, case: str) -> om.Problem:
     """Run a case off the symmetry of the initial wing, where some derivatives vanish."""
     problem = started(wing.problem(case))
     for name in problem.model.get_design_vars():
-        value = problem.get_val(name)
-        problem.set_val(name, value + np.linspace(0.3, 0.0, value.size))
+        problem.set_val(name, problem.get_val(name) + np.linspace(0.3, 0.0, problem.get_val(name).size))
     problem.run_model()
     return problem
 
@@ -164,8 +162,8 @@ def efficiencies(problem: om.Problem) -> dict:
     """
     wake = wake_of(problem)
     span, best = -2.0 * wake.points[0, 0], least_drag(wake.points, wake.lift)
-    elliptic = 2.0 * wake.lift**2 / (np.pi * span**2)
-    panel_drag = problem.get_val("CD_panels").item() / problem.get_val("CL_panels").item() ** 2
+    elliptic, panel_lift = 2.0 * wake.lift**2 / (np.pi * span**2), problem.get_val("CL_panels").item()
+    panel_drag = problem.get_val("CD_panels").item() / panel_lift**2
     return {
         "efficiency": elliptic / wake.drag,
         "munk": elliptic / best.drag,
@@ -187,10 +185,9 @@ def draw(folder, wings: dict) -> None:
                 (x, y, z), y = (trailing - leading).T, -2.0 * leading[:, 1] / span
                 load.plot(middles / span, wake.circulations * span / wake.lift, **style)
                 twist.plot(y, np.degrees(np.arctan2(-z, x)), **style)
-                for edge in (leading, trailing):
-                    planform.plot(y, edge[:, 0], **style)
-            best = least_drag(wake.points, 1.0)
-            load.plot(middles / span, best.circulations * span, "k.", markersize=4, label="Munk, same strips")
+                planform.plot(y, np.column_stack([leading[:, 0], trailing[:, 0]]), **style)
+            best = least_drag(wake.points, 1.0).circulations * span
+            load.plot(middles / span, best, "k.", markersize=4, label="Munk, same strips")
             draw_ellipse(load)
             load.set(title=CASES[case], xlabel="")
             planform.set(xlabel="$2 y / b$", xlim=(0.0, 1.0))

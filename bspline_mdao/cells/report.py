@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from .grid_quality import GridQuality
 from .hexahedron import CellQuality
 
 __all__ = [
+    "CellsAfterMove",
     "Distribution",
     "InvertedCell",
     "PatchHeights",
@@ -26,6 +28,7 @@ __all__ = [
     "distribution",
     "flat_plate_y_plus",
     "inverted_cells",
+    "judge_move",
     "report_heights",
     "report_quality",
     "wall_spacings",
@@ -178,6 +181,48 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
         histogram=distribution(q, n_bins),
         heights=report_heights(quality.first_cells, nodes),
     )
+
+
+class CellsAfterMove(NamedTuple):
+    """What a move made of the cells of a grid.
+
+    Parameters
+    ----------
+    n_inverted : int
+        Cells that were valid on the baseline and are not now.
+    q_min : float
+        Smallest Q of the cells that were valid on the baseline.
+    q_mean : float
+        Mean Q of all cells.
+    """
+
+    n_inverted: int
+    q_min: float
+    q_mean: float
+
+
+def judge_move(quality: GridQuality, nodes: np.ndarray) -> CellsAfterMove:
+    """Judge a move by the cells that were valid on the baseline.
+
+    Parameters
+    ----------
+    quality : GridQuality
+        The cells, and what the baseline decided about them.
+    nodes : ndarray, shape (n_nodes, 3)
+        Moved nodes of all blocks (m).
+
+    Returns
+    -------
+    CellsAfterMove
+    """
+    n_inverted, q_min, total = 0, np.inf, 0.0
+    for block, measures in zip(quality.blocks, quality.cells(nodes)):
+        was_valid = np.ones(measures.q.size, dtype=bool)
+        was_valid[block.was_invalid] = False
+        n_inverted += int(np.count_nonzero(was_valid & ~measures.is_valid.ravel()))
+        q_min = min(q_min, float(np.min(measures.q.ravel(), where=was_valid, initial=np.inf)))
+        total += float(measures.q.sum())
+    return CellsAfterMove(n_inverted, q_min, total / quality.n_cells)
 
 
 def inverted_cells(quality: GridQuality, cells: Sequence[CellQuality], newly: bool = False) -> tuple[InvertedCell, ...]:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import tomlkit
 
+from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
 from ..topology.periodic import find_periodic
 
-__all__ = ["draft_patches", "guess_patches", "kind_of_name"]
+__all__ = ["draft_patches", "guess_patches", "kind_of_name", "with_guessed_patches"]
 
 _KIND_OF_PREFIX = {
     "sym": "symmetry",
@@ -84,6 +85,23 @@ def kind_of_name(name: str) -> str:
     """
     word = re.sub(r"^bc[-_. ]*", "", name.strip().lower())
     return next((kind for prefix, kind in _KIND_OF_PREFIX.items() if word.startswith(prefix)), "other")
+
+
+def with_guessed_patches(grid: Grid) -> Grid:
+    """Guess what the boundary of a grid is where nobody declared it.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid, with patches or without.
+
+    Returns
+    -------
+    Grid
+        The grid with its patches, and with guessed ones on the rest of its boundary.
+    """
+    undeclared = [face.window for face in find_topology(grid).boundary if face.patch is None]
+    return replace(grid, patches=(*grid.patches, *guess_patches(grid, undeclared))) if undeclared else grid
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bspline_mdao import InputError, LinearElasticity, flat_plate_grid, read_grid
+
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
 
@@ -43,9 +45,8 @@ def test_the_number_of_increments_that_a_move_chooses_loses_no_case_that_five_ma
 
 
 def test_a_real_grid_that_one_increment_tangles_gets_two(script, real_grids):
-    grids = script("robustness_grids")
-    body = grids.Body.of("cylinder", grids.read_grid(real_grids / "aither_multiblock_cylinder.xyz"))
-    mover = script("robustness_table").LinearElasticity(body.mesh)
+    body = script("robustness_table").Body("cylinder", read_grid(real_grids / "aither_multiblock_cylinder.xyz"))
+    mover = LinearElasticity(body.mesh)
     movement = mover.move(body.mesh.points, body.surface("twist=90deg"))
     assert [(t.n_increments, t.corner_ratio > 0.0) for t in movement.report.tried] == [(1, False), (2, True)]
     assert body.judge(movement.points)[0] == 0
@@ -67,8 +68,7 @@ def test_what_the_first_mover_loses_is_named(script):
 
 
 def test_cells_that_were_invalid_before_are_not_counted(script, monkeypatch):
-    grids = script("robustness_grids")
-    body = grids.Body.of("plate", grids.MORPHS["plate"].make_grid((7, 7, 7)), (5, 5, 5))
+    body = script("robustness_table").Body("plate", flat_plate_grid((7, 7, 7)), (5, 5, 5))
     points = body.mesh.points.copy()
     assert body.judge(points)[0] == 0
     points[body.mesh.surface_ids] += np.array([0.0, 0.3, 0.0])
@@ -82,11 +82,10 @@ def test_cells_that_were_invalid_before_are_not_counted(script, monkeypatch):
 def test_a_real_grid_moves_and_what_it_cannot_take_is_told(script, real_grids, tmp_path):
     shutil.copy(real_grids / "cgns_5blocks.cgns", tmp_path)
     (tmp_path / "notes.txt").write_text("no grid")
-    grids = script("robustness_grids")
-    bodies, left_out = grids.collect(False, tmp_path)
+    bodies, left_out = script("robustness_table").collect(False, tmp_path)
     assert [body.name for body in bodies] == ["plate", "M6", "cgns_5blocks.cgns"]
     assert list(left_out) == ["notes.txt"]
     body = bodies[-1]
     assert body.surface("chord=0.5").shape == (len(body.mesh.surface_ids), 3)
-    with pytest.raises(grids.InputError, match="leave the box around the grid"):
+    with pytest.raises(InputError, match="leave the box around the grid"):
         body.surface("stretch=2")

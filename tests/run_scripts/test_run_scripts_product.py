@@ -83,10 +83,10 @@ def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_pat
 
 def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
     """Of the walls alone: all the rest of the grid goes with them, as far as its boundary."""
-    viscous, rotating = script("viscous_grids"), script("rotating_distance")
+    viscous = script("viscous_grids")
     ((_, grid),) = viscous.collect(False, None, (), None)
     nodes = grid.to_vector().reshape(-1, 3)
-    moved = rotating.RotatingDistance(grid).move("pitch=30deg")
+    moved = viscous.WallDistances(grid).move("pitch=30deg")
     lengths = [np.linalg.norm(x[1:] - x[:1], axis=1) for x in (nodes, moved)]
     np.testing.assert_allclose(lengths[1], lengths[0], atol=1e-9)
     assert np.abs(moved - nodes).max() > 1.0

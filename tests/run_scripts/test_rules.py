@@ -1,0 +1,62 @@
+"""Run scripts can be copied: they import nothing of their folder, state one problem each, and say what they cost."""
+
+import ast
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
+ALLOWED = {"bspline_mdao", "openmdao", "numpy", "matplotlib", "scipy", "threadpoolctl"}
+STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "time", "typing"} | {
+    *("collections.abc", "dataclasses"),
+}
+LONGEST = 130
+"""Lines of code that a script may have: those with more than a comment or a part of a docstring."""
+
+TABLES, LONGEST_TABLE = {"robustness_table", "viscous_grids"}, 200
+"""Those that state no problem but compare ways to move many grids."""
+
+scripts = pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+
+
+def docstring_lines(tree: ast.AST) -> set[int]:
+    """Lines of texts that stand for themselves: docstrings, also those of constants."""
+    texts = [n for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
+    return {line for text in texts for line in range(text.lineno, text.end_lineno + 1)}
+
+
+def code_lines(source: str) -> int:
+    skipped = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    lines = {n for t in tokens if t.type not in skipped for n in range(t.start[0], t.end[0] + 1)}
+    return len(lines - docstring_lines(ast.parse(source)))
+
+
+@scripts
+def test_a_run_script_imports_what_users_have_and_no_other_script(path):
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [f"{'.' * node.level}{node.module}" for node in nodes if isinstance(node, ast.ImportFrom)]
+    assert {name for name in names if name not in STANDARD and name.split(".")[0] not in ALLOWED} == set()
+
+
+@scripts
+def test_a_run_script_is_short(path):
+    assert code_lines(path.read_text()) <= (LONGEST_TABLE if path.stem in TABLES else LONGEST)
+
+
+@scripts
+def test_a_run_script_says_what_it_takes_and_what_comes_out(path):
+    text = " ".join(ast.get_docstring(ast.parse(path.read_text())).split())
+    assert re.search(r"[Ii]t takes .*(second|minute|hour)", text)
+    assert "What comes out" in text
+
+
+def test_docstrings_comments_and_blank_lines_are_no_code():
+    source = (
+        '"""A\n\nB."""\n\nX = 1\n"""One."""\n\n\ndef f():  # why\n    """F."""\n    # reason\n    return """a\nb"""\n'
+    )
+    assert code_lines(source) == 4
