@@ -38,6 +38,7 @@ from .evaluation.inversion import invert_points as invert_points
 from .evaluation.inversion import require_inside as require_inside
 from .evaluation.inversion import ride as ride
 from .fit.fitting import fit_grid as fit_grid
+from .fit.surface_fit import fit_surface as fit_surface
 from .generators.blended_wing_body import BlendedWingBody as BlendedWingBody
 from .generators.blended_wing_body import Rib as Rib
 from .generators.blended_wing_body import generic_blended_wing_body as generic_blended_wing_body
@@ -82,6 +83,7 @@ from .measures.wing_edges import LeadingEdgeRadius as LeadingEdgeRadius
 from .measures.wing_edges import TrailingEdgeAngle as TrailingEdgeAngle
 from .mesh.boundary import moving_grid as moving_grid
 from .mesh.boundary import moving_mesh as moving_mesh
+from .mesh.moving_mesh import MovingMesh as MovingMesh
 from .mesh.surface import SurfaceGrid as SurfaceGrid
 from .model.fitted_model import FittedModel as FittedModel
 from .model.fitted_model import family_member as family_member
