@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
-from bspline_mdao.design.variable import Layout, MapPartials, block_diagonal, pointwise_jacobian
+from bspline_mdao.design.variable import Layout, MapPartials, block_diagonal
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.mesh.surface import SurfaceGrid
@@ -123,7 +123,8 @@ class Swirl:
         x, y, _ = self.apply(points, values).T
         by_angle = np.stack([-y, x, np.zeros_like(x)], axis=1)
         by_values = by_angle[:, :, None] * np.vander(points[:, 2], self.n_values)[:, None]
-        blocks = pointwise_jacobian(lambda moved: self.apply(moved, values), points)
+        steps = 1e-40j * np.eye(3)
+        blocks = np.stack([self.apply(points + step, values).imag / 1e-40 for step in steps], axis=-1)
         return MapPartials(block_diagonal(blocks), csr_array(by_values.reshape(points.size, -1)))
 
 

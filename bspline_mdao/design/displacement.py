@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array
 
 from ..errors import InputError
+from .control_net import surface_normals
 from .selection import Where, rows_of
-from .surface_normals import surface_normals
 from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal
 
 __all__ = ["Direction", "Displacement", "Local", "directions_of", "displacements", "selector"]
@@ -64,7 +64,7 @@ class Local:
         Which points; numbers are rows of ``mesh.surface_ids``. All by default.
     direction : str or array_like
         Coordinate axes by name, ``"z"`` or several as in ``"xyz"``; ``"normal"``, the unit normal of the baseline
-        into the fluid (see `bspline_mdao.design.surface_normals`); a vector, shape (3,); vectors of the selected
+        into the fluid (see `bspline_mdao.design.control_net`); a vector, shape (3,); vectors of the selected
         points, shape (n, 3); or m of them for every point, shape (n, 3, m). Vectors are displacements per unit of
         the value, of any length.
     units : str, optional

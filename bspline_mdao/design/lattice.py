@@ -30,8 +30,8 @@ from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
+from .control_net import surface_quads
 from .selection import Selection
-from .surface_normals import surface_quads
 from .variable import DesignMap, Layout, MapPartials, product_on_pattern, sum_on_pattern
 
 __all__ = ["Embedding", "ExtendedMap", "Lattice", "fixed_points"]

@@ -7,8 +7,7 @@ two points that move alike one is the *leader*, the *follower* depends on it. Th
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,8 @@ from ..checks import as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.planes import nearest_plane
+from ..numerics.vector_arrays import lengths
+from .control_net import surface_seams
 from .elimination import Equations
 from .selection import Selection, Where, rows_of
 
@@ -35,7 +36,6 @@ __all__ = [
     "axes_of",
     "pairs_of",
     "place_of",
-    "surface_seams",
 ]
 
 Directions = str | np.ndarray | Sequence | None
@@ -231,7 +231,7 @@ class Collinear:
         kinks = _angles(before, after)
         is_smooth = kinks <= self.max_kink
         self._check(mesh, triples, kinks, is_smooth)
-        ratios = _lengths(after[is_smooth]) / _lengths(before[is_smooth])
+        ratios = lengths(after[is_smooth]) / lengths(before[is_smooth])
         weights = np.stack([ratios, -(1.0 + ratios), np.ones_like(ratios)], axis=1) / (1.0 + ratios)[:, None]
         coefficients = weights[:, None, :, None] * np.eye(3)[:, None]
         return Equations.of(len(points), triples[is_smooth], coefficients, follower=1)
@@ -252,13 +252,9 @@ class Collinear:
 
 def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Angles between vectors (deg), shape (n,); 180 where one has no length."""
-    crossed = _lengths(np.cross(a, b))
+    crossed = lengths(np.cross(a, b))
     angles = np.degrees(np.arctan2(crossed, np.sum(a * b, axis=-1)))
-    return np.where(_lengths(a) * _lengths(b) > 0.0, angles, 180.0)
-
-
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(vectors, axis=-1)
+    return np.where(lengths(a) * lengths(b) > 0.0, angles, 180.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,60 +328,6 @@ class Mirrored:
                 f"change the tolerance, or name leaders and followers"
             )
         return partners
-
-
-def surface_seams(mesh: MovingMesh) -> np.ndarray:
-    """Find all seams of the surface.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The mesh.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 3)
-        Rows of ``mesh.surface_ids``: the point next to the seam on one side, on the seam, and on the other side, each
-        triple once. Where an edge is collapsed and has no such point, there is no triple.
-    """
-    sides = defaultdict(list)
-    for face in _faces(mesh):
-        for edge, inner in _edges(face):
-            ahead, back = tuple(edge.tolist()), tuple(edge[::-1].tolist())
-            sides[min(ahead, back)].append(inner if ahead <= back else inner[::-1])
-    found = [np.column_stack([pair[0], edge, pair[1]]) for edge, pair in sides.items() if len(pair) == 2]
-    triples = np.concatenate([np.zeros((0, 3), dtype=np.int64), *found])
-    a, on, b = np.moveaxis(triples, 1, 0)
-    return _once(triples[(a != on) & (on != b) & (a != b)])
-
-
-def _faces(mesh: MovingMesh) -> Iterator[np.ndarray]:
-    """Sides of blocks on the surface, as rows; neither those between two blocks nor those without extent."""
-    found = defaultdict(list)
-    for ids in mesh.blocks:
-        for side in range(6):
-            face = mesh.surface_rows[np.take(ids, -(side % 2), axis=side // 2)]
-            if (face >= 0).all() and not _has_collapsed(face):
-                found[np.unique(face).tobytes()].append(face)
-    return (faces[0] for faces in found.values() if len(faces) == 1)
-
-
-def _has_collapsed(face: np.ndarray) -> bool:
-    """Whether all points along one direction are one."""
-    return bool((face == face[:1]).all() or (face == face[:, :1]).all())
-
-
-def _edges(face: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The four edges of a face, each with the line of points next to it."""
-    for lines in (face, face.T):
-        yield lines[0], lines[1]
-        yield lines[-1], lines[-2]
-
-
-def _once(triples: np.ndarray) -> np.ndarray:
-    """Triples without those that are the same, read in either direction."""
-    ordered = np.where((triples[:, :1] > triples[:, 2:]), triples[:, ::-1], triples)
-    return triples[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]
 
 
 def _rows(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:

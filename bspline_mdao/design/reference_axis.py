@@ -21,8 +21,8 @@ from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
+from .control_net import surface_quads
 from .section_formulas import rotation
-from .surface_normals import surface_quads
 from .variable import Layout
 
 __all__ = ["AttachedRows", "ChordLines", "ReferenceAxis", "StationSpline", "chord_lines"]

@@ -26,7 +26,6 @@ __all__ = [
     "Variable",
     "block_diagonal",
     "ones_like",
-    "pointwise_jacobian",
     "product_on_pattern",
     "rates_of",
     "sum_on_pattern",
@@ -163,21 +162,3 @@ def block_diagonal(blocks: np.ndarray) -> csr_array:
 def rates_of(function: Callable[[np.ndarray], np.ndarray], amounts: np.ndarray) -> np.ndarray:
     """Derivatives of a function of single amounts, shape (n,), by a complex step; of the shape that it returns."""
     return function(amounts + 1j * _STEP).imag / _STEP
-
-
-def pointwise_jacobian(function: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
-    """Differentiate a map that moves every point by itself, by complex steps, which subtract nothing and are exact.
-
-    Parameters
-    ----------
-    function : callable
-        Moved points, shape (n, 3), of points, shape (n, 3); complex-safe.
-    points : ndarray, shape (n, 3)
-        Where (m).
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3)
-        Entry ``[q, d, e]`` is the derivative of coordinate d of moved point q in coordinate e of the point.
-    """
-    return np.stack([function(points + 1j * _STEP * axis).imag / _STEP for axis in np.eye(3)], axis=-1)

@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from ..numerics.vector_arrays import lengths
+from ..numerics.vector_arrays import cross, lengths
 
 __all__ = [
     "FLAT",
@@ -288,7 +288,7 @@ def _meeting(corners):
     """
     a, b, c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     d = corners[:, 2] - corners[:, 3] - b
-    for t in _roots(_cross(c, d), _cross(a, d) + _cross(c, b), _cross(a, b)):
+    for t in _roots(cross(c, d), cross(a, d) + cross(c, b), cross(a, b)):
         t = np.clip(t, 0.0, 1.0)[:, None]
         side = b + d * t
         length = np.sum(side * side, axis=1)
@@ -321,7 +321,3 @@ def _crossing(corners, parameters, touch):
     is_met = np.abs(place[:, :2]).max(axis=1) <= touch
     is_met &= np.abs(normal[:, 2]) > _GRAZE * np.linalg.norm(normal, axis=1)
     return is_met, parameters, place[:, 2], normal[:, 2] > 0.0
-
-
-def _cross(u, v):
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]

@@ -8,6 +8,7 @@ from scipy.sparse import csr_array, vstack
 from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 
 from bspline_mdao import onera_m6_grid
+from bspline_mdao.design.control_net import surface_seams
 from bspline_mdao.design.elimination import Equations, eliminate
 from bspline_mdao.design.linear_constraints import (
     Collinear,
@@ -17,7 +18,6 @@ from bspline_mdao.design.linear_constraints import (
     Mirrored,
     Opposite,
     Pinned,
-    surface_seams,
 )
 from bspline_mdao.design.selection import InBox, NearPlane, SurfaceRows
 from bspline_mdao.errors import InputError

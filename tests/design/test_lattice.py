@@ -22,8 +22,8 @@ from bspline_mdao import (
     UserVariable,
     moving_mesh,
 )
+from bspline_mdao.design.control_net import surface_quads
 from bspline_mdao.design.lattice import Embedding, fixed_points
-from bspline_mdao.design.surface_normals import surface_quads
 from bspline_mdao.design.variable import Layout, MapPartials
 from bspline_mdao.splines.volume import evaluate
 

@@ -26,7 +26,7 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.design.surface_normals import surface_normals, surface_quads
+from bspline_mdao.design.control_net import surface_normals, surface_quads
 from bspline_mdao.design.variable import Layout
 from bspline_mdao.topology.index_space import Window
 
