@@ -105,7 +105,7 @@ def _square(nodes: np.ndarray, solution: FitSolution) -> float:
 
 def _move(problem: FitProblem, followers, parameters, nodes, control_points, progress) -> list[np.ndarray]:
     """Move the parameters of all entities for fixed control points."""
-    n_done, n_nodes = 0, problem.n_nodes
+    n_done, n_nodes = 0, problem.topology.n_nodes
     parameters, nets = [array.copy() for array in parameters], problem.mesh.nets(control_points)
     for entity in problem.entities:
         if any(entity.is_free):

@@ -44,8 +44,6 @@ from .parameters import EXPONENTS, chord_length_parameters, chord_length_paramet
 from .problem import FitProblem, problem_of_mesh
 from .quasi_interpolant import Mixture
 
-__all__ = ["LiveGrid", "LiveGridState", "live_grid"]
-
 
 def live_fit(model: FittedModel, nodes: np.ndarray) -> LiveFit:
     """Fit another baseline grid exactly as a model was fitted, with parameters, knots and derivatives of its own.

@@ -48,24 +48,14 @@ class FitProblem:
     entities: tuple[Entity, ...]
     edge_places: tuple[tuple[np.ndarray, ...], ...]
 
-    @property
-    def n_nodes(self) -> int:
-        """Nodes of all blocks."""
-        return self.topology.n_nodes
-
     def step(self, parameters: Sequence[np.ndarray], entity: Entity) -> FitStep:
         """Least squares of an entity, factored, for parameters of every segment."""
         s, name = entity.segment, f"{self.topology.source}: {entity.describe(self.topology.segment_names)}"
         segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.edge_places[s]
-        return build_step(entity, *segment, self.n_nodes, name)
-
-    def steps(self, parameters: Sequence[np.ndarray], entities: Sequence[Entity] | None = None):
-        """Yield the least squares of each entity, or of given ones, factored, for parameters of every segment."""
-        entities = self.entities if entities is None else entities
-        yield from map_tasks(partial(self.step, parameters), entities, self.n_threads)
+        return build_step(entity, *segment, self.topology.n_nodes, name)
 
     def rounds(self) -> list[list[Entity]]:
-        """Entities in sets that follow each other: those of a set know nothing of each other's control points."""
+        """Entities in sets that follow each other: those of a set do not depend on each other's control points."""
         round_of, rounds = np.full(self.mesh.n_control_points, -1), []
         for entity in self.entities:
             number = int(round_of[entity.control_ids].max()) + 1
@@ -101,10 +91,12 @@ class FitProblem:
         entities : sequence of Entity, optional
             Those whose control points are wanted, in order; all by default.
         """
-        mixture = self.mixture(parameters, weights)
-        with threadpool_limits(1, "blas"):
-            steps = tuple(self.steps(parameters, entities)) if mixture.has_least_squares else ()
-        return FitOperator(steps, self.n_nodes, self.mesh.n_control_points, mixture)
+        mixture, steps = self.mixture(parameters, weights), ()
+        if mixture.has_least_squares:
+            entities = self.entities if entities is None else entities
+            with threadpool_limits(1, "blas"):
+                steps = tuple(map_tasks(partial(self.step, parameters), entities, self.n_threads))
+        return FitOperator(steps, self.topology.n_nodes, self.mesh.n_control_points, mixture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +168,7 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
             for entity, is_singular in zip(entities, map_tasks(solve, entities, problem.n_threads)):
                 singular.extend([entity] * is_singular)
                 n_done += len(entity.rows)
-                progress(n_done / problem.n_nodes, "least squares")
+                progress(n_done / problem.topology.n_nodes, "least squares")
     copies = problem.sharing.copies
     fitted[copies[:, 0]] = fitted[copies[:, 1]]
     return FitSolution(control_points, fitted, _warn_of_singular(problem.topology, singular))
