@@ -1,8 +1,8 @@
 """Least drag of the ONERA M6 at fixed lift: sections, twist, chord and sweep, with thickness, volume and area kept.
 
-It takes an hour by the Euler equations, with ``--quick`` a minute and with ``--flow vortex`` less. What comes out are
-forces and variables at the start and at the optima, how the optimisers went on, a check of the totals, and a picture of
-the wing, its load and the histories.
+It takes five minutes by the Euler equations, with ``--quick`` a minute and with ``--flow vortex`` less. What comes out
+are forces and variables at the start and at the optima, how the optimisers went on, a check of the totals, and a
+picture of the wing, its load and the histories.
 """
 
 from __future__ import annotations

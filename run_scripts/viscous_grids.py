@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -148,7 +149,7 @@ def main(
     grid: Sequence[str] = (),
     patches: str | None = None,
     deform: Sequence[str] = (),
-    ways: Sequence[str] = tuple(WAYS),
+    ways: Sequence[Literal["least squares", "default", "inverse distance"]] = tuple(WAYS),
     table: str | None = None,
 ) -> dict:
     """Move grids with boundary layers and see what becomes of their cells.
@@ -168,7 +169,7 @@ def main(
     deform : sequence of str
         Deformations to ask for instead.
     ways : sequence of str
-        Ways that are compared, of "least squares", "default" and "inverse distance".
+        Ways that are compared: all by default.
     table : path-like, optional
         File for a table of comma-separated values, see `write_table`.
 

@@ -189,6 +189,8 @@ def read_field(case: Path, name: str) -> np.ndarray:
     last = max((path for path in case.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
     text = (last / name).read_text()
     values = re.search(r"internalField\s+nonuniform List<scalar>\s+\d+\s+\(([^)]*)\)", text)
+    if values is None:
+        raise InputError(f"{last / name}: no list of values; see to the grid or the Mach number")
     return np.array(values[1].split(), dtype=float)
 
 

@@ -120,11 +120,10 @@ def _surfaces(grid: Grid, walls: Sequence[Window], axis: int, value: float, outs
 def _surface(nodes: np.ndarray, window: Window, direction: int, index: int) -> np.ndarray:
     """Grid surface of a block that leaves the wall along a line of it, shape (n, m, 3), the wall first."""
     flat = window.shape.index(1)
-    part = list(window.slices)
+    part: list[slice | int] = list(window.slices)
     part[flat] = slice(None) if window.lo[flat] == 0 else slice(None, None, -1)
     along = [d for d in range(3) if d != flat][direction]
-    start = part[along].start or 0
-    part[along] = start + index
+    part[along] = window.lo[along] + index
     surface = nodes[tuple(part)]
     return surface if flat > 3 - flat - along else surface.swapaxes(0, 1)
 

@@ -241,7 +241,7 @@ def draw_designs(
     for name, problem in {"initial": start, **{name: run.problem for name, run in runs.items()}}.items():
         style, nodes = {"color": colors[name], "label": name}, problem.get_val(GRID)
         draw_planform(planform, model, nodes, **style)
-        draw_sections(sections, model, nodes, **style)
+        draw_sections(sections, model, nodes, PARTS, **style)
         draw_span_load(load, span_load_edges(model, problem), problem.get_val("span_load"), **style)
         draw_twist(twist, model, nodes, **style)
     planform.legend(loc="lower left")

@@ -238,8 +238,8 @@ def _relative_error(differences: list[np.ndarray], products: np.ndarray) -> floa
 
 def _direction(random: np.random.Generator, meta: dict | None, size: int) -> np.ndarray:
     """Random values of those entries of an input that are designed, within a unit of the driver."""
-    is_all = meta is None or meta["indices"] is None
-    direction, entries = np.zeros(size), slice(None) if is_all else meta["indices"].shaped_array()
+    indices = None if meta is None else meta["indices"]
+    direction, entries = np.zeros(size), slice(None) if indices is None else indices.shaped_array()
     direction[entries] = _unit(meta) * random.uniform(-1.0, 1.0, direction[entries].size)
     return direction
 

@@ -9,7 +9,7 @@ from grid_cases import smooth_grid
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.io.files import read_grid, write_grid
-from bspline_mdao.io.patch_guess import draft_patches, guess_patches
+from bspline_mdao.io.patch_guess import draft_patches, guess_patches, with_guessed_patches
 from bspline_mdao.io.patches import read_patches
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.grid import Block, Grid, Patch
@@ -213,6 +213,16 @@ def test_guess_finds_symmetry_wall_and_far_field():
         Patch("wall", "wall", (whole.face(2),)),
         Patch("farfield", "farfield", (whole.face(3),)),
     )
+
+
+def test_what_is_declared_stays_and_the_rest_is_guessed():
+    grid = half_annulus()
+    body = Patch("body", "wall", (Window.whole(0, grid.shapes[0]).face(2),))
+    guessed = with_guessed_patches(replace(grid, patches=(body,)))
+    assert guessed.patches[0] == body
+    windows = [window for patch in guessed.patches for window in patch.windows]
+    assert len(windows) == len(set(windows)) == 6
+    assert with_guessed_patches(guessed) is guessed
 
 
 def test_sides_of_a_grid_one_cell_deep_are_symmetry_planes():
