@@ -95,6 +95,11 @@ from .movement.radial_basis import RadialBasis as RadialBasis
 from .movement.springs import LinealSprings as LinealSprings
 from .movement.springs import TorsionalSprings as TorsionalSprings
 from .movement.transfinite import Transfinite as Transfinite
+from .movement.young_modulus import ConstantLaw as ConstantLaw
+from .movement.young_modulus import InverseVolumeLaw as InverseVolumeLaw
+from .movement.young_modulus import OrthogonalityLaw as OrthogonalityLaw
+from .movement.young_modulus import StiffnessLaw as StiffnessLaw
+from .movement.young_modulus import WallDistanceLaw as WallDistanceLaw
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
@@ -116,7 +121,10 @@ from .om.surface_control import SurfaceControl as SurfaceControl
 from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit
 from .om.surface_evaluate import SurfaceEvaluate as SurfaceEvaluate
 from .om.surface_measure import SurfaceMeasure as SurfaceMeasure
+from .sparse.cholesky import Cholesky as Cholesky
+from .sparse.cholmod import Cholmod as Cholmod
 from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients
+from .sparse.pardiso import Pardiso as Pardiso
 from .splines.knots import BilinearKnots as BilinearKnots
 from .splines.knots import ConstantKnots as ConstantKnots
 from .splines.knots import FunctionKnots as FunctionKnots

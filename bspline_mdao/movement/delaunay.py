@@ -25,7 +25,8 @@ __all__ = ["DelaunayGraph", "Tetrahedra", "signed_volumes", "tetrahedra"]
 
 
 OUTSIDE = 0.1
-"""A point may be outside of the tetrahedron that carries it by this barycentric coordinate."""
+"""A point may be outside of the tetrahedron that it moves with by this barycentric coordinate, as
+beside curved boundaries, which the graph cuts straight."""
 
 
 FLAT = 1e-7
@@ -38,9 +39,16 @@ STRAIGHT = 1e-9
 
 @dataclass(frozen=True)
 class DelaunayGraph(IncrementalMover):
-    """Move every point with the tetrahedron of surface and held points that it is in.
+    """Move every point with the tetrahedron of surface and fixed points that it is in.
 
-    The graph connects the points as they are before each increment. With one increment the moved points are linear in
+    The graph connects the points as they are before each increment. Steps of an increment, after the reference:
+
+    1. connect the surface and fixed points by tetrahedra;
+    2. find the tetrahedron that each other point is in, and its barycentric coordinates there;
+    3. displace the surface, which must not invert a tetrahedron that holds points;
+    4. give each point its old coordinates in its displaced tetrahedron.
+
+    With one increment the moved points are linear in
     the surface. With several, another surface may connect the graph differently, and derivatives jump: they are exact
     for the connections that were made.
 
@@ -53,7 +61,7 @@ class DelaunayGraph(IncrementalMover):
 
     Notes
     -----
-    A move raises `MovementError` if a tetrahedron that carries points inverts, or a point is in none, as on a boundary
+    A move raises `MovementError` if a tetrahedron that holds points inverts, or a point is in none, as on a boundary
     that is released.
 
     References
@@ -69,14 +77,16 @@ class DelaunayGraph(IncrementalMover):
         centres = self._centres
         targets, points = before[centres.target_ids], centres.position @ before
         displacement = centres.displacement(surface - before[self.mesh.surface_ids])
-        graph, which = tetrahedra(points, targets)
+        graph, which = tetrahedra(points, targets)  # steps 1 and 2
         corners, coordinates = graph.corners[which], graph.coordinates(which, targets)
         self._refuse(
             coordinates.min(axis=1) < -OUTSIDE,
-            "no tetrahedron carries {}; hold the boundary about it (fixed, --fix)",
+            "no tetrahedron holds {}; fix the boundary about it (fixed, --fix)",
         )
+        # step 3
         is_inverted = signed_volumes(points + displacement, corners) <= 0.0
-        self._refuse(is_inverted, "the tetrahedron that carries {} inverts; take more increments")
+        self._refuse(is_inverted, "the tetrahedron that holds {} inverts; take more increments")
+        # step 4, as weights of the displacements of the corners
         rows = np.repeat(np.arange(len(targets)), 4)
         weights = sparse.csr_array((coordinates.ravel(), (rows, corners.ravel())), shape=(len(targets), len(points)))
         stretch = (displacement[corners[:, 1:]] - displacement[corners[:, :1]]).transpose(0, 2, 1)
@@ -166,7 +176,7 @@ def tetrahedra(points: np.ndarray, targets: np.ndarray) -> tuple[Tetrahedra, np.
     try:
         graph = Delaunay(points)
     except QhullError as error:
-        raise MovementError("Delaunay graph: the surface and held points span no volume; hold a far field") from error
+        raise MovementError("Delaunay graph: the surface and fixed points span no volume; fix a far field") from error
     corners = graph.simplices.copy()
     volumes = signed_volumes(points, corners)
     corners[volumes < 0.0, :2] = corners[volumes < 0.0, 1::-1]

@@ -131,8 +131,8 @@ class ElasticElements:
     def force_vjp(self, displacement, bar):
         """Transpose of `force_jvp` and of `force`."""
         points_bar, modulus_bar, displacement_bar = force_vjp(*self._arguments, displacement, bar)
-        initial_bar, by_modulus = self.law.modulus_vjp(self.mesh, self.initial, self.points, modulus_bar)
-        return initial_bar, points_bar + by_modulus, displacement_bar
+        initial_bar, law_bar = self.law.modulus_vjp(self.mesh, self.initial, self.points, modulus_bar)
+        return initial_bar, points_bar + law_bar, displacement_bar
 
 
 def lame_constants(poisson_ratio: float) -> tuple[float, float]:
@@ -200,7 +200,7 @@ def _traction(stress, v):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _fluxes(stress, a, factor):
-    """Derivatives by the slopes v_i of the work on v."""
+    """Derivatives of the work on v with respect to its slopes v_i."""
     return (
         scaled(factor, _traction(stress, a[0])),
         scaled(factor, _traction(stress, a[1])),
@@ -251,7 +251,7 @@ def _element_force_jvp(f_s, u_s, df_s, sign, weight, d_weight, lame, out):
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _element_force_vjp(f_s, u_s, v_s, sign, weight, lame, f_bar, u_bar):
-    """Derivatives of the work of the stresses of u on the strains of v by the slopes of x and u; the work by weight."""
+    """Derivatives of the work w of u on v with respect to the slopes of x and u; returns the work over the weight."""
     total = 0.0 * weight
     for g in range(8):
         f, u, v = at_point(f_s, g), at_point(u_s, g), at_point(v_s, g)
@@ -342,16 +342,16 @@ def force_vjp(points, elements, signs, modulus, lame, displacement, bar):
     points, elements, signs, modulus, lame, displacement
         As for `force`.
     bar : ndarray, shape (n_parts, n_points, 3)
-        Derivative of a scalar by the force, as a sum of parts.
+        Derivative of a scalar with respect to the force, as a sum of parts.
 
     Returns
     -------
     points_bar : ndarray, shape (n_points, 3)
-        By the points.
+        Derivative with respect to the points.
     modulus_bar : ndarray, shape (n_elements,)
-        By the modulus.
+        The same for the modulus.
     displacement_bar : ndarray, shape (n_points, 3)
-        By the displacement: the force of ``bar``.
+        The same for the displacement: the force of ``bar``.
     """
     points_bar, modulus_bar, displacement_bar = np.zeros_like(points), np.empty_like(modulus), np.zeros_like(points)
     x, u, v = np.empty((3, 3, 8), points.dtype), np.empty((3, 3, 8), points.dtype), np.empty((3, 3, 8), points.dtype)

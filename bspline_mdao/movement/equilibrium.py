@@ -46,6 +46,21 @@ __all__ = [
 
 EPSILON = float(np.finfo(float).eps)
 
+REFINE_ABOVE = 1e-11
+"""Relative error, as the factor estimates it, above which a move is refined: far below what a mesh can show."""
+
+REFINE_PRODUCTS_ABOVE = 1e-13
+"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
+
+TOLERANCE = 1e-14
+"""Relative error to refine to: a digit above the unit round-off, which the sums over elements lose."""
+
+MAX_CORRECTIONS = 30
+"""Corrections after which to stop; three or four are needed where they converge at all."""
+
+LEAST_GAIN = 0.5
+"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
+
 
 class Elements(Protocol):
     """Elements at given points: their force is linear in the displacement, their stiffness is symmetric."""
@@ -159,7 +174,7 @@ class EquilibriumStep:
 
 @dataclass(frozen=True, eq=False)
 class Factored:
-    """A matrix with its factor, and how long that took."""
+    """A matrix with its factor."""
 
     matrix: BlockMatrix
     factor: object
@@ -217,6 +232,14 @@ class Equilibrium:
     ) -> Balance:
         """Find the displacement u that is known on the surface and has ``F(u) = load`` at the free points.
 
+        Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
+
+        1. solve K u = load - F(known) with the factor;
+        2. where its estimate of the error is too large, form the residual load - F(u) from both parts of u;
+        3. solve K c = residual for a correction c;
+        4. stop where corrections do not shrink any more: what is left is rounding;
+        5. add c to both parts of u, and stop where the next correction promises to be below `TOLERANCE`.
+
         Parameters
         ----------
         elements : Elements
@@ -231,7 +254,7 @@ class Equilibrium:
             Estimate of the relative error above which the displacement is refined.
         """
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
-        solution = factored.solve(gather(_less(load, elements.force(known[None]))))
+        solution = factored.solve(gather(_less(load, elements.force(known[None]))))  # step 1
         parts, error = (known + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
         size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
         if size == 0.0 or not np.isfinite(size):
@@ -240,12 +263,14 @@ class Equilibrium:
             return Balance(parts, n_steps, solution.residual, error)
         parts = _in_two(parts)
         for _ in range(MAX_CORRECTIONS):
-            solved = factored.solve(gather(_less(load, elements.force(parts))))
+            residual = _less(load, elements.force(parts))  # step 2
+            solved = factored.solve(gather(residual))  # step 3
             correction = scatter(solved.x)
             change = np.abs(correction).max() / size
-            if not change < LEAST_GAIN * last:
+            if not change < LEAST_GAIN * last:  # step 4; also where it is not a number
                 error = change
                 break
+            # step 5; corrections shrink by change / last, so that the next one is about error
             parts, n_steps = _corrected(parts, correction), n_steps + max(solved.iterations, 1)
             error, last = change * change / last, change
             if error <= TOLERANCE:
@@ -256,22 +281,6 @@ class Equilibrium:
         """Assemble and factorise the stiffness of elements."""
         matrix = self.unknowns.matrix(elements.add_stiffness)
         return Factored(matrix, self.analysis.factorize(matrix))
-
-
-REFINE_ABOVE = 1e-11
-"""Relative error, as the factor estimates it, above which a move is refined."""
-
-REFINE_PRODUCTS_ABOVE = 1e-13
-"""The same for products with derivatives, which are to agree with each other better than they need to be exact."""
-
-TOLERANCE = 1e-14
-"""Relative error to refine to."""
-
-MAX_CORRECTIONS = 30
-"""Corrections after which to stop."""
-
-LEAST_GAIN = 0.5
-"""A correction that is not smaller than the last one by this factor is rounding, and the end."""
 
 
 @dataclass(frozen=True, eq=False)

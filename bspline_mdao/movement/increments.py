@@ -24,7 +24,7 @@ from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, ch
 __all__ = ["AUTO", "GOOD_RATIO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
 
 LOGGER = logging.getLogger(__name__)
-"""Tells of every increment that is done, with the arguments ``(increment, n_increments)``."""
+"""Logs every increment that is done, with the arguments ``(increment, n_increments)``."""
 
 AUTO = "auto"
 """Number of increments of a move that chooses it by what it needs."""
@@ -134,7 +134,7 @@ def in_increments(
     InputError
         If a shape or the number of increments is wrong.
     MovementError
-        If the move cannot be done, or carries a point far beyond what the surface does, with any of the numbers.
+        If the move cannot be done, or moves a point far beyond what the surface does, with any of the numbers.
     """
     require_number(n_increments)
     initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
@@ -209,7 +209,7 @@ class IncrementalMover:
             If a shape or the number of increments is wrong.
         MovementError
             If a coordinate is not finite, a surface point leaves its symmetry plane, a system cannot be solved, or a
-            point is carried far beyond what the surface does.
+            point is moved far beyond what the surface does.
         """
         initial = np.array(initial, dtype=float)
         return in_increments(self.mesh, self._step, initial, surface, self.n_increments, numbers)

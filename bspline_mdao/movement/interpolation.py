@@ -36,9 +36,9 @@ __all__ = [
 
 
 class Interpolation(Protocol):
-    """Displacements of all points from those of the surface; held points count as not displaced.
+    """Displacements of all points from those of the surface; fixed points count as not displaced.
 
-    The values at surface and held points do not matter: these points are known.
+    The values at surface and fixed points do not matter: the displacement of these points is prescribed.
     """
 
     values: np.ndarray
@@ -62,7 +62,7 @@ class InterpolatedStep:
     points : ndarray, shape (n_points, 3)
         Points after the increment (m).
     interpolation : Interpolation
-        What carried the displacement of the surface.
+        Displacements that the points took.
     report : SolveReport or None
         How the interpolation was solved for, where it had to be.
     """
@@ -107,7 +107,7 @@ def interpolated_step(
     surface : ndarray, shape (n_surface, 3)
         Surface points after it (m).
     interpolation : Interpolation
-        What carries the displacement of the surface.
+        Displacements of all points.
     report : SolveReport, optional
         How it was solved for.
 
@@ -137,7 +137,7 @@ class Centres:
     ids : ndarray of int, shape (n_centres,)
         The known points that are centres.
     surface_rows : ndarray of int, shape (n_moving,)
-        Rows of the surface's points; the centres after these are held.
+        Rows of the surface's points; the centres after these are fixed.
     target_ids : ndarray of int, shape (n_targets,)
         Points that have any freedom.
     position : scipy.sparse.csr_array, shape (n_centres, n_points)
@@ -221,7 +221,7 @@ class CentredInterpolation:
 
 
 def find_centres(mesh: MovingMesh) -> Centres:
-    """Make centres of all points of the surface and all held ones, as they are on the baseline.
+    """Make centres of all points of the surface and all fixed ones, as they are on the baseline.
 
     Parameters
     ----------

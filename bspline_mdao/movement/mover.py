@@ -1,4 +1,4 @@
-"""What every mover is, and what it reports.
+"""Protocols and reports of all movers, and the checks that every move passes. Theory: ``docs/theory/movers.rst``.
 
 A mover moves the points of a `MovingMesh` behind its surface, in one or more increments. Three words are all there is:
 ``move`` gives a movement, and the movement gives ``jvp`` and ``vjp``, the products with its exact derivative and with
@@ -31,19 +31,19 @@ __all__ = [
 ]
 
 PLANE_TOLERANCE = 1e-5
-"""A surface point may leave its symmetry plane by this fraction of the mesh's size."""
+"""A surface point may leave its symmetry plane by this fraction of the mesh's size: digits of single precision."""
 
 MAX_AMPLIFICATION = 100.0
-"""No point may be carried farther than so many times the largest displacement of the surface.
+"""No point may be moved farther than so many times the largest displacement of the surface.
 
 A field with a maximum principle amplifies nothing. Rotations made in straight increments, elasticity and radial
 functions overshoot all the same: elasticity by up to 8, compact radial functions by up to 31 in what
 ``run_scripts/robustness_table.py`` asks of them. Elasticity on meshes that are folded or that hang together wrongly
-carries points away by 100 to 1000 times the displacement of the surface.
+moves points away by 100 to 1000 times the displacement of the surface.
 """
 
 MEND = 'fit the grid with method="valid" (--method valid)'
-"""What makes a control mesh valid."""
+"""Advice for control meshes that are invalid before they move."""
 
 ROUND_OFF = 1e-9
 """Displacements below this fraction of the mesh's size are not judged."""
@@ -195,7 +195,7 @@ class Movement(Protocol):
     """Moved points, shape (n_points, 3), in metres."""
 
     report: MovementReport
-    """What the move did."""
+    """Report of the move, increment by increment."""
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points for changes of the initial points and of the surface points, each of its shape."""
@@ -212,12 +212,12 @@ class Mover(Protocol):
     """
 
     mesh: MovingMesh
-    """What is moved."""
+    """Mesh that is moved."""
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
 
-        Surface points end exactly on ``surface``, held ones stay, and sliding ones stay in their planes.
+        Surface points end exactly on ``surface``, fixed ones stay, and sliding ones stay in their planes.
         """
 
 
@@ -242,7 +242,7 @@ class Step(Protocol):
     """Points after the increment, shape (n_points, 3), in metres."""
 
     report: SolveReport | None
-    """How the system of the increment was solved, if there was one."""
+    """Report on the system of the increment; None where there was none."""
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3)."""
@@ -287,7 +287,7 @@ def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) ->
 
 
 def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, points: np.ndarray) -> None:
-    """Refuse a move that carries a point far beyond what the surface does, see `MAX_AMPLIFICATION`.
+    """Refuse a move that takes a point far beyond what the surface does, see `MAX_AMPLIFICATION`.
 
     Parameters
     ----------
@@ -316,6 +316,6 @@ def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, poin
     else:
         cause = "see by 'bspline-mdao inspect' whether all blocks are joined; if they are, take another mover"
     raise MovementError(
-        f"movement: {mesh.place_of_point(worst)} would be carried {reach[worst]:.3g} m away by a surface that moves by "
+        f"movement: {mesh.place_of_point(worst)} would be moved {reach[worst]:.3g} m away by a surface that moves by "
         f"{asked:.3g} m at most; {cause}"
     )

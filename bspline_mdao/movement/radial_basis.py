@@ -66,7 +66,7 @@ LARGEST_RESIDUAL = 1e-6
 
 @dataclass(frozen=True)
 class RadialBasis(IncrementalMover):
-    """Interpolate the known displacements by radial functions about all points of the surface and all held ones.
+    """Interpolate the known displacements by radial functions about all points of the surface and all fixed ones.
 
     Parameters
     ----------
@@ -126,8 +126,8 @@ class RadialBasis(IncrementalMover):
             centres.position @ before,
             centres.displacement(surface - before[self.mesh.surface_ids]),
         )
-        carried = CentredInterpolation(centres, scattered)
-        return interpolated_step(self.mesh, before, surface, carried, scattered.report)
+        interpolation = CentredInterpolation(centres, scattered)
+        return interpolated_step(self.mesh, before, surface, interpolation, scattered.report)
 
     @cached_property
     def _centres(self) -> Centres:

@@ -38,7 +38,7 @@ POINTS = _points()
 
 
 COUNTS = np.array([2] * N_LINEAL + [3, 3, 3, 4] * 8)
-"""How many of them count."""
+"""Number of corners of every spring: what follows in `POINTS` does not count."""
 
 
 _WEIGHTS = np.array([(0.5, np.sqrt(0.5), 1.0)[bin(p ^ q).count("1") - 1] for p, q in POINTS[:N_LINEAL, :2]])

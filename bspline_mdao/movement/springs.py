@@ -34,7 +34,7 @@ __all__ = ["LinealSprings", "SpringElements", "TorsionalSprings", "add_stiffness
 
 
 class _Springs(EquilibriumMover):
-    """What both networks share."""
+    """Movers that differ in the springs of their network alone."""
 
     def _elements(self, initial: np.ndarray, before: np.ndarray) -> SpringElements:
         return SpringElements(self.mesh, *self._network, before)
@@ -134,7 +134,7 @@ class SpringElements:
 
 @njit(cache=True)
 def _relative(u, n, c):
-    """How far corner c of spring n is displaced beyond its first corner; u is a sum of two parts."""
+    """Displacement of corner c of spring n relative to its first corner; u is a sum of two parts."""
     start, end = POINTS[n, 0], POINTS[n, c]
     return (  # in this order, which the vectors of `.vectors` would be free to change
         (u[0, end, 0] - u[0, start, 0]) + (u[1, end, 0] - u[1, start, 0]),
@@ -145,7 +145,7 @@ def _relative(u, n, c):
 
 @njit(cache=True)
 def _stretch(g, n, u):
-    """Product g . u of spring n. The rows of g add up to nothing, and leads are small numbers where u itself is not."""
+    """Product g . u of spring n; relative displacements do for it, as the rows of g add up to zero, and keep more digits."""
     total = 0.0
     for c in range(1, COUNTS[n]):
         total += dot(row(g, c), _relative(u, n, c))
@@ -182,7 +182,7 @@ def _combine(n, a, u, b, v, w):
 
 @njit(cache=True)
 def _is_degenerate(n, bits):
-    """Whether a spring sits at a corner with a collapsed edge."""
+    """True for a spring at a corner with a collapsed edge."""
     return n >= N_LINEAL and (bits >> POINTS[n, 0]) & 1 != 0
 
 
@@ -284,9 +284,9 @@ def force_jvp(points, elements, signs, degenerate_corners, n_springs, settings, 
 
 @njit(cache=True)
 def force_vjp(points, elements, signs, degenerate_corners, n_springs, settings, displacement, bar):
-    """Transpose of `force_jvp` and of `force`: derivatives by the points and the displacement.
+    """Transpose of `force_jvp` and of `force`: derivatives with respect to the points and the displacement.
 
-    Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar by the force, as a sum of parts.
+    Here ``bar``, shape (n_parts, n_points, 3), is the derivative of a scalar with respect to the force, a sum of parts.
     """
     points_bar, displacement_bar = np.zeros_like(points), np.zeros_like(points)
     x, w, u, v = np.empty((8, 3)), np.empty((8, 3)), np.empty((2, 8, 3)), np.empty((2, 8, 3))

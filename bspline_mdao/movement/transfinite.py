@@ -27,7 +27,7 @@ __all__ = ["Transfinite", "arc_lengths", "free_corners", "transfinite_weights"]
 class Transfinite(IncrementalMover):
     """Move corners, then edges, faces and insides of the blocks, each between what is known of its boundary.
 
-    Block corners that are neither on the surface nor held follow a network of springs along the edges of the blocks.
+    Block corners that are neither on the surface nor fixed follow a network of springs along the edges of the blocks.
     The displacement of all points is a linear function of that of the surface, with weights that the baseline decides.
 
     Parameters

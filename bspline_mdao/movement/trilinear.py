@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 FLAT_CORNER = 0.01
-"""Where the triple product of unit edges at a corner is regularised: 0.6 degrees from flat."""
+"""Number t_0 for the triple product of unit edges at a corner: 0.6 degrees from flat."""
 
 FLAT_ELEMENT = 0.05
 """The same of Jacobian over lengths of slopes, and of volume over lengths of edges: 3 degrees from flat."""
@@ -155,7 +155,7 @@ def adjugate_vjp(f, bar):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def divisor_of(f, a, sign):
-    """Positive divisor: the size of J in valid elements; and its derivatives by J and by the logarithms of the f_i^2.
+    """Positive divisor, the size of J in valid elements, and its derivatives with respect to J and the logs of f_i^2.
 
     It is the product of the lengths of the f_i times the regularised triple product of the unit slopes.
     """

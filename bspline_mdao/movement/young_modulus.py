@@ -52,7 +52,7 @@ class StiffnessLaw(Protocol):
     def modulus_vjp(
         self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray, bar: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Transpose of `modulus_jvp`: derivatives by the initial points and the points."""
+        """Transpose of `modulus_jvp`: derivatives with respect to the initial points and the points."""
 
 
 class _CornerLaw:
@@ -85,7 +85,7 @@ class OrthogonalityLaw(_CornerLaw):
     """
 
     def modulus(self, mesh, initial, points):
-        """See `StiffnessLaw.modulus`."""
+        """Modulus of every element, see `StiffnessLaw.modulus`."""
         at_start, now = RegularisedMeasures.at(mesh, initial), RegularisedMeasures.at(mesh, points)
         return np.exp(2.0 * (at_start.log_orthogonality - now.log_orthogonality) - now.log_volume)
 
@@ -107,7 +107,7 @@ class InverseVolumeLaw(_CornerLaw):
     power: float = 1.0
 
     def modulus(self, mesh, initial, points):
-        """See `StiffnessLaw.modulus`."""
+        """Modulus of every element, see `StiffnessLaw.modulus`."""
         return np.exp(-self.power * RegularisedMeasures.at(mesh, points).log_volume)
 
     def _log_gradients(self, mesh, initial, points):
@@ -119,15 +119,15 @@ class ConstantLaw:
     """E = 1 in all elements."""
 
     def modulus(self, mesh, initial, points):
-        """See `StiffnessLaw.modulus`."""
+        """Modulus of every element, see `StiffnessLaw.modulus`."""
         return np.ones(len(mesh.elements))
 
     def modulus_jvp(self, mesh, initial, points, d_initial, d_points):
-        """Zero."""
+        """No change: zeros, shape (n_elements,)."""
         return np.zeros(len(mesh.elements))
 
     def modulus_vjp(self, mesh, initial, points, bar):
-        """Zero."""
+        """Derivatives of a constant: zeros, shape (n_points, 3) each."""
         return np.zeros_like(points), np.zeros_like(points)
 
 
@@ -148,7 +148,7 @@ class WallDistanceLaw:
     power: float = 1.0
 
     def modulus(self, mesh, initial, points):
-        """See `StiffnessLaw.modulus`."""
+        """Modulus of every element, see `StiffnessLaw.modulus`."""
         _, square = self._distance(mesh, points)
         return square ** (-0.5 * self.power)
 
@@ -181,12 +181,12 @@ def _nearest(mesh: MovingMesh) -> np.ndarray:
 
 
 LEAST_ORTHOGONALITY = 1e-5
-"""Where Q is regularised, which keeps Phi = 1 / Q^2 below 4e10: without that K loses definiteness to round-off."""
+"""Number t_0 for Q, which keeps Phi = 1 / Q^2 below 4e10: without that K loses definiteness to round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class RegularisedMeasures:
-    """Orthogonality and volume of all elements as the stiffness sees them: always positive.
+    """Orthogonality and volume of all elements for the stiffness: always positive.
 
     Both are given as logarithms, with the gradient of any combination of them with respect to the corners, from which
     follow the derivatives in both directions.

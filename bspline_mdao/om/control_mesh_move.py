@@ -77,7 +77,7 @@ class ControlMeshMove(om.ExplicitComponent):
     """
 
     is_linear = False
-    """Whether the outputs depend linearly on the inputs."""
+    """False: the outputs depend on the inputs through the stiffness as well."""
 
     def initialize(self):
         """Declare the options."""
@@ -90,7 +90,7 @@ class ControlMeshMove(om.ExplicitComponent):
 
     @property
     def report(self) -> MovementReport | None:
-        """What the last move did, increment by increment; None where there was none, or where it stopped half way."""
+        """Report of the last move, increment by increment; None where there was none, or where it stopped half way."""
         return self._last and self._last.movement.report
 
     def setup(self):
@@ -105,7 +105,7 @@ class ControlMeshMove(om.ExplicitComponent):
         check_along_directions(self, difference_step(mesh.points[ids] for ids in mesh.blocks))
 
     def compute(self, inputs, outputs, discrete_inputs=None, discrete_outputs=None):
-        """Make the move."""
+        """Move the control mesh, unless that was done for these inputs."""
         movement = self._movement_at(inputs)
         outputs[CONTROL_POINTS] = movement.points.ravel()
         if discrete_outputs is not None:

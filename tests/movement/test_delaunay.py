@@ -74,7 +74,7 @@ def test_an_inverted_graph_is_told_with_the_increment():
     mesh = channel()
     surface = mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.6]
     with pytest.raises(
-        MovementError, match=r"increment 1 of 1: Delaunay graph: the tetrahedron that carries point \(.*\) of block 1"
+        MovementError, match=r"increment 1 of 1: Delaunay graph: the tetrahedron that holds point \(.*\) of block 1"
     ):
         DelaunayGraph(mesh).move(mesh.points, surface + [0.0, 0.0, 0.6])
     with pytest.raises(MovementError, match="increment 4 of 5"):
@@ -87,7 +87,7 @@ def test_points_that_the_graph_does_not_hold_are_told():
         DelaunayGraph(mesh).move(mesh.points, mesh.points[mesh.surface_ids])
     initial = mesh.points.copy()
     initial[mesh.surface_ids, 2] -= 0.1 * np.sin(initial[mesh.surface_ids, 0])
-    with pytest.raises(MovementError, match="hold the boundary about it"):
+    with pytest.raises(MovementError, match="fix the boundary about it"):
         DelaunayGraph(mesh).move(initial, initial[mesh.surface_ids])
 
 

@@ -2,6 +2,7 @@
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ from mover_cases import (
 )
 from test_suite import kinds
 
+import bspline_mdao
+from bspline_mdao.cli import movers
 from bspline_mdao.errors import InputError, MovementError
 
 
@@ -53,6 +56,20 @@ def design(kind, mesh):
 
 def test_every_mover_is_in_the_table():
     assert kinds("movement", "mesh", "move") == set(MOVERS)
+
+
+@pytest.mark.parametrize(
+    ("words", "folder", "members"),
+    [
+        (movers.MOVERS, "movement", ("mesh", "move")),
+        (movers.STIFFNESS, "movement", ("modulus", "modulus_vjp")),
+        (movers.SOLVERS, "sparse", ("name", "analyze")),
+    ],
+)
+def test_every_mover_law_and_solver_has_a_word_on_the_command_line_and_a_public_name(words, folder, members):
+    found = kinds(folder, *members)
+    assert {resolve_name(place) for place in words.values()} == found
+    assert all(getattr(bspline_mdao, kind.__name__) is kind for kind in found)
 
 
 @EVERY

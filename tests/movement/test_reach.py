@@ -58,7 +58,7 @@ def test_a_folded_mesh_that_runs_away_is_refused_with_a_cause_and_advice_that_he
         mover = KINDS[kind](mesh, n_increments=1)
         if model.report.n_invalid:
             with pytest.raises(
-                MovementError, match=r"carried .* m away by a surface that moves by 0.181 m at most"
+                MovementError, match=r"moved .* m away by a surface that moves by 0.181 m at most"
             ) as error:
                 mover.move(mesh.points, surface)
             assert f"{mesh.n_invalid} of {len(mesh.elements)} elements are invalid before the move" in str(error.value)
@@ -92,7 +92,7 @@ def test_what_one_point_may_do_is_bounded_in_the_component(factor, is_refused):
     problem.setup()
     problem.set_val(SURFACE_CONTROL_POINTS, (mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.01]).ravel())
     if is_refused:
-        with pytest.raises(om.AnalysisError, match=r"'move'.*point \(1, 2, 3\) of block 1 would be carried"):
+        with pytest.raises(om.AnalysisError, match=r"'move'.*point \(1, 2, 3\) of block 1 would be moved"):
             problem.run_model()
     else:
         problem.run_model()
