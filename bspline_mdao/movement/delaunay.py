@@ -23,15 +23,12 @@ from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find
 
 __all__ = ["DelaunayGraph", "Tetrahedra", "signed_volumes", "tetrahedra"]
 
-
 OUTSIDE = 0.1
 """A point may be outside of the tetrahedron that it moves with by this barycentric coordinate, as
 beside curved boundaries, which the graph cuts straight."""
 
-
 FLAT = 1e-7
 """A tetrahedron is flat, and holds no point, whose least height is less than this part of its longest edge."""
-
 
 STRAIGHT = 1e-9
 """A triangle counts as no smaller than this part of its longest edge squared."""

@@ -123,7 +123,6 @@ def interpolated_step(
 COINCIDENT = 1e-9
 """Known points nearer than this fraction of the mesh's size are at one place."""
 
-
 APART = 0.5
 """Part of the way to their free neighbours by which centres at one place are moved apart."""
 

@@ -39,26 +39,20 @@ __all__ = [
     "radial_sums_vjp",
 ]
 
-
 COMPACT = ("wendland c0", "wendland c2", "wendland c4")
 """Functions that are zero from the radius on (Wendland 1995)."""
-
 
 GLOBAL = ("volume", "thin plate", "multiquadric", "inverse multiquadric", "gaussian")
 """Functions that are felt everywhere."""
 
-
 NEEDS_LINEAR = ("volume", "thin plate", "multiquadric")
 """Functions that interpolate only together with a linear polynomial."""
-
 
 MOST_CENTRES = 12_000
 """Number of centres beyond which the dense system is refused; its factor then takes 1.2 GB an increment."""
 
-
 SMALLEST_PIVOT = 1e-12
 """Centres nearer to a plane than this part of their distance from the origin are taken to lie in it."""
-
 
 LARGEST_RESIDUAL = 1e-6
 """A system that leaves more of the displacements of the centres is taken for singular."""

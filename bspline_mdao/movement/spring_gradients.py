@@ -14,10 +14,8 @@ from .trilinear import FAST, FLAT_CORNER, regularised
 
 __all__ = ["COUNTS", "N_LINEAL", "N_SPRINGS", "POINTS", "gradient", "gradient_change"]
 
-
 N_LINEAL = 28
 """Pairs of corners."""
-
 
 N_SPRINGS = N_LINEAL + 8 * 4
 """All springs of an element: at every corner three angles and the triple product."""
@@ -36,10 +34,8 @@ def _points():
 POINTS = _points()
 """Corners of every spring."""
 
-
 COUNTS = np.array([2] * N_LINEAL + [3, 3, 3, 4] * 8)
 """Number of corners of every spring: what follows in `POINTS` does not count."""
-
 
 _WEIGHTS = np.array([(0.5, np.sqrt(0.5), 1.0)[bin(p ^ q).count("1") - 1] for p, q in POINTS[:N_LINEAL, :2]])
 

@@ -145,7 +145,7 @@ def _relative(u, n, c):
 
 @njit(cache=True)
 def _stretch(g, n, u):
-    """Product g . u of spring n; relative displacements do for it, as the rows of g add up to zero, and keep more digits."""
+    """Product g . u of spring n: relative displacements do, as the rows of g add up to zero, and keep more digits."""
     total = 0.0
     for c in range(1, COUNTS[n]):
         total += dot(row(g, c), _relative(u, n, c))
