@@ -67,9 +67,9 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
         if not isinstance(default, Mapping):
             help_text = helps.get(name, "no effect").replace("%", "%%")
             parser.add_argument(f"--{name.replace('_', '-')}", help=help_text, **_keywords(default, hints.get(name)))
-    given = vars(parser.parse_args(arguments))
-    file = given.pop("json")
-    numbers = main(**{name: value for name, value in given.items() if name in options})
+    values = vars(parser.parse_args(arguments))
+    file = values.pop("json")
+    numbers = main(**{name: value for name, value in values.items() if name in options})
     print(json.dumps(numbers, indent=2, default=_plain))
     if file:
         write_numbers(file, numbers)

@@ -66,8 +66,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
     -------
     dict
         ``reference_area`` of the half body (m^2), ``n_variables`` (coordinates of surface control points), what
-        `run_flow` tells, the times of the grid included; ``gradient_seconds``, wall time of the derivatives of the lift
-        with respect to all variables; ``openfoam`` if it was asked; and ``drawn_by``, if anything was.
+        `run_flow` returns, the times of the grid included; ``gradient_seconds``, wall time of the derivatives of the
+        lift with respect to all variables; ``openfoam`` if it was asked; and ``drawn_by``, if anything was.
     """
     n_nodes, n_control = pick_size(SIZES, paper, quick)
     model = bm.fit_grid(bm.flat_plate_grid((n_nodes,) * 3), n_control=(n_control,) * 3, keep_residual=False)
@@ -95,9 +95,9 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
     if openfoam:
         try:
             other = openfoam_forces(model.topology, nodes, MACH, ALPHA, area.item())
-            told = ("CL", "CD", "seconds", "n_iterations", "is_converged")
+            names = ("CL", "CD", "seconds", "n_iterations", "is_converged")
             numbers["openfoam"] = (
-                {name: getattr(other, name) for name in told} if other else {"refused": "not installed"}
+                {name: getattr(other, name) for name in names} if other else {"refused": "not installed"}
             )
         except bm.InputError as error:
             numbers["openfoam"] = {"refused": str(error)}
@@ -111,7 +111,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
 
 
 def draw_body(panels, model: bm.FittedModel, nodes: np.ndarray, pressures: np.ndarray) -> str:
-    """Draw surface mesh and pressures in space; tell what drew them."""
+    """Draw surface mesh and pressures in space; returns what drew them."""
     blocks = model.header.grid(model.topology.shapes, nodes).blocks
     mesh = Scene(patch_faces(model, "wing", [block.nodes for block in blocks]), [], line_width=0.25)
     paint = Paint(nodes, wall_quads(model), pressures, (-1.0, 0.5))

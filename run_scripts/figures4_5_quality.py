@@ -65,22 +65,22 @@ def main(paper: bool = False, figures=None, node_based: Literal["full", "coarse"
 
 
 def study(name: str, shape, n_control, node_based: str) -> dict:
-    """Move a grid by its control mesh and, if it is to be, node by node, each told of with the numbers of `measure`."""
+    """Move a grid by its control mesh and, if it is to be, node by node, each with the numbers of `measure`."""
     make_grid, make_shape = CASES[name]
     grid = make_grid(shape)
     model = bm.fit_grid(grid, n_control=n_control, keep_residual=False)  # Eq. (3) alone, as in the paper
     mesh = bm.moving_mesh(model)
     model.grid_map()  # what the nodes depend on is found once per model
-    points, after, told = move(mesh, bm.fit_shape(model, mesh.surface_ids, make_shape()), model.regenerate)
-    numbers = {"initial": measure(grid, grid), "b_spline": told | measure(model.regenerate(), after)}
+    points, after, cost = move(mesh, bm.fit_shape(model, mesh.surface_ids, make_shape()), model.regenerate)
+    numbers = {"initial": measure(grid, grid), "b_spline": cost | measure(model.regenerate(), after)}
     if node_based != "none":
         factor = 0.5 if node_based == "coarse" else 1.0
         start, target = (bm.family_member(model, factor, at) for at in (model.control_points, points))
         nodes, ids = bm.moving_grid(bm.find_topology(start), start.to_vector().reshape(-1, 3))
         wanted = np.empty((nodes.n_points, 3))
         wanted[ids] = target.to_vector().reshape(-1, 3)
-        _, after, told = move(nodes, wanted[nodes.surface_ids], lambda x: start.with_vector(x[ids].ravel()))
-        numbers |= {"node_based": told | measure(start, after), "b_spline_same_size": measure(start, target)}
+        _, after, cost = move(nodes, wanted[nodes.surface_ids], lambda x: start.with_vector(x[ids].ravel()))
+        numbers |= {"node_based": cost | measure(start, after), "b_spline_same_size": measure(start, target)}
     return numbers
 
 
@@ -93,9 +93,9 @@ def move(mesh, surface: np.ndarray, finish) -> tuple[np.ndarray, bm.Grid, dict]:
         grid = finish(movement.points)
         seconds = time.process_time() - start
     solves = [increment.solve for increment in movement.report.increments]
-    told = {"n_nodes": grid.n_nodes, "n_points": mesh.n_points, "cpu_seconds": seconds, "solver": solves[0].solver}
-    told |= {"iterations": [one.iterations for one in solves], "residuals": [one.residual for one in solves]}
-    return movement.points, grid, told
+    numbers = {"n_nodes": grid.n_nodes, "n_points": mesh.n_points, "cpu_seconds": seconds, "solver": solves[0].solver}
+    numbers |= {"iterations": [one.iterations for one in solves], "residuals": [one.residual for one in solves]}
+    return movement.points, grid, numbers
 
 
 def measure(before: bm.Grid, after: bm.Grid) -> dict:
@@ -103,8 +103,8 @@ def measure(before: bm.Grid, after: bm.Grid) -> dict:
     report = report_quality(GridQuality.of_baseline(before), after.to_vector().reshape(-1, 3), N_BINS)
     density, names = report.histogram.density, ("n_cells", "n_inverted", "min_corner", "q_min", "q_mean")
     peak = lowest_peak(density)
-    told = {"distribution": density, "lowest_bin": density[0], "lowest_peak": density[peak]}
-    return {name: getattr(report, name) for name in names} | told | {"lowest_peak_at": (peak + 0.5) / N_BINS}
+    numbers = {"distribution": density, "lowest_bin": density[0], "lowest_peak": density[peak]}
+    return {name: getattr(report, name) for name in names} | numbers | {"lowest_peak_at": (peak + 0.5) / N_BINS}
 
 
 def lowest_peak(distribution: np.ndarray) -> int:

@@ -75,7 +75,7 @@ def main(paper: bool = False, figures=None) -> dict:
 
 
 def draw(panels: dict, model: bm.FittedModel, surface_ids: np.ndarray, camera: Camera) -> str:
-    """Draw control meshes with their surface control points, and the grids beside them; tell what drew them."""
+    """Draw control meshes with their surface control points, and the grids beside them; returns what drew them."""
     letters = iter("abcd")
     for state, (row, points) in panels.items():
         nets, nodes = model.mesh.nets(points), [block.nodes for block in model.regenerate(points).blocks]

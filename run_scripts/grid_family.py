@@ -67,8 +67,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     Returns
     -------
     dict
-        For ``wing`` and ``ball``: ``members``, a list of what `run_flow` tells; and ``convergence`` of the coefficients
-        by name, see `Convergence`.
+        For ``wing`` and ``ball``: ``members``, a list of what `run_flow` returns; and ``convergence`` of the
+        coefficients by name, see `Convergence`.
     """
     shape, (stream, normal, span), spacing = pick_size(WING_SIZES, paper, quick)
     wing = bm.Wing(bm.Planform(root_chord=1.0, semi_span=3.0), bm.naca_section(0.12))

@@ -159,7 +159,7 @@ def main(paper: bool = False, figures=None, increments: int | None = None, drive
     -------
     dict
         ``n_nodes``, ``n_variables``, the root mean square ``initial_distance`` of nodes (m); ``totals``, see
-        `check_totals`; for each driver what `RecordedRun.numbers` tells and ``relative_error_of_variables``, the norm
+        `check_totals`; for each driver what `RecordedRun.numbers` returns and ``relative_error_of_variables``, the norm
         of the error relative to that of the target, ``largest_error_of_variables`` (m) and ``largest_distance`` of a
         node (m).
     """

@@ -84,7 +84,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     Returns
     -------
     dict
-        ``area``, the analytic optimum (m^2); for each driver what `RecordedRun.numbers` tells of the finest grid,
+        ``area``, the analytic optimum (m^2); for each driver what `RecordedRun.numbers` returns of the finest grid,
         ``roundness``, the largest distance of a node from the ball relative to its radius, and by number of control
         points along an edge, on grids ever finer, the relative ``errors`` of the area, their ``orders``, and the error
         ``of_splines`` that is left when they are extrapolated; ``totals``, see `check_totals`; of the grid that
@@ -103,20 +103,23 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     followed.run_model()
     cells = movement.quality.report()
 
-    told = {}
+    summaries = {}
     for name, result in runs.items():
         radii = np.linalg.norm(result.problem.get_val("surface").reshape(-1, 3), axis=1)
         by_control = {n: [each[name].problem for each in row] for n, row in solved.items()}
-        told[name] = result.numbers() | {"roundness": np.abs(radii / RADIUS - 1.0).max(), **convergence(by_control)}
+        summaries[name] = result.numbers() | {
+            "roundness": np.abs(radii / RADIUS - 1.0).max(),
+            **convergence(by_control),
+        }
     if figures:
-        errors = told[next(reversed(runs))]["errors"]
+        errors = summaries[next(reversed(runs))]["errors"]
         draw(figures, body.surface, best, runs, {n: (1.0 / (np.array(n_nodes) - 1.0), e) for n, e in errors.items()})
         om.n2(start, outfile=str(Path(figures) / "min_area_body.html"), show_browser=False)
     return {
         "area": AREA,
         "n_variables": {n: len(row[0].parametrization.initial["radial"]) for n, row in bodies.items()},
         "n_nodes": n_nodes,
-        "drivers": told,
+        "drivers": summaries,
         "totals": check_totals(start)._asdict(),
         "n_inverted": cells.n_inverted,
         "min_corner": cells.min_corner,

@@ -51,8 +51,20 @@ SIZES = {
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span; stations of
 the variables; and the tolerance of the objective, the drag in units of `DRAG`."""
 
-TOLD = ("CL", "CD", "CD_induced", "CD_entropy", "drag", "volume", "projected_area", "chord", "twist", "span", "sweep")
-"""Outputs and variables that are told of a wing where there are any."""
+SUMMARY = (
+    "CL",
+    "CD",
+    "CD_induced",
+    "CD_entropy",
+    "drag",
+    "volume",
+    "projected_area",
+    "chord",
+    "twist",
+    "span",
+    "sweep",
+)
+"""Outputs and variables of a wing that come out where there are any."""
 
 
 def make_model(shape, n_control) -> bm.FittedModel:
@@ -123,8 +135,8 @@ def main(
     Returns
     -------
     dict
-        ``n_nodes``, ``n_variables``, what `told` tells of the ``initial`` wing, and by ``drivers`` the same and what
-        `RecordedRun.numbers` tells; and ``totals``, see `check_totals`.
+        ``n_nodes``, ``n_variables``, the `summary` of the ``initial`` wing, and by ``drivers`` the same and what
+        `RecordedRun.numbers` returns; and ``totals``, see `check_totals`.
     """
     *counts, stations, tolerance = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "plate_to_aircraft"
@@ -144,16 +156,16 @@ def main(
     return {
         "n_nodes": model.n_nodes,
         "n_variables": sum(start.get_val(name).size for name in start.model.get_design_vars()),
-        "initial": told(model, start),
-        "drivers": {name: each.numbers("flow") | told(model, each.problem) for name, each in runs.items()},
+        "initial": summary(model, start),
+        "drivers": {name: each.numbers("flow") | summary(model, each.problem) for name, each in runs.items()},
         "totals": check_totals(perturb_design(away), n_directions=1, step=0.02, levels=2)._asdict(),
     }
 
 
-def told(model: bm.FittedModel, problem: om.Problem) -> dict:
-    """Tell of a wing: its forces, measures and variables but those of single control points, and invalid cells."""
+def summary(model: bm.FittedModel, problem: om.Problem) -> dict:
+    """Sum a wing up: its forces, measures and variables but those of single control points, and invalid cells."""
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
-    wanted = [name for name in TOLD if name in names | set(problem.model.get_design_vars())]
+    wanted = [name for name in SUMMARY if name in names | set(problem.model.get_design_vars())]
     cells = report_quality(GridQuality.of_baseline(model.regenerate()), problem.get_val(GRID).reshape(-1, 3))
     counts = {"min_corner": cells.min_corner, "n_inverted": cells.n_inverted}
     return {name: problem.get_val(name).copy().squeeze() for name in wanted} | counts

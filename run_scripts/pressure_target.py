@@ -155,7 +155,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     -------
     dict
         ``n_nodes``, ``n_variables``, ``condition`` (ratio of the singular values of the derivative); ``totals``, see
-        `check_totals`; for each driver what `RecordedRun.numbers` tells and ``relative_error_of_variables``, the norm
+        `check_totals`; for each driver what `RecordedRun.numbers` returns and ``relative_error_of_variables``, the norm
         of the error relative to that of the target, ``largest_error_of_variables`` (m) and
         ``largest_error_of_pressure``.
     """

@@ -101,7 +101,7 @@ class Turn:
             problem.model.add_constraint("corner_ks", lower=LEAST_CORNER)
         return problem
 
-    def told(self, problem: om.Problem) -> dict:
+    def summary(self, problem: om.Problem) -> dict:
         """Largest distance of ``corners`` from where they belong and of nodes from their ``planes`` (m); the cells."""
         cells = report_quality(GridQuality.of_baseline(self.model.regenerate()), problem.get_val(GRID).reshape(-1, 3))
         nodes, start = problem.get_val("surface").reshape(-1, 3), self.measure.surface.points
@@ -144,13 +144,13 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     -------
     dict
         ``n_variables``; for each driver, under ``unconstrained`` and ``constrained``, what `RecordedRun.numbers` and
-        `Turn.told` tell; ``totals``, see `check_totals`.
+        `Turn.summary` return; ``totals``, see `check_totals`.
     """
     turn, numbers, runs = Turn(*SIZES[paper]), {}, {}
     start = started(turn)
     for kind, is_constrained in {"unconstrained": False, "constrained": True}.items():
         runs[kind] = optimise_with(drivers, partial(turn.problem, is_constrained), TOLERANCE, 600)
-        numbers[kind] = {name: result.numbers() | turn.told(result.problem) for name, result in runs[kind].items()}
+        numbers[kind] = {name: result.numbers() | turn.summary(result.problem) for name, result in runs[kind].items()}
     if figures:
         draw(figures, turn, runs)
         om.n2(start, outfile=str(Path(figures) / "quality_constrained.html"), show_browser=False)
@@ -162,7 +162,7 @@ def draw(folder, turn: Turn, runs: dict) -> None:
     grids = {"start": turn.model.regenerate().to_vector()}
     for kind, row in runs.items():
         problem = next(reversed(row.values())).problem
-        grids[f"{kind}: {turn.told(problem)['n_inverted']} inverted cells"] = problem.get_val(GRID)
+        grids[f"{kind}: {turn.summary(problem)['n_inverted']} inverted cells"] = problem.get_val(GRID)
     with figure(folder, "quality_constrained", (12.0, 3.3)) as canvas:
         *cuts, history = canvas.subplots(1, 4, width_ratios=(1.0, 1.0, 1.0, 1.2))
         for axes, color, (title, nodes) in zip(cuts, (GRAY, RED, BLUE), grids.items()):

@@ -202,7 +202,7 @@ def main(
 
 
 def collect(paper: bool, folder) -> tuple[list[Body], dict[str, str]]:
-    """Prepare the canonical grids and those of a folder; and tell why a file is left out, by its name."""
+    """Prepare the canonical grids and those of a folder; and the reason why a file is left out, by its name."""
     shape, n_control, largest = SIZES[paper]
     bodies = [Body(name, make(shape), n_control, target()) for name, (make, target) in CANONICAL.items()]
     left_out, seen = {}, set()

@@ -48,7 +48,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     Returns
     -------
     dict
-        For ``subcritical`` and ``transonic``: what `run_flow` tells, but there is no induced drag, ``CL_literature``,
+        For ``subcritical`` and ``transonic``: what `run_flow` returns, but there is no induced drag, ``CL_literature``,
         the derivatives ``CL_alpha`` (1/deg) and ``CL_Mach`` by the adjoint, and ``adjoint_seconds``.
     """
     model = section_model(pick_size(SIZES, paper, quick))

@@ -98,7 +98,7 @@ def main(
     -------
     dict
         ``totals``, see `check_totals`; `aerodynamics` of the ``initial`` wing; for each driver the same and what
-        `RecordedRun.numbers` tells.
+        `RecordedRun.numbers` returns.
     """
     *size, stations, tolerance = pick_size(SIZES, paper, quick)
     model, name = make_model(*size), "twist_induced_drag"

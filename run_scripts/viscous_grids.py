@@ -58,13 +58,13 @@ PICTURED = {"pyhyp_m6_9blocks.xyz": "bend=30deg@0.5", "H-H wing": "twist=20deg",
 """Deformations that are drawn, by grid."""
 
 COLUMNS = ("inverted", "smallest Q by that before", "mean Q gained", "99 % of heights", "all heights")
-"""What is told of each way in a table."""
+"""Columns of the table, for each way."""
 
 NO_QUALITY = 1e-9
 """A smallest Q below this is that of flat cells, and nothing is compared with it."""
 
 LEVELS = {"smallest": 0.0, "one_percent": 0.01, "median": 0.5, "ninety_nine_percent": 0.99, "largest": 1.0}
-"""What is told of the heights, as quantiles."""
+"""Quantiles of the heights."""
 
 NAN = float("nan")
 
@@ -254,8 +254,8 @@ class Baseline:
             return replace(case, failure=str(error))
         _, q_before, mean_before = self.judged
         heights = np.quantile(self.quality.first_cells.ratios(nodes), list(LEVELS.values())).tolist()
-        told = {"q_before": q_before, "mean_before": mean_before, "seconds": seconds, **dict(zip(LEVELS, heights))}
-        return replace(case, **told, **judge_move(self.quality, nodes)._asdict())
+        measures = {"q_before": q_before, "mean_before": mean_before, "seconds": seconds, **dict(zip(LEVELS, heights))}
+        return replace(case, **measures, **judge_move(self.quality, nodes)._asdict())
 
 
 def draw(folder, grids: dict[str, bm.Grid], ways: Sequence[str]) -> None:
@@ -284,7 +284,7 @@ def summary(cases: Sequence[Outcome]) -> dict:
 
 
 def write_table(path, outcomes: Sequence[Outcome]) -> None:
-    """Write a line for each case as comma-separated values; each cell tells of the ways in turn."""
+    """Write a line for each case as comma-separated values; each cell holds those of all ways in turn."""
     cases = {}
     for o in outcomes:
         ratio = f"{o.q_min / o.q_before:.2f}" if o.q_before > NO_QUALITY else "-"

@@ -94,8 +94,8 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     Returns
     -------
     dict
-        ``totals``, see `check_totals`; what `flight` tells of the ``initial`` wing; for each driver that and what
-        `RecordedRun.numbers` tells.
+        ``totals``, see `check_totals`; what `flight` returns of the ``initial`` wing; for each driver that and what
+        `RecordedRun.numbers` returns.
     """
     wing = make_model(paper)
     start = pose(*wing)

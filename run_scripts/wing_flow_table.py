@@ -67,7 +67,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
     Returns
     -------
     dict
-        For ``hh_naca0012`` and ``onera_m6``: ``codes`` with what `run_flow` tells of ``EulerFlow`` and of
+        For ``hh_naca0012`` and ``onera_m6``: ``codes`` with what `run_flow` returns of ``EulerFlow`` and of
         ``LatticeFlow``, and ``OpenFOAM`` if it was asked; and ``references``. Or ``skipped``, and why.
     """
     numbers = {"hh_naca0012": {"skipped": "set BSPLINE_MDAO_GRIDS to the folder of the grid"}}
@@ -116,8 +116,8 @@ def fly(name: str, model: bm.FittedModel, area: float, openfoam: bool, iprint: i
     if openfoam:
         try:
             found = openfoam_forces(model.topology, nodes, MACH, ALPHAS[name], area)
-            told = ("CL", "CD", "seconds", "n_iterations", "is_converged")
-            codes["OpenFOAM"] = {key: getattr(found, key) for key in told} if found else {"refused": "not installed"}
+            names = ("CL", "CD", "seconds", "n_iterations", "is_converged")
+            codes["OpenFOAM"] = {key: getattr(found, key) for key in names} if found else {"refused": "not installed"}
             pressures |= {"OpenFOAM": (nodes[wall_quads(model)], found.Cp)} if found else {}
         except bm.InputError as error:
             codes["OpenFOAM"] = {"refused": str(error)}

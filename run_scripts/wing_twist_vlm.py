@@ -110,7 +110,7 @@ def main(paper: bool = False, figures=None, drivers=DRIVERS) -> dict:
     -------
     dict
         For each case ``totals``, see `check_totals`, `efficiencies` of the ``initial`` wing, and by ``drivers`` the
-        same and what `RecordedRun.numbers` tells.
+        same and what `RecordedRun.numbers` returns.
     """
     wing, numbers, wings = Wing(paper), {}, {}
     for case in CASES:

@@ -1,6 +1,6 @@
 """Inverse distances with rotations, on all nodes of a grid: the method of most other tools, to compare with.
 
-The nodes of the walls alone tell the others where to go, each by its displacement and its rotation:
+The nodes of the walls alone move the others, each by its displacement and its rotation:
 ``x_new = sum_i w_i (x_i_new + R_i (x - x_i)) / sum_i w_i`` with ``w_i = A_i (L / r)^3 (1 + reach^5 (L / r)^2)``, where
 ``r`` is the distance from the wall node, ``A_i`` its share of the area and ``L`` the size of the walls. All sums are
 direct.
@@ -31,7 +31,7 @@ def move_nodes(nodes: np.ndarray, surface: SurfaceGrid, target: np.ndarray, reac
     target : ndarray, shape (surface.n_points, 3)
         Where the nodes of the walls go (m).
     reach : float
-        Part of the size of the walls within which they hold the nodes to them; the default is IDWarp's.
+        Part of the size of the walls within which nodes follow the nearest ones; the default is IDWarp's.
 
     Returns
     -------

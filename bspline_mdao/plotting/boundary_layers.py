@@ -18,7 +18,7 @@ REACH = {"leading edge": 30.0, "trailing edge": 40.0, "tip": 40.0}
 """Half the width of what is shown of each edge, relative to the median height of the first cells."""
 
 SHOWN_HEIGHTS = (0.4, 2.5)
-"""Range of what is shown of the heights; those beyond are at its ends."""
+"""Range of what is shown of the heights; others are at its ends."""
 
 NEAR_TIP = 0.9
 """Part of the span outside of which the grid surface through the tip is looked for."""

@@ -13,7 +13,7 @@ from ..errors import InputError
 __all__ = ["BLUE", "GRAY", "GREEN", "ORANGE", "PURPLE", "RED", "draw_net", "figure", "net_quads", "require"]
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GRAY = "#0072b2", "#d55e00", "#009e73", "#cc3311", "#7b4f9d", "#666666"
-"""Colours that the colour-blind tell apart as well."""
+"""Colours that differ for the colour-blind as well."""
 
 STYLE = {
     "font.family": "STIXGeneral",

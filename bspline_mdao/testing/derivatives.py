@@ -220,7 +220,7 @@ def taylor_rate(
     round_off = 100.0 * np.finfo(float).eps * max(np.linalg.norm(start), np.linalg.norm(changes[0]))
     if remainders[0] <= round_off:
         return np.inf
-    is_seen = remainders > round_off  # below it the remainder tells of the arithmetic alone
+    is_seen = remainders > round_off  # below it the remainder is that of the arithmetic
     return float(np.polyfit(np.log(steps[is_seen]), np.log(remainders[is_seen]), 1)[0]) if is_seen.sum() > 1 else np.inf
 
 

@@ -245,5 +245,5 @@ def _direction(random: np.random.Generator, meta: dict | None, size: int) -> np.
 
 
 def _unit(meta: dict | None) -> np.ndarray | float:
-    """Size of one unit of the driver for a design variable, given what OpenMDAO knows of it."""
+    """Size of one unit of the driver for a design variable, from its metadata."""
     return 1.0 if meta is None or meta["total_scaler"] is None else 1.0 / meta["total_scaler"]

@@ -133,8 +133,8 @@ class RecordedRun:
         shares = {name: seconds / total for name, seconds in self.seconds.items()}
         if flow is not None:
             parts = {part.name for part in getattr(self.problem.model, flow).system_iter(recurse=True)}
-            together = sum(share for name, share in shares.items() if name in parts)
-            shares = {name: share for name, share in shares.items() if name not in parts} | {flow: together}
+            total_share = sum(share for name, share in shares.items() if name in parts)
+            shares = {name: share for name, share in shares.items() if name not in parts} | {flow: total_share}
         return {
             "success": bool(result.success),
             "exit_status": str(result.exit_status),

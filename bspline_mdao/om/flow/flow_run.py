@@ -11,7 +11,7 @@ from .euler_state import EulerState
 __all__ = ["run_flow"]
 
 COEFFICIENTS = ("CL", "CD", "CD_induced", "CD_entropy")
-"""Outputs that are told of, where there are any."""
+"""Outputs of a summary, where there are any."""
 
 
 def run_flow(problem: om.Problem) -> dict:
@@ -34,13 +34,13 @@ def run_flow(problem: om.Problem) -> dict:
     problem.run_model()
     seconds = time.perf_counter() - start
     names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
-    told = {name: problem.get_val(name).item() for name in COEFFICIENTS if name in names} | {"seconds": seconds}
+    summary = {name: problem.get_val(name).item() for name in COEFFICIENTS if name in names} | {"seconds": seconds}
     for state in problem.model.system_iter(recurse=True, typ=EulerState):
         history = state.solution.history
-        told |= {
+        summary |= {
             "n_cells": len(state.solution.states),
             "n_steps": len(history) - 1,
             "n_products": sum(step.n_products for step in history),
             "residual": history[-1].residual,
         }
-    return told
+    return summary
