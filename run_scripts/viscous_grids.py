@@ -30,7 +30,7 @@ from bspline_mdao.plotting import draw_first_heights, draw_wall_cells
 from bspline_mdao.run_script import run
 from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.walls.miss_spread import MissSpread
+from bspline_mdao.walls.wall_correction import WallCorrection
 
 SECTIONS = (*(f"pitch={angle}deg" for angle in (5, 20, 45)), *(f"thickness={factor}" for factor in (1.3, 0.8, 0.7)))
 """What is asked of sections between two planes."""
@@ -109,7 +109,7 @@ class Splines:
             return model.regenerate(moved).to_vector().reshape(-1, 3)
         surface, grid_map = bm.SurfaceGrid.of(model), model.grid_map()
         wall = asked.apply_to_nodes(surface.points, surface.on_planes(model))
-        return grid_map.at(moved, MissSpread.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
+        return grid_map.at(moved, WallCorrection.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
 
     def off_rigid(self) -> float:
         """Turn all control points by 90 degrees: largest distance from the turned grid, relative to the grid's size."""

@@ -32,7 +32,7 @@ from ..movement.increments import AUTO, LOGGER
 from ..movement.mover import MEND, IncrementReport, Movement, MovementReport
 from ..topology.grid import Grid
 from ..topology.sharing import node_sharing
-from ..walls.miss_spread import MissSpread
+from ..walls.wall_correction import WallCorrection
 from .movers import MoverOptions
 from .output import (
     check_outputs,
@@ -187,9 +187,9 @@ def _grid(
     surface, topology = SurfaceGrid.of(model, options.design or None), model.topology
     nodes = baseline.to_vector().reshape(-1, 3)
     wall = deformation.apply_to_nodes(surface.points, surface.on_planes(model))
-    state = model.grid_map().at(points, MissSpread.of(topology, nodes, surface.rows), wall)
+    state = model.grid_map().at(points, WallCorrection.of(topology, nodes, surface.rows), wall)
     source = node_sharing(topology).source_rows()
-    miss = SurfaceMiss.of(topology, source, surface.rows, wall - state.miss, wall)
+    miss = SurfaceMiss.of(topology, source, surface.rows, wall - state.mismatch, wall)
     return model.header.grid(topology.shapes, state.nodes), miss
 
 

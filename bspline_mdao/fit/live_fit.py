@@ -35,7 +35,8 @@ from ..model.fitted_model import FittedModel
 from ..splines.volume import Volume
 from ..walls.grid_map import GridMap
 from ..walls.layer import Layered
-from ..walls.turning import Turn, Vectors
+from ..walls.node_vectors import Vectors
+from ..walls.turning import Turn
 from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
 from .entities import Entity
@@ -409,11 +410,11 @@ class LiveGrid:
             else:
                 turn, vectors = grid_map.turning.at(control_points, initial), grid_map.turning.vectors(residual)
                 nodes += turn.evaluate(np.zeros_like(control_points), vectors)
-        rim_points = nodes[grid_map.rim_rows]
+        plane_points = nodes[grid_map.plane_rows]
         if grid_map.layer is not None:
             rows = grid_map.wall_rows
-            layered = grid_map.layer.at(start, nodes, start[rows], nodes[rows], grid_map.normals(rim_points))
-        return LiveGridState(self, initial, control_points, nodes, turn, vectors, layered, rim_points)
+            layered = grid_map.layer.at(start, nodes, start[rows], nodes[rows], grid_map.normals(plane_points))
+        return LiveGridState(self, initial, control_points, nodes, turn, vectors, layered, plane_points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,7 +435,7 @@ class LiveGridState:
         The residual that turns.
     layered : Layered or None
         Nodes that followed walls.
-    rim_points : ndarray, shape (n_rim, 3)
+    plane_points : ndarray, shape (n_plane, 3)
         Nodes on the boundary edges of planes before that (m).
     """
 
@@ -445,7 +446,7 @@ class LiveGridState:
     turn: Turn | None
     vectors: Vectors | None
     layered: Layered | None
-    rim_points: np.ndarray
+    plane_points: np.ndarray
 
     def jvp(self, d_nodes: np.ndarray, d_initial: np.ndarray | None, d_control_points: np.ndarray) -> np.ndarray:
         """Change of the grid, shape (n_nodes, 3), with those of the baseline and of both sets of control points."""
@@ -461,7 +462,7 @@ class LiveGridState:
                 d_turn, d_vectors = self.turn.change(d_control_points, d_initial), self.turn.of.vectors(d_residual)
                 change += self.turn.jvp(np.zeros_like(d_control_points), d_turn, self.vectors, d_vectors)
         if self.layered is not None:
-            rows, d_normals = grid_map.wall_rows, grid_map.normals_jvp(self.rim_points, change[grid_map.rim_rows])
+            rows, d_normals = grid_map.wall_rows, grid_map.normals_jvp(self.plane_points, change[grid_map.plane_rows])
             self.layered.jvp(d_start, change, d_start[rows], change[rows], d_normals)
         return change
 
@@ -474,7 +475,7 @@ class LiveGridState:
             start_bar, bar, wall_start_bar, wall_bar, normals_bar = self.layered.vjp(bar)
             start_bar[rows] += wall_start_bar
             bar[rows] += wall_bar
-            bar[grid_map.rim_rows] += grid_map.normals_vjp(self.rim_points, normals_bar)
+            bar[grid_map.plane_rows] += grid_map.normals_vjp(self.plane_points, normals_bar)
         nodes_bar, control_bar = of.mapping.vjp(self.control_points, bar)
         if not of.needs_initial:
             return nodes_bar, None, control_bar

@@ -12,7 +12,8 @@ from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..model.fitted_model import FittedModel
 from ..topology.sharing import node_sharing
-from ..walls.turning import FaceNodes, Turn, Turning
+from ..walls.node_vectors import FaceNodes
+from ..walls.turning import Turn, Turning
 from .boundary import require_mesh_of
 from .moving_mesh import MovingMesh
 from .surface import SurfaceGrid

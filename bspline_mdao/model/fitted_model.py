@@ -15,8 +15,8 @@ from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
 from ..topology.grid import Grid, Patch
 from ..topology.topology import Topology
+from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
-from ..walls.riders import Riders
 from .model_file import read_model, write_model
 from .records import FitReport, FitSettings, GridHeader
 
@@ -119,7 +119,7 @@ class FittedModel:
         nodes = self.evaluator().forward(self.control_points)
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 
-    def riders(self, points: np.ndarray, tolerance: float | None = None) -> Riders:
+    def riders(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
         """Find what moves points that were not fitted: the volumes, and near walls the layer there.
 
         Parameters
@@ -131,14 +131,14 @@ class FittedModel:
 
         Returns
         -------
-        Riders
+        EmbeddedPoints
 
         Raises
         ------
         InputError
             If the points cannot be used, or one is outside all volumes.
         """
-        return Riders.of(self.grid_map(), self.mesh, self.control_points, points, tolerance)
+        return EmbeddedPoints.of(self.grid_map(), self.mesh, self.control_points, points, tolerance)
 
     def member(self, factor: float) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.

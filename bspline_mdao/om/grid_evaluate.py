@@ -10,7 +10,7 @@ from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..walls.grid_map import GridState
-from ..walls.miss_spread import MissSpread
+from ..walls.wall_correction import WallCorrection
 from .component import (
     LINEAR_STEP,
     LastState,
@@ -78,7 +78,7 @@ class GridEvaluate(SparseComponent):
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, surface = self.options["model"], self.options["surface"]
-        self._map, self._spread, self._last = model.grid_map(), None, LastState()
+        self._map, self._correction, self._last = model.grid_map(), None, LastState()
         if self.options["assembled"] and surface is not None:
             raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
         if self.options["assembled"] and not self._map.is_linear:
@@ -90,7 +90,7 @@ class GridEvaluate(SparseComponent):
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         if surface is not None:
             numbers = self._numbers(surface)
-            self._spread = MissSpread.of(model.topology, self._map.nodes, surface.rows[numbers])
+            self._correction = WallCorrection.of(model.topology, self._map.nodes, surface.rows[numbers])
             self.add_input(SURFACE, val=surface.points[numbers].ravel(), units="m")
         self.add_output(GRID, shape=3 * model.n_nodes, units="m")
         blocks = (block.nodes for block in model.regenerate().blocks)
@@ -115,13 +115,13 @@ class GridEvaluate(SparseComponent):
             super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
             return
         state = self._state_at(inputs)
-        products = {"jvp": state.jvp, "vjp": state.asked_vjp}
+        products = {"jvp": state.jvp, "vjp": state.full_vjp}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=GRID, wrt=self._names)
 
     @property
     def _names(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return (CONTROL_POINTS,) if self._spread is None else (CONTROL_POINTS, SURFACE)
+        return (CONTROL_POINTS,) if self._correction is None else (CONTROL_POINTS, SURFACE)
 
     def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
         """Which nodes of the surface are given."""
@@ -135,4 +135,4 @@ class GridEvaluate(SparseComponent):
     def _state_at(self, inputs) -> GridState:
         points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
         with failures_as_analysis_errors(self):
-            return self._last.at(points, lambda control, *wall: self._map.at(control, self._spread, *wall))
+            return self._last.at(points, lambda control, *wall: self._map.at(control, self._correction, *wall))

@@ -23,7 +23,8 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from .rotations import LocalRotations, Rotations, between, cofactors, set_half_cross
+from .polar import cofactors
+from .rotations import LocalRotations, Rotations
 
 __all__ = ["Frames", "WallFrames"]
 
@@ -73,7 +74,7 @@ class WallFrames:
         points: np.ndarray,
         quads: np.ndarray,
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        held: np.ndarray | None = None,
+        fixed: np.ndarray | None = None,
         sheets: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> WallFrames:
@@ -87,7 +88,7 @@ class WallFrames:
             Corners of its quads in turn, around the normal into the fluid.
         planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
             Nodes in planes that they must stay in, and the planes' normals.
-        held : ndarray of int, optional
+        fixed : ndarray of int, optional
             Nodes that never turn.
         sheets : ndarray of int, shape (n_quads,), optional
             Sheet that each quad belongs to; all are one by default.
@@ -99,12 +100,12 @@ class WallFrames:
         InputError
             If an array has the wrong shape.
         """
-        rotations = LocalRotations.of(points, quads=quads, planes=planes, held=held, n_threads=n_threads)
+        rotations = LocalRotations.of(points, quads=quads, planes=planes, fixed=fixed, n_threads=n_threads)
         sheets = np.zeros(len(rotations.quads), dtype=np.int64) if sheets is None else np.asarray(sheets)
         if sheets.shape != (len(rotations.quads),):
             raise InputError(f"wall layer: sheets of shape {sheets.shape}; give shape ({len(rotations.quads)},)")
         at = np.repeat(np.arange(len(points)), np.diff(rotations.corner_starts))
-        corners, areas = rotations.corners, rotations._areas(np.ascontiguousarray(points, dtype=float))
+        corners, areas = rotations.corners, rotations.areas(np.ascontiguousarray(points, dtype=float))
         order = np.lexsort((sheets[corners // 4], at))
         starts = _group_starts(at[order], sheets[corners[order] // 4])
         is_back = _is_back(starts, corners[order], areas)
@@ -147,7 +148,7 @@ class WallFrames:
         stiffness = self._products(after.vectors, after.vectors) + STIFFNESS * np.eye(3)
         matrices = self._products(after.vectors, before.vectors) + STIFFNESS * rotations.matrices
         self._solve(stiffness, matrices)
-        matrices[self.rotations.held] = np.eye(3)
+        matrices[self.rotations.fixed] = np.eye(3)
         return Frames(self, rotations, before, after, stiffness, matrices)
 
     def _sums(self, areas) -> np.ndarray:
@@ -159,12 +160,12 @@ class WallFrames:
     def _products(self, u, v) -> np.ndarray:
         """Sums of w u (x) v over the sheets of every node, shape (n, 3, 3)."""
         sums = np.empty((self.rotations.n_points, 3, 3), dtype=np.result_type(u, v))
-        self.rotations._by_points(lambda part: _sum_products(*part, self.first_sheets, self.weights, u, v, sums))
+        self.rotations.over_points(lambda part: _sum_products(*part, self.first_sheets, self.weights, u, v, sums))
         return sums
 
     def _solve(self, stiffness, right):
         """Solve for every node, in place of the right sides."""
-        self.rotations._by_points(lambda part: _solve(*part, stiffness, right))
+        self.rotations.over_points(lambda part: _solve(*part, stiffness, right))
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,14 +279,14 @@ class Frames:
         """
         of, before, after = self.of, self.before.vectors, self.after.vectors
         change = STIFFNESS * self.rotations.jvp(d_initial, d_moved, d_normals)
-        d_after = self.after.jvp(of.rotations._d_areas(self.moved, d_moved), d_normals)
+        d_after = self.after.jvp(of.rotations.areas_jvp(self.moved, d_moved), d_normals)
         change += of._products(d_after, before)
         if d_initial is not None:
-            change += of._products(after, self.before.jvp(of.rotations._d_areas(self.initial, d_initial), None))
+            change += of._products(after, self.before.jvp(of.rotations.areas_jvp(self.initial, d_initial), None))
         d_stiffness = of._products(d_after, after)
-        of.rotations._by_points(lambda part: _take_off(*part, d_stiffness, self.matrices, change))
+        of.rotations.over_points(lambda part: _take_off(*part, d_stiffness, self.matrices, change))
         of._solve(self.stiffness, change)
-        change[of.rotations.held] = 0.0
+        change[of.rotations.fixed] = 0.0
         return change
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -304,9 +305,9 @@ class Frames:
         bar, before_bar, after_bar = self._back(bar)
         initial_bar, moved_bar = self.rotations.vjp(bar)
         areas_bar, normals_bar = self.after.vjp(after_bar)
-        _pull_points(self.moved, self.of.rotations.quads, areas_bar, moved_bar)
+        self.of.rotations.add_areas_vjp(self.moved, areas_bar, moved_bar)
         areas_bar, _ = self.before.vjp(before_bar)
-        _pull_points(self.initial, self.of.rotations.quads, areas_bar, initial_bar)
+        self.of.rotations.add_areas_vjp(self.initial, areas_bar, initial_bar)
         return initial_bar, moved_bar, normals_bar + self.rotations.normals_vjp(bar)
 
     def frozen_vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -314,7 +315,7 @@ class Frames:
         bar, _, after_bar = self._back(bar)
         moved_bar = self.rotations.moved_vjp(bar)
         areas_bar, normals_bar = self.after.vjp(after_bar)
-        _pull_points(self.moved, self.of.rotations.quads, areas_bar, moved_bar)
+        self.of.rotations.add_areas_vjp(self.moved, areas_bar, moved_bar)
         return moved_bar, normals_bar + self.rotations.normals_vjp(bar)
 
     def _back(self, bar) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -323,10 +324,10 @@ class Frames:
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
         if bar.shape != self.matrices.shape:
             raise InputError(f"wall layer: derivatives of shape {bar.shape}; give shape {self.matrices.shape}")
-        bar[of.rotations.held] = 0.0
+        bar[of.rotations.fixed] = 0.0
         of._solve(self.stiffness, bar)
         bars = np.empty((2, *before.shape), dtype=bar.dtype)
-        of.rotations._by_points(
+        of.rotations.over_points(
             lambda part: _pull_normals(*part, of.first_sheets, of.weights, before, after, bar, self.matrices, *bars)
         )
         return STIFFNESS * bar, *bars
@@ -437,19 +438,3 @@ def _take_off(first, last, half, matrices, right):
                 s = half[i, d, k] + half[i, k, d]
                 for e in range(3):
                     right[i, d, e] -= s * matrices[i, k, e]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _pull_points(points, quads, areas_bar, points_bar):
-    """Add derivatives in the corners of quads, of those in their areas."""
-    pulls = np.empty_like(points_bar[:2])
-    for q in range(len(quads)):
-        a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
-        p = areas_bar[q, 0], areas_bar[q, 1], areas_bar[q, 2]
-        set_half_cross(pulls, 0, between(points, b, d), p)
-        set_half_cross(pulls, 1, p, between(points, a, c))
-        for e in range(3):
-            points_bar[a, e] -= pulls[0, e]
-            points_bar[c, e] += pulls[0, e]
-            points_bar[b, e] -= pulls[1, e]
-            points_bar[d, e] += pulls[1, e]

@@ -21,94 +21,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array, csr_array, diags_array
 
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
-from .feet import Feet, TriangleTree, fade
-from .frames import Frames, WallFrames
+from .closest_points import Feet, TriangleTree
+from .frames import Frames
+from .wall import Wall
 
-__all__ = ["Layered", "Wall", "WallLayer"]
+__all__ = ["Layered", "WallLayer"]
 
 CHUNK_NODES = 2**12
 """Nodes per piece of work: the corners of their triangles have numbers of two bytes."""
-
-REACH = (20.0, 3.0)
-"""A wall's reach is the width of its quads, but at least this many first heights or widths, whichever is less."""
-
-VISCOUS = (24.0, 36.0)
-"""Widths of quads by first heights, exceeded at a quarter of the nodes, up to which a grid is inviscid and its wall has
-no layer, and from which on it has its whole reach. Grids have 1 to 24, or 36 to 16,000."""
-
-N_SMOOTHINGS = 3
-"""Times that the reach of a wall is averaged with that of the neighbours."""
-
-
-@dataclass(frozen=True, eq=False)
-class Wall:
-    """A wall on the baseline. Made by `Wall.of`.
-
-    Parameters
-    ----------
-    tree : TriangleTree
-        Its triangles and its reach.
-    frames : WallFrames
-        How the layer above it is carried.
-    """
-
-    tree: TriangleTree
-    frames: WallFrames
-
-    @classmethod
-    def of(
-        cls,
-        points: np.ndarray,
-        quads: np.ndarray,
-        heights: np.ndarray,
-        planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        held: np.ndarray | None = None,
-        sheets: np.ndarray | None = None,
-        n_threads: int | None = None,
-    ) -> Wall:
-        """Take a wall.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3)
-            Its nodes on the baseline (m), each once.
-        quads : ndarray of int, shape (n_quads, 4)
-            Corners of its quads in turn, around the normal into the fluid.
-        heights : ndarray, shape (n,)
-            Heights of the first cells at the nodes (m); 0 where there is none.
-        planes : sequence of (ndarray of int, ndarray of shape (3,))
-            Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
-        held : ndarray of int, optional
-            Nodes that never turn, such as those on a fixed boundary.
-        sheets : ndarray of int, shape (n_quads,), optional
-            Face that each quad belongs to. Heights are kept above each face by itself, where several meet in a node.
-        n_threads : int, optional
-            Number of threads; by default ``NUMBA_NUM_THREADS``.
-
-        Returns
-        -------
-        Wall
-
-        Raises
-        ------
-        InputError
-            If an array has the wrong shape.
-        """
-        points = np.ascontiguousarray(points, dtype=float)
-        frames = WallFrames.of(points, quads, planes, held, sheets, n_threads)
-        heights = np.asarray(heights, dtype=float)
-        if heights.shape != (len(points),):
-            raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
-        return cls(TriangleTree.of(points, np.asarray(quads), _reach(points, np.asarray(quads), heights)), frames)
-
-    @property
-    def n_points(self) -> int:
-        """Number of nodes."""
-        return len(self.tree.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +104,7 @@ class WallLayer:
         points: np.ndarray,
         wall_rows: np.ndarray | None = None,
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        held: np.ndarray | None = None,
+        fixed: np.ndarray | None = None,
         copies: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> WallLayer:
@@ -198,7 +121,7 @@ class WallLayer:
         planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
             Points in planes that they must stay in, and the planes' normals. Planes that share points must be at right
             angles.
-        held : ndarray of int, optional
+        fixed : ndarray of int, optional
             Points that do not follow the wall, such as those on a fixed boundary.
         copies : ndarray of int, shape (n_copies, 2), optional
             Rows that are copies, and the rows that they copy.
@@ -222,7 +145,7 @@ class WallLayer:
             raise InputError(f"wall layer: {len(wall_rows)} rows of {wall.n_points} nodes of the wall; give one each")
         copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies)
         is_free = np.ones(len(points), dtype=bool)
-        for rows in (wall_rows, copies[:, 0], held):
+        for rows in (wall_rows, copies[:, 0], fixed):
             if rows is not None:
                 is_free[rows] = False
         free = np.flatnonzero(is_free)
@@ -409,38 +332,6 @@ class Layered:
         frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
         _add_up(layer.pieces, sums, frames_bar)
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
-
-
-def _reach(points, quads, heights) -> np.ndarray:
-    """Distance up to which points follow a wall, at its nodes, shape (n,): see `REACH`."""
-    x = points[quads]
-    diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
-    area = 0.5 * np.linalg.norm(np.cross(*diagonals), axis=1)
-    longest = np.max([np.linalg.norm(d, axis=1) for d in diagonals], axis=0)
-    width = np.divide(area, longest, out=np.zeros(len(quads)), where=longest > 0.0)
-    ends = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
-    around = _mean_of(quads.ravel(), np.repeat(np.arange(len(quads)), 4), len(points), len(quads))
-    beside = _mean_of(ends.ravel(), ends[:, ::-1].ravel(), len(points), len(points))
-    spacing = around @ width
-    reach = np.maximum(spacing, np.minimum(REACH[0] * heights, REACH[1] * spacing))
-    for _ in range(N_SMOOTHINGS):
-        reach = 0.5 * (reach + beside @ reach)
-    return reach * _viscosity(spacing, heights)
-
-
-def _viscosity(spacing, heights) -> float:
-    """How much of its reach a wall has: where cells are as high as wide, no layer is needed, and it costs quality."""
-    is_known = heights > 0.0
-    if not is_known.any():
-        return 0.0
-    flatness = np.quantile(spacing[is_known] / heights[is_known], 0.75)
-    return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
-
-
-def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
-    """Means of the values at the columns that go with each row."""
-    sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
-    return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums
 
 
 def _packed(places, matrices, initial) -> np.ndarray:

@@ -25,6 +25,8 @@ from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
 from ..numerics.threads import run_tasks, thread_count
+from .planes import MirrorMeans
+from .polar import nearest_rotations, rotation_changes
 
 __all__ = ["LocalRotations", "Rotations"]
 
@@ -60,7 +62,7 @@ class LocalRotations:
         Share of the neighbours' matrices that points get which see one direction only.
     planes : tuple of (ndarray of int, ndarray of shape (3,))
         Points in planes of symmetry, and the unit normal of each plane.
-    held : ndarray of int
+    fixed : ndarray of int
         Points that never turn.
     n_threads : int, optional
         Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
@@ -84,7 +86,7 @@ class LocalRotations:
     corners: np.ndarray
     mix: csr_array | None = None
     planes: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
-    held: np.ndarray | None = None
+    fixed: np.ndarray | None = None
     n_threads: int | None = None
 
     @classmethod
@@ -94,7 +96,7 @@ class LocalRotations:
         edges: np.ndarray | None = None,
         quads: np.ndarray | None = None,
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-        held: np.ndarray | None = None,
+        fixed: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> LocalRotations:
         """Find what every point sees.
@@ -110,7 +112,7 @@ class LocalRotations:
         planes : sequence of (ndarray of int, ndarray of shape (3,)), optional
             Points in a plane of symmetry, and its normal; they see the mirror image of what they see. Planes that share
             points must be at right angles. Where a plane itself moves, tell `at` its normal.
-        held : ndarray of int, optional
+        fixed : ndarray of int, optional
             Points that are not to turn.
         n_threads : int, optional
             Number of threads; by default ``NUMBA_NUM_THREADS``.
@@ -143,11 +145,11 @@ class LocalRotations:
             corner_starts,
             corners,
             planes=planes,
-            held=np.empty(0, dtype=int) if held is None else np.asarray(held),
+            fixed=np.empty(0, dtype=int) if fixed is None else np.asarray(fixed),
             n_threads=n_threads,
         )
         mix, lost = made._company(points)
-        return cls(**{**vars(made), "mix": mix, "held": np.union1d(made.held, lost)})
+        return cls(**{**vars(made), "mix": mix, "fixed": np.union1d(made.fixed, lost)})
 
     @property
     def n_points(self) -> int:
@@ -174,12 +176,12 @@ class LocalRotations:
             If the surroundings of a point are turned inside out, so that no rotation is nearest.
         """
         initial, moved = self._checked(initial, "points before the move"), self._checked(moved, "points after the move")
-        areas = self._areas(initial), self._areas(moved)
+        areas = self.areas(initial), self.areas(moved)
         matrices = self._moments(initial, moved, *areas)
-        mirrored = _Mirrored.of(self.planes, normals, matrices)
-        matrices[self.held] = np.eye(3)
+        mirrored = MirrorMeans.of(self.planes, normals, matrices)
+        matrices[self.fixed] = np.eye(3)
         stiffness, is_fine = np.empty_like(matrices), np.empty(self.n_points, dtype=np.bool_)
-        self._by_points(lambda part: _turn(*part, matrices, stiffness, is_fine))
+        self.over_points(lambda part: nearest_rotations(*part, matrices, stiffness, is_fine))
         if not is_fine.all():
             lost = int(np.argmin(is_fine))
             place = ", ".join(f"{x:.6g}" for x in moved[lost].real)
@@ -194,23 +196,27 @@ class LocalRotations:
             raise InputError(f"rotations: {what} of shape {points.shape}; give shape ({self.n_points}, 3)")
         return np.ascontiguousarray(points, dtype=complex if np.iscomplexobj(points) else float)
 
-    def _areas(self, points: np.ndarray) -> np.ndarray:
+    def areas(self, points: np.ndarray) -> np.ndarray:
         """Areas of the quads, shape (n_quads, 3)."""
         areas = np.empty((len(self.quads), 3), dtype=points.dtype)
         _area_vectors(points, self.quads, areas)
         return areas
 
-    def _d_areas(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
+    def areas_jvp(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
         """Change of the areas of the quads, shape (n_quads, 3)."""
         d_areas = np.empty((len(self.quads), 3), dtype=np.result_type(points, d_points))
-        _d_area_vectors(points, d_points, self.quads, d_areas)
+        _area_vectors_jvp(points, d_points, self.quads, d_areas)
         return d_areas
+
+    def add_areas_vjp(self, points: np.ndarray, areas_bar: np.ndarray, points_bar: np.ndarray) -> None:
+        """Add the transpose of `areas_jvp` to ``points_bar``, shape (n, 3)."""
+        _add_area_vjp(points, self.quads, areas_bar, points_bar)
 
     def _moments(self, initial, moved, initial_areas, moved_areas) -> np.ndarray:
         """Sum up M of every point, shape (n, 3, 3): linear in the points before, and in those after the move."""
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
-        self._by_points(lambda part: _moments(*part, *graph, initial, moved, initial_areas, moved_areas, sums))
+        self.over_points(lambda part: _moments(*part, *graph, initial, moved, initial_areas, moved_areas, sums))
         return self._in_company(sums, self.mix)
 
     def _moments_transposed(self, bar, points, areas, own, transposed: bool) -> np.ndarray:
@@ -233,7 +239,7 @@ class LocalRotations:
         _diagonal_pulls(bar, self.quads, self.quad_scales, areas, own, pulls)
         out = np.empty((self.n_points, 3), dtype=pulls.dtype)
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners
-        self._by_points(lambda part: _gather(*part, *graph, bar, points, pulls, out))
+        self.over_points(lambda part: _gather(*part, *graph, bar, points, pulls, out))
         return out
 
     @staticmethod
@@ -243,7 +249,7 @@ class LocalRotations:
 
     def _company(self, points: np.ndarray) -> tuple[csr_array | None, np.ndarray]:
         """Share of the neighbours for points that see one direction only, and points to which that is no help."""
-        areas = self._areas(points)
+        areas = self.areas(points)
         seen = self._moments(points, points, areas, areas)
         alone = _is_alone(seen)
         if not alone.any():
@@ -253,71 +259,13 @@ class LocalRotations:
         pairs = ends[is_asked], self.neighbours[is_asked]
         mix = coo_array((np.ones(len(pairs[0])), pairs), shape=(self.n_points, self.n_points)).tocsr()
         seen = self._in_company(seen, mix)
-        _Mirrored.of(self.planes, None, seen)
+        MirrorMeans.of(self.planes, None, seen)
         return mix, np.flatnonzero(_is_alone(seen))
 
-    def _by_points(self, task):
+    def over_points(self, task):
         """Call a kernel with ``(first, last)`` for pieces of the points."""
         cuts = list(range(0, self.n_points, CHUNK_POINTS)) + [self.n_points]
         run_tasks(lambda k: task((cuts[k], cuts[k + 1])), len(cuts) - 1, thread_count(self.n_threads))
-
-
-@dataclass(frozen=True, eq=False)
-class _Mirrored:
-    """Means of matrices and their mirror images, for points in planes of symmetry: M <- (M + H' M H) / 2.
-
-    H = I - 2 n (x) n mirrors in a plane at rest, H' in the plane as it is.
-
-    Parameters
-    ----------
-    planes : tuple of (ndarray of int, ndarray of shape (3,))
-        Points in planes, and the normals at rest.
-    normals : ndarray, shape (n_planes, 3)
-        Normals now.
-    seen : tuple of ndarray, each of shape (n, 3, 3)
-        M of the points of each plane, before.
-    """
-
-    planes: tuple[tuple[np.ndarray, np.ndarray], ...]
-    normals: np.ndarray
-    seen: tuple[np.ndarray, ...]
-
-    @classmethod
-    def of(cls, planes, normals: np.ndarray | None, matrices: np.ndarray) -> _Mirrored:
-        """Take the means in place."""
-        normals = np.reshape([n for _, n in planes], (-1, 3)) if normals is None else np.asarray(normals)
-        if normals.shape != (len(planes), 3):
-            raise InputError(f"rotations: normals of shape {normals.shape}; give shape ({len(planes)}, 3)")
-        seen = []
-        for (ids, at_rest), normal in zip(planes, normals):
-            seen.append(matrices[ids])
-            matrices[ids] = 0.5 * (seen[-1] + _mirror(normal) @ seen[-1] @ _mirror(at_rest))
-        return cls(planes, normals, tuple(seen))
-
-    def jvp(self, change: np.ndarray, d_normals: np.ndarray | None) -> None:
-        """Turn the change of the matrices before into that of the means, in place."""
-        for k, (ids, at_rest) in enumerate(self.planes):
-            normal, change_seen = self.normals[k], change[ids]
-            mean = 0.5 * (change_seen + _mirror(normal) @ change_seen @ _mirror(at_rest))
-            if d_normals is not None:
-                d_mirror = -2.0 * (np.outer(d_normals[k], normal) + np.outer(normal, d_normals[k]))
-                mean = mean + 0.5 * d_mirror @ self.seen[k] @ _mirror(at_rest)
-            change[ids] = mean
-
-    def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`, in place; returns the derivatives in the normals."""
-        normals_bar = np.zeros_like(self.normals, dtype=np.result_type(self.normals, bar))
-        for k in range(len(self.planes) - 1, -1, -1):
-            (ids, at_rest), normal = self.planes[k], self.normals[k]
-            mirror_bar = 0.5 * np.einsum("nij,nkj->ik", bar[ids], self.seen[k] @ _mirror(at_rest))
-            normals_bar[k] = -2.0 * (mirror_bar + mirror_bar.T) @ normal
-            bar[ids] = 0.5 * (bar[ids] + _mirror(normal) @ bar[ids] @ _mirror(at_rest))
-        return normals_bar
-
-
-def _mirror(normal: np.ndarray) -> np.ndarray:
-    """Matrix of the mirror image in a plane by its unit normal."""
-    return np.eye(3) - 2.0 * np.outer(normal, normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +284,7 @@ class Rotations:
         The rotations.
     stiffness : ndarray, shape (n, 3, 3)
         ``tr(S) I - S`` of every point.
-    mirrored : _Mirrored
+    mirrored : MirrorMeans
         What points in planes of symmetry see.
     """
 
@@ -346,7 +294,7 @@ class Rotations:
     areas: tuple[np.ndarray, np.ndarray]
     matrices: np.ndarray
     stiffness: np.ndarray
-    mirrored: _Mirrored
+    mirrored: MirrorMeans
 
     def jvp(self, d_initial: np.ndarray | None, d_moved: np.ndarray, d_normals: np.ndarray | None = None) -> np.ndarray:
         """Change of the rotations, shape (n, 3, 3).
@@ -360,13 +308,13 @@ class Rotations:
         """
         of, (initial_areas, moved_areas) = self.of, self.areas
         d_moved = of._checked(d_moved, "change of the points after the move")
-        change = of._moments(self.initial, d_moved, initial_areas, of._d_areas(self.moved, d_moved))
+        change = of._moments(self.initial, d_moved, initial_areas, of.areas_jvp(self.moved, d_moved))
         if d_initial is not None:
             d_initial = of._checked(d_initial, "change of the points before the move")
-            change += of._moments(d_initial, self.moved, of._d_areas(self.initial, d_initial), moved_areas)
+            change += of._moments(d_initial, self.moved, of.areas_jvp(self.initial, d_initial), moved_areas)
         self.mirrored.jvp(change, d_normals)
-        change[of.held] = 0.0
-        of._by_points(lambda part: _turn_jvp(*part, self.matrices, self.stiffness, change))
+        change[of.fixed] = 0.0
+        of.over_points(lambda part: rotation_changes(*part, self.matrices, self.stiffness, change))
         return change
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -398,8 +346,8 @@ class Rotations:
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
         if bar.shape != self.matrices.shape:
             raise InputError(f"rotations: derivatives of shape {bar.shape}; give shape {self.matrices.shape}")
-        self.of._by_points(lambda part: _turn_vjp(*part, self.matrices, self.stiffness, bar))
-        bar[self.of.held] = 0.0
+        self.of.over_points(lambda part: rotation_changes(*part, self.matrices, self.stiffness, bar))
+        bar[self.of.fixed] = 0.0
         return bar, self.mirrored.vjp(bar)
 
 
@@ -456,28 +404,28 @@ def _is_alone(matrices) -> np.ndarray:
 def _area_vectors(points, quads, areas):
     for q in range(len(quads)):
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
-        set_half_cross(areas, q, between(points, a, c), between(points, b, d))
+        _set_half_cross(areas, q, _between(points, a, c), _between(points, b, d))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _d_area_vectors(points, d_points, quads, d_areas):
+def _area_vectors_jvp(points, d_points, quads, d_areas):
     for q in range(len(quads)):
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
-        u, v = between(points, a, c), between(points, b, d)
-        s, t = between(d_points, a, c), between(d_points, b, d)
+        u, v = _between(points, a, c), _between(points, b, d)
+        s, t = _between(d_points, a, c), _between(d_points, b, d)
         d_areas[q, 0] = 0.5 * (s[1] * v[2] - s[2] * v[1] + u[1] * t[2] - u[2] * t[1])
         d_areas[q, 1] = 0.5 * (s[2] * v[0] - s[0] * v[2] + u[2] * t[0] - u[0] * t[2])
         d_areas[q, 2] = 0.5 * (s[0] * v[1] - s[1] * v[0] + u[0] * t[1] - u[1] * t[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def between(points, i, j):
+def _between(points, i, j):
     """Vector from one point to another."""
     return points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def set_half_cross(out, n, u, v):
+def _set_half_cross(out, n, u, v):
     """Write half the cross product of two vectors to row n."""
     out[n, 0] = 0.5 * (u[1] * v[2] - u[2] * v[1])
     out[n, 1] = 0.5 * (u[2] * v[0] - u[0] * v[2])
@@ -503,7 +451,7 @@ def _moments(
             m[d // 3, d % 3] = 0.0
         for k in range(starts[i], starts[i + 1]):
             j = neighbours[k]
-            _add_product(m, scales[k], between(after, i, j), between(before, i, j))
+            _add_product(m, scales[k], _between(after, i, j), _between(before, i, j))
         for k in range(corner_starts[i], corner_starts[i + 1]):
             q = corners[k] // 4
             u, v = new_areas[q], areas[q]
@@ -523,8 +471,8 @@ def _diagonal_pulls(bar, quads, quad_scales, areas, own, pulls):
             y += m[1, 0] * u + m[1, 1] * v + m[1, 2] * w
             z += m[2, 0] * u + m[2, 1] * v + m[2, 2] * w
         p = (x, y, z)
-        set_half_cross(pulls[q], 0, between(own, b, d), p)
-        set_half_cross(pulls[q], 1, p, between(own, a, c))
+        _set_half_cross(pulls[q], 0, _between(own, b, d), p)
+        _set_half_cross(pulls[q], 1, p, _between(own, a, c))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -534,7 +482,7 @@ def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar
         x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
             j = neighbours[k]
-            u, v, w = between(points, j, i)
+            u, v, w = _between(points, j, i)
             m, n, s = bar[i], bar[j], scales[k]
             x += s * ((m[0, 0] + n[0, 0]) * u + (m[0, 1] + n[0, 1]) * v + (m[0, 2] + n[0, 2]) * w)
             y += s * ((m[1, 0] + n[1, 0]) * u + (m[1, 1] + n[1, 1]) * v + (m[1, 2] + n[1, 2]) * w)
@@ -548,130 +496,16 @@ def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cofactors(m, c):
-    """Write the cofactors of a matrix of three rows to ``c`` and return its determinant."""
-    c[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
-    c[0, 1] = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
-    c[0, 2] = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
-    c[1, 0] = m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]
-    c[1, 1] = m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]
-    c[1, 2] = m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]
-    c[2, 0] = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-    c[2, 1] = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
-    c[2, 2] = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    return m[0, 0] * c[0, 0] + m[0, 1] * c[0, 1] + m[0, 2] * c[0, 2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _square(m):
-    """Sum of the squares of all entries."""
-    total = m[0, 0] * m[0, 0]
-    for k in range(1, 9):
-        total += m[k // 3, k % 3] * m[k // 3, k % 3]
-    return total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _turn(first, last, matrices, stiffness, is_fine):
-    """Put the nearest rotation in the place of every matrix, and ``tr(S) I - S`` beside it.
-
-    M + cof(M) / |M| has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has full rank
-    where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X + X^-T) / 2
-    then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step later.
-    """
-    r, c = np.empty_like(matrices[0]), np.empty_like(matrices[0])
-    for i in range(first, last):
-        m = matrices[i]
-        size = np.sqrt(_square(m))
-        cofactors(m, c)
-        for d in range(3):
-            for e in range(3):
-                r[d, e] = (m[d, e] + c[d, e] / size) / size
-        is_fine[i] = False
-        n_left = 60
-        while n_left > 0:
-            det = cofactors(r, c)
-            if not det.real > 1e-12:
-                break
-            # the scale that makes both terms of the same size, while they differ much
-            scale = np.sqrt(np.sqrt(_square(c) / (det * det * _square(r))))
-            if abs(scale.real - 1.0) < 1e-2:
-                scale = 1.0
-            step = 0.0
-            for d in range(3):
-                for e in range(3):
-                    new = 0.5 * (scale * r[d, e] + c[d, e] / (det * scale))
-                    step = max(step, abs(new - r[d, e]))
-                    r[d, e] = new
-            n_left -= 1
-            if step < 1e-5 and n_left > 1:
-                is_fine[i] = True
-                n_left = 1
-        _set_stiffness(r, m, stiffness[i])
-        for d in range(9):
-            m[d // 3, d % 3] = r[d // 3, d % 3]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _set_stiffness(r, m, k):
-    for d in range(3):
+def _add_area_vjp(points, quads, areas_bar, points_bar):
+    """Add derivatives in the corners of quads, of those in their areas."""
+    pulls = np.empty_like(points_bar[:2])
+    for q in range(len(quads)):
+        a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
+        p = areas_bar[q, 0], areas_bar[q, 1], areas_bar[q, 2]
+        _set_half_cross(pulls, 0, _between(points, b, d), p)
+        _set_half_cross(pulls, 1, p, _between(points, a, c))
         for e in range(3):
-            k[d, e] = -0.5 * (
-                r[0, d] * m[0, e] + r[1, d] * m[1, e] + r[2, d] * m[2, e]
-                + r[0, e] * m[0, d] + r[1, e] * m[1, d] + r[2, e] * m[2, d]
-            )  # fmt: skip
-    trace = k[0, 0] + k[1, 1] + k[2, 2]
-    for d in range(3):
-        k[d, d] -= trace
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _solve(k, c, b):
-    """Solve a symmetric system of three; ``c`` is room for its cofactors."""
-    det = cofactors(k, c)
-    return (
-        (c[0, 0] * b[0] + c[0, 1] * b[1] + c[0, 2] * b[2]) / det,
-        (c[1, 0] * b[0] + c[1, 1] * b[1] + c[1, 2] * b[2]) / det,
-        (c[2, 0] * b[0] + c[2, 1] * b[1] + c[2, 2] * b[2]) / det,
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _axial(r, m):
-    """Axial vector of r^T m - m^T r."""
-    return (
-        r[0, 2] * m[0, 1] + r[1, 2] * m[1, 1] + r[2, 2] * m[2, 1]
-        - r[0, 1] * m[0, 2] - r[1, 1] * m[1, 2] - r[2, 1] * m[2, 2],
-        r[0, 0] * m[0, 2] + r[1, 0] * m[1, 2] + r[2, 0] * m[2, 2]
-        - r[0, 2] * m[0, 0] - r[1, 2] * m[1, 0] - r[2, 2] * m[2, 0],
-        r[0, 1] * m[0, 0] + r[1, 1] * m[1, 0] + r[2, 1] * m[2, 0]
-        - r[0, 0] * m[0, 1] - r[1, 0] * m[1, 1] - r[2, 0] * m[2, 1],
-    )  # fmt: skip
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _set_turned(r, w, out):
-    """``out = r [w]x``."""
-    for d in range(3):
-        a, b, c = r[d, 0], r[d, 1], r[d, 2]
-        out[d, 0] = b * w[2] - c * w[1]
-        out[d, 1] = c * w[0] - a * w[2]
-        out[d, 2] = a * w[1] - b * w[0]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _turn_jvp(first, last, matrices, stiffness, change):
-    """Turn changes of M into changes of R, in place."""
-    c = np.empty_like(stiffness[0])
-    for i in range(first, last):
-        w = _solve(stiffness[i], c, _axial(matrices[i], change[i]))
-        _set_turned(matrices[i], w, change[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _turn_vjp(first, last, matrices, stiffness, bar):
-    """Turn derivatives in R into derivatives in M, in place: R [w]x is its own transpose's pattern."""
-    c = np.empty_like(stiffness[0])
-    for i in range(first, last):
-        w = _solve(stiffness[i], c, _axial(matrices[i], bar[i]))
-        _set_turned(matrices[i], w, bar[i])
+            points_bar[a, e] -= pulls[0, e]
+            points_bar[c, e] += pulls[0, e]
+            points_bar[b, e] -= pulls[1, e]
+            points_bar[d, e] += pulls[1, e]

@@ -26,56 +26,19 @@ from numba import njit
 from scipy.sparse import coo_array, csr_array, eye_array
 
 from ..evaluation.evaluator import Evaluator
-from ..evaluation.runs import Runs, store_groups
-from ..numerics.lanes import LANES
-from ..splines.greville import span_breaks, span_corners
-from ..splines.knots import Knots
+from ..splines.greville import span_corners
 from ..splines.mesh import BSplineMesh
-from ..splines.volume import Volume
 from ..topology.boundary_surface import quads_in_turn
 from ..topology.sharing import NodeSharing, boundary_sections
 from ..topology.topology import Topology, shared_ids
+from .node_vectors import FaceNodes, SpanNodes, Vectors, transposed
+from .planes import PlaneNormal
 from .rotations import LocalRotations, Rotations
 
-__all__ = ["FaceNodes", "Turn", "Turning", "Vectors"]
+__all__ = ["Turn", "Turning"]
 
 PLANAR = 1e-5
 """A face is planar where its corners leave the plane by less than this part of its size."""
-
-_CHUNK = 4096  # nodes at a time whose knots are evaluated
-
-
-@dataclass(frozen=True, eq=False)
-class _Faces:
-    """Boundary faces in one plane: quads of corners, ordered so that their areas add up."""
-
-    quads: np.ndarray
-
-    def normal(self, points: np.ndarray) -> tuple[np.ndarray, float]:
-        """Mean unit normal, and the area that it is made of."""
-        area = 0.5 * np.cross(*self._diagonals(points)).sum(axis=0)
-        length = np.sqrt(np.sum(area * area))
-        return area / length, length
-
-    def normal_jvp(self, points: np.ndarray, d_points: np.ndarray) -> np.ndarray:
-        """Change of the normal."""
-        normal, length = self.normal(points)
-        (u, v), (d_u, d_v) = self._diagonals(points), self._diagonals(d_points)
-        d_area = 0.5 * (np.cross(d_u, v) + np.cross(u, d_v)).sum(axis=0)
-        return (d_area - normal * (normal @ d_area)) / length
-
-    def add_normal_vjp(self, points: np.ndarray, bar: np.ndarray, points_bar: np.ndarray) -> None:
-        """Add the transpose of `normal_jvp` to ``points_bar``."""
-        normal, length = self.normal(points)
-        area_bar = 0.5 * (bar - normal * (normal @ bar)) / length
-        u, v = self._diagonals(points)
-        u_bar, v_bar = np.cross(v, area_bar), np.cross(area_bar, u)
-        for corner, part in zip(range(4), (-u_bar, -v_bar, u_bar, v_bar)):
-            np.add.at(points_bar, self.quads[:, corner], part)
-
-    def _diagonals(self, points: np.ndarray):
-        a, b, c, d = (points[self.quads[:, corner]] for corner in range(4))
-        return c - a, d - b
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +55,7 @@ class _Group:
         place = np.full(len(points), -1)
         place[ids] = np.arange(len(ids))
         edges, quads = (None if numbers is None else place[numbers] for numbers in (edges, quads))
-        rotations = LocalRotations.of(points[ids], edges=edges, quads=quads, held=np.flatnonzero(~own))
+        rotations = LocalRotations.of(points[ids], edges=edges, quads=quads, fixed=np.flatnonzero(~own))
         pairs = [eye_array(len(ids), format="coo").coords]
         pairs += [] if edges is None else [edges.T]
         pairs += [] if quads is None else [quads[:, [m, n]].T for m in range(4) for n in range(m)]
@@ -112,135 +75,6 @@ class _Group:
     def own_bar(self, bar: np.ndarray) -> np.ndarray:
         """Derivatives in the rotations of the group, of those in all."""
         return np.where(self.own[:, None], bar[self.ids], 0.0).reshape(-1, 3, 3)
-
-
-@dataclass(frozen=True, eq=False)
-class _Cells:
-    """The nodes of one volume in their spans, in the order of its runs.
-
-    Parameters
-    ----------
-    runs : Runs
-        The nodes.
-    corners : ndarray of int32, shape (n_runs, 8)
-        Corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1, 2.
-    fractions : ndarray of float32, shape (3 n_nodes + LANES,)
-        Places of the nodes between the ends, in groups, see `.contraction`.
-    """
-
-    runs: Runs
-    corners: np.ndarray
-    fractions: np.ndarray
-
-    @classmethod
-    def of(cls, volume: Volume, ids: np.ndarray, runs: Runs, parameters: np.ndarray) -> _Cells:
-        """Place the nodes of a volume; ``parameters`` are theirs, in the order of the runs."""
-        first, spans, is_high = _spans(volume, runs)
-        corners = np.empty((len(runs.corners), 8), dtype=np.int32)
-        for column in range(8):
-            corners[:, column] = ids[tuple(first[d] + ((column >> d & 1) ^ is_high[d]) for d in range(3))]
-        n_nodes, values = np.diff(runs.starts), np.empty((runs.n_nodes, 3))
-        for d, knots in enumerate(volume.knots):
-            turned, span, is_end = (
-                np.roll(parameters, -d, axis=1),
-                *(np.repeat(a[d], n_nodes) for a in (spans, is_high)),
-            )
-            values[:, d] = _fractions(knots, turned, span, is_end)
-        fractions = np.zeros(values.size + LANES, dtype=np.float32)
-        store_groups(runs.starts, np.arange(runs.n_nodes), values, fractions)
-        return cls(runs, corners, fractions)
-
-    def pack(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors of all nodes, shape (n_nodes, 3), in groups."""
-        packed = np.zeros(3 * self.runs.n_nodes + LANES)
-        store_groups(self.runs.starts, self.runs.rows, vectors, packed)
-        return packed
-
-    def weights(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners and their weights, each of shape (n, 4), of nodes on faces of the volume, by place in the runs."""
-        starts = self.runs.starts
-        run = np.searchsorted(starts, nodes, side="right") - 1
-        group = starts[run] + (nodes - starts[run]) // LANES * LANES
-        n = np.minimum(LANES, starts[run + 1] - group)
-        u = [self.fractions[3 * group + d * n + nodes - group].astype(float) for d in range(3)]
-        ends = [[u[d] if column >> d & 1 else 1.0 - u[d] for d in range(3)] for column in range(8)]
-        weights = np.stack([np.prod(three, axis=0) for three in ends], axis=1)
-        largest = np.argsort(-weights, axis=1, kind="stable")[:, :4]  # the other four are at the far side
-        return np.take_along_axis(self.corners[run], largest, 1), np.take_along_axis(weights, largest, 1)
-
-
-@dataclass(frozen=True, eq=False)
-class FaceNodes:
-    """Nodes on boundary faces with the weights of their corners, and the planes that their vectors keep to.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-        Rows of the nodes, ascending.
-    corners, weights : ndarray, shape (n, 4)
-        Corners of spans, and their weights.
-    planes : ndarray of int, shape (n, 3)
-        Planes whose normals parts of the vectors follow, one after the other; -1 for none.
-    """
-
-    rows: np.ndarray
-    corners: np.ndarray
-    weights: np.ndarray
-    planes: np.ndarray
-
-    def part(self, which: np.ndarray) -> FaceNodes:
-        """Some of the nodes."""
-        return FaceNodes(self.rows[which], self.corners[which], self.weights[which], self.planes[which])
-
-    def turned(self, matrices: np.ndarray, normals: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Turn the vectors, shape (n, 3), of these nodes.
-
-        Parameters
-        ----------
-        matrices : ndarray, shape (n_corners, 9)
-            Rotations of all corners.
-        normals : ndarray, shape (2, n_planes, 3)
-            Normals of all planes, now and at first.
-        vectors : ndarray, shape (n, 3)
-            The vectors.
-        """
-        out = vectors.copy()
-        _add_products(self.corners, self.weights, matrices - np.eye(3).ravel(), vectors, out)  # exact where all are one
-        _put_along(self.planes, normals, vectors, out)
-        return out
-
-    def jvp(self, matrices, normals, vectors, d_matrices, d_normals, d_vectors) -> np.ndarray:
-        """Change of the turned vectors."""
-        turned, change = np.zeros_like(vectors), np.zeros_like(vectors)
-        _add_products(self.corners, self.weights, matrices, vectors, turned)
-        _add_products(self.corners, self.weights, d_matrices, vectors, change)
-        d_vectors = np.zeros_like(vectors) if d_vectors is None else d_vectors
-        _add_products(self.corners, self.weights, matrices, d_vectors, change)
-        _put_along_jvp(self.planes, normals, vectors, turned, d_normals, d_vectors, change)
-        return change
-
-    def vjp(self, matrices, normals, vectors, bar, matrices_bar):
-        """Transpose of `jvp`: adds to the derivatives in the rotations; gives those in the normals and the vectors."""
-        turned, bar = np.zeros_like(vectors), bar.copy()
-        vectors_bar, normals_bar = np.zeros_like(vectors), np.zeros_like(normals)
-        _add_products(self.corners, self.weights, matrices, vectors, turned)
-        _put_along_vjp(self.planes, normals, vectors, turned, bar, normals_bar, vectors_bar)
-        _add_products(self.corners, self.weights, _transposed(matrices), bar, vectors_bar)
-        _add_outer_products(self.corners, self.weights, bar, vectors, matrices_bar)
-        return normals_bar, vectors_bar
-
-
-@dataclass(frozen=True, eq=False)
-class Vectors:
-    """Vectors of all nodes, those in planes apart. Made by `Turning.vectors`."""
-
-    packed: tuple[np.ndarray, ...]
-    flat: np.ndarray
-
-    @property
-    def n_bytes(self) -> int:
-        """Memory held."""
-        return self.flat.nbytes + sum(array.nbytes for array in self.packed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,10 +108,10 @@ class Turning:
     corners: Evaluator
     points: np.ndarray
     groups: tuple[_Group, ...]
-    planes: tuple[_Faces, ...]
+    planes: tuple[PlaneNormal, ...]
     faces: tuple[_BoundaryFace, ...]
     plane_of_corner: np.ndarray
-    cells: tuple[_Cells, ...]
+    cells: tuple[SpanNodes, ...]
     evaluator: Evaluator
     flat: FaceNodes
     flat_copies: np.ndarray
@@ -321,7 +155,16 @@ class Turning:
         ]
         cells = _cells(mesh, ids, evaluator, parameters, sharing)
         turning = cls(
-            corners, points, groups, tuple(map(_Faces, quads)), tuple(planes), plane, cells, evaluator, None, None
+            corners,
+            points,
+            groups,
+            tuple(map(PlaneNormal.of_quads, quads)),
+            tuple(planes),
+            plane,
+            cells,
+            evaluator,
+            None,
+            None,
         )
         flat = turning.rows(np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)])))
         flat = flat.part((flat.planes >= 0).any(axis=1))
@@ -470,7 +313,7 @@ class Turn:
         bars = self.of.vectors(bar)
         none = np.zeros((len(self.of.flat.rows), 3))
         zero = np.zeros((self.of.evaluator.n_control_points, 3))
-        vectors_bar = self._forward(zero, _transposed(self.matrices), bars, none)
+        vectors_bar = self._forward(zero, transposed(self.matrices), bars, none)
         vectors_bar[self.of.flat.rows] = flat_bar
         moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
         for group, rotations in zip(self.of.groups, self.rotations):
@@ -507,7 +350,7 @@ class Turn:
     @cached_property
     def normals(self) -> np.ndarray:
         """Normals of all planes, now and at first, shape (2, n_planes, 3)."""
-        pairs = [[faces.normal(points)[0] for faces in self.of.planes] for points in (self.moved, self.initial)]
+        pairs = [[plane.normal(points) for plane in self.of.planes] for points in (self.moved, self.initial)]
         return np.reshape(pairs, (2, len(self.of.planes), 3))
 
     def _forward(self, control_points, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
@@ -532,10 +375,6 @@ class Turn:
         np.add.at(flat_bar, np.searchsorted(of.flat.rows, of.flat_copies[:, 1]), bar[of.flat_copies[:, 0]])
         bars = of.flat.vjp(self.matrices, self.normals, vectors.flat, flat_bar, matrices_bar)
         return control_bar, matrices_bar, *bars
-
-
-def _transposed(matrices: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(matrices.reshape(-1, 3, 3).transpose(0, 2, 1)).reshape(-1, 9)
 
 
 def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
@@ -567,7 +406,7 @@ def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSh
     size = np.linalg.norm(np.ptp(points, axis=0))
     for (face, corners), (_, rows) in zip(boundary_sections(topology, ids), boundary_sections(topology, sharing.rows)):
         quads, plane = quads_in_turn(corners), None
-        normal, area = _Faces(quads).normal(points)
+        normal, area = PlaneNormal.of_quads(quads).normal_and_area(points)
         offsets = points[corners.ravel()] @ normal
         if face.kind != "wall" and area > 0.0 and np.ptp(offsets) <= PLANAR * np.sqrt(area):
             sign = np.sign(normal[np.argmax(np.abs(normal))])
@@ -602,115 +441,15 @@ def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[
     return tuple(groups), plane
 
 
-def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, sharing: NodeSharing) -> tuple[_Cells, ...]:
+def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, sharing: NodeSharing) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
     for volume, numbers, runs, x, rows, own in zip(
         mesh.volumes, ids, evaluator.runs, parameters, sharing.rows, sharing.is_evaluated
     ):
         place[rows[own]] = np.flatnonzero(own)
-        cells.append(_Cells.of(volume, numbers, runs, x.reshape(-1, 3)[place[runs.rows[: runs.n_nodes]]]))
+        cells.append(SpanNodes.of(volume, numbers, runs, x.reshape(-1, 3)[place[runs.rows[: runs.n_nodes]]]))
     return tuple(cells)
-
-
-def _spans(volume: Volume, runs: Runs) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Of every run, its spans' places among those of the volume, their numbers, and whether they count from the end.
-
-    As for the control points (see `.runs`), nodes of a face depend on the corners of that face alone, to the last bit.
-    """
-    anchors = np.unravel_index(runs.corners, volume.n_control)
-    is_high = [a == k.n_control - 1 for a, k in zip(anchors, volume.knots)]
-    spans = [np.where(high, a, a + k.order - 1) for a, high, k in zip(anchors, is_high, volume.knots)]
-    return [np.searchsorted(span_breaks(k), s) for s, k in zip(spans, volume.knots)], spans, is_high
-
-
-def _fractions(knots: Knots, parameters: np.ndarray, spans: np.ndarray, is_high: np.ndarray) -> np.ndarray:
-    """Places of nodes in their spans, from the end that counts; parameters begin with the knots' own direction."""
-    fractions = np.empty(len(spans))
-    for start in range(0, len(spans), _CHUNK):
-        at = slice(start, start + _CHUNK)
-        values = knots.values(parameters[at, 1].copy(), parameters[at, 2].copy())
-        rows, span = np.arange(len(values)), spans[at]
-        low, high = values[rows, span], values[rows, span + 1]
-        fractions[at] = np.where(is_high[at], high - parameters[at, 0], parameters[at, 0] - low) / (high - low)
-    return fractions.clip(0.0, 1.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_products(corners, weights, matrices, vectors, out):
-    """Add the products of interpolated matrices with the vectors of nodes."""
-    for i in range(corners.shape[0]):
-        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
-        for column in range(corners.shape[1]):
-            m, weight = matrices[corners[i, column]], weights[i, column]
-            for d in range(3):
-                out[i, d] += weight * (m[3 * d] * x + m[3 * d + 1] * y + m[3 * d + 2] * z)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_outer_products(corners, weights, bar, vectors, out):
-    """Add the derivatives in the matrices of `_add_products`."""
-    for i in range(corners.shape[0]):
-        for column in range(corners.shape[1]):
-            m, weight = out[corners[i, column]], weights[i, column]
-            for d in range(3):
-                for k in range(3):
-                    m[3 * d + k] += weight * bar[i, d] * vectors[i, k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _put_along(planes, normals, vectors, turned):
-    """Replace the parts of turned vectors along normals by those of the vectors along the normals at first."""
-    for i in range(planes.shape[0]):
-        for k in planes[i]:
-            if k >= 0:
-                n, along = normals[0, k], _dot(turned[i], normals[0, k]) - _dot(vectors[i], normals[1, k])
-                for d in range(3):
-                    turned[i, d] -= along * n[d]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _put_along_jvp(planes, normals, vectors, turned, d_normals, d_vectors, change):
-    """Derivative of `_put_along`; ``turned`` is done along the way."""
-    for i in range(planes.shape[0]):
-        for k in planes[i]:
-            if k >= 0:
-                n, d_n = normals[0, k], d_normals[0, k]
-                along = _dot(turned[i], n) - _dot(vectors[i], normals[1, k])
-                d_along = _dot(change[i], n) + _dot(turned[i], d_n)
-                d_along -= _dot(d_vectors[i], normals[1, k]) + _dot(vectors[i], d_normals[1, k])
-                for d in range(3):
-                    turned[i, d] -= along * n[d]
-                    change[i, d] -= d_along * n[d] + along * d_n[d]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _put_along_vjp(planes, normals, vectors, turned, bar, normals_bar, vectors_bar):
-    """Transpose of `_put_along_jvp` in ``bar``, the normals and the vectors."""
-    steps = np.empty((planes.shape[1], 3))
-    for i in range(planes.shape[0]):
-        for m, k in enumerate(planes[i]):
-            steps[m] = turned[i]
-            if k >= 0:
-                along = _dot(turned[i], normals[0, k]) - _dot(vectors[i], normals[1, k])
-                for d in range(3):
-                    turned[i, d] -= along * normals[0, k, d]
-        for m in range(planes.shape[1] - 1, -1, -1):
-            k = planes[i, m]
-            if k >= 0:
-                along = _dot(steps[m], normals[0, k]) - _dot(vectors[i], normals[1, k])
-                along_bar = -_dot(bar[i], normals[0, k])
-                for d in range(3):
-                    normals_bar[0, k, d] += along_bar * steps[m, d] - along * bar[i, d]
-                    normals_bar[1, k, d] -= along_bar * vectors[i, d]
-                    vectors_bar[i, d] -= along_bar * normals[1, k, d]
-                for d in range(3):
-                    bar[i, d] += along_bar * normals[0, k, d]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -27,7 +27,7 @@ from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.movement.young_modulus import ConstantLaw
 from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
-from bspline_mdao.walls.miss_spread import MissSpread
+from bspline_mdao.walls.wall_correction import WallCorrection
 
 FLOOR = ["--deform", "bumps=0.02,seed=3,wavelength=0.8"]
 
@@ -55,7 +55,7 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     moved = LinearElasticity(mesh).move(model.control_points, surface).points
     wall = SurfaceGrid.of(model)
     nodes = parse_deformation(FLOOR[1], model, mesh).apply_to_nodes(wall.points)
-    spread = MissSpread.of(model.topology, model.regenerate().to_vector().reshape(-1, 3), wall.rows)
+    spread = WallCorrection.of(model.topology, model.regenerate().to_vector().reshape(-1, 3), wall.rows)
     expected = model.grid_map().at(moved, spread, nodes).nodes
     np.testing.assert_allclose(read_grid("moved.xyz").to_vector(), expected.ravel(), atol=1e-12)
     found, table = numbers("m.json"), capsys.readouterr().out

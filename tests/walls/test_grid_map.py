@@ -16,7 +16,7 @@ from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.sharing import boundary_sections, node_sharing
 from bspline_mdao.topology.topology import BoundaryFace
 from bspline_mdao.walls.grid_map import GridMap
-from bspline_mdao.walls.miss_spread import MissSpread
+from bspline_mdao.walls.wall_correction import WallCorrection
 
 
 def map_of(model, wall_layer=True, n_threads=None):
@@ -134,45 +134,45 @@ def asked_of(model, rng):
     """Spread of all wall nodes but some, and a map."""
     grid_map = map_of(model)
     rows = np.sort(rng.permutation(grid_map.wall_rows)[len(grid_map.wall_rows) // 10 :])
-    return grid_map, MissSpread.of(model.topology, grid_map.nodes, rows)
+    return grid_map, WallCorrection.of(model.topology, grid_map.nodes, rows)
 
 
 def test_wall_nodes_are_where_they_are_asked_to_be(wing):
     rng = np.random.default_rng(7)
-    grid_map, spread = asked_of(wing, rng)
+    grid_map, correction = asked_of(wing, rng)
     b = moved(wing, rng)
-    wall = grid_map.at(b).nodes[spread.rows] + 0.003 * rng.standard_normal((len(spread.rows), 3))
-    state = grid_map.at(b, spread, wall)
-    np.testing.assert_allclose(state.nodes[spread.rows], wall, rtol=0, atol=1e-14 * np.ptp(wall))
+    wall = grid_map.at(b).nodes[correction.rows] + 0.003 * rng.standard_normal((len(correction.rows), 3))
+    state = grid_map.at(b, correction, wall)
+    np.testing.assert_allclose(state.nodes[correction.rows], wall, rtol=0, atol=1e-14 * np.ptp(wall))
     np.testing.assert_array_equal(state.nodes, state.nodes[node_sharing(wing.topology).source_rows()])
-    np.testing.assert_allclose(state.miss, wall - grid_map.at(b).nodes[spread.rows], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(state.mismatch, wall - grid_map.at(b).nodes[correction.rows], rtol=0, atol=1e-14)
 
 
 def test_wall_nodes_that_are_asked_to_be_where_they_are_change_nothing(wing):
     rng = np.random.default_rng(8)
-    grid_map, spread = asked_of(wing, rng)
+    grid_map, correction = asked_of(wing, rng)
     b = moved(wing, rng)
     nodes = grid_map.at(b).nodes
-    np.testing.assert_allclose(grid_map.at(b, spread, nodes[spread.rows]).nodes, nodes, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(grid_map.at(b, correction, nodes[correction.rows]).nodes, nodes, rtol=0, atol=1e-13)
 
 
 def test_products_with_asked_wall_nodes_are_exact_and_transposed(wing):
     rng = np.random.default_rng(9)
-    grid_map, spread = asked_of(wing, rng)
+    grid_map, correction = asked_of(wing, rng)
     b = moved(wing, rng)
-    wall = grid_map.at(b).nodes[spread.rows] + 0.003 * rng.standard_normal((len(spread.rows), 3))
+    wall = grid_map.at(b).nodes[correction.rows] + 0.003 * rng.standard_normal((len(correction.rows), 3))
     v, w = rng.standard_normal(b.shape), rng.standard_normal(wall.shape)
-    state, h = grid_map.at(b, spread, wall), 1e-5
+    state, h = grid_map.at(b, correction, wall), 1e-5
     found = state.jvp(v, w)
 
     def difference(h):
-        ends = (grid_map.at(b + s * v, spread, wall + s * w).nodes for s in (h, -h))
+        ends = (grid_map.at(b + s * v, correction, wall + s * w).nodes for s in (h, -h))
         return np.subtract(*ends) / (2 * h)
 
     slope = (4 * difference(h / 2) - difference(h)) / 3
     np.testing.assert_allclose(slope, found, rtol=0, atol=1e-8 * np.abs(found).max())
     bar = rng.standard_normal(found.shape)
-    b_bar, wall_bar = state.asked_vjp(bar.copy())
+    b_bar, wall_bar = state.full_vjp(bar.copy())
     terms = bar * found
     assert abs(terms.sum() - np.vdot(b_bar, v) - np.vdot(wall_bar, w)) < 1e-13 * np.abs(terms).sum()
 

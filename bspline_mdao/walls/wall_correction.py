@@ -1,13 +1,20 @@
-"""What control points miss of an asked wall, spread smoothly over the volume.
+"""A correction that puts wall nodes exactly where they are given, and fades over the volume.
 
-The displacement is known at wall nodes. All segments are cut into *pieces*, some `PIECE` cells long along walls and as
-long as the segment in all other directions. The corners of the pieces follow a network of springs between the walls and
-the rest of the boundary, which stays; then edges, faces and insides of the pieces follow by transfinite interpolation,
-in proportion to arc lengths of the baseline. So the miss fades over whole blocks, and where blocks are thin beyond
-them.
+Control points alone put wall nodes only nearly where they are given. The mismatch is known at wall nodes. All segments
+are cut into *pieces*, some `PIECE` cells long along walls and as long as the segment in all other directions. The
+correction follows in three steps:
+
+1. The corners of the pieces follow a network of springs between the walls and the rest of the boundary, which stays.
+2. Edges, faces and insides of the pieces follow, in this order, by transfinite interpolation, in proportion to arc
+   lengths of the baseline: the Boolean sum of projectors of Gordon and Hall.
+3. Copies of nodes take what the nodes have that they copy.
+
+So the correction fades over whole blocks, and where blocks are thin, beyond them.
 
 W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
 International Journal for Numerical Methods in Engineering 7, 1973.
+
+Theory: ``docs/theory/asked_walls.rst``.
 """
 
 from __future__ import annotations
@@ -26,21 +33,22 @@ from ..topology.index_space import Window, block_rows, sections_of, whole_slices
 from ..topology.sharing import direction_classes, node_sharing
 from ..topology.topology import Topology
 
-__all__ = ["MissSpread"]
+__all__ = ["WallCorrection"]
 
 PIECE = 8
-"""Cells of a piece along walls: what a thin block cannot hold of a miss goes on beyond it at this resolution."""
+"""Cells of a piece along walls: the correction goes on beyond thin blocks at this resolution."""
 
 INDEPENDENT = 1e-3
-"""Normals of planes are as many as have a singular value above this."""
+"""Least singular value of independent normals: planes that meet at less than this angle (rad) are one but for round-off."""
 
 
 @dataclass(frozen=True, eq=False)
-class MissSpread:
+class WallCorrection:
     """The linear map from the displacement of wall nodes to that of all nodes, and its transpose.
 
     It reproduces the displacement of the wall, is zero on all other boundaries but within a segment of where a wall
-    ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by `MissSpread.of`.
+    ends on them, and keeps nodes in planes of symmetry if the displacement of the wall does. Made by
+    `WallCorrection.of`.
 
     Parameters
     ----------
@@ -69,7 +77,7 @@ class MissSpread:
     n_nodes: int
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray, rows: np.ndarray) -> MissSpread:
+    def of(cls, topology: Topology, nodes: np.ndarray, rows: np.ndarray) -> WallCorrection:
         """Prepare the map of a baseline grid.
 
         Parameters
@@ -83,7 +91,7 @@ class MissSpread:
 
         Returns
         -------
-        MissSpread
+        WallCorrection
         """
         sharing, whole = node_sharing(topology), block_rows(topology.shapes)
         source = sharing.source_rows()
@@ -94,14 +102,14 @@ class MissSpread:
         windows = list(_pieces(topology, source, place >= 0))
         pieces = [(source[whole[w.block][w.slices]], nodes[whole[w.block][w.slices]]) for w in windows]
         corners = np.unique(np.concatenate([ids[_CORNERS].ravel() for ids, _ in pieces]))
-        is_held = np.isin(corners, _held_rows(topology, source)) & (place[corners] < 0)
+        is_fixed = np.isin(corners, _fixed_rows(topology, source)) & (place[corners] < 0)
         flat = [whole[f.window.block][f.window.slices].ravel() for f in topology.boundary if f.kind == "symmetry"]
         normals = [(np.isin(corners, source[members]), nearest_plane(nodes[members])[0]) for members in flat]
         network = SpringNetwork.of(
             len(corners),
             _edge_lengths(pieces, corners),
             np.flatnonzero(place[corners] >= 0),
-            np.flatnonzero(is_held),
+            np.flatnonzero(is_fixed),
             lambda ids: _directions(ids, normals),
         )
         is_done[corners] = is_moving[corners[network.ids]] = True
@@ -111,37 +119,37 @@ class MissSpread:
 
     @property
     def n_bytes(self) -> int:
-        """Memory held (B)."""
+        """Memory that it takes (B)."""
         return sum(level.n_bytes for level in self.levels) + self.rows.nbytes + self.copies.nbytes
 
     def meet(self, nodes: np.ndarray, wall: np.ndarray) -> np.ndarray:
-        """Let nodes, shape (n_nodes, 3), meet a wall in place.
+        """Correct nodes, shape (n_nodes, 3), in place, so that those of the wall are where they are given.
 
         Parameters
         ----------
         nodes : ndarray, shape (n_nodes, 3)
-            Nodes (m), overwritten by those whose wall is exactly where it is asked to be.
+            Nodes (m), overwritten by the corrected ones.
         wall : ndarray, shape (n_wall, 3)
-            Where it is asked to be (m).
+            Where the wall nodes are to be (m).
 
         Returns
         -------
         ndarray, shape (n_wall, 3)
-            What was missed (m).
+            The mismatch before (m).
         """
-        miss = wall - nodes[self.rows]
-        if miss.any():
-            nodes += self.forward(miss)
-            nodes[self.rows] = wall  # rounding aside, it is there already
+        mismatch = wall - nodes[self.rows]
+        if mismatch.any():
+            nodes += self.forward(mismatch)
+            nodes[self.rows] = wall  # to the last bit: up to round-off it is there already
             nodes[self.copies[:, 0]] = nodes[self.copies[:, 1]]
-        return miss
+        return mismatch
 
-    def forward(self, miss: np.ndarray) -> np.ndarray:
-        """Displacements of all nodes, shape (n_nodes, 3), of that of the wall nodes, shape (n_wall, 3), in metres."""
+    def forward(self, mismatch: np.ndarray) -> np.ndarray:
+        """Displacements of all nodes, shape (n_nodes, 3), from those of the wall nodes, shape (n_wall, 3), in metres."""
         values = np.zeros((self.n_nodes, 3))
-        values[self.rows] = miss
-        values[self.corner_rows] = self.network.dot(miss[self.wall_ids])
-        for level in self.levels:
+        values[self.rows] = mismatch
+        values[self.corner_rows] = self.network.dot(mismatch[self.wall_ids])  # step 1
+        for level in self.levels:  # step 2
             _fill(*level.arrays, values)
         values[self.copies[:, 0]] = values[self.copies[:, 1]]
         return values
@@ -149,7 +157,7 @@ class MissSpread:
     def adjoint(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `forward`: (n_nodes, 3) to (n_wall, 3)."""
         bars = bar.copy()
-        _add_at(bars, self.copies[:, 1], self.copies[:, 0])
+        _add_at(bars, self.copies[:, 1], self.copies[:, 0])  # the steps of `forward`, transposed, from the last one on
         for level in self.levels[::-1]:
             _fill_transpose(*level.arrays, bars)
         wall_bar = bars[self.rows]
@@ -166,11 +174,11 @@ class Sections:
     shapes : ndarray of int, shape (n, 3)
         Points of each section by direction.
     starts : ndarray of int, shape (n, 4)
-        Where its rows start, and its blends of each direction.
+        First row of each section, and its first blend in each direction.
     rows : ndarray of int32
         Rows in the grid vector of its points in C order; -1 for inner points that have their displacement already.
     blends : ndarray
-        Where its points stand between the two ends of each direction, from 0 to 1.
+        Places of its points between the two ends of each direction, from 0 to 1.
     """
 
     shapes: np.ndarray
@@ -182,8 +190,8 @@ class Sections:
     def of(cls, pieces, n_free: int, is_done: np.ndarray, is_moving: np.ndarray) -> Sections:
         """Gather the sections of some free directions.
 
-        Left out are those without a point that is not done, and those with nothing that moves at their ends. What is
-        gathered is marked as done, and as moving.
+        Sections without a point that is not done are skipped, and so are those with nothing that moves at their ends.
+        What is gathered is marked as done, and as moving.
         """
         gathered, blends, at = [], [], np.zeros(2, dtype=int)
         for ids, points in pieces:
@@ -216,12 +224,12 @@ class Sections:
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
-        """What the kernels take."""
+        """Arrays in the order in which the kernels take them."""
         return self.shapes, self.starts, self.rows, self.blends
 
     @property
     def n_bytes(self) -> int:
-        """Memory held (B)."""
+        """Memory that it takes (B)."""
         return sum(array.nbytes for array in self.arrays)
 
 
@@ -260,8 +268,8 @@ def _cuts(n_cells: int) -> np.ndarray:
     return np.concatenate([low, np.unique(n_cells - low)[n % 2 == 0 :]])
 
 
-def _held_rows(topology: Topology, source: np.ndarray) -> np.ndarray:
-    """Rows of all boundaries but planes of symmetry."""
+def _fixed_rows(topology: Topology, source: np.ndarray) -> np.ndarray:
+    """Rows of all boundary nodes but those of planes of symmetry alone: they stay."""
     whole = block_rows(topology.shapes)
     windows = [face.window for face in topology.boundary if face.kind != "symmetry"]
     return np.unique(np.concatenate([np.zeros(0, int), *(source[whole[w.block][w.slices]].ravel() for w in windows)]))
@@ -303,7 +311,7 @@ def _first_of_each(ids: np.ndarray) -> np.ndarray:
 
 
 def _blends(points: np.ndarray) -> list[np.ndarray]:
-    """Where points, shape (n0, n1, n2, 3), stand between the ends of each direction: mean arc lengths of its edges."""
+    """Places of points, shape (n0, n1, n2, 3), between the ends of each direction: mean arc lengths of its edges."""
     blends = []
     for d in range(3):
         edges = points[
@@ -393,7 +401,7 @@ def _section(number, shapes, starts, rows, blends):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ends(shape):
-    """Room for what is interpolated along each direction, at both of its ends."""
+    """Zeros for what is interpolated along each direction, at both of its ends."""
     n0, n1, n2 = shape
     return np.zeros((2, n1, 3, n2)), np.zeros((2, n0, 3, n2)), np.zeros((2, n0, n1, 3))
 

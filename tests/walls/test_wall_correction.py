@@ -1,4 +1,4 @@
-"""The miss of a wall, spread over the volume."""
+"""The mismatch of a wall, correction over the volume."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.mesh.allowed_directions import plane_normal
 from bspline_mdao.topology.index_space import Window, block_rows
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.walls.miss_spread import PIECE, MissSpread, _cuts
+from bspline_mdao.walls.wall_correction import PIECE, WallCorrection, _cuts
 
 
 def cylinder():
@@ -68,42 +68,44 @@ def spread_of(grid):
     nodes = grid.to_vector().reshape(-1, 3)
     rows = np.unique(node_sharing(topology).source_rows()[np.concatenate(faces(topology, "wall"))])
     planes = [(members, plane_normal(nodes[members], "plane")) for members in faces(topology, "symmetry")]
-    return topology, nodes, planes, MissSpread.of(topology, nodes, rows)
+    return topology, nodes, planes, WallCorrection.of(topology, nodes, rows)
 
 
-def in_planes(spread, planes, miss):
-    """Take out of a miss what would leave planes of symmetry."""
+def in_planes(correction, planes, mismatch):
+    """Take out of a mismatch what would leave planes of symmetry."""
     for members, normal in planes:
-        is_member = np.isin(spread.rows, members)
-        miss[is_member] -= (miss[is_member] @ normal)[:, None] * normal
-    return miss
+        is_member = np.isin(correction.rows, members)
+        mismatch[is_member] -= (mismatch[is_member] @ normal)[:, None] * normal
+    return mismatch
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_wall_nodes_get_their_miss_and_shared_nodes_the_same_bits(name):
-    topology, _, _, spread = spread_of(CASES[name]())
-    miss = np.random.default_rng(0).normal(size=(len(spread.rows), 3))
-    values, source = spread.forward(miss), node_sharing(topology).source_rows()
-    np.testing.assert_array_equal(values[spread.rows], miss)
+    topology, _, _, correction = spread_of(CASES[name]())
+    mismatch = np.random.default_rng(0).normal(size=(len(correction.rows), 3))
+    values, source = correction.forward(mismatch), node_sharing(topology).source_rows()
+    np.testing.assert_array_equal(values[correction.rows], mismatch)
     np.testing.assert_array_equal(values, values[source])
-    assert np.count_nonzero(values.any(axis=1)) > 1.5 * len(miss)
-    assert np.abs(values).max() < 3.0 * np.abs(miss).max()
+    assert np.count_nonzero(values.any(axis=1)) > 1.5 * len(mismatch)
+    assert np.abs(values).max() < 3.0 * np.abs(mismatch).max()
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_reverse_is_the_transpose(name):
     rng = np.random.default_rng(1)
-    _, nodes, _, spread = spread_of(CASES[name]())
-    miss, bar = rng.normal(size=(len(spread.rows), 3)), rng.normal(size=nodes.shape)
-    forward, reverse = spread.forward(miss), spread.adjoint(bar)
-    assert abs(np.vdot(forward, bar) - np.vdot(miss, reverse)) < 1e-14 * np.linalg.norm(forward) * np.linalg.norm(bar)
+    _, nodes, _, correction = spread_of(CASES[name]())
+    mismatch, bar = rng.normal(size=(len(correction.rows), 3)), rng.normal(size=nodes.shape)
+    forward, reverse = correction.forward(mismatch), correction.adjoint(bar)
+    assert abs(np.vdot(forward, bar) - np.vdot(mismatch, reverse)) < 1e-14 * np.linalg.norm(forward) * np.linalg.norm(
+        bar
+    )
 
 
 @pytest.mark.parametrize("name", ["channel", "oblique channel", "octant of a ball", "M6"])
 def test_nodes_stay_in_planes_of_symmetry_and_on_the_far_field(name):
-    topology, _, planes, spread = spread_of(CASES[name]())
-    miss = np.random.default_rng(2).normal(size=(len(spread.rows), 3))
-    values, source = spread.forward(in_planes(spread, planes, miss)), node_sharing(topology).source_rows()
+    topology, _, planes, correction = spread_of(CASES[name]())
+    mismatch = np.random.default_rng(2).normal(size=(len(correction.rows), 3))
+    values, source = correction.forward(in_planes(correction, planes, mismatch)), node_sharing(topology).source_rows()
     assert planes
     for members, normal in planes:
         least = 0.0 if np.abs(normal).max() == 1.0 else 1e-14
@@ -116,43 +118,43 @@ def test_nodes_stay_in_planes_of_symmetry_and_on_the_far_field(name):
 
 def test_the_map_does_not_depend_on_how_blocks_lie():
     grid, rng = onera_m6_grid((13, 19, 11)), np.random.default_rng(3)
-    _, nodes, _, spread = spread_of(grid)
-    names = {tuple(x): n for n, x in enumerate(np.round(nodes[spread.rows], 9))}
+    _, nodes, _, correction = spread_of(grid)
+    names = {tuple(x): n for n, x in enumerate(np.round(nodes[correction.rows], 9))}
     turned, old_rows = turned_and_shuffled(replace(grid, patches=()), rng)
     undeclared = [face.window for face in find_topology(turned).boundary]
     turned = replace(turned, patches=guess_patches(turned, undeclared))
     _, moved_nodes, _, other = spread_of(turned)
-    assert len(other.rows) == len(spread.rows)
-    miss = rng.normal(size=(len(spread.rows), 3))
-    permuted = miss[[names[tuple(x)] for x in np.round(moved_nodes[other.rows], 9)]]
-    np.testing.assert_allclose(other.forward(permuted), spread.forward(miss)[old_rows], atol=1e-13)
+    assert len(other.rows) == len(correction.rows)
+    mismatch = rng.normal(size=(len(correction.rows), 3))
+    permuted = mismatch[[names[tuple(x)] for x in np.round(moved_nodes[other.rows], 9)]]
+    np.testing.assert_allclose(other.forward(permuted), correction.forward(mismatch)[old_rows], atol=1e-13)
 
 
 def test_a_miss_larger_than_a_thin_block_goes_on_beyond_it():
     x = np.linspace(0.0, 1.0, 4 * PIECE + 1)
     thin, thick = (box(x, x, z) for z in (0.01 * np.linspace(0.0, 1.0, 5), np.linspace(0.01, 1.0, 9)))
     grid = grid_of(thin, thick, patches=[patch("wall", Window.whole(0, thin.shape[:3]).face(4))])
-    _, nodes, _, spread = spread_of(grid)
-    at = nodes[spread.rows]
-    miss = np.outer(0.02 * np.sin(np.pi * at[:, 0]) * np.sin(np.pi * at[:, 1]), [0.3, 0.2, 1.0])
+    _, nodes, _, correction = spread_of(grid)
+    at = nodes[correction.rows]
+    mismatch = np.outer(0.02 * np.sin(np.pi * at[:, 0]) * np.sin(np.pi * at[:, 1]), [0.3, 0.2, 1.0])
     quality = GridQuality.of_baseline(grid)
-    assert all(cells.is_valid.all() for cells in quality.cells(nodes + spread.forward(miss)))
+    assert all(cells.is_valid.all() for cells in quality.cells(nodes + correction.forward(mismatch)))
 
 
 def test_cells_of_a_boundary_layer_bear_a_miss_of_a_thousand_heights(real_grids):
-    """A smooth miss of 0.5 per cent of the wing's size, whose first cells are 1e-5 of it high."""
+    """A smooth mismatch of 0.5 per cent of the wing's size, whose first cells are 1e-5 of it high."""
     grid = read_grid(real_grids / "pyhyp_m6_9blocks.xyz")
     undeclared = [face.window for face in find_topology(grid).boundary]
     grid = replace(grid, patches=guess_patches(grid, undeclared))
-    _, nodes, planes, spread = spread_of(grid)
+    _, nodes, planes, correction = spread_of(grid)
     (normal,) = {tuple(np.abs(n)) for _, n in planes}
-    at, rng = nodes[spread.rows], np.random.default_rng(4)
+    at, rng = nodes[correction.rows], np.random.default_rng(4)
     size = np.linalg.norm(np.ptp(at, axis=0))
     waves = np.sin(at @ rng.normal(size=(3, 3)) * 12.0 / size + rng.uniform(0.0, 6.0, 3))
     waves[:, np.argmax(normal)] *= np.minimum(1.0, 5.0 * np.abs(at[:, np.argmax(normal)]) / size)
-    miss = in_planes(spread, planes, 0.005 * size * waves)
+    mismatch = in_planes(correction, planes, 0.005 * size * waves)
     quality = GridQuality.of_baseline(grid)
-    assert all(cells.is_valid.all() for cells in quality.cells(nodes + spread.forward(miss)))
+    assert all(cells.is_valid.all() for cells in quality.cells(nodes + correction.forward(mismatch)))
 
 
 @pytest.mark.parametrize("n_cells", range(1, 60))
@@ -165,12 +167,12 @@ def test_cuts_are_the_same_from_both_ends(n_cells):
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_wall_is_met_exactly_on_all_sides_of_shared_nodes(name):
-    topology, nodes, _, spread = spread_of(CASES[name]())
+    topology, nodes, _, correction = spread_of(CASES[name]())
     source = node_sharing(topology).source_rows()
     before, moved = nodes[source], nodes[source]
-    wall = before[spread.rows] + 0.01 * np.random.default_rng(5).normal(size=(len(spread.rows), 3))
-    miss = spread.meet(moved, wall)
-    np.testing.assert_array_equal(miss, wall - before[spread.rows])
-    np.testing.assert_array_equal(moved[spread.rows], wall)
+    wall = before[correction.rows] + 0.01 * np.random.default_rng(5).normal(size=(len(correction.rows), 3))
+    mismatch = correction.meet(moved, wall)
+    np.testing.assert_array_equal(mismatch, wall - before[correction.rows])
+    np.testing.assert_array_equal(moved[correction.rows], wall)
     np.testing.assert_array_equal(moved, moved[source])
-    np.testing.assert_allclose(moved, before + spread.forward(miss), atol=1e-14)
+    np.testing.assert_allclose(moved, before + correction.forward(mismatch), atol=1e-14)

@@ -5,8 +5,8 @@ for a point inside. Near a wall it then follows the wall as the nodes of the gri
 
     x = layer(y; x0, w),
 
-with the wall nodes w of the grid, so that riders and grid move alike there. Riders on planes that walls end on stay in
-them. Where a rider is, and which wall it is near, is that of the baseline and stays.
+with the wall nodes w of the grid, so that riders and grid move alike there. EmbeddedPoints on planes that walls end on
+stay in them. Where a rider is, and which wall it is near, is that of the baseline and stays.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ..splines.mesh import BSplineMesh
 from .grid_map import GridMap, GridState
 from .layer import Layered, WallLayer
 
-__all__ = ["Riders", "RidersState"]
+__all__ = ["EmbeddedPoints", "EmbeddedState"]
 
 ON_PLANE = 1e-9
 """A rider this near to a plane, by the size of the grid, lies in it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Riders:
-    """The map from control points to riders. Made by `Riders.of`, or by `FittedModel.riders`.
+class EmbeddedPoints:
+    """The map from control points to riders. Made by `EmbeddedPoints.of`, or by `FittedModel.riders`.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Riders:
         control_points: np.ndarray,
         points: np.ndarray,
         tolerance: float | None = None,
-    ) -> Riders:
+    ) -> EmbeddedPoints:
         """Find where points ride.
 
         Parameters
@@ -77,7 +77,7 @@ class Riders:
 
         Returns
         -------
-        Riders
+        EmbeddedPoints
 
         Raises
         ------
@@ -91,8 +91,8 @@ class Riders:
             layer = WallLayer.of(grid_map.layer.wall, points, planes=_planes(grid_map, points))
         return cls(grid_map, evaluator, points, points - evaluator.forward(control_points), layer)
 
-    def at(self, control_points: np.ndarray, state: GridState) -> RidersState:
-        """Riders beside a grid.
+    def at(self, control_points: np.ndarray, state: GridState) -> EmbeddedState:
+        """EmbeddedPoints beside a grid.
 
         Parameters
         ----------
@@ -103,22 +103,22 @@ class Riders:
 
         Returns
         -------
-        RidersState
+        EmbeddedState
         """
         places, layered, of = self.evaluator.forward(control_points) + self.offsets, None, self.grid_map
         if self.layer is not None:
-            wall, normals = state.nodes[of.wall_rows], of.normals(state.nodes[of.rim_rows])
+            wall, normals = state.nodes[of.wall_rows], of.normals(state.nodes[of.plane_rows])
             layered = self.layer.at(self.points, places, of.nodes[of.wall_rows], wall, normals)
-        return RidersState(self, state, places, layered)
+        return EmbeddedState(self, state, places, layered)
 
 
 @dataclass(frozen=True, eq=False)
-class RidersState:
-    """Riders beside a grid, and their derivative.
+class EmbeddedState:
+    """EmbeddedPoints beside a grid, and their derivative.
 
     Parameters
     ----------
-    of : Riders
+    of : EmbeddedPoints
         The map.
     grid : GridState
         The grid.
@@ -128,7 +128,7 @@ class RidersState:
         Those that followed walls.
     """
 
-    of: Riders
+    of: EmbeddedPoints
     grid: GridState
     points: np.ndarray
     layered: Layered | None
@@ -145,7 +145,7 @@ class RidersState:
         """
         change, of = self.of.evaluator.forward(d_control_points), self.of.grid_map
         if self.layered is not None:
-            d_normals = of.normals_jvp(self.grid.nodes[of.rim_rows], d_nodes[of.rim_rows])
+            d_normals = of.normals_jvp(self.grid.nodes[of.plane_rows], d_nodes[of.plane_rows])
             self.layered.jvp(None, change, None, d_nodes[of.wall_rows], d_normals)
         return change
 
@@ -167,15 +167,15 @@ class RidersState:
         if self.layered is not None:
             bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar)
             nodes_bar[of.wall_rows] += wall_bar
-            nodes_bar[of.rim_rows] += of.normals_vjp(self.grid.nodes[of.rim_rows], normals_bar)
+            nodes_bar[of.plane_rows] += of.normals_vjp(self.grid.nodes[of.plane_rows], normals_bar)
         return self.of.evaluator.adjoint(bar), nodes_bar
 
 
 def _planes(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points in the planes that walls end on, and the normals of these."""
-    rim_points, size = grid_map.nodes[grid_map.rim_rows], np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
+    plane_points, size = grid_map.nodes[grid_map.plane_rows], np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
     planes = []
-    for rim, normal in zip(grid_map.rims, grid_map.normals(rim_points)):
-        distances = np.abs((points - rim_points[rim.starts[0]]) @ normal)
+    for plane, normal in zip(grid_map.planes, grid_map.normals(plane_points)):
+        distances = np.abs((points - plane_points[plane.first[0, 0]]) @ normal)
         planes.append((np.flatnonzero(distances <= ON_PLANE * size), normal))
     return planes

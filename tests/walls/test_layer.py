@@ -11,9 +11,10 @@ from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.boundary_surface import BoundarySurface, corners_in_turn, quads_in_turn
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.walls.feet import FARTHEST, TriangleTree
+from bspline_mdao.walls.closest_points import FARTHEST, TriangleTree
 from bspline_mdao.walls.frames import WallFrames
-from bspline_mdao.walls.layer import CHUNK_NODES, Wall, WallLayer
+from bspline_mdao.walls.layer import CHUNK_NODES, WallLayer
+from bspline_mdao.walls.wall import Wall
 
 ROWS = np.arange(7 * 6 * 9).reshape(7, 6, 9)
 """Rows of a block: its wall is k = 0, and j = 0 lies in a plane of symmetry."""
