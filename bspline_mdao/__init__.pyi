@@ -34,9 +34,9 @@ from .design.user_defined import UserVariable as UserVariable
 from .errors import FitWarning as FitWarning
 from .errors import InputError as InputError
 from .errors import MovementError as MovementError
+from .evaluation.inversion import embed_points as embed_points
 from .evaluation.inversion import invert_points as invert_points
 from .evaluation.inversion import require_inside as require_inside
-from .evaluation.inversion import ride as ride
 from .fit.fitting import fit_grid as fit_grid
 from .fit.surface_fit import fit_surface as fit_surface
 from .generators.blended_wing_body import BlendedWingBody as BlendedWingBody

@@ -1,7 +1,7 @@
 """Point inversion: which volume of a B-spline mesh holds a point, and at which parameters.
 
-With them, points that were never fitted (an unstructured mesh, a denser grid, a cloud of probes) ride on the control
-mesh: they move with it, exactly and differentiably, through the same evaluation as the grid.
+With them, points that were never fitted (an unstructured mesh, a denser grid, a cloud of probes) are embedded in the
+control mesh: they move with it, exactly and differentiably, through the same evaluation as the grid.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .evaluator import Evaluator
 from .search import VolumeSamples, nearest_samples, sample_mesh
 from .shared_sections import section_codes, shared_with_lower
 
-__all__ = ["PointInversion", "invert_points", "require_inside", "ride"]
+__all__ = ["PointInversion", "embed_points", "invert_points", "require_inside"]
 
 INSIDE = 1e-9
 """Default tolerance: distance, relative to the diagonal of the control mesh, up to which a point counts as inside."""
@@ -185,16 +185,16 @@ def require_inside(inversion: PointInversion, source: str = "points") -> PointIn
     return inversion
 
 
-def ride(mesh: BSplineMesh, inversion: PointInversion) -> Evaluator:
-    """Make the evaluation of points that move with the control mesh.
+def embed_points(mesh: BSplineMesh, inversion: PointInversion) -> Evaluator:
+    """Embed points in a mesh: make the evaluation that moves them with the control points.
 
     Parameters
     ----------
     mesh : BSplineMesh
         The volumes.
     inversion : PointInversion
-        Where the points lie in it. A point outside rides as its nearest point in the mesh: call `require_inside`
-        first, or carry the difference along.
+        Volumes and parameters of the points. A point outside moves as its nearest point in the mesh: call
+        `require_inside` first, or add the difference afterwards.
 
     Returns
     -------

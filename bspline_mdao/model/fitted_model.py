@@ -119,7 +119,7 @@ class FittedModel:
         nodes = self.evaluator().forward(self.control_points)
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 
-    def riders(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
+    def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
         """Find what moves points that were not fitted: the volumes, and near walls the layer there.
 
         Parameters

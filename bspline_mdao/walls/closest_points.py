@@ -1,10 +1,12 @@
-"""Where points near a wall stand on it: the closest places of a triangulated surface, with smooth shares.
+"""Points of a wall that are closest to given points: local minima of the distance, with smooth weights.
 
-A *foot* of a point is a place of the surface where its distance has a local minimum. There is one beside a smooth or
-convex wall; in a concave corner, a cove or a gap there are several, and the nearest one jumps where two are equally
-near. So a point takes all feet up to `FARTHEST` times as far as the nearest, with shares that come in smoothly.
+There is one closest point beside a smooth or convex wall; in a concave corner, a cove or a gap there are several, and
+the nearest one jumps where two are equally near. So a point takes all local minima of its distance up to `FARTHEST`
+times as far as the nearest, with weights that come in smoothly.
 
 Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box.
+
+Theory: ``docs/theory/wall_layer.rst``.
 """
 
 from __future__ import annotations
@@ -16,13 +18,13 @@ from numba import njit
 
 from ..numerics.threads import run_tasks, thread_count
 
-__all__ = ["MAX_FEET", "Feet", "TriangleTree", "fade"]
+__all__ = ["MAX_CLOSEST", "ClosestPoints", "TriangleTree", "fade"]
 
-MAX_FEET = 4
-"""Feet of a point, at most."""
+MAX_CLOSEST = 4
+"""Closest points of a point, at most."""
 
 FARTHEST = 5.0
-"""A foot this many times as far as the nearest one has no share."""
+"""A local minimum this many times as far as the nearest one has no weight."""
 
 LEAF = 4
 """Triangles in a box that is not halved, at most."""
@@ -31,36 +33,37 @@ CHUNK_POINTS = 2**12
 """Points per piece of work."""
 
 SAME_DISTANCE = 1e-9
-"""Distances that differ by less than this part of them are the same."""
+"""Distances that differ by less than this part of them are the same: round-off of coordinates decides."""
 
-SAME_FOOT = 1e-4
-"""Feet that are nearer to each other than this part of the distance are the same."""
+SAME_POINT = 1e-4
+"""Closest points that are nearer to each other than this part of the distance are the same: those of two triangles that
+share an edge differ by round-off."""
 
 
 @dataclass(frozen=True, eq=False)
-class Feet:
-    """Feet of some points; points far from the surface have none.
+class ClosestPoints:
+    """Closest points of some points on a surface; points far from it have none.
 
     Parameters
     ----------
     points : ndarray of int, shape (n,)
-        Numbers of the points that have feet.
+        Numbers of the points that have closest points.
     starts : ndarray of int, shape (n + 1,)
-        Where the feet of each begin.
+        First closest point of each.
     triangles : ndarray of int32, shape (m,)
-        Triangle that each foot is in, the nearest foot of a point first.
-    weights : ndarray, shape (m, 3)
-        Weights of the triangle's corners, which sum to one.
-    shares : ndarray, shape (m,)
-        How much the point follows the surface at each foot: those of a point sum to one on the surface, and to zero
-        from the surface's reach on.
+        Triangle that each closest point is in, the nearest one of a point first.
+    barycentric : ndarray, shape (m, 3)
+        Weights of the triangle's corners there, which sum to one.
+    weights : ndarray, shape (m,)
+        How much the point follows the surface at each: those of a point sum to one on the surface, and to zero from the
+        surface's reach on.
     """
 
     points: np.ndarray
     starts: np.ndarray
     triangles: np.ndarray
+    barycentric: np.ndarray
     weights: np.ndarray
-    shares: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ class TriangleTree:
     far : ndarray, shape (2 n_leaves,)
         Largest reach in every box.
     leaf_starts : ndarray of int, shape (n_leaves + 1,)
-        Where the triangles of every leaf begin.
+        First triangle of every leaf.
     """
 
     points: np.ndarray
@@ -118,8 +121,8 @@ class TriangleTree:
         boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
         return cls(points, triangles, reach, boxes * np.repeat([1.0, -1.0], 3), far, starts)
 
-    def feet(self, points: np.ndarray, n_threads: int | None = None) -> Feet:
-        """Find the feet of points.
+    def closest_points(self, points: np.ndarray, n_threads: int | None = None) -> ClosestPoints:
+        """Find the closest points of points.
 
         Parameters
         ----------
@@ -130,7 +133,7 @@ class TriangleTree:
 
         Returns
         -------
-        Feet
+        ClosestPoints
         """
         cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
         tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.leaf_starts
@@ -139,18 +142,18 @@ class TriangleTree:
 
         def search(number: int):
             part = points[cuts[number] : cuts[number + 1]]
-            counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_FEET), dtype=np.int32)
-            weights, shares = np.empty((len(part), MAX_FEET, 3)), np.empty((len(part), MAX_FEET))
-            _find_feet(part, *tree, size, counts, triangles, weights, shares)
-            is_foot = np.arange(MAX_FEET) < counts[:, None]
-            near = np.flatnonzero(counts)
-            found[number] = cuts[number] + near, counts[near], triangles[is_foot], weights[is_foot], shares[is_foot]
+            counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
+            barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
+            _find_closest(part, *tree, size, counts, triangles, barycentric, weights)
+            is_found, near = np.arange(MAX_CLOSEST) < counts[:, None], np.flatnonzero(counts)
+            results = triangles[is_found], barycentric[is_found], weights[is_found]
+            found[number] = cuts[number] + near, counts[near], *results
 
         run_tasks(search, len(found), thread_count(n_threads))
         empty = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
         found.append((*empty, np.empty((0, 3)), np.empty(0)))
-        ids, counts, triangles, weights, shares = (np.concatenate(parts) for parts in zip(*found))
-        return Feet(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, weights, shares)
+        ids, counts, triangles, barycentric, weights = (np.concatenate(parts) for parts in zip(*found))
+        return ClosestPoints(ids, np.concatenate([[0], np.cumsum(counts)]), triangles, barycentric, weights)
 
 
 def _halves(points, quads):
@@ -166,7 +169,7 @@ def _halves(points, quads):
 
 
 def _sorted_in_halves(centres):
-    """Order of points, shape (n, 3), and where each leaf begins when they are halved again and again."""
+    """Order of points, shape (n, 3), and the first of every leaf, when they are halved again and again."""
     order, starts = np.arange(len(centres)), np.array([0, len(centres)])
     while np.diff(starts).max() > LEAF:
         x = centres[order]
@@ -193,16 +196,17 @@ def fade(s):
 def _box_distance_square(box, p):
     total = 0.0
     for d in range(3):
-        beyond = max(max(box[d] - p[d], p[d] - box[3 + d]), 0.0)
-        total += beyond * beyond
+        outside = max(max(box[d] - p[d], p[d] - box[3 + d]), 0.0)
+        total += outside * outside
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _closest(a, b, c, p, weights):
-    """Weights of the place of a triangle that is closest to p, zero for what it does not touch; squared distance.
+def _closest(a, b, c, p, barycentric):
+    """Write the barycentric coordinates of the point of a triangle that is closest to p; return the squared distance.
 
-    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in turn.
+    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in turn, and
+    exact zeros for corners that the point does not depend on.
     """
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0
     for d in range(3):
@@ -234,7 +238,7 @@ def _closest(a, b, c, p, weights):
         total = va + vb + vc
         v, w = vb / total, vc / total
         u = 1.0 - v - w
-    weights[0], weights[1], weights[2] = u, v, w
+    barycentric[0], barycentric[1], barycentric[2] = u, v, w
     square = 0.0
     for d in range(3):
         along = p[d] - (u * a[d] + v * b[d] + w * c[d])
@@ -243,7 +247,7 @@ def _closest(a, b, c, p, weights):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _collect(p, points, triangles, reach, boxes, far, leaf_starts, shortest, factor, found, weights, squares):
+def _collect(p, points, triangles, reach, boxes, far, leaf_starts, shortest, factor, found, barycentric, squares):
     """Triangles that p is within the reach of, not farther than ``factor`` times the nearest; their number.
 
     Where there is no more room, the number says how many there would be.
@@ -274,45 +278,47 @@ def _collect(p, points, triangles, reach, boxes, far, leaf_starts, shortest, fac
                 if n_found < len(found):
                     found[n_found], squares[n_found] = t, square
                     for d in range(3):
-                        weights[n_found, d] = place[d]
+                        barycentric[n_found, d] = place[d]
                 n_found += 1
     return n_found, nearest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _find_feet(
-    part, points, triangles, reach, boxes, far, leaf_starts, size, counts, out_triangles, out_weights, out_shares
+def _find_closest(
+    part, points, triangles, reach, boxes, far, leaf_starts, size, counts, out_triangles, out_barycentric, out_weights
 ):
-    found, squares, weights = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
+    found, squares, barycentric = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
     nothing = np.empty(0, dtype=np.int64)
-    feet, away = np.empty(MAX_FEET, dtype=np.int64), np.empty((MAX_FEET, 3))
+    closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
     for i in range(len(part)):
         p = part[i]
-        # first the nearest alone, then all that may have a share
+        # first the nearest alone, then all that may have a weight
         _, nearest = _collect(
-            p, points, triangles, reach, boxes, far, leaf_starts, np.inf, 1.0, nothing, weights, squares
+            p, points, triangles, reach, boxes, far, leaf_starts, np.inf, 1.0, nothing, barycentric, squares
         )
         if nearest == np.inf:
             continue
-        bound = nearest + (1e-13 * size) ** 2
+        bound = nearest + (1e-13 * size) ** 2  # else round-off could leave out the nearest itself
         while True:
             n, _ = _collect(
-                p, points, triangles, reach, boxes, far, leaf_starts, bound, FARTHEST, found, weights, squares
+                p, points, triangles, reach, boxes, far, leaf_starts, bound, FARTHEST, found, barycentric, squares
             )
             if n <= len(found):
                 break
-            found, squares, weights = np.empty(2 * n, dtype=np.int64), np.empty(2 * n), np.empty((2 * n, 3))
-        n_feet = _choose(p, n, found, squares, weights, points, triangles, 1e-13 * size, feet, away)
-        counts[i] = _share(n_feet, feet, away, found, squares, weights, triangles, reach, out_shares[i])
+            found, squares, barycentric = np.empty(2 * n, dtype=np.int64), np.empty(2 * n), np.empty((2 * n, 3))
+        n_closest = _choose(p, n, found, squares, barycentric, points, triangles, 1e-13 * size, closest, away)
+        counts[i] = _set_weights(
+            n_closest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
+        )
         for k in range(counts[i]):
-            out_triangles[i, k] = found[feet[k]]
+            out_triangles[i, k] = found[closest[k]]
             for d in range(3):
-                out_weights[i, k, d] = weights[feet[k], d]
+                out_barycentric[i, k, d] = barycentric[closest[k], d]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _choose(p, n, found, squares, weights, points, triangles, round_off, feet, away):
-    """Choose the feet of p among what was found; the nearest first."""
+def _choose(p, n, found, squares, barycentric, points, triangles, round_off, closest, away):
+    """Choose the closest points of p among what was found; the nearest first."""
     order, distances = np.empty(n, dtype=np.int64), np.empty(n)
     for k in range(n):
         distances[k] = np.sqrt(squares[k])
@@ -327,48 +333,48 @@ def _choose(p, n, found, squares, weights, points, triangles, round_off, feet, a
         k = order[rank]
         if distances[k] > same:
             break
-        if _is_on_fluid_side(p, found[k], weights[k], points, triangles):
+        if _is_on_fluid_side(p, found[k], barycentric[k], points, triangles):
             for later in range(rank, 0, -1):
                 order[later] = order[later - 1]
             order[0] = k
             break
-    n_feet = 0
+    n_closest = 0
     for rank in range(n):
         k = order[rank]
-        if n_feet == MAX_FEET:
+        if n_closest == MAX_CLOSEST:
             break
         t = found[k]
         for d in range(3):
-            away[n_feet, d] = p[d]
+            away[n_closest, d] = p[d]
             for corner in range(3):
-                away[n_feet, d] -= weights[k, corner] * points[triangles[t, corner], d]
-        if rank == 0 or _is_another_foot(
-            p, k, n, n_feet, found, distances, weights, points, triangles, round_off, away
+                away[n_closest, d] -= barycentric[k, corner] * points[triangles[t, corner], d]
+        if rank == 0 or _is_another_minimum(
+            p, k, n, n_closest, found, distances, barycentric, points, triangles, round_off, away
         ):
-            feet[n_feet] = k
-            n_feet += 1
-    return n_feet
+            closest[n_closest] = k
+            n_closest += 1
+    return n_closest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_another_foot(p, k, n, n_feet, found, distances, weights, points, triangles, round_off, away):
-    """Whether a place is a local minimum of the distance, seen from the fluid, and not among the feet."""
-    if not distances[k] > round_off or not _is_on_fluid_side(p, found[k], weights[k], points, triangles):
+def _is_another_minimum(p, k, n, n_closest, found, distances, barycentric, points, triangles, round_off, away):
+    """Whether a place is a local minimum of the distance, seen from the fluid, and none of those chosen before."""
+    if not distances[k] > round_off or not _is_on_fluid_side(p, found[k], barycentric[k], points, triangles):
         return False
-    for foot in range(n_feet):
+    for other in range(n_closest):
         square = 0.0
         for d in range(3):
-            square += (away[n_feet, d] - away[foot, d]) ** 2
-        if square < (SAME_FOOT * distances[k] + round_off) ** 2:
+            square += (away[n_closest, d] - away[other, d]) ** 2
+        if square < (SAME_POINT * distances[k] + round_off) ** 2:
             return False
-    if min(weights[k, 0], weights[k, 1], weights[k, 2]) > 0.0:
+    if min(barycentric[k, 0], barycentric[k, 1], barycentric[k, 2]) > 0.0:
         return True
     # on an edge or a corner: no other triangle there may be nearer
     for other in range(n):
         if distances[other] < distances[k] * (1.0 - SAME_DISTANCE) - round_off:
             is_there = True
             for corner in range(3):
-                if weights[k, corner] > 0.0:
+                if barycentric[k, corner] > 0.0:
                     v, t = triangles[found[k], corner], found[other]
                     is_there = is_there and (triangles[t, 0] == v or triangles[t, 1] == v or triangles[t, 2] == v)
             if is_there:
@@ -377,14 +383,14 @@ def _is_another_foot(p, k, n, n_feet, found, distances, weights, points, triangl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_on_fluid_side(p, t, weights, points, triangles):
+def _is_on_fluid_side(p, t, barycentric, points, triangles):
     """Whether p is on the side of a triangle that its normal points to, seen from a place of the triangle."""
     a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
     height = length = area = 0.0
     for d in range(3):
         e, f = (d + 1) % 3, (d + 2) % 3
         normal = (b[e] - a[e]) * (c[f] - a[f]) - (b[f] - a[f]) * (c[e] - a[e])
-        along = p[d] - (weights[0] * a[d] + weights[1] * b[d] + weights[2] * c[d])
+        along = p[d] - (barycentric[0] * a[d] + barycentric[1] * b[d] + barycentric[2] * c[d])
         height += normal * along
         length += along * along
         area += normal * normal
@@ -392,33 +398,34 @@ def _is_on_fluid_side(p, t, weights, points, triangles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _share(n_feet, feet, away, found, squares, weights, triangles, reach, shares):
-    """Set the shares of the feet; return the number of those that have one.
+def _set_weights(n_closest, closest, away, found, squares, barycentric, triangles, reach, weights):
+    """Set the weights of the closest points; return the number of those that have one.
 
-    A foot's share fades with its distance by the nearest one's, and by its reach. Feet in nearly the same direction,
-    as beside the edge between two facets, have one share together.
+    1. A weight fades with the distance relative to the reach, and with that relative to the nearest one's.
+    2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
+    3. The weights sum to one on the surface, and fade with the reach.
     """
-    total, n_shares = 0.0, 0
-    nearest = np.sqrt(squares[feet[0]])
-    fades, sizes = np.empty(MAX_FEET), np.empty(MAX_FEET)
-    for k in range(n_feet):
-        distance, up_to = np.sqrt(squares[feet[k]]), 0.0
+    total, n_weighted = 0.0, 0
+    nearest = np.sqrt(squares[closest[0]])
+    fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
+    for k in range(n_closest):  # step 1
+        distance, up_to = np.sqrt(squares[closest[k]]), 0.0
         for corner in range(3):
-            up_to += weights[feet[k], corner] * reach[triangles[found[feet[k]], corner]]
+            up_to += barycentric[closest[k], corner] * reach[triangles[found[closest[k]], corner]]
         fades[k] = sizes[k] = fade(distance / up_to)
         if k > 0:
             sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / FARTHEST) / (1.0 - 1.0 / FARTHEST))
-    for k in range(n_feet):
-        crowd = 1.0
-        for other in range(n_feet):
+    for k in range(n_closest):  # step 2
+        n_alike = 1.0
+        for other in range(n_closest):
             cosine = away[k, 0] * away[other, 0] + away[k, 1] * away[other, 1] + away[k, 2] * away[other, 2]
             if other != k and cosine > 0.0:
-                crowd += sizes[other] * (cosine * cosine / (squares[feet[k]] * squares[feet[other]])) ** 2
-        shares[k] = sizes[k] / crowd
-        total += shares[k]
-    for k in range(n_feet):
-        share = shares[k] / total * fades[k]
-        if share > 0.0:
-            shares[n_shares], feet[n_shares] = share, feet[k]
-            n_shares += 1
-    return n_shares
+                n_alike += sizes[other] * (cosine * cosine / (squares[closest[k]] * squares[closest[other]])) ** 2
+        weights[k] = sizes[k] / n_alike
+        total += weights[k]
+    for k in range(n_closest):  # step 3
+        weight = weights[k] / total * fades[k]
+        if weight > 0.0:
+            weights[n_weighted], closest[n_weighted] = weight, closest[k]
+            n_weighted += 1
+    return n_weighted

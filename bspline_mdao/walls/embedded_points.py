@@ -1,12 +1,14 @@
-"""Points that were not fitted, such as the nodes of an unstructured mesh, in the layer at the walls of a grid.
+"""Points that were not fitted, such as the nodes of an unstructured mesh, embedded in the control mesh of a grid.
 
-A point rides at its parameters (`.inversion`): y = A b + d, with d what the mesh is off the point on the baseline, zero
-for a point inside. Near a wall it then follows the wall as the nodes of the grid do,
+A point keeps its parameters (`.inversion`): y = A b + d, with d its offset from the mesh on the baseline, zero for a
+point inside. Near a wall it then follows the wall as the nodes of the grid do,
 
     x = layer(y; x0, w),
 
-with the wall nodes w of the grid, so that riders and grid move alike there. EmbeddedPoints on planes that walls end on
-stay in them. Where a rider is, and which wall it is near, is that of the baseline and stays.
+with the wall nodes w of the grid, so that embedded points and grid move alike there. Points on planes that walls end on
+stay in them. The parameters of a point, and the wall that it is near, are those of the baseline and stay.
+
+Theory: ``docs/theory/inversion.rst``, ``docs/theory/wall_layer.rst``.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..evaluation.evaluator import Evaluator
-from ..evaluation.inversion import invert_points, require_inside, ride
+from ..evaluation.inversion import embed_points, invert_points, require_inside
 from ..splines.mesh import BSplineMesh
 from .grid_map import GridMap, GridState
 from .layer import Layered, WallLayer
@@ -24,23 +26,23 @@ from .layer import Layered, WallLayer
 __all__ = ["EmbeddedPoints", "EmbeddedState"]
 
 ON_PLANE = 1e-9
-"""A rider this near to a plane, by the size of the grid, lies in it."""
+"""A point nearer to a plane than this part of the size of the grid lies in it: coordinates are rounded in files."""
 
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedPoints:
-    """The map from control points to riders. Made by `EmbeddedPoints.of`, or by `FittedModel.riders`.
+    """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`.
 
     Parameters
     ----------
     grid_map : GridMap
         Map to the grid, whose walls they follow.
     evaluator : Evaluator
-        A of the riders.
+        A of the points.
     points : ndarray, shape (n, 3)
-        The riders on the baseline (m).
+        The points on the baseline (m).
     offsets : ndarray, shape (n, 3)
-        What they are off the mesh there (m).
+        Their offsets from the mesh there (m).
     layer : WallLayer or None
         Those that follow walls.
     """
@@ -60,7 +62,7 @@ class EmbeddedPoints:
         points: np.ndarray,
         tolerance: float | None = None,
     ) -> EmbeddedPoints:
-        """Find where points ride.
+        """Find volumes and parameters of points.
 
         Parameters
         ----------
@@ -84,22 +86,22 @@ class EmbeddedPoints:
         InputError
             If an array cannot be used, or a point is outside all volumes.
         """
-        inversion = require_inside(invert_points(mesh, control_points, points, tolerance), "riders")
+        inversion = require_inside(invert_points(mesh, control_points, points, tolerance), "embedded points")
         points = np.array(points, dtype=float)
-        evaluator, layer = ride(mesh, inversion), None
+        evaluator, layer = embed_points(mesh, inversion), None
         if grid_map.layer is not None:
             layer = WallLayer.of(grid_map.layer.wall, points, planes=_planes(grid_map, points))
         return cls(grid_map, evaluator, points, points - evaluator.forward(control_points), layer)
 
     def at(self, control_points: np.ndarray, state: GridState) -> EmbeddedState:
-        """EmbeddedPoints beside a grid.
+        """Return the points beside a grid.
 
         Parameters
         ----------
         control_points : ndarray, shape (n_control_points, 3)
             Control points (m).
         state : GridState
-            The grid of these control points, by `GridMap.at` of ``grid_map``; nodes may have been asked of it.
+            The grid of these control points, by `GridMap.at` of ``grid_map``; places of wall nodes may have been given.
 
         Returns
         -------
@@ -114,7 +116,7 @@ class EmbeddedPoints:
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedState:
-    """EmbeddedPoints beside a grid, and their derivative.
+    """Embedded points beside a grid, and their derivative.
 
     Parameters
     ----------
@@ -123,7 +125,7 @@ class EmbeddedState:
     grid : GridState
         The grid.
     points : ndarray, shape (n, 3)
-        The riders (m).
+        The points (m).
     layered : Layered or None
         Those that followed walls.
     """
@@ -134,7 +136,7 @@ class EmbeddedState:
     layered: Layered | None
 
     def jvp(self, d_control_points: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
-        """Change of the riders, shape (n, 3).
+        """Change of the embedded points, shape (n, 3).
 
         Parameters
         ----------
@@ -155,7 +157,7 @@ class EmbeddedState:
         Parameters
         ----------
         bar : ndarray, shape (n, 3)
-            Derivative of a scalar with respect to the riders.
+            Derivative of a scalar with respect to the points.
 
         Returns
         -------

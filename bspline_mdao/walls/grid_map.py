@@ -115,9 +115,9 @@ class GridMap:
             vectors = turning.vectors(residual)
         walls = [face for face in topology.boundary if face.kind == "wall"]
         if walls:
-            sheet = BoundarySurface.of(topology, nodes, walls)
-            layer, plane_rows, planes = _wall_layer(topology, nodes, sheet, evaluator.n_threads)
-            rows = sheet.rows
+            surface = BoundarySurface.of(topology, nodes, walls)
+            layer, plane_rows, planes = _wall_layer(topology, nodes, surface, evaluator.n_threads)
+            rows = surface.rows
         return cls(evaluator, nodes, turning, vectors, layer, rows, plane_rows, planes)
 
     @property
@@ -271,7 +271,7 @@ class GridState:
 
 
 def _wall_layer(
-    topology: Topology, nodes: np.ndarray, sheet: BoundarySurface, n_threads: int | None
+    topology: Topology, nodes: np.ndarray, surface: BoundarySurface, n_threads: int | None
 ) -> tuple[WallLayer, np.ndarray, tuple[PlaneNormal, ...]]:
     """Nodes that follow the walls of a grid: those in planar faces stay in them, those on other faces do not follow.
 
@@ -280,7 +280,7 @@ def _wall_layer(
     """
     sharing, blocks = node_sharing(topology), block_rows(topology.shapes)
     source, number, size = sharing.source_rows(), np.full(topology.n_nodes, -1), np.linalg.norm(np.ptp(nodes, axis=0))
-    number[sheet.rows] = np.arange(len(sheet.rows))
+    number[surface.rows] = np.arange(len(surface.rows))
     planes, fixed = {}, [np.zeros(0, dtype=int)]
     for face in topology.boundary:
         if face.kind != "wall":
@@ -296,10 +296,10 @@ def _wall_layer(
     found = [(np.unique(np.concatenate([f.ravel() for f in faces])), normal) for normal, faces in planes.values()]
     on_wall = [k for k, (rows, _) in enumerate(found) if (number[rows] >= 0).any()]
     of_wall = [(number[rows[number[rows] >= 0]], normal) for rows, normal in (found[k] for k in on_wall)]
-    faces = sheet.quad_faces
-    wall = Wall.of(nodes[sheet.rows], sheet.quads, sheet.heights, of_wall, sheets=faces, n_threads=n_threads)
+    faces = surface.quad_faces
+    wall = Wall.of(nodes[surface.rows], surface.quads, surface.heights, of_wall, faces=faces, n_threads=n_threads)
     rows, outlines = np.concatenate(fixed), [PlaneNormal.of_outline(faces) for _, faces in planes.values()]
-    layer = WallLayer.of(wall, nodes, sheet.rows, found, rows[number[rows] < 0], sharing.copies, n_threads)
+    layer = WallLayer.of(wall, nodes, surface.rows, found, rows[number[rows] < 0], sharing.copies, n_threads)
     outlines = [outlines[k] for k in on_wall]
     plane_rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(outline.ids for outline in outlines)]))
     return layer, plane_rows, tuple(outline.among(plane_rows) for outline in outlines)

@@ -1,17 +1,20 @@
 """Nodes near walls follow them as a rigid body, blended smoothly into any map of the others.
 
-A node at x0 on the baseline, mapped to y, with the feet f on the wall (see `.wall_feet`), goes to
+A node at x0 on the baseline, mapped to y, with the closest points f on the wall (see `.closest_points`), goes to
 
     x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
 
-where W_f and W'_f are the places of the foot before and after the move and G_f is its rotation (see `.wall_frames`):
-those of the corners of its triangle, at the weights of the foot. The shares beta_f sum to one on the wall and fade to
-zero at its reach. So a wall node goes exactly where it is asked to be, the nodes above it keep their heights, and a
-rigid motion of the wall is one of its layer, wherever the feet are. All this is a matter of places, not of grid lines:
-blocks of any topology, walls that end inside a grid, and points of other grids are treated alike.
+where W_f and W'_f are the places of the closest point before and after the move and G_f is its rotation (see
+`.frames`): those of the corners of its triangle, at its barycentric coordinates. The weights beta_f sum to one on the
+wall and fade to zero at its reach. So a wall node goes exactly where it is given, the nodes above it keep their
+heights, and a rigid motion of the wall is one of its layer, wherever the closest points are. All this is a matter of
+places, not of grid lines: blocks of any topology, walls that end inside a grid, and points of other grids are treated
+alike.
 
-Feet and shares are those of the baseline and stay. The map is then linear in y and in the wall's places and rotations,
-and linear in x0 together with W.
+Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
+rotations, and linear in x0 together with W.
+
+Theory: ``docs/theory/wall_layer.rst``.
 """
 
 from __future__ import annotations
@@ -24,34 +27,35 @@ from numba import njit
 
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
-from .closest_points import Feet, TriangleTree
+from .closest_points import ClosestPoints, TriangleTree
 from .frames import Frames
 from .wall import Wall
 
 __all__ = ["Layered", "WallLayer"]
 
 CHUNK_NODES = 2**12
-"""Nodes per piece of work: the corners of their triangles have numbers of two bytes."""
+"""Nodes per piece of work: few enough for the corners of their triangles to have numbers of two bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Some nodes of the layer, with the wall's nodes that they stand between.
+    """Some nodes of the layer, with the wall's nodes that they depend on.
 
     Parameters
     ----------
     rows : ndarray of int32, shape (n,)
         Rows of the nodes, ascending.
     starts : ndarray of int32, shape (n + 1,)
-        Where the feet of each begin.
+        First closest point of each.
     planes : ndarray of int16, shape (n,)
         Number of the projector of each.
-    corners : ndarray of uint16, shape (n_feet, 3)
-        Corners of the triangle of each foot, among the piece's nodes of the wall.
-    weights : ndarray of float32, shape (n_feet, 2)
-        Weights of the first two corners. A foot that is a little beside the closest place does as well.
-    shares : ndarray of float32, shape (n_feet,)
-        How much the node follows the foot.
+    corners : ndarray of uint16, shape (n_closest, 3)
+        Corners of the triangle of each closest point, among the piece's nodes of the wall.
+    barycentric : ndarray of float32, shape (n_closest, 2)
+        Barycentric coordinates of the first two corners. Single precision: a point a little beside the closest one does
+        as well.
+    weights : ndarray of float32, shape (n_closest,)
+        How much the node follows the wall at each, beta_f.
     wall_ids : ndarray of int, shape (n_corners,)
         The piece's nodes of the wall, ascending.
     """
@@ -60,14 +64,14 @@ class _Piece:
     starts: np.ndarray
     planes: np.ndarray
     corners: np.ndarray
+    barycentric: np.ndarray
     weights: np.ndarray
-    shares: np.ndarray
     wall_ids: np.ndarray
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
-        """What the kernels take."""
-        return self.rows, self.starts, self.planes, self.corners, self.weights, self.shares
+        """Arrays in the order in which the kernels take them."""
+        return self.rows, self.starts, self.planes, self.corners, self.barycentric, self.weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +85,7 @@ class WallLayer:
     pieces : tuple
         The nodes that follow it.
     projectors : ndarray, shape (n_projectors, 3, 3)
-        What planes leave of the correction; the first is the identity.
+        Projectors of the correction onto planes; the first is the identity.
     copies : ndarray of int, shape (n_copies, 2)
         Rows that are copies of nodes of the layer, and the rows that they copy.
     n_points : int
@@ -149,13 +153,13 @@ class WallLayer:
             if rows is not None:
                 is_free[rows] = False
         free = np.flatnonzero(is_free)
-        feet = wall.tree.feet(points[free], n_threads)
-        rows = np.concatenate([wall_rows, free[feet.points]])
-        counts = np.concatenate([np.ones(len(wall_rows), dtype=np.int64), np.diff(feet.starts)])
+        closest = wall.tree.closest_points(points[free], n_threads)
+        rows = np.concatenate([wall_rows, free[closest.points]])
+        counts = np.concatenate([np.ones(len(wall_rows), dtype=np.int64), np.diff(closest.starts)])
         projectors, plane_of = _projectors(planes, len(points))
         plane_of[wall_rows] = 0
-        corners, weights, shares, places = _with_wall_nodes(wall.tree, feet, len(wall_rows))
-        pieces = _cut(rows, counts, places, plane_of[rows], corners, weights, shares)
+        corners, barycentric, weights, places = _with_wall_nodes(wall.tree, closest, len(wall_rows))
+        pieces = _cut(rows, counts, places, plane_of[rows], corners, barycentric, weights)
         is_followed = np.zeros(len(points), dtype=bool)
         is_followed[rows] = True
         return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
@@ -228,7 +232,7 @@ class Layered:
     Parameters
     ----------
     layer : WallLayer
-        Who follows.
+        The points that follow.
     initial : ndarray, shape (n, 3)
         Points before the move (m).
     frames : Frames
@@ -280,7 +284,8 @@ class Layered:
         Parameters
         ----------
         bar : ndarray, shape (n, 3), C order
-            Derivative of a scalar with respect to the points, overwritten in place by that in the mapped ones.
+            Derivative of a scalar with respect to the points, overwritten in place by that with respect to the mapped
+            ones.
 
         Returns
         -------
@@ -305,7 +310,8 @@ class Layered:
         Parameters
         ----------
         bar : ndarray, shape (n, 3), C order
-            Derivative of a scalar with respect to the points, overwritten in place by that in the mapped ones.
+            Derivative of a scalar with respect to the points, overwritten in place by that with respect to the mapped
+            ones.
 
         Returns
         -------
@@ -324,7 +330,7 @@ class Layered:
         return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
 
     def _frames_vjp(self, bar):
-        """Derivatives in places and rotations of the wall's nodes; overwrites ``bar`` by those in the mapped points."""
+        """Derivatives with respect to places and rotations of the wall; overwrites ``bar`` by those of mapped points."""
         layer, frames = self.layer, self._motion
         sums = layer._run(
             lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, frames[ids], bar)
@@ -350,24 +356,24 @@ def _projectors(planes, n):
     return np.array(found), plane_of
 
 
-def _with_wall_nodes(tree: TriangleTree, feet: Feet, n_wall: int):
-    """Corners, weights and shares of all feet, the wall's nodes first, and the triangle of each point's nearest."""
+def _with_wall_nodes(tree: TriangleTree, closest: ClosestPoints, n_wall: int):
+    """Corners, coordinates and weights of all closest points, the wall's nodes first; each point's nearest triangle."""
     corners = np.concatenate(
-        [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[feet.triangles]]
+        [np.repeat(np.arange(n_wall, dtype=np.int32)[:, None], 3, axis=1), tree.triangles[closest.triangles]]
     )
-    weights = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), feet.weights[:, :2]])
+    barycentric = np.concatenate([np.tile([1.0, 0.0], (n_wall, 1)), closest.barycentric[:, :2]])
     first = np.zeros(n_wall, dtype=np.int64)
     if n_wall:
         first[tree.triangles[::-1].ravel()] = np.repeat(np.arange(len(tree.triangles))[::-1], 3)
     return (
         corners,
-        weights,
-        np.concatenate([np.ones(n_wall), feet.shares]),
-        np.concatenate([first, feet.triangles[feet.starts[:-1]]]),
+        barycentric,
+        np.concatenate([np.ones(n_wall), closest.weights]),
+        np.concatenate([first, closest.triangles[closest.starts[:-1]]]),
     )
 
 
-def _cut(rows, counts, places, planes, corners, weights, shares) -> tuple[_Piece, ...]:
+def _cut(rows, counts, places, planes, corners, barycentric, weights) -> tuple[_Piece, ...]:
     """Cut the nodes of a layer into pieces, each over a part of the wall."""
     starts = np.concatenate([[0], np.cumsum(counts)])
     order = np.argsort(places, kind="stable")
@@ -376,16 +382,16 @@ def _cut(rows, counts, places, planes, corners, weights, shares) -> tuple[_Piece
         nodes = order[first : first + CHUNK_NODES]
         nodes = nodes[np.argsort(rows[nodes])]
         ends = np.cumsum(counts[nodes])
-        feet = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
-        wall_ids, local = np.unique(corners[feet], return_inverse=True)
+        closest = np.arange(ends[-1]) + np.repeat(starts[nodes] - ends + counts[nodes], counts[nodes])
+        wall_ids, local = np.unique(corners[closest], return_inverse=True)
         pieces.append(
             _Piece(
                 rows[nodes].astype(np.int32),
                 np.concatenate([[0], ends]).astype(np.int32),
                 planes[nodes],
                 local.reshape(-1, 3).astype(np.uint16),
-                weights[feet].astype(np.float32),
-                shares[feet].astype(np.float32),
+                barycentric[closest].astype(np.float32),
+                weights[closest].astype(np.float32),
                 wall_ids,
             )
         )
@@ -407,18 +413,18 @@ def _move_rows(copies, bar):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _corners(corners, weights, k):
-    """Corners of a foot and their weights."""
-    # unsigned, so that no number is checked for being negative
+def _corners(corners, barycentric, k):
+    """Corners of the triangle of a closest point, and its barycentric coordinates."""
+    # unsigned: signed numbers would be checked for counting from the end
     a, b, c = np.uint64(corners[k, 0]), np.uint64(corners[k, 1]), np.uint64(corners[k, 2])
-    u, v = np.float64(weights[k, 0]), np.float64(weights[k, 1])
+    u, v = np.float64(barycentric[k, 0]), np.float64(barycentric[k, 1])
     return (a, b, c), (u, v, 1.0 - u - v)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _from_foot(initial, row, frames, at, weights):
-    """Vector from a foot to a point."""
-    (a, b, c), (u, v, w) = at, weights
+def _from_closest(initial, row, frames, at, barycentric):
+    """Vector from a closest point to a point."""
+    (a, b, c), (u, v, w) = at, barycentric
     return (
         initial[row, 0] - (u * frames[a, 12] + v * frames[b, 12] + w * frames[c, 12]),
         initial[row, 1] - (u * frames[a, 13] + v * frames[b, 13] + w * frames[c, 13]),
@@ -437,20 +443,20 @@ def _projected(projector, x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _follow(rows, starts, planes, corners, weights, shares, projectors, initial, frames, mapped):
+def _follow(rows, starts, planes, corners, barycentric, weights, projectors, initial, frames, mapped):
     for i in range(len(rows)):
         row, total = np.uint64(rows[i]), 0.0
         x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
-            at, at_weights = _corners(corners, weights, k)
-            share = np.float64(shares[k])
-            d, e, f = _from_foot(initial, row, frames, at, at_weights)
+            at, at_weights = _corners(corners, barycentric, k)
+            beta = np.float64(weights[k])
+            d, e, f = _from_closest(initial, row, frames, at, at_weights)
             for n, weight in zip(at, at_weights):
-                s = share * weight
+                s = beta * weight
                 x += s * (frames[n, 0] + frames[n, 3] * d + frames[n, 4] * e + frames[n, 5] * f)
                 y += s * (frames[n, 1] + frames[n, 6] * d + frames[n, 7] * e + frames[n, 8] * f)
                 z += s * (frames[n, 2] + frames[n, 9] * d + frames[n, 10] * e + frames[n, 11] * f)
-            total += share
+            total += beta
         if planes[i] == 0:
             mapped[row, 0] = (1.0 - total) * mapped[row, 0] + x
             mapped[row, 1] = (1.0 - total) * mapped[row, 1] + y
@@ -464,8 +470,8 @@ def _follow(rows, starts, planes, corners, weights, shares, projectors, initial,
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _follow_back(rows, starts, planes, corners, weights, shares, projectors, initial, frames, bar):
-    """Transpose of `_follow` in the frames, which it returns, and in the mapped points, in place of ``bar``."""
+def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors, initial, frames, bar):
+    """Transpose of `_follow` with respect to the frames, returned, and the mapped points, in place of ``bar``."""
     sums = np.zeros((len(frames), 12), dtype=bar.dtype)
     for i in range(len(rows)):
         row, total = np.uint64(rows[i]), 0.0
@@ -473,11 +479,11 @@ def _follow_back(rows, starts, planes, corners, weights, shares, projectors, ini
         if planes[i] != 0:
             x, y, z = _projected(projectors[planes[i]], x, y, z)
         for k in range(starts[i], starts[i + 1]):
-            at, at_weights = _corners(corners, weights, k)
-            share = np.float64(shares[k])
-            d, e, f = _from_foot(initial, row, frames, at, at_weights)
+            at, at_weights = _corners(corners, barycentric, k)
+            beta = np.float64(weights[k])
+            d, e, f = _from_closest(initial, row, frames, at, at_weights)
             for n, weight in zip(at, at_weights):
-                s = share * weight
+                s = beta * weight
                 sums[n, 0] += s * x
                 sums[n, 1] += s * y
                 sums[n, 2] += s * z
@@ -490,7 +496,7 @@ def _follow_back(rows, starts, planes, corners, weights, shares, projectors, ini
                 sums[n, 9] += s * z * d
                 sums[n, 10] += s * z * e
                 sums[n, 11] += s * z * f
-            total += share
+            total += beta
         bar[row, 0] -= total * x
         bar[row, 1] -= total * y
         bar[row, 2] -= total * z
@@ -498,8 +504,8 @@ def _follow_back(rows, starts, planes, corners, weights, shares, projectors, ini
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _turned_back(rows, starts, planes, corners, weights, shares, projectors, frames, bar, initial_bar):
-    """Transpose of `_follow` in the points before the move, which it adds to, and in the wall's, which it returns."""
+def _turned_back(rows, starts, planes, corners, barycentric, weights, projectors, frames, bar, initial_bar):
+    """Transpose of `_follow` with respect to the points before the move, added to, and the wall's, returned."""
     sums = np.zeros((len(frames), 3), dtype=bar.dtype)
     for i in range(len(rows)):
         row = np.uint64(rows[i])
@@ -507,11 +513,11 @@ def _turned_back(rows, starts, planes, corners, weights, shares, projectors, fra
         if planes[i] != 0:
             x, y, z = _projected(projectors[planes[i]], x, y, z)
         for k in range(starts[i], starts[i + 1]):
-            at, at_weights = _corners(corners, weights, k)
-            share = np.float64(shares[k])
+            at, at_weights = _corners(corners, barycentric, k)
+            beta = np.float64(weights[k])
             d, e, f = 0.0, 0.0, 0.0
             for n, weight in zip(at, at_weights):
-                s = share * weight
+                s = beta * weight
                 d += s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
                 e += s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
                 f += s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)

@@ -134,7 +134,7 @@ class FaceNodes:
         return change
 
     def vjp(self, matrices, normals, vectors, bar, matrices_bar):
-        """Transpose of `jvp`: adds to the derivatives in the rotations; gives those in the normals and the vectors."""
+        """Transpose of `jvp`: adds to ``matrices_bar``, and returns the derivatives with respect to normals and vectors."""
         turned, bar = np.zeros_like(vectors), bar.copy()
         vectors_bar, normals_bar = np.zeros_like(vectors), np.zeros_like(normals)
         _add_products(self.corners, self.weights, matrices, vectors, turned)
@@ -146,14 +146,14 @@ class FaceNodes:
 
 @dataclass(frozen=True, eq=False)
 class Vectors:
-    """Vectors of all nodes, those in planes apart. Made by `Turning.vectors`."""
+    """Vectors of all nodes, sorted by span, those in planes apart. Made by `Turning.vectors`."""
 
     packed: tuple[np.ndarray, ...]
     flat: np.ndarray
 
     @property
     def n_bytes(self) -> int:
-        """Memory held."""
+        """Memory that they take (B)."""
         return self.flat.nbytes + sum(array.nbytes for array in self.packed)
 
 
@@ -198,7 +198,7 @@ def _add_products(corners, weights, matrices, vectors, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_outer_products(corners, weights, bar, vectors, out):
-    """Add the derivatives in the matrices of `_add_products`."""
+    """Add the derivatives of `_add_products` with respect to the matrices."""
     for i in range(corners.shape[0]):
         for column in range(corners.shape[1]):
             m, weight = out[corners[i, column]], weights[i, column]
@@ -235,7 +235,7 @@ def _put_along_jvp(planes, normals, vectors, turned, d_normals, d_vectors, chang
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _put_along_vjp(planes, normals, vectors, turned, bar, normals_bar, vectors_bar):
-    """Transpose of `_put_along_jvp` in ``bar``, the normals and the vectors."""
+    """Transpose of `_put_along_jvp` with respect to ``bar``, the normals and the vectors."""
     steps = np.empty((planes.shape[1], 3))
     for i in range(planes.shape[0]):
         for m, k in enumerate(planes[i]):

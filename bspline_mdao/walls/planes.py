@@ -136,7 +136,7 @@ class MirrorMeans:
             change[ids] = mean
 
     def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`, in place; returns the derivatives in the normals."""
+        """Transpose of `jvp`, in place; returns the derivatives with respect to the normals."""
         normals_bar = np.zeros_like(self.normals, dtype=np.result_type(self.normals, bar))
         for k in range(len(self.planes) - 1, -1, -1):
             (ids, at_rest), normal = self.planes[k], self.normals[k]
@@ -147,5 +147,5 @@ class MirrorMeans:
 
 
 def _mirror(normal: np.ndarray) -> np.ndarray:
-    """Matrix of the mirror image in a plane by its unit normal."""
+    """Matrix of the mirror image in a plane with a unit normal."""
     return np.eye(3) - 2.0 * np.outer(normal, normal)

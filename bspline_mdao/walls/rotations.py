@@ -1,4 +1,4 @@
-"""How the surroundings of every point of a set turn when the points move: a smooth rotation per point.
+"""Rotations of the surroundings of every point of a set when the points move: a smooth rotation per point.
 
 Point i sees the vectors e to its neighbours and the areas a of the quads around it, before and (primed) after a move::
 
@@ -10,8 +10,9 @@ spacings of 1e-3 by 1 do not matter. Quads tell where a surface looks to: both s
 as vectors, add up as products. The scales ``|e|^2`` and ``|a|^2`` are those of the baseline and stay, so that M is
 linear in the points before and in the edges and areas after the move.
 
-With w the rotation vector of a change, dR = R [w]x, equation M = R S gives (tr(S) I - S) w = the axial vector of
-R^T dM - dM^T R: a symmetric system of three, which serves the reverse product as well.
+`.polar` finds R, and its derivative.
+
+Theory: ``docs/theory/wall_layer.rst``.
 """
 
 from __future__ import annotations
@@ -31,13 +32,14 @@ from .polar import nearest_rotations, rotation_changes
 __all__ = ["LocalRotations", "Rotations"]
 
 CHUNK_POINTS = 2**11
-"""Points per piece of work: about 1 ms."""
+"""Points per piece of work: about 1 ms, long beside the start of a thread."""
 
 NO_LENGTH = 1e-10
-"""Edges much shorter than this part of the size of the set do not count: round-off turns them."""
+"""Edges much shorter than this part of the size of the set do not count: round-off alone turns them."""
 
 NO_SPREAD = 1e-6
-"""A point whose edges and areas spread less than this in all directions but one sees what its neighbours see, too."""
+"""Second eigenvalue of the matrix of a point at rest, relative to the first, below which the point sees one direction
+only, so that no rotation is determined: it takes what its neighbours see, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +49,19 @@ class LocalRotations:
     Parameters
     ----------
     starts : ndarray of int, shape (n + 1,)
-        Where the neighbours of each point begin.
+        First neighbour of each point.
     neighbours : ndarray of int32, shape (n_sides,)
         The other end of each edge of each point.
     scales : ndarray, shape (n_sides,)
-        One by the squared length of each of these edges on the baseline.
+        1 / squared length of each of these edges on the baseline.
     quads : ndarray of int32, shape (n_quads, 4)
         Corners of the quads in turn.
     quad_scales : ndarray, shape (n_quads,)
-        One by the squared area of each on the baseline; 0 for one that has none.
+        1 / squared area of each on the baseline; 0 for one that has none.
     corner_starts, corners : ndarray of int, shapes (n + 1,) and (4 n_quads,)
-        Where the corners at each point begin, and the corners: four times the number of the quad and its corner there.
+        First corner at each point, and the corners: four times the number of the quad plus that of its corner there.
     mix : csr_array or None
-        Share of the neighbours' matrices that points get which see one direction only.
+        Weights of the neighbours' matrices for points that see one direction only.
     planes : tuple of (ndarray of int, ndarray of shape (3,))
         Points in planes of symmetry, and the unit normal of each plane.
     fixed : ndarray of int
@@ -99,7 +101,7 @@ class LocalRotations:
         fixed: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> LocalRotations:
-        """Find what every point sees.
+        """Find the neighbours and the quads of every point.
 
         Parameters
         ----------
@@ -120,7 +122,7 @@ class LocalRotations:
         Returns
         -------
         LocalRotations
-            Points that see nothing never turn.
+            Points without neighbours and quads never turn.
 
         Raises
         ------
@@ -148,7 +150,7 @@ class LocalRotations:
             fixed=np.empty(0, dtype=int) if fixed is None else np.asarray(fixed),
             n_threads=n_threads,
         )
-        mix, lost = made._company(points)
+        mix, lost = made._neighbour_mix(points)
         return cls(**{**vars(made), "mix": mix, "fixed": np.union1d(made.fixed, lost)})
 
     @property
@@ -217,10 +219,10 @@ class LocalRotations:
         sums = np.empty((self.n_points, 3, 3), dtype=np.result_type(initial, moved))
         graph = self.starts, self.neighbours, self.scales, self.corner_starts, self.corners, self.quad_scales
         self.over_points(lambda part: _moments(*part, *graph, initial, moved, initial_areas, moved_areas, sums))
-        return self._in_company(sums, self.mix)
+        return self._with_neighbours(sums, self.mix)
 
     def _moments_transposed(self, bar, points, areas, own, transposed: bool) -> np.ndarray:
-        """Derivative of ``sum(bar M)`` in the points after the move, or before it, shape (n, 3).
+        """Derivative of ``sum(bar M)`` with respect to the points after the move, or before it, shape (n, 3).
 
         Parameters
         ----------
@@ -233,7 +235,7 @@ class LocalRotations:
         transposed : bool
             Whether the side asked is the one before the move.
         """
-        bar = self._in_company(bar, None if self.mix is None else self.mix.T)
+        bar = self._with_neighbours(bar, None if self.mix is None else self.mix.T)
         bar = np.ascontiguousarray(bar.transpose(0, 2, 1) if transposed else bar)
         pulls = np.empty((len(self.quads), 2, 3), dtype=np.result_type(bar, own, points))
         _diagonal_pulls(bar, self.quads, self.quad_scales, areas, own, pulls)
@@ -243,12 +245,12 @@ class LocalRotations:
         return out
 
     @staticmethod
-    def _in_company(matrices: np.ndarray, mix) -> np.ndarray:
-        """Add what neighbours see."""
+    def _with_neighbours(matrices: np.ndarray, mix) -> np.ndarray:
+        """Add the matrices of neighbours for the points that need them."""
         return matrices if mix is None else matrices + (mix @ matrices.reshape(-1, 9)).reshape(-1, 3, 3)
 
-    def _company(self, points: np.ndarray) -> tuple[csr_array | None, np.ndarray]:
-        """Share of the neighbours for points that see one direction only, and points to which that is no help."""
+    def _neighbour_mix(self, points: np.ndarray) -> tuple[csr_array | None, np.ndarray]:
+        """Weights of neighbours for points that see one direction only, and the points that see no more even so."""
         areas = self.areas(points)
         seen = self._moments(points, points, areas, areas)
         alone = _is_alone(seen)
@@ -258,7 +260,7 @@ class LocalRotations:
         is_asked = alone[ends]
         pairs = ends[is_asked], self.neighbours[is_asked]
         mix = coo_array((np.ones(len(pairs[0])), pairs), shape=(self.n_points, self.n_points)).tocsr()
-        seen = self._in_company(seen, mix)
+        seen = self._with_neighbours(seen, mix)
         MirrorMeans.of(self.planes, None, seen)
         return mix, np.flatnonzero(_is_alone(seen))
 
@@ -275,7 +277,7 @@ class Rotations:
     Parameters
     ----------
     of : LocalRotations
-        What every point sees.
+        Neighbours and quads of every point.
     initial, moved : ndarray, shape (n, 3)
         Points before and after the move.
     areas : tuple of two ndarray of shape (n_quads, 3)
@@ -285,7 +287,7 @@ class Rotations:
     stiffness : ndarray, shape (n, 3, 3)
         ``tr(S) I - S`` of every point.
     mirrored : MirrorMeans
-        What points in planes of symmetry see.
+        Means of mirror images for points in planes of symmetry.
     """
 
     of: LocalRotations
@@ -334,15 +336,15 @@ class Rotations:
         return before, self.of._moments_transposed(back, self.initial, self.areas[0], self.moved, False)
 
     def moved_vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Second result of `vjp` alone, shape (n, 3): what a fixed baseline needs."""
+        """Second result of `vjp` alone, shape (n, 3), for a baseline that does not change."""
         return self.of._moments_transposed(self._back(bar)[0], self.initial, self.areas[0], self.moved, False)
 
     def normals_vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives in the normals of the planes after the move, shape (n_planes, 3)."""
+        """Derivatives with respect to the normals of the planes after the move, shape (n_planes, 3)."""
         return self._back(bar)[1]
 
     def _back(self, bar) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the scalar in M, shape (n, 3, 3), and in the normals."""
+        """Derivatives of the scalar with respect to M, shape (n, 3, 3), and to the normals."""
         bar = np.array(bar, dtype=np.result_type(bar, self.matrices), order="C")
         if bar.shape != self.matrices.shape:
             raise InputError(f"rotations: derivatives of shape {bar.shape}; give shape {self.matrices.shape}")
@@ -362,7 +364,7 @@ def _numbers(ids, n_columns: int, n: int, what: str) -> np.ndarray:
 
 
 def _neighbours(points, edges):
-    """Neighbours of every point, each once: where they begin, their numbers, and the scales of the edges."""
+    """First neighbour of every point, the numbers of the neighbours, each once, and the scales of the edges."""
     n = len(points)
     ends = np.concatenate([edges, edges[:, ::-1]])
     ends = np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0)
@@ -374,13 +376,13 @@ def _neighbours(points, edges):
 
 
 def _corners(quads, n):
-    """Corners at every point: where they begin, and four times the number of the quad plus that of the corner."""
+    """First corner at every point, and the corners: four times the number of the quad plus that of the corner."""
     order = np.argsort(quads.ravel(), kind="stable")
     return np.searchsorted(quads.ravel()[order], np.arange(n + 1)), order
 
 
 def _quad_scales(points, quads):
-    """One by the squared areas; 0 for quads that have none."""
+    """1 / squared areas; 0 for quads that have none."""
     x = points[quads]
     diagonals = x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]
     area = np.linalg.norm(0.5 * np.cross(*diagonals), axis=1)
@@ -460,7 +462,7 @@ def _moments(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _diagonal_pulls(bar, quads, quad_scales, areas, own, pulls):
-    """Derivatives in the two diagonals of every quad, through its area."""
+    """Derivatives with respect to the two diagonals of every quad, through its area."""
     for q in range(len(quads)):
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]
         x, y, z = 0.0, 0.0, 0.0
@@ -497,7 +499,7 @@ def _gather(first, last, starts, neighbours, scales, corner_starts, corners, bar
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_area_vjp(points, quads, areas_bar, points_bar):
-    """Add derivatives in the corners of quads, of those in their areas."""
+    """Add derivatives with respect to the corners of quads, from those with respect to their areas."""
     pulls = np.empty_like(points_bar[:2])
     for q in range(len(quads)):
         a, b, c, d = quads[q, 0], quads[q, 1], quads[q, 2], quads[q, 3]

@@ -6,13 +6,15 @@ mapping itself, interpolated trilinearly within every span. The weights are posi
 rigid motion of the control points turns every vector by its own rotation, to round-off.
 
 - Corners on walls see the wall alone, so that vectors on it depend on the control points of the surface only. Corners
-  on other boundary faces see these alone, so that nothing turns where they are held; corners in planes of symmetry, and
-  in planes that walls end on, which slide as these do, see the plane. All others see their neighbours.
+  on other boundary faces see these alone, so that nothing turns where they are fixed; corners in planes of symmetry,
+  and in planes that walls end on, which slide as these do, see the plane. All others see their neighbours.
 - On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
   the rest stays in the plane: nodes do not leave a plane whose control points do not. Where corners see the plane alone
   that is so anyway; where they see a wall or another face as well, the part along the normal is put in its place.
 
 Rotations are exact functions of the control points; the places of nodes and corners in their spans are fixed.
+
+Theory: ``docs/theory/wall_layer.rst``.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ from .rotations import LocalRotations, Rotations
 __all__ = ["Turn", "Turning"]
 
 PLANAR = 1e-5
-"""A face is planar where its corners leave the plane by less than this part of its size."""
+"""A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ class _Group:
     ids: np.ndarray
     own: np.ndarray
     rotations: LocalRotations
-    company: csr_array
+    in_sight: csr_array
 
     @classmethod
     def of(cls, points: np.ndarray, ids, own, edges=None, quads=None) -> _Group:
@@ -60,20 +62,20 @@ class _Group:
         pairs += [] if edges is None else [edges.T]
         pairs += [] if quads is None else [quads[:, [m, n]].T for m in range(4) for n in range(m)]
         first, second = np.concatenate(pairs, axis=1)
-        company = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
-        company = csr_array(company + company.T)
-        return cls(ids, own, rotations, company if rotations.mix is None else csr_array(company @ company))
+        in_sight = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
+        in_sight = csr_array(in_sight + in_sight.T)
+        return cls(ids, own, rotations, in_sight if rotations.mix is None else csr_array(in_sight @ in_sight))
 
     def at(self, initial: np.ndarray, moved: np.ndarray, matrices: np.ndarray) -> Rotations:
-        """Write the rotations of a move; exactly one where nothing in sight has moved."""
+        """Write the rotations of a move; exactly the identity where nothing in sight has moved."""
         rotations = self.rotations.at(initial[self.ids], moved[self.ids])
-        is_still = self.company @ (initial != moved).any(axis=1)[self.ids].astype(float) == 0.0
+        is_still = self.in_sight @ (initial != moved).any(axis=1)[self.ids].astype(float) == 0.0
         own = np.where(is_still[:, None, None], np.eye(3), rotations.matrices)[self.own]
         matrices[self.ids[self.own]] = own.reshape(-1, 9)
         return rotations
 
     def own_bar(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives in the rotations of the group, of those in all."""
+        """Derivatives with respect to the rotations of the group, from those with respect to all."""
         return np.where(self.own[:, None], bar[self.ids], 0.0).reshape(-1, 3, 3)
 
 
@@ -126,7 +128,7 @@ class Turning:
         evaluator: Evaluator,
         sharing: NodeSharing,
     ) -> Turning:
-        """Find what turns with what.
+        """Find the corners, groups and planes that the vectors of all nodes turn with.
 
         Parameters
         ----------
@@ -173,13 +175,13 @@ class Turning:
 
     @property
     def n_bytes(self) -> int:
-        """Memory held besides the evaluator's."""
+        """Memory besides the evaluator's (B)."""
         arrays = [array for cell in self.cells for array in (cell.corners, cell.fractions)]
         arrays += [self.flat.rows, self.flat.corners, self.flat.weights]
         return sum(array.nbytes for array in arrays) + int(self.corners.bytes_per_node * self.corners.n_rows)
 
     def vectors(self, vectors: np.ndarray) -> Vectors:
-        """Make vectors of all nodes, shape (n_nodes, 3), ready to be turned."""
+        """Sort vectors of all nodes, shape (n_nodes, 3), so that they can be turned."""
         inner = vectors.copy()
         inner[self.flat.rows] = 0.0
         return Vectors(tuple(cell.pack(inner) for cell in self.cells), vectors[self.flat.rows])
@@ -199,14 +201,14 @@ class Turning:
         return Turn(self, initial, moved, rotations, matrices)
 
     def of_rows(self, rows: FaceNodes) -> Turning:
-        """Only what the rotations of these nodes need."""
+        """Return the part of the map that the rotations of these nodes need."""
         seen = rows.corners[rows.weights > 0.0]
         return replace(self, groups=tuple(g for g in self.groups if np.isin(g.ids[g.own], seen).any()))
 
     def seen_by(self, rows: FaceNodes) -> np.ndarray:
         """Corners that the rotations of these nodes depend on."""
         seen = rows.corners[rows.weights > 0.0]
-        parts = [g.ids[g.company[np.flatnonzero(g.own & np.isin(g.ids, seen))].indices] for g in self.groups]
+        parts = [g.ids[g.in_sight[np.flatnonzero(g.own & np.isin(g.ids, seen))].indices] for g in self.groups]
         return np.unique(np.concatenate(parts))
 
     def rows(self, rows: np.ndarray) -> FaceNodes:
@@ -305,9 +307,9 @@ class Turn:
         Returns
         -------
         control_bar, initial_bar : ndarray, shape (n_control_points, 3)
-            Derivatives in the control points, now and at first.
+            Derivatives with respect to the control points, now and at first.
         vectors_bar : ndarray, shape (n_nodes, 3)
-            Derivatives in the vectors; those of copies do not count.
+            Derivatives with respect to the vectors; those of copies do not count.
         """
         _, matrices_bar, normals_bar, flat_bar = self._bars(vectors, bar)
         bars = self.of.vectors(bar)
@@ -327,7 +329,7 @@ class Turn:
         return adjoint(moved_bar), adjoint(initial_bar), vectors_bar
 
     def control_vjp(self, vectors: Vectors, bar: np.ndarray) -> np.ndarray:
-        """First result of `vjp` alone: what a fixed baseline needs."""
+        """First result of `vjp` alone, for a baseline that does not change."""
         control_bar, matrices_bar, normals_bar, _ = self._bars(vectors, bar)
         moved_bar = np.zeros_like(self.moved)
         self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
@@ -341,7 +343,7 @@ class Turn:
         return self.of.corners.adjoint(moved_bar)
 
     def _add_corner_bars(self, matrices_bar, normals_bar, moved_bar) -> None:
-        """Add the derivatives in the corners now, of those in rotations and normals."""
+        """Add the derivatives with respect to the corners now, from those of rotations and normals."""
         for group, rotations in zip(self.of.groups, self.rotations):
             moved_bar[group.ids] += rotations.moved_vjp(group.own_bar(matrices_bar))
         for faces, now in zip(self.of.planes, normals_bar[0]):
@@ -364,7 +366,7 @@ class Turn:
         return out
 
     def _bars(self, vectors: Vectors, bar: np.ndarray):
-        """Derivatives in control points and in the rotations of all corners, in normals, and in vectors in planes."""
+        """Derivatives with respect to control points, rotations of all corners, normals, and vectors in planes."""
         of = self.of
         turns = [np.empty((len(cell.corners), 8, 9)) for cell in of.cells]
         turned = [(cell.fractions, packed, part) for cell, packed, part in zip(of.cells, vectors.packed, turns)]
@@ -454,7 +456,7 @@ def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, sharing: No
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(corners, sums, out):
-    """Add the sums of the runs, shape (n_runs, 8, 9), to the corners."""
+    """Add the sums of the spans, shape (n_runs, 8, 9), to their corners."""
     for run in range(corners.shape[0]):
         for column in range(8):
             for e in range(9):

@@ -28,7 +28,8 @@ VISCOUS = (24.0, 36.0)
 no layer, and from which on it has its whole reach. Grids have 1 to 24, or 36 to 16,000."""
 
 N_SMOOTHINGS = 3
-"""Times that the reach of a wall is averaged with that of the neighbours."""
+"""Times that the reach of a wall is averaged with that of the neighbours: it then varies over several quads, and the
+layer ends smoothly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Wall:
     tree : TriangleTree
         Its triangles and its reach.
     frames : WallFrames
-        How the layer above it is carried.
+        How the layer above it turns.
     """
 
     tree: TriangleTree
@@ -54,7 +55,7 @@ class Wall:
         heights: np.ndarray,
         planes: Sequence[tuple[np.ndarray, np.ndarray]] = (),
         fixed: np.ndarray | None = None,
-        sheets: np.ndarray | None = None,
+        faces: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> Wall:
         """Take a wall.
@@ -71,7 +72,7 @@ class Wall:
             Nodes in planes that they must stay in, and the planes' normals: their rotation keeps the plane.
         fixed : ndarray of int, optional
             Nodes that never turn, such as those on a fixed boundary.
-        sheets : ndarray of int, shape (n_quads,), optional
+        faces : ndarray of int, shape (n_quads,), optional
             Face that each quad belongs to. Heights are kept above each face by itself, where several meet in a node.
         n_threads : int, optional
             Number of threads; by default ``NUMBA_NUM_THREADS``.
@@ -86,7 +87,7 @@ class Wall:
             If an array has the wrong shape.
         """
         points = np.ascontiguousarray(points, dtype=float)
-        frames = WallFrames.of(points, quads, planes, fixed, sheets, n_threads)
+        frames = WallFrames.of(points, quads, planes, fixed, faces, n_threads)
         heights = np.asarray(heights, dtype=float)
         if heights.shape != (len(points),):
             raise InputError(f"wall layer: heights of shape {heights.shape}; give shape ({len(points)},)")
@@ -116,15 +117,15 @@ def _reach(points, quads, heights) -> np.ndarray:
 
 
 def _viscosity(spacing, heights) -> float:
-    """How much of its reach a wall has: where cells are as high as wide, no layer is needed, and it costs quality."""
-    is_known = heights > 0.0
-    if not is_known.any():
+    """Fraction of its reach that a wall has: where cells are as high as wide, a layer is useless and costs quality."""
+    has_height = heights > 0.0
+    if not has_height.any():
         return 0.0
-    flatness = np.quantile(spacing[is_known] / heights[is_known], 0.75)
+    flatness = np.quantile(spacing[has_height] / heights[has_height], 0.75)
     return 1.0 - fade(np.log(max(flatness, 1.0) / VISCOUS[0]) / np.log(VISCOUS[1] / VISCOUS[0]))
 
 
 def _mean_of(rows, columns, n_rows: int, n_columns: int) -> csr_array:
-    """Means of the values at the columns that go with each row."""
+    """Matrix of the means of the values at the columns that go with each row."""
     sums = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n_rows, n_columns)).tocsr()
     return diags_array(1.0 / np.maximum(sums @ np.ones(n_columns), 1.0)) @ sums

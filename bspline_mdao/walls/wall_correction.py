@@ -39,7 +39,7 @@ PIECE = 8
 """Cells of a piece along walls: the correction goes on beyond thin blocks at this resolution."""
 
 INDEPENDENT = 1e-3
-"""Least singular value of independent normals: planes that meet at less than this angle (rad) are one but for round-off."""
+"""Least singular value of independent normals: planes that meet at a smaller angle (rad) are one but for round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,7 @@ class WallCorrection:
         return mismatch
 
     def forward(self, mismatch: np.ndarray) -> np.ndarray:
-        """Displacements of all nodes, shape (n_nodes, 3), from those of the wall nodes, shape (n_wall, 3), in metres."""
+        """Displacements (m) of all nodes, shape (n_nodes, 3), from those of the wall nodes, shape (n_wall, 3)."""
         values = np.zeros((self.n_nodes, 3))
         values[self.rows] = mismatch
         values[self.corner_rows] = self.network.dot(mismatch[self.wall_ids])  # step 1
@@ -157,7 +157,7 @@ class WallCorrection:
     def adjoint(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `forward`: (n_nodes, 3) to (n_wall, 3)."""
         bars = bar.copy()
-        _add_at(bars, self.copies[:, 1], self.copies[:, 0])  # the steps of `forward`, transposed, from the last one on
+        _add_at(bars, self.copies[:, 1], self.copies[:, 0])  # step 3, transposed, and so on backwards
         for level in self.levels[::-1]:
             _fill_transpose(*level.arrays, bars)
         wall_bar = bars[self.rows]

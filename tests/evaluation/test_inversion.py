@@ -8,7 +8,7 @@ from splines_cases import random_bilinear_knots, wavy_knots
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.descent import bilinear_corners, map_point, map_point_scratch
-from bspline_mdao.evaluation.inversion import invert_points, require_inside, ride
+from bspline_mdao.evaluation.inversion import embed_points, invert_points, require_inside
 from bspline_mdao.splines.knots import ConstantKnots
 from bspline_mdao.splines.mesh import BSplineMesh
 from bspline_mdao.splines.volume import Volume, evaluate, evaluate_gradients
@@ -233,14 +233,16 @@ def test_a_denser_grid_rides_on_the_control_mesh(rng):
     axes = [np.linspace(0, 1, n) for n in (9, 7, 11)]
     parameters = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     inversion = assert_found(mesh, control_points, sample(mesh, control_points, parameters))
-    evaluator = ride(mesh, inversion)
+    evaluator = embed_points(mesh, inversion)
     moved = control_points + 0.05 * rng.standard_normal(control_points.shape)
     np.testing.assert_allclose(evaluator.forward(moved), sample(mesh, moved, parameters), atol=1e-10)
 
 
 def test_riding_points_pass_the_dot_test(rng):
     mesh, control_points = row_of_volumes(rng)
-    evaluator = ride(mesh, invert_points(mesh, control_points, sample(mesh, control_points, rng.random((50, 3)))))
+    evaluator = embed_points(
+        mesh, invert_points(mesh, control_points, sample(mesh, control_points, rng.random((50, 3))))
+    )
     direction, bar = rng.standard_normal(control_points.shape), rng.standard_normal((150, 3))
     assert np.vdot(bar, evaluator.forward(direction)) == pytest.approx(
         np.vdot(evaluator.adjoint(bar), direction), rel=1e-12

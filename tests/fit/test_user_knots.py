@@ -11,12 +11,12 @@ from bspline_mdao import (
     FunctionKnots,
     GridEvaluate,
     InputError,
+    embed_points,
     family_member,
     fit_grid,
     invert_points,
     onera_m6_grid,
     require_inside,
-    ride,
 )
 from bspline_mdao.fit.edge_knots import joined_corners, require_agreement
 
@@ -70,7 +70,7 @@ def test_points_ride_on_a_mesh_with_the_users_knots(model):
     points = bend(np.random.default_rng(5).uniform(0.2, 0.8, (20, 3)))
     inversion = require_inside(invert_points(model.mesh, model.control_points, points))
     turned = model.control_points[:, [1, 2, 0]]
-    np.testing.assert_allclose(ride(model.mesh, inversion).forward(turned), points[:, [1, 2, 0]], atol=1e-12)
+    np.testing.assert_allclose(embed_points(model.mesh, inversion).forward(turned), points[:, [1, 2, 0]], atol=1e-12)
 
 
 def test_a_grid_sampled_from_the_users_knots_is_recovered_to_round_off(model):

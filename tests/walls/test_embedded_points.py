@@ -38,30 +38,30 @@ def first_nodes(model):
     return cells.next_rows[~np.isin(cells.next_rows, wall)]
 
 
-def test_riders_at_nodes_next_to_the_wall_move_as_these_do(model, twisted, first_nodes):
+def test_embedded_points_at_nodes_next_to_the_wall_move_as_these_do(model, twisted, first_nodes):
     grid = model.grid_map().at(twisted)
     nodes = grid.of.nodes
-    riders = model.riders(nodes[first_nodes], TOLERANCE).at(twisted, grid)
+    embedded = model.embed_points(nodes[first_nodes], TOLERANCE).at(twisted, grid)
     moves = np.linalg.norm(grid.nodes - nodes, axis=1)[first_nodes]
-    off = np.linalg.norm(riders.points - grid.nodes[first_nodes], axis=1)
+    off = np.linalg.norm(embedded.points - grid.nodes[first_nodes], axis=1)
     assert moves.max() > 0.04
     assert np.quantile(off, 0.9) < 1e-6
-    plain = riders.of.evaluator.forward(twisted) + riders.of.offsets
+    plain = embedded.of.evaluator.forward(twisted) + embedded.of.offsets
     assert np.quantile(np.linalg.norm(plain - grid.nodes[first_nodes], axis=1), 0.9) > 1e-4
 
 
-def test_riders_stay_in_a_plane_of_symmetry(model, twisted, first_nodes):
+def test_embedded_points_stay_in_a_plane_of_symmetry(model, twisted, first_nodes):
     grid = model.grid_map().at(twisted)
     nodes = grid.of.nodes[first_nodes]
     in_plane = np.flatnonzero(nodes[:, 2] == 0.0)
     assert len(in_plane) > 3
-    points = model.riders(nodes[in_plane], TOLERANCE).at(twisted, grid).points
+    points = model.embed_points(nodes[in_plane], TOLERANCE).at(twisted, grid).points
     assert np.abs(points[:, 2]).max() < 1e-14
     assert np.abs(points - nodes[in_plane]).max() > 1e-8
 
 
-def test_riders_follow_a_rigid_motion(model, rng):
-    inside = model.riders(model.evaluator().forward(model.control_points)[::7])
+def test_embedded_points_follow_a_rigid_motion(model, rng):
+    inside = model.embed_points(model.evaluator().forward(model.control_points)[::7])
     turn = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
     moved = model.control_points @ turn.T + rng.standard_normal(3)
     state = inside.at(moved, model.grid_map().at(moved))
@@ -69,15 +69,15 @@ def test_riders_follow_a_rigid_motion(model, rng):
     np.testing.assert_allclose(state.points, inside.points @ turn.T + shift, rtol=0, atol=1e-8)
 
 
-def test_derivatives_of_riders_are_exact(model, twisted, first_nodes, rng):
+def test_derivatives_of_embedded_points_are_exact(model, twisted, first_nodes, rng):
     grid_map = model.grid_map()
     nodes = np.concatenate([grid_map.nodes[first_nodes], grid_map.nodes[::11]])
-    riders = model.riders(nodes, TOLERANCE)
+    embedded = model.embed_points(nodes, TOLERANCE)
     direction, bar = rng.standard_normal(twisted.shape), rng.standard_normal(nodes.shape)
 
     def at(step):
         points = twisted + step * direction
-        return riders.at(points, grid_map.at(points))
+        return embedded.at(points, grid_map.at(points))
 
     state = at(0.0)
     change = state.jvp(direction, state.grid.jvp(direction))
@@ -89,5 +89,5 @@ def test_derivatives_of_riders_are_exact(model, twisted, first_nodes, rng):
 
 
 def test_a_rider_outside_is_named(model):
-    with pytest.raises(InputError, match="riders: 1 of 1 points lie outside"):
-        model.riders(np.array([[1e4, 0.0, 0.0]]))
+    with pytest.raises(InputError, match="embedded points: 1 of 1 points lie outside"):
+        model.embed_points(np.array([[1e4, 0.0, 0.0]]))

@@ -37,16 +37,16 @@ def bumpy_block(rng, first=1e-4):
 
 
 def bumpy_case(rng, n_threads=None, **options):
-    """Layer of that block with a plane of symmetry, held nodes at its far end and some copies; nodes and wall rows."""
+    """Layer of that block with a plane of symmetry, fixed nodes at its far end and some copies; nodes and wall rows."""
     nodes = bumpy_block(rng)
     wall_rows = ROWS[:, :, 0].ravel()
     spare = nodes[ROWS[3, 2, :4]]
     nodes, copies = np.concatenate([nodes, spare]), np.stack([ROWS.size + np.arange(4), ROWS[3, 2, :4]], axis=1)
-    held = np.flatnonzero(np.isin(wall_rows, ROWS[-1]))
+    fixed = np.flatnonzero(np.isin(wall_rows, ROWS[-1]))
     planes = [(np.flatnonzero(np.isin(wall_rows, ROWS[:, 0])), np.array([0.0, 1.0, 0.0]))]
     heights = np.linalg.norm(nodes[ROWS[:, :, 1].ravel()] - nodes[wall_rows], axis=1)
-    quads, sheets = quads_in_turn(np.arange(42).reshape(7, 6)), np.repeat([1, 0], [10, 20])
-    wall = Wall.of(nodes[wall_rows], quads, heights, planes, held, sheets, n_threads)
+    quads, faces = quads_in_turn(np.arange(42).reshape(7, 6)), np.repeat([1, 0], [10, 20])
+    wall = Wall.of(nodes[wall_rows], quads, heights, planes, fixed, faces, n_threads)
     planes = [(ROWS[:, 0].ravel(), np.array([0.0, -3.0, 0.0]))]
     layer = WallLayer.of(wall, nodes, wall_rows, planes, ROWS[-1].ravel(), copies, n_threads)
     return layer, nodes, wall_rows
@@ -59,38 +59,38 @@ def random_move(rng, nodes, wall_rows, size=0.02):
     return mapped, mapped[wall_rows] + size * rng.standard_normal((len(wall_rows), 3))
 
 
-def brute_feet(points, triangles, p, n=40):
+def brute_closest(points, triangles, p, n=40):
     """Distance from p to samples of triangles, shape (n_triangles,)."""
     u, v = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
     w = np.stack([u, (1 - u) * v, (1 - u) * (1 - v)], axis=-1).reshape(-1, 3)
     return np.array([np.linalg.norm(w @ points[t] - p, axis=1).min() for t in triangles])
 
 
-def test_the_first_foot_is_the_closest_place_of_the_wall():
+def test_the_first_closest_point_is_the_nearest_of_the_wall():
     rng = np.random.default_rng(1)
     points = np.stack([*np.meshgrid(np.arange(5.0), 0.3 * np.arange(4.0), indexing="ij"), np.zeros((5, 4))], axis=-1)
     points = points.reshape(-1, 3) + 0.1 * rng.standard_normal((20, 3))
     tree = TriangleTree.of(points, quads_in_turn(np.arange(20).reshape(5, 4)), np.full(20, 10.0))
     at = rng.uniform([-1, -1, 0.2], [5, 2, 1], (25, 3))
-    feet = tree.feet(at)
-    np.testing.assert_array_equal(feet.points, np.arange(25))
-    first = feet.starts[:-1]
-    found = np.einsum("nc,ncd->nd", feet.weights[first], points[tree.triangles[feet.triangles[first]]])
-    assert feet.weights.min() >= 0.0
-    for p, foot in zip(at, found):
-        nearest = brute_feet(points, tree.triangles, p).min()
-        assert nearest - 0.02 < np.linalg.norm(foot - p) <= nearest + 1e-12
+    closest = tree.closest_points(at)
+    np.testing.assert_array_equal(closest.points, np.arange(25))
+    first = closest.starts[:-1]
+    found = np.einsum("nc,ncd->nd", closest.barycentric[first], points[tree.triangles[closest.triangles[first]]])
+    assert closest.barycentric.min() >= 0.0
+    for p, point in zip(at, found):
+        nearest = brute_closest(points, tree.triangles, p).min()
+        assert nearest - 0.02 < np.linalg.norm(point - p) <= nearest + 1e-12
 
 
-def test_points_between_two_walls_share_their_feet_smoothly():
+def test_points_between_two_walls_follow_both_smoothly():
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     points = np.concatenate([square, square + [0.0, 0, 1]])
     tree = TriangleTree.of(points, np.array([[0, 1, 2, 3], [4, 7, 6, 5]]), np.full(8, 1.5))
     z = np.linspace(0.01, 0.99, 981)
-    feet = tree.feet(np.stack([np.full(981, 0.3), np.full(981, 0.4), z], axis=1))
+    closest = tree.closest_points(np.stack([np.full(981, 0.3), np.full(981, 0.4), z], axis=1))
     low = np.zeros(981)
-    is_low = feet.weights @ [1.0, 1.0, 1.0] * points[tree.triangles[feet.triangles]][:, 0, 2] < 0.5
-    np.add.at(low, np.repeat(feet.points, np.diff(feet.starts))[is_low], feet.shares[is_low])
+    is_low = closest.barycentric @ [1.0, 1.0, 1.0] * points[tree.triangles[closest.triangles]][:, 0, 2] < 0.5
+    np.add.at(low, np.repeat(closest.points, np.diff(closest.starts))[is_low], closest.weights[is_low])
     np.testing.assert_array_equal(low[z > FARTHEST / (1 + FARTHEST)], 0.0)
     assert low[0] == pytest.approx(1.0, abs=1e-4)
     assert np.all(np.diff(low) <= 0.0)
@@ -100,9 +100,9 @@ def test_points_between_two_walls_share_their_feet_smoothly():
 def test_points_beside_a_plate_without_thickness_stand_on_their_own_side():
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     tree = TriangleTree.of(np.concatenate([square, square]), np.array([[4, 7, 6, 5], [0, 1, 2, 3]]), np.ones(8))
-    feet = tree.feet(np.array([[0.3, 0.4, 0.1], [0.3, 0.4, -0.1], [0.5, 0.5, 0.2]]))
-    np.testing.assert_array_equal(np.diff(feet.starts), 1)
-    np.testing.assert_array_equal(tree.triangles[feet.triangles].max(axis=1) < 4, [True, False, True])
+    closest = tree.closest_points(np.array([[0.3, 0.4, 0.1], [0.3, 0.4, -0.1], [0.5, 0.5, 0.2]]))
+    np.testing.assert_array_equal(np.diff(closest.starts), 1)
+    np.testing.assert_array_equal(tree.triangles[closest.triangles].max(axis=1) < 4, [True, False, True])
 
 
 def test_nothing_moves_at_rest():
@@ -141,9 +141,9 @@ def test_nodes_in_planes_stay_there_and_held_nodes_do_not_move():
     layer, nodes, wall_rows = bumpy_case(rng)
     mapped, asked = random_move(rng, nodes, wall_rows)
     found = layer.at(nodes, mapped.copy(), nodes[wall_rows], asked).nodes
-    plane, held = ROWS[:, 0, 1:].ravel(), ROWS[-1, :, 1:].ravel()
+    plane, fixed = ROWS[:, 0, 1:].ravel(), ROWS[-1, :, 1:].ravel()
     np.testing.assert_array_equal(found[plane, 1], mapped[plane, 1])
-    np.testing.assert_array_equal(found[held], mapped[held])
+    np.testing.assert_array_equal(found[fixed], mapped[fixed])
     assert np.all(np.any(found[ROWS[:-1, :, 1]] != mapped[ROWS[:-1, :, 1]], axis=-1))
 
 
@@ -244,8 +244,8 @@ def test_a_corner_between_two_walls_opens_and_closes_without_folding(angle, leas
     wall_rows = np.unique(np.concatenate([rows[:, :, 0].ravel(), rows[0].ravel()]))
     ids = np.searchsorted(wall_rows, rows)
     quads = np.concatenate([quads_in_turn(ids[:, :, 0]), quads_in_turn(ids[0])])
-    sheets = np.repeat([0, 1], len(quads) // 2)
-    wall = Wall.of(nodes[wall_rows], quads, np.full(len(wall_rows), 1e-4), sheets=sheets)
+    faces = np.repeat([0, 1], len(quads) // 2)
+    wall = Wall.of(nodes[wall_rows], quads, np.full(len(wall_rows), 1e-4), faces=faces)
     layer = WallLayer.of(wall, nodes, wall_rows)
     found = layer.at(nodes, mapped.copy(), nodes[wall_rows], mapped[wall_rows]).nodes
     ratio = volumes(found, rows) / volumes(nodes, rows)
@@ -274,15 +274,15 @@ def test_heights_are_kept_in_a_plane_that_a_wall_meets_at_another_angle():
 def test_heights_are_kept_above_both_faces_of_an_edge_whose_angle_changes():
     i, j = np.meshgrid(np.linspace(-1, 1, 7), np.linspace(0, 1, 4), indexing="ij")
     sharp, blunt = (np.stack([i, j, -a * np.abs(i)], axis=-1).reshape(-1, 3) for a in (1.0, 0.6))
-    quads, sheets = quads_in_turn(np.arange(28).reshape(7, 4)), np.repeat([0, 1], 9)
+    quads, faces = quads_in_turn(np.arange(28).reshape(7, 4)), np.repeat([0, 1], 9)
     edge = np.arange(12, 16)
-    matrices = WallFrames.of(sharp, quads, sheets=sheets).at(sharp, blunt).matrices[edge]
+    matrices = WallFrames.of(sharp, quads, faces=faces).at(sharp, blunt).matrices[edge]
     up = matrices @ [0.0, 0.0, 1.0]
     for side in (-1.0, 1.0):
         old, new = (np.array([side * a, 0.0, 1.0]) / np.hypot(1.0, a) for a in (1.0, 0.6))
         np.testing.assert_allclose(up @ new, old[2], rtol=2e-2)
         assert abs(new[2] / old[2] - 1.0) > 0.2
-    turned = WallFrames.of(sharp, quads, sheets=sheets).at(sharp, sharp[:, [1, 2, 0]]).matrices
+    turned = WallFrames.of(sharp, quads, faces=faces).at(sharp, sharp[:, [1, 2, 0]]).matrices
     np.testing.assert_allclose(turned, np.broadcast_to(np.eye(3)[[1, 2, 0]], (28, 3, 3)), rtol=0, atol=1e-14)
 
 
@@ -314,7 +314,7 @@ def test_first_cells_of_a_real_grid_keep_their_heights(real_grids):
     nodes = grid.to_vector().reshape(-1, 3)[node_sharing(topology).source_rows()]
     sheet = BoundarySurface.of(topology, nodes, [face for face in topology.boundary if face.kind == "wall"])
     points = nodes[sheet.rows]
-    wall = Wall.of(points, sheet.quads, sheet.heights, sheets=sheet.quad_faces)
+    wall = Wall.of(points, sheet.quads, sheet.heights, faces=sheet.quad_faces)
     layer = WallLayer.of(wall, nodes, sheet.rows, copies=node_sharing(topology).copies)
     # the section is made thinner and bent, and the cells with it
     mapped = nodes * [1.0, 0.8, 1.0] + 0.05 * np.sin(2.0 * nodes[:, :1]) * [0.0, 1.0, 0.0]

@@ -22,11 +22,11 @@ def a_rotation(rng):
 
 
 def random_case(rng):
-    """Rotations of a face with a symmetry plane and held points, and a random move of it."""
+    """Rotations of a face with a symmetry plane and fixed points, and a random move of it."""
     points, quads = bumpy_face(rng)
     points[:7, 1] = 0.0
     planes = [(np.array([0, 1, 2, 3]), np.array([0.0, 2.0, 0.0]))]
-    rotations = LocalRotations.of(points, np.array([[7, 20], [3, 30]]), quads, planes, held=np.array([11]))
+    rotations = LocalRotations.of(points, np.array([[7, 20], [3, 30]]), quads, planes, fixed=np.array([11]))
     return rotations, points, points @ a_rotation(rng).T + 1e-4 * rng.standard_normal(points.shape)
 
 
