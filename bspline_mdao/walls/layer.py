@@ -330,7 +330,7 @@ class Layered:
         return _packed(self.frames.moved, self.frames.matrices, self.frames.initial)
 
     def _frames_vjp(self, bar):
-        """Derivatives with respect to places and rotations of the wall; overwrites ``bar`` by those of mapped points."""
+        """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
         layer, frames = self.layer, self._motion
         sums = layer._run(
             lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, frames[ids], bar)

@@ -134,7 +134,7 @@ class FaceNodes:
         return change
 
     def vjp(self, matrices, normals, vectors, bar, matrices_bar):
-        """Transpose of `jvp`: adds to ``matrices_bar``, and returns the derivatives with respect to normals and vectors."""
+        """Transpose of `jvp`: adds to ``matrices_bar``; returns derivatives with respect to normals and vectors."""
         turned, bar = np.zeros_like(vectors), bar.copy()
         vectors_bar, normals_bar = np.zeros_like(vectors), np.zeros_like(normals)
         _add_products(self.corners, self.weights, matrices, vectors, turned)
