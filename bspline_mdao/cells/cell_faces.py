@@ -206,7 +206,7 @@ class _Block:
             yield quads, left, np.full(left.shape, 2 * d + 1), right, np.full(right.shape, 2 * d)
 
     def window(self, window: Window):
-        """Give corners of the faces of a face window, pointing outwards, the cells behind them, and their slot."""
+        """Return corners of the faces of a face window, pointing outwards, the cells behind them, and their slot."""
         d = next(d for d in range(3) if window.lo[d] == window.hi[d])
         side = int(window.lo[d] > 0)
         parts = [slice(lo, hi) for lo, hi in zip(window.lo, window.hi)]

@@ -210,7 +210,7 @@ class FirstCells:
         np.add.at(nodes_bar, self.rows[self.at], -bar * units)
 
     def _of_some_height(self, nodes: np.ndarray) -> FirstCells:
-        """Take the heights of the baseline, and leave out entries that have none; theirs is the least that counts."""
+        """Return the cells with their heights, without entries that have none: those no higher than ``baseline``."""
         heights, normals = self.heights(nodes), self._edges_and_normals(nodes)[1]
         areas = self._summed(np.linalg.norm(area_vectors(self._corners(nodes)), axis=1)[:, None] * np.ones(3))[:, 0]
         counts = (heights > self.baseline) & (np.linalg.norm(normals, axis=1) > KNIFE_EDGE * areas)
@@ -233,7 +233,7 @@ class FirstCells:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """What `FirstCells` holds of one window of a wall, before it is known which nodes have a height."""
+    """Entries of `FirstCells` of one window of a wall, before those without a height are left out."""
 
     rows: np.ndarray
     depth: np.ndarray
@@ -251,7 +251,7 @@ class _Face:
 
     @classmethod
     def of(cls, nodes: np.ndarray, block: np.ndarray, window: Window, patch: int, start: int) -> _Face | None:
-        """Take a window of a block, given by the rows of its nodes; None where no cells stand on it.
+        """Gather a window of a block, given by the rows of its nodes; None where no cells stand on it.
 
         ``patch`` is the number of its patch, and ``start`` that of its first point.
         """

@@ -327,7 +327,7 @@ def _count_short(start, end, shortest_square):
 
 @njit(cache=True)
 def _has_short_edge(x, shortest):
-    """Tell whether any edge of a block is that short: most blocks have none, and this is quick."""
+    """Whether any edge of a block is that short: most blocks have none, and this is quick."""
     n_short, square = 0, shortest * shortest
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):

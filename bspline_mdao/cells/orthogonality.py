@@ -42,8 +42,8 @@ __all__ = [
 ]
 
 FAST = {"cache": True, "nogil": True, "error_model": "numpy", "forceinline": True, "fastmath": {"contract"}}
-"""How straight-line code is compiled: into its caller, whose loop over cells then becomes SIMD instructions; products
-and sums may become fused ones, which round once instead of twice."""
+"""Options for straight-line code: compiled into its caller, whose loop over cells then becomes SIMD instructions;
+products and sums may become fused ones, which round once instead of twice."""
 
 TINY = 1e-190
 """Added to a squared length before its root is inverted, so that an edge of no length has a triple product of 0. Not

@@ -1,4 +1,4 @@
-"""What every component is made of.
+"""Pieces that every component is made of.
 
 To add a component:
 
@@ -127,7 +127,7 @@ class SparsePattern:
 
     @classmethod
     def of(cls, matrix: csr_array) -> SparsePattern:
-        """Take the entries of a matrix, explicit zeros included."""
+        """Make the pattern of the entries of a matrix, explicit zeros included."""
         keys = np.unique(_keys(matrix))
         return cls(*np.divmod(keys, matrix.shape[1]), matrix.shape[1])
 
@@ -254,7 +254,7 @@ def add_bar(d_inputs, name: str, bar: np.ndarray) -> None:
 
 
 def check_along_directions(component: om.Component, step: float, wrt: str = "*", is_complex: bool = False) -> None:
-    """Let ``check_partials`` compare products along one random direction in each input with central differences.
+    """Make ``check_partials`` compare products along one random direction in each input with central differences.
 
     OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
     ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.

@@ -124,7 +124,7 @@ class GridEvaluate(SparseComponent):
         return (CONTROL_POINTS,) if self._correction is None else (CONTROL_POINTS, SURFACE)
 
     def _numbers(self, surface: SurfaceGrid) -> np.ndarray:
-        """Which nodes of the surface are given."""
+        """Numbers of the nodes of the surface that are given."""
         numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         if surface.rows.max() >= self.options["model"].n_nodes:
             raise InputError(f"{self.msginfo}: the surface is of another model; make it of this one")

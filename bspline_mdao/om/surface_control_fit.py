@@ -72,7 +72,7 @@ class SurfaceControlFit(om.ExplicitComponent):
 
     @property
     def miss(self) -> SurfaceMiss | None:
-        """How far control points alone miss the nodes of the last run; None before any."""
+        """Distances of the nodes of the last run from those of the control points alone; None before any."""
         if self._last.points is None:
             return None
         return SurfaceMiss.of(*self._places, self._last.state.nodes, *self._last.points)

@@ -1,4 +1,4 @@
-"""How a layer of points at a wall turns: rotations of its surroundings that keep heights above the wall.
+"""Rotations of the layer at a wall: those of its surroundings, corrected so that heights above the wall are kept.
 
 A rotation keeps the height of a point above a wall if it turns the wall's normal with the wall. It cannot where the
 normal may not turn freely, in a plane of symmetry that the wall meets at another angle after the move, or where there
@@ -203,7 +203,7 @@ class _Normals:
 
     @classmethod
     def of(cls, frames: WallFrames, areas: np.ndarray, planes: np.ndarray) -> _Normals:
-        """Take the normals from the areas of the quads, shape (n_quads, 3)."""
+        """Make the normals from the areas of the quads, shape (n_quads, 3)."""
         units, lengths = frames._sums(areas), np.empty(len(frames.weights), dtype=areas.dtype)
         _normalise(units, frames.least_squares, lengths)
         vectors, seen = units.astype(np.result_type(units, planes)), []

@@ -182,7 +182,7 @@ class WallLayer:
         wall_moved: np.ndarray,
         normals: np.ndarray | None = None,
     ) -> Layered:
-        """Let the points follow a move of the wall.
+        """Move the points that follow a wall with it.
 
         Parameters
         ----------

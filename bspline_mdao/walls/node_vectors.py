@@ -163,7 +163,7 @@ def transposed(matrices: np.ndarray) -> np.ndarray:
 
 
 def _spans(volume: Volume, runs: Runs) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Of every run, its spans' places among those of the volume, their numbers, and whether they count from the end.
+    """Spans of the nodes, run by run: places among those of the volume, numbers, and whether they count from the end.
 
     As for the control points (see `.runs`), nodes of a face depend on the corners of that face alone, to the last bit.
     """

@@ -35,12 +35,12 @@ class PlaneNormal:
 
     @classmethod
     def of_quads(cls, quads: np.ndarray) -> PlaneNormal:
-        """Take quads by the numbers of their corners in turn, shape (n, 4), all turned the same way."""
+        """Make it of quads, the numbers of whose corners in turn have shape (n, 4), all turned the same way."""
         return cls(quads[:, [0, 2]].T, quads[:, [1, 3]].T)
 
     @classmethod
     def of_outline(cls, faces: Sequence[np.ndarray]) -> PlaneNormal:
-        """Take the outlines of faces, each the numbers of its points, shape (ni, nj), that look the same way."""
+        """Make it of the outlines of faces, each the numbers of its points, shape (ni, nj), that look the same way."""
         pairs = []
         for ids in faces:
             for side in (ids[:, 0], ids[-1, :], ids[::-1, -1], ids[0, ::-1]):
@@ -115,7 +115,7 @@ class MirrorMeans:
 
     @classmethod
     def of(cls, planes, normals: np.ndarray | None, matrices: np.ndarray) -> MirrorMeans:
-        """Take the means in place."""
+        """Replace matrices, shape (n, 3, 3), by the means with their mirror images, in place."""
         normals = np.reshape([n for _, n in planes], (-1, 3)) if normals is None else np.asarray(normals)
         if normals.shape != (len(planes), 3):
             raise InputError(f"rotations: normals of shape {normals.shape}; give shape ({len(planes)}, 3)")

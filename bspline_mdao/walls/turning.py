@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -198,7 +197,8 @@ class Turning:
         initial = self.points if initial is None else self.corners.forward(initial)
         matrices = np.tile(np.eye(3).ravel(), (self.corners.n_rows, 1))
         rotations = tuple(group.at(initial, moved, matrices) for group in self.groups)
-        return Turn(self, initial, moved, rotations, matrices)
+        normals = [[plane.normal(points) for plane in self.planes] for points in (moved, initial)]
+        return Turn(self, initial, moved, rotations, matrices, np.reshape(normals, (2, len(self.planes), 3)))
 
     def of_rows(self, rows: FaceNodes) -> Turning:
         """Return the part of the map that the rotations of these nodes need."""
@@ -246,6 +246,8 @@ class Turn:
         Of every group.
     matrices : ndarray, shape (n_corners, 9)
         Rotation of every corner.
+    normals : ndarray, shape (2, n_planes, 3)
+        Normals of all planes, now and at first.
     """
 
     of: Turning
@@ -253,6 +255,7 @@ class Turn:
     moved: np.ndarray
     rotations: tuple[Rotations, ...]
     matrices: np.ndarray
+    normals: np.ndarray
 
     def evaluate(self, control_points: np.ndarray, vectors: Vectors) -> np.ndarray:
         """Nodes ``A b + T v``, shape (n_nodes, 3)."""
@@ -348,12 +351,6 @@ class Turn:
             moved_bar[group.ids] += rotations.moved_vjp(group.own_bar(matrices_bar))
         for faces, now in zip(self.of.planes, normals_bar[0]):
             faces.add_normal_vjp(self.moved, now, moved_bar)
-
-    @cached_property
-    def normals(self) -> np.ndarray:
-        """Normals of all planes, now and at first, shape (2, n_planes, 3)."""
-        pairs = [[plane.normal(points) for plane in self.of.planes] for points in (self.moved, self.initial)]
-        return np.reshape(pairs, (2, len(self.of.planes), 3))
 
     def _forward(self, control_points, matrices, vectors: Vectors, flat: np.ndarray) -> np.ndarray:
         """Evaluate and turn all nodes, those in planes with vectors that are turned already."""

@@ -58,7 +58,7 @@ class Wall:
         faces: np.ndarray | None = None,
         n_threads: int | None = None,
     ) -> Wall:
-        """Take a wall.
+        """Sort the triangles of a wall, and find its reach and the neighbours of its nodes.
 
         Parameters
         ----------

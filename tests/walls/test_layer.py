@@ -286,13 +286,13 @@ def test_heights_are_kept_above_both_faces_of_an_edge_whose_angle_changes():
     np.testing.assert_allclose(turned, np.broadcast_to(np.eye(3)[[1, 2, 0]], (28, 3, 3)), rtol=0, atol=1e-14)
 
 
-def test_a_sheet_folded_upon_itself_has_two_sides():
+def test_a_surface_folded_upon_itself_has_two_sides():
     i, j = np.meshgrid(np.abs(np.linspace(-1, 1, 7)), np.linspace(0, 1, 4), indexing="ij")
     side = np.sign(np.linspace(-1, 1, 7))[:, None]
     wedge = np.stack([i, j, 0.1 * side * i], axis=-1).reshape(-1, 3)
     frames = WallFrames.of(wedge, quads_in_turn(np.arange(28).reshape(7, 4)))
-    np.testing.assert_array_equal(np.diff(frames.first_sheets)[12:16], 2)
-    np.testing.assert_array_equal(np.delete(np.diff(frames.first_sheets), np.arange(12, 16)), 1)
+    np.testing.assert_array_equal(np.diff(frames.first_sides)[12:16], 2)
+    np.testing.assert_array_equal(np.delete(np.diff(frames.first_sides), np.arange(12, 16)), 1)
     np.testing.assert_allclose(frames.weights, 1.0, rtol=1e-12)
 
 

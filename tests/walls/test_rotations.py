@@ -65,8 +65,8 @@ def test_both_sides_of_a_thin_plate_and_its_edge_turn_with_it():
     rng = np.random.default_rng(4)
     top, bottom = np.arange(12).reshape(3, 4), np.arange(12, 24).reshape(3, 4)
     bottom[0] = top[0]  # the leading edge, which both sides share
-    sheet = np.stack([*np.meshgrid(np.arange(3.0), np.arange(4.0), indexing="ij"), np.zeros((3, 4))], axis=-1)
-    points = np.concatenate([sheet.reshape(-1, 3)] * 2)
+    surface = np.stack([*np.meshgrid(np.arange(3.0), np.arange(4.0), indexing="ij"), np.zeros((3, 4))], axis=-1)
+    points = np.concatenate([surface.reshape(-1, 3)] * 2)
     turn = a_rotation(rng)
     rotations = LocalRotations.of(points, quads=np.concatenate([quads_in_turn(top), quads_in_turn(bottom.T)]))
     found = rotations.at(points, points @ turn.T).matrices
