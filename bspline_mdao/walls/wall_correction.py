@@ -336,7 +336,7 @@ def _fill(shapes, starts, rows, blends, values):
     for number in range(len(shapes)):
         ids, (b0, b1, b2), part = _section(number, shapes, starts, rows, blends)
         e0, e1, e2 = _ends(ids.shape)
-        _gather(ids, b1, b2, part, values, e0, e1, e2)
+        _exchange(ids, b1, b2, part, values, e0, e1, e2, False)
         n0, n1, n2 = ids.shape
         first, stop = part[2], max(n2 - 1, 1)
         line = np.empty((3, n2))
@@ -386,7 +386,7 @@ def _fill_transpose(shapes, starts, rows, blends, bars):
                     for c in range(3):
                         e2[0, i, j, c] += (1.0 - b2[k]) * line[c, k]
                         e2[1, i, j, c] += b2[k] * line[c, k]
-        _scatter(ids, b1, b2, part, bars, e0, e1, e2)
+        _exchange(ids, b1, b2, part, bars, e0, e1, e2, True)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -407,70 +407,49 @@ def _ends(shape):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(ids, b1, b2, part, values, e0, e1, e2):
-    """U at the ends of direction 2, (I - P2) U at those of direction 1, (I - P1) (I - P2) U at those of direction 0."""
+def _exchange(ids, b1, b2, part, values, e0, e1, e2, is_transpose):
+    """Write U at the ends of direction 2, (I - P2) U at those of 1, and (I - P1) (I - P2) U at those of 0.
+
+    The transpose adds what is at these ends to ``values``.
+    """
     n0, n1 = ids.shape[:2]
     for e in range(2):
         if part[2]:
             for i in range(part[0], max(n0 - 1, 1)):
                 for j in range(part[1], max(n1 - 1, 1)):
                     for c in range(3):
-                        e2[e, i, j, c] = values[ids[i, j, -e], c]
+                        if is_transpose:
+                            values[ids[i, j, -e], c] += e2[e, i, j, c]
+                        else:
+                            e2[e, i, j, c] = values[ids[i, j, -e], c]
         if part[1]:
             for i in range(part[0], max(n0 - 1, 1)):
-                _add_line(ids[i, -e], b2, part[2], values, 1.0, e1[e, i])
+                _exchange_line(ids[i, -e], b2, part[2], values, 1.0, e1[e, i], is_transpose)
         if part[0]:
             for j in range(part[1], max(n1 - 1, 1)):
-                _add_line(ids[-e, j], b2, part[2], values, 1.0, e0[e, j])
+                _exchange_line(ids[-e, j], b2, part[2], values, 1.0, e0[e, j], is_transpose)
                 if part[1]:
-                    _add_line(ids[-e, 0], b2, part[2], values, b1[j] - 1.0, e0[e, j])
-                    _add_line(ids[-e, -1], b2, part[2], values, -b1[j], e0[e, j])
+                    _exchange_line(ids[-e, 0], b2, part[2], values, b1[j] - 1.0, e0[e, j], is_transpose)
+                    _exchange_line(ids[-e, -1], b2, part[2], values, -b1[j], e0[e, j], is_transpose)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_line(at, b2, has_2, values, factor, line):
-    """Add (I - P2) U times a factor along a line of direction 2, at its inner points."""
+def _exchange_line(at, b2, has_2, values, factor, line, is_transpose):
+    """Add (I - P2) U times a factor to the inner points of a line of direction 2; the transpose adds to ``values``."""
     first, last = at[0], at[-1]
     for k in range(has_2, max(len(at) - 1, 1)):
         for c in range(3):
-            u = values[at[k], c]
-            if has_2:
-                u -= (1.0 - b2[k]) * values[first, c] + b2[k] * values[last, c]
-            line[c, k] += factor * u
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _scatter(ids, b1, b2, part, bars, e0, e1, e2):
-    """Transpose of `_gather`."""
-    n0, n1 = ids.shape[:2]
-    for e in range(2):
-        if part[2]:
-            for i in range(part[0], max(n0 - 1, 1)):
-                for j in range(part[1], max(n1 - 1, 1)):
-                    for c in range(3):
-                        bars[ids[i, j, -e], c] += e2[e, i, j, c]
-        if part[1]:
-            for i in range(part[0], max(n0 - 1, 1)):
-                _add_line_transpose(ids[i, -e], b2, part[2], bars, 1.0, e1[e, i])
-        if part[0]:
-            for j in range(part[1], max(n1 - 1, 1)):
-                _add_line_transpose(ids[-e, j], b2, part[2], bars, 1.0, e0[e, j])
-                if part[1]:
-                    _add_line_transpose(ids[-e, 0], b2, part[2], bars, b1[j] - 1.0, e0[e, j])
-                    _add_line_transpose(ids[-e, -1], b2, part[2], bars, -b1[j], e0[e, j])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_line_transpose(at, b2, has_2, bars, factor, line):
-    """Transpose of `_add_line`."""
-    first, last = at[0], at[-1]
-    for k in range(has_2, max(len(at) - 1, 1)):
-        for c in range(3):
-            bar = factor * line[c, k]
-            bars[at[k], c] += bar
-            if has_2:
-                bars[first, c] -= (1.0 - b2[k]) * bar
-                bars[last, c] -= b2[k] * bar
+            if is_transpose:
+                bar = factor * line[c, k]
+                values[at[k], c] += bar
+                if has_2:
+                    values[first, c] -= (1.0 - b2[k]) * bar
+                    values[last, c] -= b2[k] * bar
+            else:
+                u = values[at[k], c]
+                if has_2:
+                    u -= (1.0 - b2[k]) * values[first, c] + b2[k] * values[last, c]
+                line[c, k] += factor * u
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
