@@ -121,11 +121,11 @@ class Swirl:
 
     def partials(self, points, values):
         x, y, _ = self.apply(points, values).T
-        by_angle = np.stack([-y, x, np.zeros_like(x)], axis=1)
-        by_values = by_angle[:, :, None] * np.vander(points[:, 2], self.n_values)[:, None]
+        d_angle = np.stack([-y, x, np.zeros_like(x)], axis=1)
+        d_values = d_angle[:, :, None] * np.vander(points[:, 2], self.n_values)[:, None]
         steps = 1e-40j * np.eye(3)
         blocks = np.stack([self.apply(points + step, values).imag / 1e-40 for step in steps], axis=-1)
-        return MapPartials(block_diagonal(blocks), csr_array(by_values.reshape(points.size, -1)))
+        return MapPartials(block_diagonal(blocks), csr_array(d_values.reshape(points.size, -1)))
 
 
 @dataclass(frozen=True)

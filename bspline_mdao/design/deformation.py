@@ -61,7 +61,7 @@ class Deformation:
     Parameters
     ----------
     mesh : MovingMesh
-        Whose surface it is.
+        The control mesh whose surface is deformed.
     maps : tuple of PointMap
         Maps of the points, applied one after the other.
     """

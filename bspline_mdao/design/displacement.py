@@ -113,7 +113,7 @@ def directions_of(direction: Direction, n: int, normals: Callable[[], np.ndarray
     normals : callable or None
         Gives the normals, shape (n, 3); None where points have none.
     what : str
-        Whose directions, for messages.
+        Name of the variable, for messages.
 
     Raises
     ------

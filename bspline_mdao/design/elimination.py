@@ -89,7 +89,7 @@ class Equations:
         rows : ndarray of int, shape (m, k)
             The points of each group.
         coefficients : ndarray, broadcast to shape (m, q, k, 3)
-            What the displacements of the points are multiplied by.
+            Factors of the displacements of the points.
         follower : int
             Number, in its group, of the point that is to follow the others: in the coordinate of its largest
             coefficient.
@@ -149,7 +149,7 @@ class Elimination:
     Parameters
     ----------
     mesh : MovingMesh
-        Whose surface it is.
+        The control mesh whose surface is constrained.
     matrix : csr_array, shape (3 n_surface, 3 n_surface)
         Gives displacements E d that satisfy the constraints from any displacements d: coordinates that depend on
         others follow from them, all others stay as they are. ``E E = E``, and ``A E = 0``.
@@ -188,7 +188,7 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
     Parameters
     ----------
     mesh : MovingMesh
-        Its symmetry planes are kept.
+        The control mesh, whose symmetry planes are always among the constraints.
     points : ndarray, shape (n_surface, 3)
         Surface control points of the baseline (m).
     constraints : sequence of LinearConstraint
@@ -271,7 +271,7 @@ def reduced_rows(indptr, indices, data, n_columns, preferred, is_first):
     pivots, sources : ndarray of int, shape (rank,)
         Dependent coordinates, and the equation that gave each.
     starts : ndarray of int, shape (rank + 1,)
-        Where each row starts in the other two.
+        Start of each row in the columns and values.
     columns, values : ndarray, shape (n_values,)
         Independent coordinates and their coefficients: ``pivot = - sum(values * columns)``.
     """

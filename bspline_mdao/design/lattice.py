@@ -120,7 +120,7 @@ class Lattice:
         Parameters
         ----------
         around : MovingMesh or array_like, shape (n_points, 3)
-            What it surrounds: the surface of a mesh, or points (m), of which two opposite corners will do.
+            The mesh whose surface, or the points (m), that it surrounds; two opposite corners will do.
         n : sequence of three int
             Points in each direction.
         orders : int or sequence of three int, optional
@@ -178,7 +178,7 @@ class Lattice:
 
     @property
     def points(self) -> np.ndarray:
-        """Its points on the baseline (m), shape (n0 n1 n2, 3), in C order."""
+        """The points of the lattice on the baseline (m), shape (n0 n1 n2, 3), in C order."""
         return self.control_points.reshape(-1, 3)
 
     @cached_property
@@ -223,7 +223,7 @@ class Lattice:
         points : ndarray, shape (n, 3)
             Points (m).
         mask : ndarray of bool, shape (n,)
-            Which of them matter; the rows of the others are empty.
+            Points that matter; the rows of the others are empty.
 
         Returns
         -------

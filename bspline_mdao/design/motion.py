@@ -68,7 +68,7 @@ class SurfaceMotion:
     Parameters
     ----------
     mesh : MovingMesh
-        Whose surface it is.
+        The control mesh whose surface moves.
     oscillations : tuple of Oscillation
         Done one after the other.
     """
@@ -100,7 +100,7 @@ def pitching(
     Parameters
     ----------
     mesh : MovingMesh
-        Whose surface it is.
+        The control mesh whose surface moves.
     amplitude, mean : float
         Angles (rad), upstream end up positive.
     frequency : float
@@ -122,7 +122,7 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
     Parameters
     ----------
     mesh : MovingMesh
-        Whose surface it is.
+        The control mesh whose surface moves.
     amplitude, mean : float
         Angles of the tip (rad), upwards positive.
     frequency : float
@@ -150,7 +150,7 @@ class GridState:
     control_points, control_velocities : ndarray, shape (n_control_points, 3)
         The control mesh (m) and its velocities (m/s).
     report : MovementReport
-        What the mover did.
+        Report of the mover.
     """
 
     time: float

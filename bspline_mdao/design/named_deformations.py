@@ -69,7 +69,7 @@ def parse_deformation(spec: str | Sequence[str], model: FittedModel, mesh: Movin
     model : FittedModel
         The fitted grid, for lengths in cells.
     mesh : MovingMesh
-        Its control mesh (`moving_mesh`); the deformation is of its surface.
+        The control mesh of the model (`moving_mesh`), whose surface is deformed.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def read_points(path, n_points: int) -> np.ndarray:
         ``.npy``: shape (n, 3), or (3 n,) with xyz interleaved. ``.csv``, ``.dat``, ``.txt``: three numbers a line,
         commas or blanks between them; a heading and lines that begin with ``#`` are passed over.
     n_points : int
-        How many there should be.
+        Number of points that there should be.
 
     Returns
     -------
@@ -199,9 +199,9 @@ class Request:
     text : str
         The words, for messages.
     name, value : str
-        What is asked for, and how much.
+        Name of the deformation, and its amount.
     at : str or None
-        What follows an ``@``.
+        Place: the text that follows an ``@``.
     options : dict of str
         Further values by name.
     """

@@ -49,7 +49,7 @@ class AlongAxis(ABC):
     name : str
         Name of the input of `SurfaceControl`.
     axis : ReferenceAxis
-        What it works about.
+        The axis about which it works.
     on : Lattice, optional
         Lattice that is moved instead of all rows; what it embeds follows.
     """

@@ -400,7 +400,7 @@ def chord_lines(
     quads : ndarray of int, shape (n_quads, 4)
         Points at the corners of its quads.
     places : ndarray, shape (n_points,)
-        Of every point, along the span or an axis; linear on the edges between.
+        Place of every point along the span or an axis; linear on the edges between.
     at : ndarray, shape (n,)
         Places of the sections.
     stream : ndarray, shape (3,)

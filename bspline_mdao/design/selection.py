@@ -161,7 +161,7 @@ class InBox(Selection):
     Parameters
     ----------
     low, high : sequence of three (float or None)
-        Its ends in x, y and z (m); None where it has none.
+        Ends of the box in x, y and z (m); None where it has none.
     """
 
     low: Sequence[float | None] = (None, None, None)
@@ -226,7 +226,7 @@ class Nearest(Selection):
     places : array_like, shape (3,) or (n_places, 3)
         Places (m).
     n : int
-        How many points for each place.
+        Number of points for each place.
     """
 
     places: np.ndarray

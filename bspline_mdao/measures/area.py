@@ -41,7 +41,7 @@ class SurfaceArea:
     quads : ndarray of int, shape (n, 4)
         Quads that count: those that have an area on the baseline.
     scale : float
-        What the area is divided by (m^2, or 1).
+        Divisor of the area (m^2, or 1).
     units : str or None
         Units.
     name : str
@@ -112,7 +112,7 @@ class ProjectedArea:
         Weight with which the area of each quad counts: 1 where it faces the observer on the baseline, 0 where it looks
         away, 1/2 where it is seen edge on.
     scale : float
-        What the area is divided by (m^2, or 1).
+        Divisor of the area (m^2, or 1).
     units : str or None
         Units.
     name : str

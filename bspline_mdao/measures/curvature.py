@@ -56,11 +56,11 @@ class Curvature:
     weights : ndarray, shape (n,)
         Weights of the nodes in an integral over the numbers of the nodes.
     coefficients : tuple of float
-        Of one of the `KINDS` of curvature.
+        Coefficients of one of the `KINDS` of curvature.
     rule : KreisselmeierSteinhauser or None
-        How the largest is bounded; None for the integral.
+        Smooth bound of the largest; None for the integral.
     scale : float
-        What the result is divided by.
+        Divisor of the result.
     units : str or None
         Units of the result.
     name : str

@@ -1,4 +1,4 @@
-"""Where edges of quads take a given value, such as the height above a plane: the points of a section."""
+"""Cuts of the edges of quads where a function of the nodes, such as the height above a plane, is zero: sections."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class EdgeCuts(NamedTuple):
     nodes : ndarray of int, shape (n, 2)
         Ends of the edges.
     weights : ndarray, shape (n, 2)
-        Their weights, of sum 1.
+        Weights of the ends, of sum 1.
     """
 
     nodes: np.ndarray

@@ -106,7 +106,7 @@ class Combinations:
     n_kinds : int
         Vectors at each place.
     pattern : csr_array of int, shape (n, n_nodes)
-        Which nodes belong to a place.
+        Nodes that belong to each place.
     gather : csr_array, shape (pattern.nnz, n_kinds n)
         From derivatives in the vectors to those in the nodes of the pattern.
     """

@@ -17,9 +17,9 @@ class Differences(NamedTuple):
     Parameters
     ----------
     rows, cols : ndarray of int, shape (2 n - 2,)
-        Where they are: first those of the values before, then those of the values after.
+        Places of the entries: first those of the values before, then those of the values after.
     values : ndarray, shape (2 n - 2,)
-        What they are.
+        Values of the entries.
     """
 
     rows: np.ndarray

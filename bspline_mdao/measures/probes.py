@@ -60,7 +60,7 @@ class Probes:
     nodes : ndarray of int, shape (n, m)
         Nodes of each; they may repeat.
     weights : ndarray, shape (n, m)
-        Their weights, of sum 1.
+        Weights of the nodes, of sum 1.
     """
 
     nodes: np.ndarray
@@ -105,7 +105,7 @@ def opposite_probes(
     directions : ndarray, shape (3,) or (n, 3)
         Directions of the lines, of any length.
     what : str
-        What the probes are for, for messages.
+        Purpose of the probes, for messages.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def _require_all(lines, points, what):
 
 
 class Crossings(NamedTuple):
-    """Where lines cross quads, line by line.
+    """Crossings of lines with quads, line by line.
 
     Parameters
     ----------

@@ -340,7 +340,7 @@ def polynomial_weights(
     derivative : int
         Number of the derivative; 0 is the value.
     is_used : ndarray of bool, shape (n, k), optional
-        Which values count; more than ``degree`` of every row.
+        Values that count; more than ``degree`` of every row.
 
     Returns
     -------

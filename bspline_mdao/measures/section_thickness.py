@@ -39,7 +39,7 @@ class SectionThickness:
     surface : SurfaceGrid
         The wing.
     vectors : Combinations
-        Of every section: its chord, and n vectors from its lower to its upper side.
+        Chord of every section, and n vectors from its lower to its upper side.
     across : ndarray, shape (n_sections, 3)
         Unit normals of the chords on the baseline, in the planes of the sections.
     scales : ndarray, shape (n_sections,)
@@ -237,7 +237,7 @@ def section_edges(surface: SurfaceGrid, cuts: Sequence[Cut], what: str = "sectio
     cuts : sequence of Cut
         The planes.
     what : str
-        What the sections are for, for messages.
+        Purpose of the sections, for messages.
 
     Returns
     -------

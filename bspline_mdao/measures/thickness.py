@@ -36,7 +36,7 @@ class Thickness:
     directions : ndarray, shape (n, 3)
         Unit vectors along the lines on the baseline.
     scales : ndarray, shape (n,)
-        What the distances are divided by (m, or 1).
+        Divisors of the distances (m, or 1).
     units : str or None
         Units.
     shape : tuple of int
@@ -76,7 +76,7 @@ class Thickness:
         points : ndarray, shape (..., 3)
             A point of each line (m), in the body or near it; the output has the shape of all dimensions but the last.
         direction : ndarray, shape (3,) or (..., 3), optional
-            Of the lines; by default normal to the planform (`planform_normal`).
+            Directions of the lines; by default normal to the planform (`planform_normal`).
         relative : bool
             Whether to divide by the distances on the baseline.
         name : str
@@ -183,7 +183,7 @@ def ruled_points(leading: np.ndarray, trailing: np.ndarray, n_chord: int, n_span
     n_chord, n_span : int
         Points from one polyline to the other and along them, at least 2.
     what : str
-        What the points are for, for messages.
+        Purpose of the points, for messages.
 
     Returns
     -------

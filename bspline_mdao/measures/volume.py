@@ -35,13 +35,13 @@ class EnclosedVolume:
     surface : SurfaceGrid
         The surface.
     quads : ndarray of int, shape (n, 4)
-        Its quads, and triangles that close it.
+        Quads of the surface, and triangles that close it.
     apexes : ndarray, shape (n_apexes, 3)
         Fixed points (m) with the numbers after those of the nodes: apexes of the triangles.
     origin : ndarray, shape (3,)
         Point that the cones of all quads have in common (m).
     scale : float
-        What the sum is divided by: the volume on the baseline (m^3), or 1; negative where normals point inwards.
+        Divisor of the sum: the volume on the baseline (m^3), or 1; negative where normals point inwards.
     units : str or None
         Units.
     name : str
@@ -144,9 +144,9 @@ def planes_of_edges(surface: SurfaceGrid, edges: np.ndarray, what: str) -> tuple
     surface : SurfaceGrid
         The surface.
     edges : ndarray of int, shape (n, 2)
-        Its open edges.
+        Open edges of the surface.
     what : str
-        What is measured, for the message.
+        Name of the measure, for messages.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def apexes_of_caps(planes: tuple[Plane, ...], middle: np.ndarray, size: float, w
     size : float
         Size of the body (m).
     what : str
-        What is measured, for the message.
+        Name of the measure, for messages.
 
     Returns
     -------

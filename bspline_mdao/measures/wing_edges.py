@@ -21,7 +21,7 @@ from .section_lines import SectionLines, arc_parameters, polynomial_weights, ste
 __all__ = ["LeadingEdgeRadius", "TrailingEdgeAngle"]
 
 REFERENCES = ("metre", "chord", "baseline")
-"""What radii may be relative to."""
+"""References that radii may be relative to."""
 
 _SHARP = 1e-6
 """An edge of a radius less than this part of the chord is sharp: no grid resolves such a radius."""

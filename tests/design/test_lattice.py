@@ -76,11 +76,11 @@ class Bending:
         return points + np.stack([values[0] * z**2, values[1] * x * z + values[0] ** 2 * y, 0.0 * x], axis=1)
 
     def partials(self, points, values):
-        by_points = [
+        d_points_columns = [
             self.apply(points + step, values) for step in 1e-30j * np.eye(points.size).reshape(-1, *points.shape)
         ]
-        by_values = [self.apply(points, values + step) for step in 1e-30j * np.eye(2)]
-        return MapPartials(*(full(np.stack(moved).imag / 1e-30) for moved in (by_points, by_values)))
+        d_values_columns = [self.apply(points, values + step) for step in 1e-30j * np.eye(2)]
+        return MapPartials(*(full(np.stack(moved).imag / 1e-30) for moved in (d_points_columns, d_values_columns)))
 
 
 def full(derivatives):

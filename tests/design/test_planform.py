@@ -264,10 +264,10 @@ def test_partials_are_exact_transposed_and_of_one_pattern(request, mesh_name, ki
         rng.standard_normal(points.size),
     )
     step = 1e-40
-    by_points = design_map.apply(points + 1j * step * d_points, values).imag.ravel() / step
-    by_values = design_map.apply(points, values + 1j * step * d_values).imag.ravel() / step
-    np.testing.assert_allclose(partials.points @ d_points.ravel(), by_points, rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(partials.values @ d_values, by_values, rtol=1e-10, atol=1e-12)
+    moved_by_points = design_map.apply(points + 1j * step * d_points, values).imag.ravel() / step
+    moved_by_values = design_map.apply(points, values + 1j * step * d_values).imag.ravel() / step
+    np.testing.assert_allclose(partials.points @ d_points.ravel(), moved_by_points, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(partials.values @ d_values, moved_by_values, rtol=1e-10, atol=1e-12)
     forward = bar @ (partials.points @ d_points.ravel() + partials.values @ d_values)
     reverse = (partials.points.T @ bar) @ d_points.ravel() + (partials.values.T @ bar) @ d_values
     assert forward == pytest.approx(reverse, rel=1e-12)

@@ -154,7 +154,7 @@ def test_the_smallest_thickness_is_bounded_from_below():
     assert (measured(sections) >= smallest - sections.scales * np.log(3) / 200.0).all()
 
 
-def test_thickness_by_chord_does_not_change_when_a_section_is_scaled_turned_and_moved():
+def test_thickness_over_chord_does_not_change_when_a_section_is_scaled_turned_and_moved():
     sections = SectionThickness.at(rectangular_wing(), [0.2, 0.7])
     points = 2.5 * turned(sections.surface).points - 1.0
     np.testing.assert_allclose(sections.evaluate(points), measured(sections), rtol=1e-11)

@@ -89,7 +89,7 @@ def test_radius_of_naca_0012_is_that_of_abbott_within_two_per_cent():
     assert np.abs(found[2]).max() < 0.6 * np.abs(found[1]).max()
 
 
-def test_radius_in_metres_is_that_by_chord_times_the_chord():
+def test_radius_in_metres_is_that_over_chord_times_the_chord():
     surface = swept(65, teardrop)
     chords = 2.0 - 0.3 * 3.0 * np.array(STATIONS)
     np.testing.assert_allclose(radii(surface), chords * radii(surface, relative_to="chord"), rtol=2e-4)
