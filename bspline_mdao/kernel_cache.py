@@ -1,8 +1,8 @@
 """A place for compiled kernels where numba finds none, as in containers and on compute nodes.
 
 Numba keeps what it compiles in ``NUMBA_CACHE_DIR``, beside the source or in the cache folder of the user, and refuses
-to import a kernel if none of them can be written. The package is looked after here before its first kernel is imported;
-numba itself is not, so that importing the package stays cheap.
+to import a kernel if none of them can be written. The place is checked before the first kernel is imported, without
+importing numba, so that importing the package stays cheap.
 """
 
 from __future__ import annotations

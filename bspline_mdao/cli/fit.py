@@ -9,7 +9,7 @@ from pathlib import Path
 from ..errors import FitWarning, InputError
 from ..fit.fitting import fit_grid
 from ..model.fitted_model import FittedModel
-from ..model.records import CANDIDATES, Fallback, FitReport
+from ..model.records import CANDIDATES, FitReport
 from .output import (
     check_outputs,
     counts_text,
@@ -87,7 +87,7 @@ def fit_model(
 
 def fit_numbers(model: FittedModel) -> dict:
     """Collect the numbers of a fit for JSON."""
-    report = model.report
+    report, fallback = model.report, model.report.fallback
     return {
         "grid": model.header.source,
         "n_nodes": report.n_nodes,
@@ -103,7 +103,7 @@ def fit_numbers(model: FittedModel) -> dict:
         "n_invalid_control_elements": report.n_invalid,
         "invalid_control_elements": [vars(element) for element in report.invalid],
         "method": model.settings.method,
-        "fallback": None if report.fallback is None else _fallback_numbers(report.fallback),
+        "fallback": fallback and {**vars(fallback), "n_points": dict(zip(CANDIDATES, fallback.n_points))},
         "factor_bytes": report.factor_bytes,
         "seconds": report.seconds,
         "warnings": report.warnings,
@@ -133,10 +133,6 @@ def show_fit(model: FittedModel, output: Path) -> None:
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
     print_lines([f"{output} written, {report.seconds:.2f} s"])
     print_warnings(report.warnings)
-
-
-def _fallback_numbers(fallback: Fallback) -> dict:
-    return vars(fallback) | {"n_points": dict(zip(CANDIDATES, fallback.n_points))}
 
 
 def _fallback_lines(report: FitReport) -> list[str]:

@@ -215,12 +215,11 @@ def _patch_rows(grid: Grid, topology: Topology) -> list[tuple]:
 
 def _collapsed_faces(topology: Topology) -> list[Window]:
     """Collapsed windows that are flat in one direction of their block, not edges."""
-    return [window for window in topology.collapsed if _n_flat(window, topology.shapes[window.block]) == 1]
-
-
-def _n_flat(window: Window, shape) -> int:
-    """Count the directions in which a window is flat and its block is not."""
-    return sum(n > 1 and lo == hi for n, lo, hi in zip(shape, window.lo, window.hi))
+    n_flat = [
+        sum(n > 1 and lo == hi for n, lo, hi in zip(topology.shapes[window.block], window.lo, window.hi))
+        for window in topology.collapsed
+    ]
+    return [window for window, n in zip(topology.collapsed, n_flat) if n == 1]
 
 
 def _place(window: Window) -> dict:

@@ -148,15 +148,10 @@ def _zone_shape(zone: h5py.Group, name: str, source: str) -> tuple[int, int, int
     if sizes.ndim != 2 or sizes.shape[0] != 3 or not 1 <= sizes.shape[1] <= 3 or sizes[0].min() < 1:
         raise InputError(f"{source}: zone '{name}' has no node counts of a structured zone; write it again")
     # only arrays that are really in the file are as large as this, so that nothing is reserved for a damaged count
-    n_stored = sum(data.size for _, data in _datasets(zone))
+    n_stored = sum(node[" data"].size for _, node in children(_grid_coordinates(zone), "DataArray_t"))
     if float(np.prod(sizes[0].astype(float))) > n_stored:
         raise InputError(f"{source}: zone '{name}' announces {sizes[0].tolist()} nodes and holds fewer; write it again")
     return tuple(int(n) for n in sizes[0]) + (1,) * (3 - sizes.shape[1])
-
-
-def _datasets(zone: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
-    """Name and values of every coordinate of a zone."""
-    return [(name, node[" data"]) for name, node in children(_grid_coordinates(zone), "DataArray_t")]
 
 
 def _grid_coordinates(zone: h5py.Group) -> h5py.Group:

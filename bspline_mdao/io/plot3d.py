@@ -325,18 +325,25 @@ def read_plot3d(path: str | os.PathLike) -> Grid:
 
 
 def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect, tuple[Block, ...]]:
-    """Choose the one reading that gives a grid: finite, of sane size, and clearly sounder than any other."""
+    """Choose the one reading that gives a grid.
+
+    1. Drop readings with nodes that are not finite or of no sane size.
+    2. Take the one that is clearly smoother than any other.
+    3. Else decide what may be IBLANK or z, and prefer the layout ``"whole"``; refuse what is still ambiguous.
+    """
     grids = [(reading, _read_blocks(reading)) for reading in readings]
+    # step 1
     sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
     if not sane:
         raise InputError(f"{source}: {find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect}); repair it")
     if len(sane) == 1:
         return sane[0][0].dialect, sane[0][1]
-    roughness = [_roughness(blocks) for _, blocks in sane]
+    roughness = [_roughness(blocks) for _, blocks in sane]  # step 2
     order = np.argsort(roughness, kind="stable")
     first, second = order[0], order[1]
     if roughness[first] <= _CLEARLY_SMOOTHER * roughness[second]:
         return sane[first][0].dialect, sane[first][1]
+    # step 3
     rivals = _by_blanking([sane[i] for i in order if roughness[i] * _CLEARLY_SMOOTHER < roughness[first]])
     if len({replace(reading.dialect, layout="whole", records="block") for reading, _ in rivals}) == 1:
         preferred = min(rivals, key=lambda rival: rival[0].dialect.layout != "whole")

@@ -34,10 +34,21 @@ MAX_WARNINGS = 20
 def find_topology(grid: Grid) -> Topology:
     """Find the topology of a grid.
 
+    1. Find the points on which the nodes of faces lie (`find_coincidence`).
+    2. Match the quads of faces on the same points, those of declared patches apart (`match_quads`).
+    3. Group them in regions, and complete these where nodes do not quite meet (`Meeting`).
+    4. Cut blocks into segments, so that interfaces, patches and collapsed windows cover whole faces (`segment_blocks`).
+    5. Link edges and corners that coincide and are not kept apart (`junction_links`).
+    6. Everything else on faces is boundary; describe what nearly meets, and what looks wrong.
+
     Parameters
     ----------
     grid : Grid
         The grid; its patches count as declared.
+
+    Returns
+    -------
+    Topology
 
     Raises
     ------
@@ -46,22 +57,24 @@ def find_topology(grid: Grid) -> Topology:
     """
     _check(grid)
     blocks = [block.nodes for block in grid.blocks]
-    coincidence = find_coincidence(blocks)
+    coincidence = find_coincidence(blocks)  # step 1
     faces = block_faces(coincidence.ids)
     quads = Quads.of(faces)
     declared = [window for patch in grid.patches for window in patch.windows]
     patch_ids = _patch_ids(faces, grid.patches)
     is_apart = np.array([*(patch.kind != "other" for patch in grid.patches), False])[patch_ids]
     is_closed = quads.is_degenerate | is_apart
-    matches = match_quads(quads, is_apart)
+    matches = match_quads(quads, is_apart)  # step 2
     meeting = Meeting(faces, quads, ~is_closed, blocks, coincidence)
-    regions, doubtful = meeting.complete(find_regions(quads, matches.pairs))
+    regions, doubtful = meeting.complete(find_regions(quads, matches.pairs))  # step 3
     collapsed = collapsed_windows(faces)
     wide = {window: directions for window, directions in collapsed.items() if not _is_strip(window, directions)}
-    segmentation = segment_blocks(grid.shapes, find_interfaces(faces, quads, regions), declared, wide)
+    interfaces = find_interfaces(faces, quads, regions)
+    segmentation = segment_blocks(grid.shapes, interfaces, declared, wide)  # step 4
     is_joined = _covered(faces, [side for pair in segmentation.interfaces for side in (pair.a, pair.b)])
     is_closed |= is_joined
-    junctions = junction_links(grid.shapes, segmentation, quads, matches.separated, coincidence.ids)
+    junctions = junction_links(grid.shapes, segmentation, quads, matches.separated, coincidence.ids)  # step 5
+    # step 6
     uncut = [side for item in segmentation.uncut if isinstance(item, Interface) for side in (item.a, item.b)]
     is_reported = is_closed | _covered(faces, uncut)
     near_misses = _near_misses(grid, coincidence, is_reported, find_interfaces(faces, quads, doubtful))

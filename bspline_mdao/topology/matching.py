@@ -230,12 +230,12 @@ class Meeting:
     def complete(self, regions: Sequence[Region]) -> tuple[list[Region], list[Region]]:
         """Extend regions over the quads that their maps lay onto each other, the largest first.
 
-        A quad is added whose corners meet within round-off of the file. One whose corners meet within
-        `NEAR_MISS_TOLERANCE` of the local spacing is added as well if it lies in a hole of the region that has no open
-        neighbour, and if most corners of the region with its holes meet as they are.
-
-        Where round-off is as large as cells, surfaces are compared as well, and a quad that could be part of several
-        regions goes to the largest.
+        1. Completion: a quad is added whose corners meet within round-off of the file.
+        2. Comparison of surfaces, where round-off is as large as cells: regions are found from faces on their own and
+           completed in turn; a quad that could be part of several goes to the largest.
+        3. Holes: a quad whose corners meet within `NEAR_MISS_TOLERANCE` of the local spacing is added if it lies in a
+           hole of the region that has no open neighbour, and if most corners of the region with its holes meet as
+           they are.
 
         Returns
         -------
@@ -244,9 +244,9 @@ class Meeting:
         doubtful : list of Region
             Holes in them whose corners are up to a quarter of a cell apart, which are not filled.
         """
-        completed = self._completed(regions)
+        completed = self._completed(regions)  # step 1, and step 3 in `_extended`
         if self.coincidence.is_coarse:
-            found = self._face_regions(completed)
+            found = self._face_regions(completed)  # step 2
             if found:
                 completed = self._completed(_merged([*completed, *found]))
         is_free = self.is_free.copy()
@@ -284,8 +284,9 @@ class Meeting:
         fraction, distance, partner = self._mapped(region)
         quads = np.arange(partner.size).reshape(partner.shape) + self.quads.starts(len(self.faces))[region.a]
         can_join = is_free[quads] & (partner >= 0) & is_free[partner]
-        is_in = (fraction == 1.0) & can_join
+        is_in = (fraction == 1.0) & can_join  # step 1
         is_in[self.quads.p[region.pairs[:, 0]], self.quads.q[region.pairs[:, 0]]] = True
+        # step 3: a hole beside open quads is the rest of two faces that part, as behind a cusped trailing edge
         holes = _bounded_holes((distance <= tolerance) & can_join & ~is_in, can_join & ~is_in)
         if holes.any() and fraction[is_in | holes].mean() >= least_fraction:
             is_in |= holes

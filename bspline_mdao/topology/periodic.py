@@ -116,7 +116,8 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
     tuple of PeriodicPair
         Each window is in one of them at most.
     """
-    windows = [window for window in windows if _is_on_cells(window, grid.shapes[window.block])]
+    # windows of blocks one node deep have no cells behind them, and no direction inwards
+    windows = [window for window in windows if grid.shapes[window.block][window.shape.index(1)] > 1]
     sides = [_Side.of(grid, window) for window in windows]
     size = max((float(np.ptp(side.nodes, axis=0).max()) for side in sides), default=0.0)
     if len(sides) < 2 or 4 * len(sides) > MOST_CORNERS:
@@ -131,11 +132,6 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
             pairs.append(PeriodicPair(*(tuple(windows[n] for n in sorted(part)) for part in (there, back)), motion))
             left -= there | back
     return tuple(pairs)
-
-
-def _is_on_cells(window: Window, shape: tuple[int, int, int]) -> bool:
-    """Whether there are cells behind a window."""
-    return shape[window.shape.index(1)] > 1
 
 
 @dataclass(frozen=True, eq=False)

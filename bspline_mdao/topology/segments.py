@@ -215,9 +215,9 @@ def _map_cuts(cuts: Cuts, interface: Interface) -> bool:
             continue
         there = cuts[interface.b.block][p]
         inside = [c for c in cuts[interface.a.block][d] if interface.a.lo[d] < c < interface.a.hi[d]]
-        there_too = {interface.map_index(d, c) for c in inside}
-        is_changed |= not there_too <= there
-        there |= there_too
+        mapped = {interface.map_index(d, c) for c in inside}
+        is_changed |= not mapped <= there
+        there |= mapped
     return is_changed
 
 
@@ -247,7 +247,7 @@ def junction_links(
     """
     found: list[Link] = []
     corners = _apart_corners(shapes, quads, separated)
-    for n_free in (1, 0):
+    for n_free in (1, 0):  # edges are linked before corners, many of which they make one
         shared = _shared_numbers(shapes, segmentation, found)
         apart = _apart_pairs(np.concatenate([numbers.ravel() for numbers in shared])[corners])
         for group in _coincident_junctions(segmentation.segments, ids, shared, n_free):
