@@ -24,8 +24,8 @@ from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find
 __all__ = ["DelaunayGraph", "Tetrahedra", "signed_volumes", "tetrahedra"]
 
 OUTSIDE = 0.1
-"""A point may be outside of the tetrahedron that it moves with by this barycentric coordinate, as
-beside curved boundaries, which the graph cuts straight."""
+"""A point may be outside of the tetrahedron that it moves with by this barycentric coordinate, as beside curved
+boundaries, which the graph cuts straight."""
 
 FLAT = 1e-7
 """A tetrahedron is flat, and holds no point, whose least height is less than this part of its longest edge."""
@@ -45,9 +45,8 @@ class DelaunayGraph(IncrementalMover):
     3. displace the surface, which must not invert a tetrahedron that holds points;
     4. give each point its old coordinates in its displaced tetrahedron.
 
-    With one increment the moved points are linear in
-    the surface. With several, another surface may connect the graph differently, and derivatives jump: they are exact
-    for the connections that were made.
+    With one increment the moved points are linear in the surface. With several, another surface may connect the graph
+    differently, and derivatives jump: they are exact for the connections that were made.
 
     Parameters
     ----------

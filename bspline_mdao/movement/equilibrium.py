@@ -2,11 +2,11 @@
 
 Theory: ``docs/theory/elasticity.rst``.
 
-With u the displacement of an increment, known on the surface and unknown at the free points, and F(u) = K u the force
-of the elements, the free components of F(u) vanish: the right-hand side f is the force of the known displacement, with
-the other sign. Differentiated,
+With u the displacement of an increment, prescribed on the surface and unknown at the free points, and F(u) = K u the
+force of the elements, the free components of F(u) vanish: the right-hand side f is the force of the prescribed
+displacement, with the other sign. Differentiated,
 
-    K du_free = - (change of F with the points, at fixed u) - K du_known,
+    K du_free = - (change of F with the points, at fixed u) - K du_prescribed,
 
 and the transpose takes one solution with the same factor and the transposed derivative of F.
 
@@ -121,9 +121,9 @@ class EquilibriumMover(IncrementalMover):
             factored = start.factored = start.factored or equilibrium.factorized(elements)
         else:
             factored = equilibrium.factorized(elements)
-        known, surface_ids = np.zeros_like(before), self.mesh.surface_ids
-        known[surface_ids] = surface - before[surface_ids]
-        balance = equilibrium.balance(elements, factored, known, np.zeros((1, 1, 1)), REFINE_ABOVE)
+        prescribed, surface_ids = np.zeros_like(before), self.mesh.surface_ids
+        prescribed[surface_ids] = surface - before[surface_ids]
+        balance = equilibrium.balance(elements, factored, prescribed, np.zeros((1, 1, 1)), REFINE_ABOVE)
         if not np.isfinite(balance.parts).all():
             raise MovementError("movement: the displacements are not finite; take a smaller step or more increments")
         points = before + balance.parts[0]
@@ -148,28 +148,28 @@ class EquilibriumStep:
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3)."""
         surface_ids = self.equilibrium.mesh.surface_ids
-        d_known = np.zeros_like(d_before)
-        d_known[surface_ids] = d_surface - d_before[surface_ids]
+        d_prescribed = np.zeros_like(d_before)
+        d_prescribed[surface_ids] = d_surface - d_before[surface_ids]
         d_force = self.elements.force_jvp(_in_two(self.displacement), d_initial, d_before)
-        d_points = d_before + self._balance(d_known, -d_force)[0]
+        d_points = d_before + self._balance(d_prescribed, -d_force)[0]
         d_points[surface_ids] = d_surface
         return d_points
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Transpose of `jvp`: for the initial points, the points before, and the surface points."""
         surface_ids = self.equilibrium.mesh.surface_ids
-        initial_bar, before_bar, known_bar = self.elements.force_vjp(
+        initial_bar, before_bar, prescribed_bar = self.elements.force_vjp(
             self.displacement, self._balance(np.zeros_like(bar), -bar[None])
         )
-        surface_bar = bar[surface_ids] + known_bar[surface_ids]
+        surface_bar = bar[surface_ids] + prescribed_bar[surface_ids]
         before_bar += bar
         before_bar[surface_ids] -= surface_bar
         return initial_bar, before_bar, surface_bar
 
-    def _balance(self, known, load):
-        """Parts of the displacement that is known on the surface and balances a load on the free points."""
+    def _balance(self, prescribed, load):
+        """Parts of the displacement that is prescribed on the surface and balances a load on the free points."""
         factored = self.factored or self.equilibrium.factorized(self.elements)
-        return self.equilibrium.balance(self.elements, factored, known, load, REFINE_PRODUCTS_ABOVE).parts
+        return self.equilibrium.balance(self.elements, factored, prescribed, load, REFINE_PRODUCTS_ABOVE).parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,13 +228,13 @@ class Equilibrium:
         return cls(mesh, unknowns, solver.analyze(unknowns.pattern, mesh.points[unknowns.point_ids]))
 
     def balance(
-        self, elements: Elements, factored: Factored, known: np.ndarray, load: np.ndarray, above: float
+        self, elements: Elements, factored: Factored, prescribed: np.ndarray, load: np.ndarray, above: float
     ) -> Balance:
-        """Find the displacement u that is known on the surface and has ``F(u) = load`` at the free points.
+        """Find the displacement u that is prescribed on the surface and has ``F(u) = load`` at the free points.
 
         Iterative refinement [Wilkinson 1963; Higham, Accuracy and Stability of Numerical Algorithms (2002), 12]:
 
-        1. solve K u = load - F(known) with the factor;
+        1. solve K u = load - F(prescribed) with the factor;
         2. where its estimate of the error is too large, form the residual load - F(u) from both parts of u;
         3. solve K c = residual for a correction c;
         4. stop where corrections do not shrink any more: what is left is rounding;
@@ -246,7 +246,7 @@ class Equilibrium:
             Their forces are F.
         factored : Factored
             Their matrix.
-        known : ndarray, shape (n_points, 3)
+        prescribed : ndarray, shape (n_points, 3)
             Displacement of the surface (m), 0 elsewhere.
         load : ndarray, shape (n_parts, n_points, 3)
             Load on the points, as a sum of parts.
@@ -254,8 +254,8 @@ class Equilibrium:
             Estimate of the relative error above which the displacement is refined.
         """
         gather, scatter = self.unknowns.gather, self.unknowns.scatter
-        solution = factored.solve(gather(_less(load, elements.force(known[None]))))  # step 1
-        parts, error = (known + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
+        solution = factored.solve(gather(_less(load, elements.force(prescribed[None]))))  # step 1
+        parts, error = (prescribed + scatter(solution.x))[None], EPSILON * factored.factor.cancellation
         size, last, n_steps = np.abs(solution.x).max(initial=0.0), 1.0, solution.iterations
         if size == 0.0 or not np.isfinite(size):
             return Balance(parts, n_steps, solution.residual, 0.0)

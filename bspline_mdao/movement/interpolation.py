@@ -121,7 +121,7 @@ def interpolated_step(
 
 
 COINCIDENT = 1e-9
-"""Known points nearer than this fraction of the mesh's size are at one place."""
+"""Prescribed points nearer than this fraction of the mesh's size are at one place: round-off of a file of double precision."""
 
 APART = 0.5
 """Part of the way to their free neighbours by which centres at one place are moved apart."""
@@ -134,11 +134,11 @@ class Centres:
     Parameters
     ----------
     ids : ndarray of int, shape (n_centres,)
-        The known points that are centres.
+        The prescribed points that are centres.
     surface_rows : ndarray of int, shape (n_moving,)
         Rows of the surface's points; the centres after these are fixed.
     target_ids : ndarray of int, shape (n_targets,)
-        Points that have any freedom.
+        Points that may move in any direction.
     position : scipy.sparse.csr_array, shape (n_centres, n_points)
         Place of the centres, as weights of the mesh's points.
     n_surface, n_points : int
@@ -191,7 +191,7 @@ class CentredInterpolation:
     Parameters
     ----------
     centres : Centres
-        Where the displacement is known.
+        Where the displacement is prescribed.
     scattered : Scattered
         Interpolation between them.
     """
@@ -207,16 +207,16 @@ class CentredInterpolation:
     def jvp(self, d_points: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
         """Change of the values for changes of the points and of the surface's displacement."""
         centres = self.centres
-        d_centres, d_known = centres.position @ d_points, centres.displacement(d_displacement)
-        return centres.at_all_points(self.scattered.jvp(d_points[centres.target_ids], d_centres, d_known))
+        d_centres, d_prescribed = centres.position @ d_points, centres.displacement(d_displacement)
+        return centres.at_all_points(self.scattered.jvp(d_points[centres.target_ids], d_centres, d_prescribed))
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `jvp`."""
         centres = self.centres
-        targets_bar, centres_bar, known_bar = self.scattered.vjp(bar[centres.target_ids])
+        targets_bar, centres_bar, prescribed_bar = self.scattered.vjp(bar[centres.target_ids])
         points_bar = centres.position.T @ centres_bar
         points_bar[centres.target_ids] += targets_bar
-        return points_bar, centres.displacement_transpose(known_bar)
+        return points_bar, centres.displacement_transpose(prescribed_bar)
 
 
 def find_centres(mesh: MovingMesh) -> Centres:
@@ -231,14 +231,14 @@ def find_centres(mesh: MovingMesh) -> Centres:
     -------
     Centres
     """
-    known_ids = np.concatenate([mesh.surface_ids, mesh.fixed_ids])
-    position = _selection(known_ids, mesh.n_points) + APART * _aside(mesh, known_ids)
-    is_kept = np.ones(len(known_ids), dtype=bool)
+    prescribed_ids = np.concatenate([mesh.surface_ids, mesh.fixed_ids])
+    position = _selection(prescribed_ids, mesh.n_points) + APART * _aside(mesh, prescribed_ids)
+    is_kept = np.ones(len(prescribed_ids), dtype=bool)
     is_kept[_twins(position @ mesh.points, mesh.size)[1]] = False
     kept = np.flatnonzero(is_kept)
     surface_rows = kept[kept < len(mesh.surface_ids)]
     target_ids = np.flatnonzero(mesh.is_free.any(axis=1))
-    return Centres(known_ids[kept], surface_rows, target_ids, position[kept], len(mesh.surface_ids), mesh.n_points)
+    return Centres(prescribed_ids[kept], surface_rows, target_ids, position[kept], len(mesh.surface_ids), mesh.n_points)
 
 
 def _selection(ids: np.ndarray, n_points: int) -> sparse.csr_array:
@@ -250,10 +250,10 @@ def _twins(points: np.ndarray, size: float) -> np.ndarray:
     return KDTree(points).query_pairs(COINCIDENT * size, output_type="ndarray").T
 
 
-def _aside(mesh: MovingMesh, known_ids: np.ndarray) -> sparse.csr_array:
+def _aside(mesh: MovingMesh, prescribed_ids: np.ndarray) -> sparse.csr_array:
     """Way from each twin to the mean of the points beside it that are free, or at least not on the surface."""
-    twins = np.unique(_twins(mesh.points[known_ids], mesh.size))
-    beside = _neighbours(mesh)[known_ids[twins]]
+    twins = np.unique(_twins(mesh.points[prescribed_ids], mesh.size))
+    beside = _neighbours(mesh)[prescribed_ids[twins]]
     is_surface = np.zeros(mesh.n_points)
     is_surface[mesh.surface_ids] = 1.0
     chosen = beside @ sparse.diags_array(mesh.is_free.any(axis=1).astype(float))
@@ -261,8 +261,8 @@ def _aside(mesh: MovingMesh, known_ids: np.ndarray) -> sparse.csr_array:
     chosen = chosen + sparse.diags_array(has_none) @ beside @ sparse.diags_array(1.0 - is_surface)
     counts = chosen.sum(axis=1)
     mean = sparse.diags_array(1.0 / np.maximum(counts, 1.0)) @ chosen
-    way = mean - sparse.diags_array((counts > 0.0).astype(float)) @ _selection(known_ids[twins], mesh.n_points)
-    return _selection(twins, len(known_ids)).T @ way
+    way = mean - sparse.diags_array((counts > 0.0).astype(float)) @ _selection(prescribed_ids[twins], mesh.n_points)
+    return _selection(twins, len(prescribed_ids)).T @ way
 
 
 def _neighbours(mesh: MovingMesh) -> sparse.csr_array:

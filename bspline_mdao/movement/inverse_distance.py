@@ -1,4 +1,4 @@
-"""Movement by inverse-distance weights of the known displacements."""
+"""Movement by inverse-distance weights of the prescribed displacements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TOUCHING = 1e-24
 
 @dataclass(frozen=True)
 class InverseDistance(IncrementalMover):
-    r"""Move every point by a weighted mean of the known displacements.
+    r"""Move every point by a weighted mean of the prescribed displacements.
 
     A centre with the area :math:`A` at the distance :math:`r` has the weight :math:`A [(L / r)^a + (\alpha L / r)^b]`,
     where :math:`L` is the mesh's size. The second power holds points near the surface to it.
@@ -102,14 +102,14 @@ class _Means:
 
 
 def _areas(mesh: MovingMesh) -> np.ndarray:
-    """Area of the known boundary that belongs to each point, shape (n_points,); the mean where there is none."""
-    is_known = ~mesh.is_free.any(axis=1)
+    """Area of the prescribed boundary that belongs to each point, shape (n_points,); the mean where there is none."""
+    is_prescribed = ~mesh.is_free.any(axis=1)
     areas = np.zeros(mesh.n_points)
     for ids in mesh.blocks:
         for side in range(6):
             face = ids.take(-(side % 2), axis=side // 2)
             quads = quads_in_turn(face)
-            quads = quads[is_known[quads].all(axis=1)]
+            quads = quads[is_prescribed[quads].all(axis=1)]
             corners = mesh.points[quads]
             normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
             np.add.at(areas, quads, 0.125 * np.linalg.norm(normals, axis=1)[:, None])

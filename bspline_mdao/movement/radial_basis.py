@@ -1,8 +1,8 @@
 """Movement by radial basis functions about the surface and the fixed points. Theory: ``docs/theory/movers.rst``.
 
-With the functions A of all centres, the linear polynomials P at them (if any) and the known displacements d, strengths
-and coefficients solve ``A strengths + P coefficients = d``, ``P^T strengths = 0``. Sums over centres never become a
-matrix of targets by centres.
+With the functions A of all centres, the linear polynomials P at them (if any) and the prescribed displacements d,
+strengths and coefficients solve ``A strengths + P coefficients = d``, ``P^T strengths = 0``. Sums over centres never
+become a matrix of all targets and centres.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ LARGEST_RESIDUAL = 1e-6
 
 @dataclass(frozen=True)
 class RadialBasis(IncrementalMover):
-    """Interpolate the known displacements by radial functions about all points of the surface and all fixed ones.
+    """Interpolate the prescribed displacements by radial functions about all points of the surface and all fixed ones.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class RadialBasis(IncrementalMover):
         n_centres = len(self.mesh.surface_ids) + len(self.mesh.fixed_ids)
         if n_centres > MOST_CENTRES:
             raise InputError(
-                f"radial basis: {n_centres} known points are more than the {MOST_CENTRES} of a dense system; "
+                f"radial basis: {n_centres} points of surface and fixed boundary are more than the {MOST_CENTRES} of a dense system; "
                 "move the control mesh instead of the grid, or take another mover"
             )
 
@@ -268,12 +268,12 @@ class RadialSystem:
                 return linalg.cho_solve((self.factor, True), right)
             triangle = self.reflectors[:t]
             rest = _apply_q(self.reflectors, self.scales, right[:n], transposed=True)
-            known = linalg.solve_triangular(triangle, right[n:], trans="T")
-            rest -= self.border @ known
-            inner = np.concatenate([np.zeros_like(known), self.sign * rest[t:]])
+            first = linalg.solve_triangular(triangle, right[n:], trans="T")
+            rest -= self.border @ first
+            inner = np.concatenate([np.zeros_like(first), self.sign * rest[t:]])
             inner = linalg.cho_solve((self.factor, True), inner)
             coefficients = linalg.solve_triangular(triangle, rest[:t] - self.border[t:].T @ inner[t:])
-            inner[:t] = known
+            inner[:t] = first
             return np.concatenate([_apply_q(self.reflectors, self.scales, inner), coefficients])
 
 

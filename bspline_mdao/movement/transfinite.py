@@ -25,7 +25,7 @@ __all__ = ["Transfinite", "arc_lengths", "free_corners", "transfinite_weights"]
 
 @dataclass(frozen=True)
 class Transfinite(IncrementalMover):
-    """Move corners, then edges, faces and insides of the blocks, each between what is known of its boundary.
+    """Move corners, then edges, faces and insides of the blocks, each between what is prescribed of its boundary.
 
     Block corners that are neither on the surface nor fixed follow a network of springs along the edges of the blocks.
     The displacement of all points is a linear function of that of the surface, with weights that the baseline decides.
@@ -55,8 +55,8 @@ class Transfinite(IncrementalMover):
     def _weights(self) -> _Weights:
         mesh, corners = self.mesh, free_corners(self.mesh)
         places = mesh.parameters or [arc_lengths(mesh.points[ids]) for ids in mesh.blocks]
-        known_ids = np.concatenate([mesh.surface_ids, corners.ids, mesh.fixed_ids])
-        weights = transfinite_weights(mesh.blocks, places, known_ids, mesh.n_points)
+        prescribed_ids = np.concatenate([mesh.surface_ids, corners.ids, mesh.fixed_ids])
+        weights = transfinite_weights(mesh.blocks, places, prescribed_ids, mesh.n_points)
         n_surface, n_moving = len(mesh.surface_ids), len(mesh.surface_ids) + len(corners.ids)
         return _Weights(weights[:, :n_surface], weights[:, n_surface:n_moving], corners)
 
@@ -145,12 +145,12 @@ def arc_lengths(points: np.ndarray) -> np.ndarray:
 
 
 def transfinite_weights(
-    blocks: Sequence[np.ndarray], places: Sequence[np.ndarray], known_ids: np.ndarray, n_points: int
+    blocks: Sequence[np.ndarray], places: Sequence[np.ndarray], prescribed_ids: np.ndarray, n_points: int
 ) -> sparse.csr_array:
-    """Weights by which all points follow the known ones.
+    """Weights with which all points follow the prescribed ones.
 
-    Inside a section whose boundary is known, the interpolant is that of `bspline_mdao.numerics.transfinite`. Points
-    that are known, or belong to an earlier section, keep what they have: shared sections are interpolated once, and all
+    Inside a section whose boundary is done, the interpolant is that of `bspline_mdao.numerics.transfinite`. Points that
+    are prescribed, or belong to an earlier section, keep what they have: shared sections are interpolated once, and all
     blocks agree.
 
     Parameters
@@ -159,19 +159,21 @@ def transfinite_weights(
         Points of every block.
     places : sequence of ndarray, each of shape (N0, N1, N2, 3)
         Where each point stands between the two ends of every direction, from 0 to 1.
-    known_ids : ndarray of int, shape (n_known,)
+    prescribed_ids : ndarray of int, shape (n_prescribed,)
         Known points; all corners of all blocks are among them.
     n_points : int
         Number of points.
 
     Returns
     -------
-    scipy.sparse.csr_array, shape (n_points, n_known)
+    scipy.sparse.csr_array, shape (n_points, n_prescribed)
     """
-    shape = (n_points, len(known_ids))
-    weights = sparse.csr_array((np.ones(len(known_ids)), (known_ids, np.arange(len(known_ids)))), shape=shape)
+    shape = (n_points, len(prescribed_ids))
+    weights = sparse.csr_array(
+        (np.ones(len(prescribed_ids)), (prescribed_ids, np.arange(len(prescribed_ids)))), shape=shape
+    )
     is_done = np.zeros(n_points, dtype=bool)
-    is_done[known_ids] = True
+    is_done[prescribed_ids] = True
     for n_free in (1, 2, 3):
         parts = [(rows, section @ weights) for rows, section in _sections(blocks, places, is_done, n_free)]
         weights = weights + _in_rows(parts, shape)
