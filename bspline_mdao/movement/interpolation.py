@@ -121,7 +121,7 @@ def interpolated_step(
 
 
 COINCIDENT = 1e-9
-"""Prescribed points nearer than this fraction of the mesh's size are at one place: round-off of a file of double precision."""
+"""Prescribed points nearer than this fraction of the mesh's size are at one place: round-off of coordinates."""
 
 APART = 0.5
 """Part of the way to their free neighbours by which centres at one place are moved apart."""

@@ -106,7 +106,7 @@ class RadialBasis(IncrementalMover):
         n_centres = len(self.mesh.surface_ids) + len(self.mesh.fixed_ids)
         if n_centres > MOST_CENTRES:
             raise InputError(
-                f"radial basis: {n_centres} points of surface and fixed boundary are more than the {MOST_CENTRES} of a dense system; "
+                f"radial basis: {n_centres} prescribed points are more than the {MOST_CENTRES} of a dense system; "
                 "move the control mesh instead of the grid, or take another mover"
             )
 
