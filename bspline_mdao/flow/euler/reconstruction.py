@@ -131,7 +131,7 @@ _BOUNDARY_CLASSES = {SLIP: 4, FARFIELD: 7}
 
 @njit(cache=True, error_model="numpy")
 def face_state(states, cells, weights, role, stream, dissipation, sigma):
-    """Mean state and jump, and the derivatives of both in the sensor."""
+    """Mean state and jump, and the derivatives of both with respect to the sensor."""
     mean = _combine(weights[MEAN], states, cells)
     first = _combine(weights[FIRST], states, cells)
     if role != INNER:

@@ -65,7 +65,7 @@ class Aerostructure(om.Group):
     name                  role    shape                 units   meaning
     ====================  ======  ====================  ======  ========================================================
     ``camber_surface``    input   (n_chord, n_span, 3)  m       nodes of the wing in its jig, see `CamberSurface`
-    ``t_over_c``          input   (n_span - 1)                  thickness by chord of every strip; 0.12 by default
+    ``t_over_c``          input   (n_span - 1)                  thickness relative to chord of every strip; 0.12
     ``spar_thickness``    input   (n_control)           m       see `Spar`
     ``alpha``             input   (1,)                  deg     angle of attack
     ``Mach_number``       input   (1,)
@@ -75,12 +75,12 @@ class Aerostructure(om.Group):
     ``load_factor``       input   (1,)                          weight that is lifted, in weights
     ``empty_mass``        input   (1,)                  kg      without the wing's structure and without fuel
     ``flight_range``      input   (1,)                  m
-    ``consumption``       input   (1,)                  1/s     weight of fuel per second by thrust
+    ``consumption``       input   (1,)                  1/s     weight of fuel per second and thrust
     ``fuel_burn``         output  (1,)                  kg      after Breguet
     ``structural_mass``   output  (1,)                  kg      of the wing
     ``wall_thickness``    output  (n_span - 1)          m       of the spar at every strip
-    ``failure``           output  (1,)                          bound of the stresses by the allowable one, less 1
-    ``lift_deficit``      output  (1,)                          1 less lift by weight
+    ``failure``           output  (1,)                          largest stress relative to the allowable one, less 1
+    ``lift_deficit``      output  (1,)                          1 less lift relative to weight
     ``CL``, ``CD``        output  (1,)                          from the forces on the bound vortices, and the parasite
                                                                 drag
     ``strip_lift``        output  (n_span - 1)                  lift coefficient of every strip

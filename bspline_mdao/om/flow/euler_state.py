@@ -184,8 +184,8 @@ class EulerState(om.ImplicitComponent):
         residual = relative_residual(self._discretization, states, *self._at(inputs))
         if not residual <= LARGEST_RESIDUAL:
             raise om.AnalysisError(
-                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} by that of the uniform stream; run "
-                f"the model first, to {LARGEST_RESIDUAL:g}"
+                f"{self.msginfo}: no derivatives at a residual of {residual:.1e} relative to that of the uniform "
+                f"stream; run the model first, to {LARGEST_RESIDUAL:g}"
             )
         return self._tangent_at(inputs, outputs)
 
@@ -341,6 +341,6 @@ def _complaint(solution: FlowSolution) -> str:
     """Describe a solution that did not converge."""
     residuals = " ".join(f"{step.residual:.1e}" for step in solution.history[-8:])
     return (
-        f"the flow did not converge: residual {solution.residual:.1e} by that of the uniform stream after "
+        f"the flow did not converge: residual {solution.residual:.1e}, relative to that of the uniform stream, after "
         f"{len(solution.history) - 1} steps (the last: {residuals}); take a smaller step, or look for bad cells"
     )

@@ -34,7 +34,7 @@ class LatticeFlow(om.Group):
     ``grid``            input   (3 n)          m      nodes of the grid, xyz interleaved
     ``alpha``           input   (1,)           deg    angle of attack; 2 by default
     ``Mach_number``     input   (1,)                  Prandtl-Glauert below 1; 0.3 by default
-    ``CL``              output  (1,)                  lift, of the half wing by its reference area
+    ``CL``              output  (1,)                  lift, of the half wing and its reference area
     ``CD``              output  (1,)                  drag of the forces on the bound vortices
     ``CM``              output  (3,)                  moments about the axes x, y and z of the grid
     ``CD_induced``      output  (1,)                  drag of the wake far downstream: optimise with this one
@@ -186,7 +186,7 @@ class LatticeForces(om.ExplicitComponent):
     ``CL``, ``CD``      output  (1,)                                 lift and drag
     ``CM``              output  (3,)                                 moments about x, y and z of the grid
     ``CD_induced``      output  (1,)                                 induced drag from the wake, see `InducedDrag`
-    ``span_load``       output  (n_span - 1)                  m      lift per length by the dynamic pressure
+    ``span_load``       output  (n_span - 1)                  m      lift per length and dynamic pressure
     ==================  ======  ============================  =====  ===================================================
 
     Options

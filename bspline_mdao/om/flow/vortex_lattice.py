@@ -204,7 +204,7 @@ class WakeForces(om.ExplicitComponent):
     ``velocity``        input   (1,)                           m/s
     ``S_ref``           input   (1,)                           m^2     reference area of the whole wing
     ``CL``, ``CD``      output  (1,)                                   lift, induced drag
-    ``span_load``       output  (n_span - 1)                   m       lift per length by the dynamic pressure: chord
+    ``span_load``       output  (n_span - 1)                   m       lift per length and dynamic pressure: chord
                                                                        times lift coefficient of every strip
     ==================  ======  =============================  ======  =================================================
 
