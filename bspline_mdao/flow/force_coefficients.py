@@ -141,11 +141,11 @@ class WingCoefficients:
             Derivatives with respect to the forces, shape (n_forces, 3), the nodes, shape (n_nodes, 3), and the angle
             (1/rad).
         """
-        still = {"CL": 0.0, "CD": 0.0, "CM": np.zeros(3), "CD_induced": 0.0, "span_load": 0.0}
-        lift, drag, moment, induced, load = (bars.get(name, zero) for name, zero in still.items())
-        of_forces = self.coefficients.vjp(forces, nodes, alpha, np.hstack([lift, drag, moment]))
-        of_wake = self.induced.vjp(forces, nodes, alpha, load, induced / self.coefficients.area)
-        return tuple(a + b for a, b in zip(of_forces, of_wake))
+        moment_bar, induced_bar = bars.get("CM", np.zeros(3)), bars.get("CD_induced", 0.0) / self.coefficients.area
+        coefficients_bar = np.hstack([bars.get("CL", 0.0), bars.get("CD", 0.0), moment_bar])
+        of_forces = self.coefficients.vjp(forces, nodes, alpha, coefficients_bar)
+        of_wake = self.induced.vjp(forces, nodes, alpha, bars.get("span_load", 0.0), induced_bar)
+        return of_forces[0] + of_wake[0], of_forces[1] + of_wake[1], of_forces[2] + of_wake[2]
 
     def _named(self, coefficients, load, drag):
         lift, drag_of_forces, *_ = coefficients

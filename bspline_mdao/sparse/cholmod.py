@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -44,7 +45,7 @@ class CholmodAnalysis:
     """
 
     pattern: BlockPattern
-    symbolic: object
+    symbolic: Any
 
     def factorize(self, matrix: BlockMatrix) -> CholmodFactor:
         """Factor a matrix of the pattern; `MovementError` if it is not positive definite."""
@@ -74,7 +75,7 @@ class CholmodFactor:
     """
 
     matrix: BlockMatrix
-    factor: object
+    factor: Any
 
     @property
     def n_bytes(self) -> int:

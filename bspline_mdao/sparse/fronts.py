@@ -135,11 +135,11 @@ def lay_out(supernodes: Supernodes, stages: Stages, indptr: np.ndarray, indices:
     sizes, n_rows = np.diff(supernodes.firsts).astype(np.int64), np.diff(supernodes.row_starts)
     panel_starts = np.concatenate(([0], np.cumsum(9 * sizes * (sizes + n_rows))))
     child_starts, children = _children(supernodes.parents)
-    updates = _allocate(9 * n_rows * n_rows, child_starts, children, *stages)
+    update_starts, n_kept, n_scratch = _allocate(9 * n_rows * n_rows, child_starts, children, *stages)
     blocks = _place_blocks(indptr, indices, supernodes, panel_starts)
     parents = np.repeat(supernodes.parents, n_rows)
     positions = _positions_in(parents, supernodes.rows.astype(np.int64), supernodes).astype(np.int32)
-    return Fronts(panel_starts, *updates, positions, child_starts, children, *blocks)
+    return Fronts(panel_starts, update_starts, n_kept, n_scratch, positions, child_starts, children, *blocks)
 
 
 def _children(parents):

@@ -203,7 +203,8 @@ def incomplete_factor(
         If no sensible shift is enough.
     """
     lower, diagonal = np.empty((len(pattern.columns), 3, 3), dtype), np.empty((len(pattern.order), 3, 3))
-    source, breakdowns = (matrix.pattern.indptr, matrix.pattern.indices, matrix.data), []
+    source = matrix.pattern.indptr, matrix.pattern.indices, matrix.data
+    breakdowns: list[tuple[float, int]] = []
     while shift <= LARGEST_SHIFT:
         lower[:] = 0.0
         _place_blocks(*source, pattern.rank, pattern.starts, pattern.columns, 1.0 + shift, lower, diagonal)

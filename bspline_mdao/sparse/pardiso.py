@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -84,7 +85,7 @@ class PardisoFactor:
 
     matrix: BlockMatrix
     upper: scipy.sparse.csr_matrix
-    solver: object
+    solver: Any
 
     def __del__(self):
         self.solver.free_memory(everything=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
@@ -156,7 +157,7 @@ def solve_flow(
     scale = _scale(discretization, areas, stream, tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = discretization.residual(states, areas, stream)
-    norm = np.linalg.norm(residual)
+    norm = float(np.linalg.norm(residual))
     # near a solution, as after a small change of the design, time terms would only hold the steps back
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
@@ -165,7 +166,7 @@ def solve_flow(
             break
         update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)  # steps 1 to 3
         states, residual, length = _advance(discretization, states, areas, stream, residual, update)  # step 4
-        before, norm = norm, np.linalg.norm(residual)
+        before, norm = norm, float(np.linalg.norm(residual))
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
             progress(history[-1])
@@ -181,8 +182,8 @@ def relative_residual(discretization: Discretization, states, areas, stream, tol
 
 def _scale(discretization: Discretization, areas, stream, tolerance: float) -> float:
     """Norm of the residual of the uniform stream, but no less than rounding of the fluxes divided by the tolerance."""
-    scale = np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream))
-    return max(scale, np.finfo(float).eps * np.linalg.norm(areas) / tolerance)
+    scale = float(np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream)))
+    return max(scale, float(np.finfo(float).eps * np.linalg.norm(areas)) / tolerance)
 
 
 def _is_rounded(history: list[NewtonStep]) -> bool:
@@ -319,7 +320,7 @@ def solve_refined(
     """
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
     while True:
-        norm, asked = np.linalg.norm(rest), tolerance * np.linalg.norm(right)
+        norm, asked = float(np.linalg.norm(rest)), tolerance * float(np.linalg.norm(right))
         if norm <= asked or norm > 0.5 * before or n_products >= max_products:  # step 2
             return KrylovSolution(x, n_products, bool(norm <= max(asked, ROUNDING * np.linalg.norm(x))))
         part = max(0.5 * asked / norm, LEAST)
@@ -354,27 +355,20 @@ def solve_by_dissipation(
 
     Parameters and result are those of `solve_flow`.
 
-    The history is that of all flows on the way, each by the residual of its own uniform stream; where one ends, it has
+    The history is that of all flows on the way, each relative to its own uniform stream; where one ends, it has
     the residual with the dissipation of the next.
     """
     levels = [level for level in LEVELS if level > discretization.dissipation]
-    settings = {"pattern": pattern, "progress": progress}
-    states, history, n_left = None, (), max_steps
+    solve = partial(solve_flow, areas=areas, stream=stream, pattern=pattern, progress=progress)
+    states: np.ndarray | None = None
+    history: tuple[NewtonStep, ...] = ()
+    n_left = max_steps
     for level in levels:
-        solution = solve_flow(
-            replace(discretization, dissipation=level),
-            areas,
-            stream,
-            states=states,
-            tolerance=max(tolerance, STAGE_TOLERANCE),
-            max_steps=min(STAGE_STEPS, n_left),
-            **settings,
-        )
+        stage, n_steps = replace(discretization, dissipation=level), min(STAGE_STEPS, n_left)
+        solution = solve(stage, states=states, tolerance=max(tolerance, STAGE_TOLERANCE), max_steps=n_steps)
         states, history = solution.states, history[:-1] + solution.history
         n_left = max_steps - len(history) + 1 if solution.is_converged else 0
         if not n_left:
             break
-    solution = solve_flow(
-        discretization, areas, stream, states=states, tolerance=tolerance, max_steps=n_left, **settings
-    )
+    solution = solve(discretization, states=states, tolerance=tolerance, max_steps=n_left)
     return replace(solution, history=history[:-1] + solution.history)

@@ -110,8 +110,15 @@ def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.
         return None
     level, coarse_nodes = levels[0], nodes[levels[0].picked]
     start = states_from_coarse(levels[1:], coarse_nodes, stream)
-    settings = {"pattern": level.flow.pattern, "states": start, "tolerance": TOLERANCE, "max_steps": MAX_STEPS}
-    solution = solve_flow(level.flow.discretization, level.flow.areas(coarse_nodes), stream, **settings)
+    solution = solve_flow(
+        level.flow.discretization,
+        level.flow.areas(coarse_nodes),
+        stream,
+        pattern=level.flow.pattern,
+        states=start,
+        tolerance=TOLERANCE,
+        max_steps=MAX_STEPS,
+    )
     return solution.states[level.parents]
 
 

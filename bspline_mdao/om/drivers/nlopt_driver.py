@@ -128,12 +128,12 @@ class NLoptDriver(Driver):
             functions.restore_best()
         except BaseException as error:
             self.outcome, self.best = None, functions.best
-            model.place(self.best.x)
-            self._report_exception(error)
+            model.place(functions.best.x)
+            self._report_exception(error, functions.best)
             raise
         self.best, self.n_failed_analyses = functions.best, functions.n_failed
         fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
-        self._report(fail)
+        self._report(fail, functions.best)
         return fail
 
     def _functions(self, model: ScaledModel, statement: Statement, settings: Settings) -> Functions:
@@ -159,9 +159,9 @@ class NLoptDriver(Driver):
 
     def get_exit_status(self) -> str:
         """Describe the end of the last run in words."""
-        if self.outcome is None:
+        if self.outcome is None or self.best is None:
             status = "NOT_FINISHED: the run ended in an exception"
-            return status if self.best is None else f"{status}; {self._best_in_words()}"
+            return status if self.best is None else f"{status}; {self._best_in_words(self.best)}"
         status = f"{self.outcome.end}: {ENDS[self.outcome.end]}"
         if not self.is_feasible:
             status += f", and constraints are violated by up to {self.best.violation:.1e}"
@@ -169,27 +169,27 @@ class NLoptDriver(Driver):
             status += f"; {self.n_failed_analyses} analyses failed, {self.outcome.n_restarts} restarts"
         return status
 
-    def _best_in_words(self) -> str:
+    def _best_in_words(self, best: Point) -> str:
         """Name the best point, for a run that did not end by itself."""
-        limits = "is feasible" if self.is_feasible else f"violates constraints by up to {self.best.violation:.1e}"
+        limits = "is feasible" if self.is_feasible else f"violates constraints by up to {best.violation:.1e}"
         return (
-            f"the best design so far has objective {self.best.objective:.10g} (scaled) and {limits}; it is kept in "
+            f"the best design so far has objective {best.objective:.10g} (scaled) and {limits}; it is kept in "
             f"driver.best, and the design variables are set to it: run_model() gives its outputs"
         )
 
-    def _report_exception(self, error: BaseException) -> None:
+    def _report_exception(self, error: BaseException, best: Point) -> None:
         """Name the best point in an exception that ends the run."""
         if hasattr(error, "add_note"):
-            error.add_note(f"NLoptDriver: {self._best_in_words()}")
+            error.add_note(f"NLoptDriver: {self._best_in_words(best)}")
         if self.options["disp"]:
             print(f"Optimization FAILED ({self.options['optimizer']})\n    {self.get_exit_status()}")
 
-    def _report(self, fail: bool) -> None:
+    def _report(self, fail: bool, best: Point) -> None:
         """Print how the run ended."""
         if self.options["disp"]:
             print(f"Optimization {'FAILED' if fail else 'complete'} ({self.options['optimizer']})")
             print(f"    {self.get_exit_status()}")
-            print(f"    objective {self.best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
+            print(f"    objective {best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
             print(f"{self.result.deriv_evals} total derivatives")
 
 
@@ -236,7 +236,8 @@ class IterationLog:
 
     def __init__(self, has_gradients: bool, is_shown: bool):
         self._has_gradients, self._is_shown = has_gradients, is_shown
-        self._n_lines, self._n_runs, self._best = 0, 0, None
+        self._n_lines, self._n_runs = 0, 0
+        self._best: Point | None = None
 
     def add(self, last: Point, best: Point, norm: float | None) -> None:
         """Take note of a run of the model, or of the norm of the gradient of the objective at the last point."""

@@ -158,40 +158,40 @@ class Functions:
                 self._record.with_point(self.last, self.statement.tolerance),
             )
         except AnalysisFailed:
-            self._substitute(x)
+            self._totals = self._substitute(x)
         self._is_underway = False
         self.watch(self, None)
         return True
 
-    def _substitute(self, x: np.ndarray) -> None:
-        """Put substitutes in the place of the values of the failed analysis at x."""
+    def _substitute(self, x: np.ndarray) -> np.ndarray:
+        """Put substitutes in the place of the values of the failed analysis at x; those of the totals (1 + m, n)."""
         self.n_failed += 1
         self._rules.fail()
         substitute = self.recover(self._record, x)
         point = self.statement.point(x, substitute.objective, substitute.constraints)
         self.last = replace(point, is_analysed=False)
-        self._totals = substitute.totals
+        return substitute.totals
 
     def _differentiate(self, is_new: bool) -> np.ndarray:
         """Totals (1 + m, n) at the last point: computed once, zero where they will not be used."""
         if self._is_rejected:
             return np.zeros_like(self._record.totals)
         if self._totals is None:
-            self._compute_totals(is_new)
+            self._totals = self._compute_totals(is_new)
         return self._totals
 
-    def _compute_totals(self, is_new: bool) -> None:
-        """Differentiate the model where it was last run."""
+    def _compute_totals(self, is_new: bool) -> np.ndarray:
+        """Totals of the model where it was last run, or substitutes where they cannot be computed."""
         try:
-            self._totals = self.model.differentiate()
+            totals = self.model.differentiate()
         except AnalysisFailed:
             if not is_new:
                 raise Stop("BLOCKED") from None  # the algorithm has used the value already
             self._record = self._record_before
-            self._substitute(self.last.x)
-            return
-        norm = float(np.linalg.norm(self._totals[0]))
-        self._rules.keep(self.last, self._totals[0])
+            return self._substitute(self.last.x)
+        norm = float(np.linalg.norm(totals[0]))
+        self._rules.keep(self.last, totals[0])
         self._largest_gradient = max(self._largest_gradient, norm)
-        self._record = self._record.with_totals(self.last, self._totals)
+        self._record = self._record.with_totals(self.last, totals)
         self.watch(self, norm)
+        return totals

@@ -163,9 +163,9 @@ def _constrain_one_by_one(optimizer: nlopt.opt, functions: Functions) -> None:
         optimizer.add_inequality_constraint(partial(functions.inequality, row), functions.statement.tolerance)
 
 
-def _subsidiary(settings: Settings, statement: Statement) -> nlopt.opt:
+def _subsidiary(local_optimizer: Algorithm, settings: Settings, statement: Statement) -> nlopt.opt:
     """The optimizer that runs inside."""
-    optimizer = _bounded(settings.local_optimizer, statement)
+    optimizer = _bounded(local_optimizer, statement)
     settings.local_criteria.apply(optimizer)
     if settings.vector_storage:
         optimizer.set_vector_storage(settings.vector_storage)
@@ -191,7 +191,7 @@ def _build(settings: Settings, functions: Functions) -> nlopt.opt:
     for name, value in settings.parameters.items():
         optimizer.set_param(name, value)
     if settings.local_optimizer is not None:
-        optimizer.set_local_optimizer(_subsidiary(settings, functions.statement))
+        optimizer.set_local_optimizer(_subsidiary(settings.local_optimizer, settings, functions.statement))
     return optimizer
 
 

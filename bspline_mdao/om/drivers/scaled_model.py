@@ -59,7 +59,7 @@ def _flat(values) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(value) for value in values)])
 
 
-def _require_numbers(what: str, *arrays: np.ndarray) -> None:
+def _require_numbers(what: str, *arrays: float | np.ndarray) -> None:
     """Treat what is not finite as a failed analysis."""
     if not all(np.isfinite(array).all() for array in arrays):
         raise AnalysisFailed(f"{what} is not a finite number")

@@ -160,9 +160,8 @@ def folded_panels(lattice: np.ndarray) -> np.ndarray:
     for a in (chordwise[:, :-1], chordwise[:, 1:]):
         for b in (spanwise[:-1], spanwise[1:]):
             folded |= np.sum(np.cross(a, b) * normals, axis=2) < 0.0
-    for axis, (low, high) in enumerate([(np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])]):
-        turned = np.sum(normals[low] * normals[high], axis=2) < 0.0
-        folded |= np.insert(turned, 0, False, axis=axis)
+    folded[1:] |= np.sum(normals[:-1] * normals[1:], axis=2) < 0.0
+    folded[:, 1:] |= np.sum(normals[:, :-1] * normals[:, 1:], axis=2) < 0.0
     return folded
 
 
