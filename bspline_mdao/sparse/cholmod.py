@@ -1,4 +1,4 @@
-"""CHOLMOD of SuiteSparse, where scikit-sparse is installed."""
+"""CHOLMOD of SuiteSparse, where scikit-sparse is installed: an optional engine in place of `Cholesky`."""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 A kernel that refers to a function by its address cannot be kept from one process to the next. Here the address is an
 ordinary number that the kernel is given; `call` turns it into a call of a Fortran routine.
+
+Theory: ``docs/theory/sparse.rst``.
 """
 
 from __future__ import annotations

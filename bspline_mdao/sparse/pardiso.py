@@ -1,4 +1,4 @@
-"""PARDISO of Intel's Math Kernel Library, where pypardiso is installed."""
+"""PARDISO of Intel's Math Kernel Library, where pypardiso is installed: an optional engine in place of `Cholesky`."""
 
 from __future__ import annotations
 

@@ -28,8 +28,7 @@ LARGEST_SIDE = 0.58
 separator find a narrow place."""
 
 N_PASSES, PATIENCE, PATIENCE_COARSEST = 4, 40, 25
-"""Passes of the search at most, and moves without gain that end one, on every level and on the
-coarsest."""
+"""Passes of the search at most, and moves without gain that end one, on every level and on the coarsest."""
 
 UNEVENNESS = 0.3
 """Price of an uneven cut: a separator that leaves one side empty counts as larger by this part of itself."""

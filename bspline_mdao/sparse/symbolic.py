@@ -186,6 +186,8 @@ def column_counts(starts, neighbours, order, rank, parent):
     4. and takes away what it shares with the leaf before it: the path from their lowest common ancestor.
     5. Sum the weights towards the roots.
 
+    References
+    ----------
     .. [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
        Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
     """

@@ -2,6 +2,8 @@
 
 States are primitive, ``(rho, u, v, w, p)``, relative to the density and the speed of sound of the free stream: there
 ``rho = 1``, ``p = 1/GAMMA`` and the speed is the Mach number.
+
+Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations

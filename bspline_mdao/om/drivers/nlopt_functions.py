@@ -1,4 +1,7 @@
-"""The functions that NLopt calls: one model run per point, derivatives on demand, and the best point kept."""
+"""The functions that NLopt calls: one model run per point, derivatives on demand, and the best point kept.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
 
 from __future__ import annotations
 

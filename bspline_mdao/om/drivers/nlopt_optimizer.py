@@ -1,4 +1,7 @@
-"""Runs of NLopt with all its settings: the optimizer is built, run and restarted, and its end is put in words."""
+"""Runs of NLopt with all its settings: the optimizer is built, run and restarted, and its end is put in words.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
 
 import time
 from dataclasses import dataclass, replace
@@ -35,7 +38,7 @@ _CODES = {getattr(nlopt, name): name for name in ENDS if hasattr(nlopt, name)}
 _CONVERGED = ("SUCCESS", "OPTIMAL", "STOPVAL_REACHED", "FTOL_REACHED", "XTOL_REACHED")
 OPTIMAL, BLOCKED = 1e-5, 1e-3
 """Gradients of the Lagrangian, relative to the largest one of the objective, below which a point is an optimum, and
-above which it is none."""
+above which it is none; between them NLopt's own end stands."""
 
 _SPENT = ("MAXEVAL_REACHED", "MAXTIME_REACHED")
 

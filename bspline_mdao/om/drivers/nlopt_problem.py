@@ -1,4 +1,7 @@
-"""An optimisation problem as NLopt states it: bounds, and constraints with one limit each."""
+"""An optimisation problem as NLopt states it: bounds, and constraints with one limit each.
+
+Theory: ``docs/theory/drivers.rst``.
+"""
 
 from dataclasses import dataclass
 from typing import Protocol

@@ -223,6 +223,7 @@ def uphill(record: SearchRecord, x: np.ndarray) -> Substitute:
     """
     step = x - record.base.x
     length2 = max(float(step @ step), np.finfo(float).tiny)
+    # without totals, or along a limit, the true slope may be zero: the parabola still has to turn uphill
     slope = -max(abs(float(record.totals[0] @ step)), 1e-3 * record.spread)
     totals = record.totals.copy()
     totals[0] = slope * (1.0 - 1.0 / TURN) * step / length2

@@ -13,7 +13,8 @@ from .scaled_model import ScaledModel
 __all__ = ["ACTIVE", "optimality", "optimality_of"]
 
 ACTIVE = 1e-4
-"""Distance from a limit, relative to its size where that exceeds one, within which it may hold the point."""
+"""Distance from a limit, relative to its size where that exceeds one, within which it may hold the point: a hundred
+times the default tolerance of constraints, and little beside variables that are scaled to one."""
 
 
 def _is_near(distance: np.ndarray, limits: np.ndarray) -> np.ndarray:

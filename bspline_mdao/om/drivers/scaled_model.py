@@ -3,6 +3,8 @@
 The scaling of design variables and constraints moved twice: up to 3.43 the limits in the metadata are scaled when they
 are declared, from 3.44 on an autoscaler scales vectors, and its ``get_bounds_scaling`` returns three vectors up to
 3.45.0 and a dictionary of limits by name from 3.45.1 on.
+
+Theory: ``docs/theory/drivers.rst``.
 """
 
 import numpy as np

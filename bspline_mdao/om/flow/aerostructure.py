@@ -1,4 +1,7 @@
-"""OpenAeroStruct's vortex lattice and tubular spar on the camber surface of a wing, as an OpenMDAO group."""
+"""OpenAeroStruct's vortex lattice and tubular spar on the camber surface of a wing, as an OpenMDAO group.
+
+Theory: ``docs/theory/vortex_lattice.rst``.
+"""
 
 from __future__ import annotations
 

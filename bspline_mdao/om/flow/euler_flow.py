@@ -1,4 +1,7 @@
-"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group, and its forces."""
+"""The flow about the grid of a fitted model by the Euler equations, as an OpenMDAO group, and its forces.
+
+Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
+"""
 
 from __future__ import annotations
 

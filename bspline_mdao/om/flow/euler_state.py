@@ -1,4 +1,7 @@
-"""The steady Euler equations as an OpenMDAO component."""
+"""The steady Euler equations as an OpenMDAO component.
+
+Theory: ``docs/theory/euler.rst``.
+"""
 
 from __future__ import annotations
 
