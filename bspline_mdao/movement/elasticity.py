@@ -69,7 +69,7 @@ class LinearElasticity(EquilibriumMover):
     stiffness : StiffnessLaw
         Young's modulus of the elements at the start of every increment; the paper's by default.
     solver : object
-        Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
+        Settings of a sparse solver of `bspline_mdao.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
         Keep the factor of every increment as long as the movement lives, which makes a product with its derivative
         cost a fraction of the move. Otherwise only that of the first increment is kept, and each product factorises

@@ -54,7 +54,7 @@ class LinealSprings(_Springs):
     power : float
         A spring of length L has the stiffness L^-power.
     solver : object
-        Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
+        Settings of a sparse solver of `bspline_mdao.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
         As for `bspline_mdao.movement.elasticity.LinearElasticity`.
     """
@@ -84,7 +84,7 @@ class TorsionalSprings(_Springs):
     torsion : float
         Stiffness of the torsional springs relative to that of the lineal ones.
     solver : object
-        Settings of a sparse solver of `bspline_mdao.sparse`; the best that is installed by default.
+        Settings of a sparse solver of `bspline_mdao.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
         As for `bspline_mdao.movement.elasticity.LinearElasticity`.
     """

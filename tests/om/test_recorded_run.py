@@ -6,6 +6,7 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
+from bspline_mdao import optimality_of
 from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.plotting import draw_history, draw_optimality, driver_colors, figure
 
@@ -53,6 +54,19 @@ def test_numbers_sum_an_optimisation_up(runs):
         assert set(numbers["shares"]) == {"functions", "rest"}
         assert sum(numbers["shares"].values()) == pytest.approx(1.0)
         assert numbers["seconds"] == pytest.approx(sum(run.seconds.values()))
+
+
+def test_optimality_of_a_problem_is_that_of_the_point_where_it_is(runs):
+    run = runs["SciPy SLSQP"]
+    residual, violation = optimality_of(run.problem)
+    assert residual < 1e-4 * run.initial_gradient
+    assert violation < 1e-7
+    problem = scaled_problem()
+    problem.setup(mode="rev")
+    problem.run_model()
+    residual, violation = optimality_of(problem)
+    assert residual == pytest.approx(0.6 / np.sqrt(2.0))  # see the first point of the recorded cases
+    assert violation == pytest.approx(0.0)
 
 
 def test_the_components_of_a_group_may_be_told_of_as_one():

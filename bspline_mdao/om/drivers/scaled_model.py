@@ -217,6 +217,8 @@ class ScaledModel:
     def _check_for_zeros(self) -> None:
         """Warn of rows and columns of zeros in the totals, or refuse them, as the driver's options say."""
         options, jacobian = self._driver.options, self._driver._total_jac
+        if "singular_jac_behavior" not in options:  # as of the plain driver, which runs the model once
+            return
         has_approximations = any(group._has_approx for group in self._model.system_iter(True, True, Group))
         if options["singular_jac_behavior"] != "ignore" and jacobian is not None and not has_approximations:
             jacobian.check_total_jac(options["singular_jac_behavior"] == "error", options["singular_jac_tol"])
