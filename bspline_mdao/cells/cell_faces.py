@@ -88,7 +88,7 @@ class CellFaces:
         Parameters
         ----------
         topology : Topology
-            How its blocks hang together.
+            How its blocks are joined.
         nodes : ndarray, shape (n_nodes, 3)
             Baseline nodes (m), which tell the handedness of each block.
 

@@ -16,10 +16,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..errors import InputError
+from ..numerics.vector_arrays import unit_vectors
 from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
-from .faces import Face, Rectangle, block_faces, collapsed_windows, decompose
+from .faces import TINY, Face, Rectangle, block_faces, collapsed_windows, decompose, inward_directions
 from .grid import Grid, Patch, require_grid
-from .index_space import Interface, Orientation, Window, by_blocks, face_layers
+from .index_space import Interface, Window, by_blocks
 from .matching import Meeting, Quads, find_interfaces, find_regions, match_quads
 from .segments import junction_links, segment_blocks
 from .topology import BoundaryFace, NearMiss, Topology, describe
@@ -360,30 +361,18 @@ def overlapping(grid: Grid, interfaces: Sequence[Interface]) -> Iterator[Interfa
         a, b = interface.a, interface.b
         if min(*grid.blocks[a.block].shape, *grid.blocks[b.block].shape) > 1:
             normals = _normals(grid.blocks[a.block].nodes[a.slices])
-            heights_a = _dot(normals, _inward(grid, a, Orientation()))
-            heights_b = _dot(normals, _inward(grid, b, interface.orientation))
+            into_a, into_b = (
+                np.expand_dims(inward_directions(grid.blocks[side.block].nodes, side), side.shape.index(1))
+                for side in (a, b)
+            )
+            heights_a = np.sum(normals * into_a, axis=-1)
+            heights_b = np.sum(normals * interface.orientation.apply(into_b), axis=-1)
             if np.mean(heights_a * heights_b > 0.0) > 0.5:
                 yield interface
-
-
-def _inward(grid: Grid, window: Window, orientation: Orientation) -> np.ndarray:
-    """Unit vectors from the nodes of a face window to those of the next layer, turned by an orientation."""
-    face, inner = face_layers(grid.blocks[window.block].nodes, window)
-    return orientation.apply(np.expand_dims(_unit(inner - face), window.shape.index(1)))
 
 
 def _normals(face: np.ndarray) -> np.ndarray:
     """Unit normals at the nodes of a face window, from central differences."""
     along = [np.gradient(face, axis=d) for d in range(3) if face.shape[d] > 1]
-    return _unit(np.cross(*along))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of length one; zero where they have no length."""
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0.0, length, 1.0)
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Dot products of vectors (..., 3)."""
-    return np.einsum("...c,...c->...", a, b)
+    normals = np.cross(*along)
+    return unit_vectors(normals, np.zeros_like(normals), TINY)

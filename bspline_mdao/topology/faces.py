@@ -10,7 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .index_space import Window
+from ..numerics.vector_arrays import unit_vectors
+from .index_space import Window, face_layers
+
+TINY = np.finfo(float).tiny
+"""Length (m) of a vector that has no direction."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,15 @@ class Face:
             ends = [(window.lo[t], window.hi[t] if n > 1 else 1) for t, n in zip(self.tangents, self.ids.shape)]
             mask[tuple(slice(*end) for end in ends)] = True
         return mask
+
+
+def inward_directions(nodes: np.ndarray, window: Window) -> np.ndarray:
+    """Return unit vectors into a block, shape (n, m, 3), from the nodes of a face window to those of the next layer.
+
+    They are zero where the two coincide.
+    """
+    face, inner = face_layers(nodes, window)
+    return unit_vectors(inner - face, np.zeros_like(face), TINY)
 
 
 def quad_corners(values: np.ndarray) -> np.ndarray:

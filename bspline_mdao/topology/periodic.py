@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from .faces import inward_directions
 from .grid import Grid
 from .index_space import Window, face_layers
 
@@ -145,10 +146,8 @@ class _Side:
     @classmethod
     def of(cls, grid: Grid, window: Window) -> _Side:
         """Take the nodes of a window of a grid."""
-        face, inner = face_layers(grid.blocks[window.block].nodes, window)
-        inwards = inner - face
-        length = np.linalg.norm(inwards, axis=-1, keepdims=True)
-        inwards = inwards / np.where(length > 0.0, length, 1.0)
+        nodes = grid.blocks[window.block].nodes
+        face, inwards = face_layers(nodes, window)[0], inward_directions(nodes, window)
         return cls(face.reshape(-1, 3), inwards.reshape(-1, 3), face[[0, 0, -1, -1], [0, -1, 0, -1]])
 
     def is_planar(self, size: float) -> bool:
