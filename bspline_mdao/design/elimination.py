@@ -124,7 +124,7 @@ class LinearConstraint(Protocol):
         """
 
 
-def checked(name: str, equations: Equations, n_surface: int) -> Equations:
+def _checked(name: str, equations: Equations, n_surface: int) -> Equations:
     """Refuse equations of a wrong shape, about points that do not exist, or with coefficients that are not finite."""
     n, width = equations.matrix.shape
     if width != 3 * n_surface or not len(equations.at) == len(equations.preferred) == n:
@@ -205,7 +205,7 @@ def eliminate(mesh: MovingMesh, points: np.ndarray, constraints: Sequence[Linear
     """
     in_planes = Equations.of(len(mesh.surface_ids), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None])
     named = [(SYMMETRY, in_planes)]
-    named += [(item.name, checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
+    named += [(item.name, _checked(item.name, item.equations(mesh, points), len(points))) for item in constraints]
     matrix = vstack([equations.matrix for _, equations in named], format="csr")
     preferred = np.concatenate([equations.preferred for _, equations in named])
     pivots, sources, rows = _solve(matrix, preferred)
@@ -250,7 +250,7 @@ def reduced_rows(indptr, indices, data, n_columns, preferred, is_first):
     """Reduce equations by rows, which gives dependent coordinates in terms of independent ones.
 
     1. Each equation is loaded, and the rows before it are subtracted, so that their pivots vanish from it.
-    2. If nothing is left of it but round-off, it is redundant.
+    2. If no more than `INDEPENDENT` of its largest coefficient is left, it is redundant.
     3. Its pivot is the preferred coordinate, or else that of its largest coefficient; the row is scaled to one there.
     4. From the last row to the first, later pivots are replaced by the rows that give them.
 

@@ -1,7 +1,8 @@
 """Shape control in unsteady flow, section II.E: grids and exact grid velocities of a surface that moves in time.
 
 A motion is a function of time and of the surface points at rest. It gives the surface points and their velocities; the
-mover and the map of the model carry both to the grid: x = x(b(s(t))), dx/dt = (dx/db) (db/ds) ds/dt.
+mover and the map of the model take both to the grid: x = x(b(s(t))), dx/dt = (dx/db) (db/ds) ds/dt. Theory:
+``docs/theory/unsteady.rst``.
 """
 
 from __future__ import annotations
@@ -173,10 +174,10 @@ class UnsteadyGrid:
     model : FittedModel
         The fitted grid.
     mover : Mover
-        What moves its control mesh. Give it a number of increments where the motion needs more than one at some times:
+        The mover of its control mesh. Give it a number of increments where the motion needs more than one at some times:
         a mover that chooses the number takes more at these times alone, and the grid jumps in between.
     motion : Motion
-        What the surface does: a `SurfaceMotion` or any function of time and of the surface points at rest.
+        Motion of the surface: a `SurfaceMotion` or any function of time and of the surface points at rest.
 
     Raises
     ------
@@ -234,6 +235,6 @@ class UnsteadyGrid:
 
     @cached_property
     def _shared(self) -> dict:
-        """What the moves of all times share: the factor of the baseline, where the mover has one."""
+        """Options that the moves of all times share: the factor of the baseline, where the mover has one."""
         start = getattr(self._differentiable_mover, "start", None)
         return {} if start is None else {"start": start(self.model.control_points)}

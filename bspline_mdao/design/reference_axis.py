@@ -295,8 +295,8 @@ class StationSpline:
     stations : tuple of float
         Ascending parts of the axis, 0 at its first point and 1 at its last.
     order : int
-        2: straight lines, one interval to either side of a station feels its value. 4: cubics that have at each
-        station the slope of the parabola through it and its neighbours; two intervals to either side feel the value.
+        2: straight lines, on which a value has an influence one interval to either side of its station. 4: cubics that
+        have at each station the slope of the parabola through it and its neighbours; two intervals to either side.
 
     Raises
     ------

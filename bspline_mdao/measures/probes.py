@@ -31,8 +31,8 @@ __all__ = [
     "ROUND_OFF",
     "Crossings",
     "Probes",
+    "as_points",
     "body_intervals",
-    "checked_points",
     "find_crossings",
     "opposite_probes",
 ]
@@ -123,7 +123,7 @@ def opposite_probes(
     Lines enter where they run against the normal into the fluid and leave where they run along it. Quads that a line
     grazes, within 1e-9 rad, do not count.
     """
-    points, directions = checked_points(points, what), _checked_directions(directions, len(points), what)
+    points, directions = as_points(points, what), _as_directions(directions, len(points), what)
     found = find_crossings(surface, points, directions)
     entries, exits = body_intervals(found, FLAT * surface.size)
     _require_all(entries.line, points, what)
@@ -131,8 +131,8 @@ def opposite_probes(
     return first, last
 
 
-def checked_points(points: np.ndarray, what: str) -> np.ndarray:
-    """Return points as an array of shape (n, 3).
+def as_points(points: np.ndarray, what: str) -> np.ndarray:
+    """Return finite points as an array of shape (n, 3).
 
     Raises
     ------
@@ -149,7 +149,7 @@ def checked_points(points: np.ndarray, what: str) -> np.ndarray:
     return points
 
 
-def _checked_directions(directions, n, what):
+def _as_directions(directions, n, what):
     directions = as_numbers(directions, f"{what}: directions")
     if directions.shape not in ((3,), (n, 3)):
         raise InputError(f"{what}: directions of shape {directions.shape}; give shape (3,) or ({n}, 3)")

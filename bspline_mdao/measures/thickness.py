@@ -16,7 +16,7 @@ from ..mesh.surface import SurfaceGrid
 from ..numerics.vector_arrays import lengths, unit_vectors
 from .area import planform_normal
 from .measure import Combinations
-from .probes import FLAT, ROUND_OFF, checked_points, opposite_probes
+from .probes import FLAT, ROUND_OFF, as_points, opposite_probes
 
 __all__ = ["Thickness", "ruled_normals", "ruled_points"]
 
@@ -101,7 +101,7 @@ class Thickness:
         """
         direction = planform_normal(surface) if direction is None else as_numbers(direction, f"{name}: direction")
         shape = np.shape(points)[:-1]
-        flat = checked_points(np.reshape(points, (-1, 3)) if shape else points, name)
+        flat = as_points(np.reshape(points, (-1, 3)) if shape else points, name)
         entries, exits = opposite_probes(
             surface, flat, direction.reshape(-1, 3) if direction.ndim > 1 else direction, name
         )
@@ -209,7 +209,7 @@ def ruled_normals(points: np.ndarray) -> np.ndarray:
 
 def _divided(line, n, what):
     """Points at equal distances along a polyline."""
-    line = checked_points(line, what)
+    line = as_points(line, what)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     if not arc[-1] > 0.0:
         raise InputError(f"{what}: a polyline without length; give two or more points")
