@@ -174,8 +174,8 @@ class UnsteadyGrid:
     model : FittedModel
         The fitted grid.
     mover : Mover
-        The mover of its control mesh. Give it a number of increments where the motion needs more than one at some times:
-        a mover that chooses the number takes more at these times alone, and the grid jumps in between.
+        The mover of its control mesh. Give it a number of increments where the motion needs more than one at some
+        times: a mover that chooses the number takes more at these times alone, and the grid jumps in between.
     motion : Motion
         Motion of the surface: a `SurfaceMotion` or any function of time and of the surface points at rest.
 
