@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import InputError
@@ -39,7 +41,7 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
         When a file cannot be read, in one line.
     """
     form = format_of_content(read_raw(path, _HEAD))
-    grid = form.function(form.reader)(path)
+    grid = _function(form, form.reader)(path)
     return grid if patches is None else read_patches(patches, grid)
 
 
@@ -68,7 +70,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     """
     require_grid(grid)
     form = _format_to_write(path, grid)
-    write = form.function(form.writer)
+    write = _function(form, form.writer)
     if form.takes_topology:
         write(path, grid, topology)
     else:
@@ -110,3 +112,8 @@ def _format_to_write(path: str | os.PathLike, grid: Grid) -> GridFormat:
         f"{path}: no '{suffix}' files are written; name it {names}, or for {plot3d.name} "
         f"{', '.join(filter(None, plot3d.suffixes))}"
     )
+
+
+def _function(form: GridFormat, name: str) -> Callable:
+    """Return a function of the module of a format, imported now that it is needed."""
+    return getattr(importlib.import_module(f"{__package__}.{form.module}"), name)

@@ -1,13 +1,12 @@
 """The file formats of grids in one table, for reading, writing, messages and the help of the command line.
 
-To add a format, write its module beside the others and add a line to `FORMATS`. Modules of formats are imported when
-they are first needed: the help of the command line shows the table, and should not wait for NumPy and HDF5.
+To add a format, write its module beside the others and add a line to `FORMATS`. The table names the modules and imports
+none of them (`.files` does, when a file of the format is first met): the help of the command line shows the table, and
+should not wait for NumPy and HDF5.
 """
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,10 +57,6 @@ class GridFormat:
     signatures: tuple[tuple[int, bytes], ...] = ()
     takes_topology: bool = False
     may_be_compressed: bool = False
-
-    def function(self, name: str) -> Callable:
-        """Return a function of the module of the format, importing it if need be."""
-        return getattr(importlib.import_module(f"{__package__}.{self.module}"), name)
 
     def suffix_of(self, path: Path) -> str:
         """Return the suffix that counts, in lower case: the one before ``.gz`` where that may follow."""
