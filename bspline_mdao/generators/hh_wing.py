@@ -136,7 +136,8 @@ def hh_wing_grid(
     InputError
         If the counts are too small or the spacings do not fit them.
     """
-    layout = _Layout(wing, *_counts(shape), spacing or Spacing(), far_field or FarField())
+    n_stream, n_normal, n_span = _counts(shape)
+    layout = _Layout(wing, n_stream, n_normal, n_span, spacing or Spacing(), far_field or FarField())
     rows = {side: _base_patches(layout, side) for side in (-1, 1)}
     nodes = [
         _extrude(rows[side][stream + 3 * outboard], side, layout.n_normal[side > 0], layout)
@@ -246,9 +247,9 @@ class _Layout:
     """Wing, counts of every block row and spacings of a grid."""
 
     wing: Wing
-    n_stream: tuple[int, int, int]
-    n_normal: tuple[int, int]
-    n_span: tuple[int, int]
+    n_stream: tuple[int, ...]
+    n_normal: tuple[int, ...]
+    n_span: tuple[int, ...]
     spacing: Spacing
     far: FarField
 
@@ -415,7 +416,7 @@ def _lean(base, height, wing):
     return -inside * x, inside * inboard * z
 
 
-def _edges(wing: Wing) -> tuple[np.ndarray, np.ndarray]:
+def _edges(wing: Wing) -> tuple[np.ndarray, ...]:
     """Leading edge and tip as segments of the plane y = 0: ends (x, z), shape (2, 2) each."""
     planform, span = wing.planform, wing.planform.semi_span
     leading = np.array([[planform.x(0.0, z), z] for z in (0.0, span)])

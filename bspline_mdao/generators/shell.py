@@ -95,7 +95,7 @@ def brick_grid(
         If there are too few nodes, the outer boundary cuts the body, or ``off_wall`` does not fit.
     """
     half = 0.5 * np.asarray(size, dtype=np.float64)
-    away = _fractions(shape, far, np.linalg.norm(half), off_wall, "grid about a brick")
+    away = _fractions(shape, far, float(np.linalg.norm(half)), off_wall, "grid about a brick")
     return _shell(shape, lambda s: half * s, far, away, octant, "grid about a brick")
 
 

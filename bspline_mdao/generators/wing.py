@@ -196,8 +196,8 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
     """
     x, y = _naca_upper(thickness)
     line = 4.0 * camber * x * (1.0 - x) * (1.0 - reflex * x)
-    sides = (np.column_stack([x, line + side * y]) for side in (1.0, -1.0))
-    return Section(*sides, nose_radius=_naca_nose_radius(thickness))
+    upper, lower = (np.column_stack([x, line + side * y]) for side in (1.0, -1.0))
+    return Section(upper, lower, nose_radius=_naca_nose_radius(thickness))
 
 
 def _naca_upper(thickness):
@@ -319,7 +319,7 @@ class Wing:
         return tip_rounding(self.planform.semi_span - z, self.rounded_length)
 
 
-def surface_grid(wing: Wing, side: int, counts: tuple[int, int], leading, trailing, root, tip) -> np.ndarray:
+def surface_grid(wing: Wing, side: int, counts: tuple[int, ...], leading, trailing, root, tip) -> np.ndarray:
     """Divide one side of a wing into a surface grid.
 
     Parameters

@@ -52,7 +52,7 @@ def kind_of(bc_type: str, name: str) -> str:
 
 
 def read_patches_of_zones(
-    zones: list[tuple[h5py.Group, h5py.Group]], shapes: list[tuple[int, int, int]]
+    zones: list[tuple[h5py.Group, ...]], shapes: list[tuple[int, ...]]
 ) -> tuple[tuple[Patch, ...], tuple[str, ...]]:
     """Collect the patches of all zones: one for every family, or for every name where there is no family.
 
@@ -70,7 +70,8 @@ def read_patches_of_zones(
     ignored : tuple of str
         What could not be taken over, and why, and conditions that do not go with the names.
     """
-    windows, ignored = {}, []
+    windows: dict[tuple[str, str], list[Window]] = {}
+    ignored: list[str] = []
     for block, ((base, zone), shape) in enumerate(zip(zones, shapes)):
         for name, condition in _conditions(zone):
             patch_name, bc_type = _meaning(base, name, condition)
@@ -91,7 +92,7 @@ def read_patches_of_zones(
         if kind_of_name(name) not in (kind, "other")
     ]
     order = sorted(windows, key=lambda key: families.index(key[0]) if key[0] in families else len(families))
-    return tuple(Patch(*key, tuple(windows[key])) for key in order), tuple(ignored)
+    return tuple(Patch(name, kind, tuple(windows[name, kind])) for name, kind in order), tuple(ignored)
 
 
 def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
@@ -99,7 +100,7 @@ def _conditions(zone: h5py.Group) -> list[tuple[str, h5py.Group]]:
     return [bc for _, zone_bc in children(zone, "ZoneBC_t") for bc in children(zone_bc, "BC_t")]
 
 
-def _meaning(base: h5py.Group, name: str, condition: h5py.Group) -> tuple[str, str]:
+def _meaning(base: h5py.Group, name: str, condition: h5py.Group) -> tuple[str, ...]:
     """Name of the patch and type of its boundary condition, through the family where there is one."""
     bc_type = word(condition)
     family_name = first_child(condition, "FamilyName_t")
@@ -111,7 +112,7 @@ def _meaning(base: h5py.Group, name: str, condition: h5py.Group) -> tuple[str, s
     return family or name, bc_type
 
 
-def _condition_window(block: int, shape: tuple[int, int, int], condition: h5py.Group) -> Window | None:
+def _condition_window(block: int, shape: tuple[int, ...], condition: h5py.Group) -> Window | None:
     """Face window that a condition covers; None where it is not one."""
     points = first_child(condition, "IndexRange_t")
     is_range = points is not None
@@ -133,7 +134,7 @@ def _condition_window(block: int, shape: tuple[int, int, int], condition: h5py.G
     return window if window.is_on_face(shape) else None
 
 
-def _to_nodes(location: str, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _to_nodes(location: str, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, ...]:
     """Node range of a range of cell faces: one more along the face, the same across it."""
     normal = {"IFaceCenter": 0, "JFaceCenter": 1, "KFaceCenter": 2}.get(location)
     across = np.arange(len(lo)) == normal if normal is not None else lo == hi
@@ -186,7 +187,7 @@ def _add_condition(zone: h5py.Group, bc_type: str, window: Window) -> h5py.Group
 
 
 def read_connections(
-    zones: Sequence[h5py.Group], names: Sequence[str], shapes: Sequence[tuple[int, int, int]]
+    zones: Sequence[h5py.Group], names: Sequence[str], shapes: Sequence[tuple[int, ...]]
 ) -> tuple[tuple[Interface, ...], tuple[str, ...]]:
     """Read the one-to-one connections of all zones, those that are not periodic.
 
@@ -207,7 +208,8 @@ def read_connections(
         What could not be understood, and why.
     """
     blocks = {name: block for block, name in enumerate(names)}
-    found, ignored = {}, []
+    found: dict[Interface, None] = {}
+    ignored: list[str] = []
     for block, zone in enumerate(zones):
         base = names[block][: names[block].rfind("/") + 1]
         for name, node in _connections(zone):

@@ -26,7 +26,7 @@ from ..errors import InputError
 try:
     import fcntl
 except ImportError:  # Windows, where what is left behind stays
-    fcntl = None
+    fcntl = None  # type: ignore[assignment]
 
 
 PREFIX, SUFFIX = ".bspline_mdao-", ".part"

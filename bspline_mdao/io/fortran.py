@@ -191,7 +191,8 @@ def split_records(data: bytes, byte_order: str, marker_bytes: int) -> tuple[byte
         Length of every record's payload, in bytes.
         None is returned in place of both where the markers do not match up to the end of the file.
     """
-    view, lengths, pieces = memoryview(data), [], []
+    view, pieces = memoryview(data), []
+    lengths: list[int] = []
     start, continues = 0, False
     while start < len(data):
         piece = _subrecord(view, start, byte_order, marker_bytes)

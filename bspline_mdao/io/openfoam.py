@@ -228,10 +228,10 @@ class PolyMesh:
         """
         texts = {("0", name): (*_field_text(name, field, self.boundary), name) for name, field in fields.items()}
         for place, text in settings.items():
-            parent, name = PurePosixPath(place).parent, PurePosixPath(place).name
-            if str(parent) == "." or ".." in parent.parts or parent.is_absolute():
+            above, name = PurePosixPath(place).parent, PurePosixPath(place).name
+            if str(above) == "." or ".." in above.parts or above.is_absolute():
                 raise InputError(f"OpenFOAM: '{place}' is no place in a case; name it as 'system/controlDict'")
-            texts[str(parent), name] = "dictionary", text, name
+            texts[str(above), name] = "dictionary", text, name
         self.write(Path(folder) / "constant" / POLYMESH)
         for parent in dict.fromkeys(parent for parent, _ in texts):
             with replaced_folder(Path(folder) / parent) as new:
@@ -257,7 +257,7 @@ class PolyMesh:
         return f'    note "{sizes} nInternalFaces:{len(self.neighbour)}";\n'
 
 
-def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _kept(cells: CellFaces, has_area: np.ndarray) -> tuple[np.ndarray, ...]:
     """Inner faces in order of the lower and then the higher cell, and boundary faces, without those to leave out."""
     left, right = cells.left[: cells.n_inner], cells.right
     order = np.lexsort((np.maximum(left, right), np.minimum(left, right)))
@@ -295,10 +295,10 @@ def _ragged_lines(forms: np.ndarray, values: np.ndarray, is_there: np.ndarray) -
 def _entry(patch: BoundaryFaces) -> str:
     """Entry of a patch in the file ``boundary``."""
     sizes = f"nFaces {patch.stop - patch.start};\n        startFace {patch.start};"
-    return f"    {patch.name}\n    {{\n        type {TYPES.get(patch.kind, 'patch')};\n        {sizes}\n    }}\n"
+    return f"    {patch.name}\n    {{\n        type {TYPES.get(patch.kind or '', 'patch')};\n        {sizes}\n    }}\n"
 
 
-def _field_text(name: str, field: CaseField, boundary: Sequence[BoundaryFaces]) -> tuple[str, str]:
+def _field_text(name: str, field: CaseField, boundary: Sequence[BoundaryFaces]) -> tuple[str, ...]:
     """Class of a field and its text below the head."""
     value = np.asarray(field.value, dtype=float)
     if value.shape not in ((), (3,)):

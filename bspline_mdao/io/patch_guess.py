@@ -125,7 +125,7 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
         those that were found.
     """
     frame = _frame(grid)
-    found = {}
+    found: dict[str, list[Window]] = {}
     for window in windows:
         found.setdefault(_guess(grid, window, frame), []).append(window)
     pairs = find_periodic(grid, [window for name in ("wall", "farfield") for window in found.get(name, ())])
@@ -216,7 +216,7 @@ def _draft_face(grid: Grid, window: Window):
     return entry
 
 
-def _face_of(window: Window, shape: tuple[int, int, int]) -> int:
+def _face_of(window: Window, shape: tuple[int, ...]) -> int:
     """Face that a window lies on; the truly flat direction counts before one that has a single node."""
     flat = [d for d in range(3) if window.lo[d] == window.hi[d] and window.lo[d] in (0, shape[d] - 1)]
     d = max(flat, key=lambda d: shape[d])

@@ -34,6 +34,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -117,7 +118,7 @@ def merge_patches(grid: Grid, patches: Sequence[Patch], source: str) -> Grid:
     added = {patch.name: patch for patch in patches}
     merged = {patch.name: patch for patch in grid.patches} | added
     claims = [(patch, window) for patch in merged.values() for window in patch.windows]
-    faces = {}
+    faces: dict[tuple, list[tuple[Patch, Window]]] = {}
     for patch, window in claims:
         faces.setdefault(_face_key(window), []).append((patch, window))
     for rivals in faces.values():
@@ -293,7 +294,7 @@ def parse_nmf(text: str, grid: Grid, source: str) -> tuple[Patch, ...]:
     """
     lines = list(_lines(text))
     n_blocks = _check_blocks(lines, grid, source)
-    windows = {}
+    windows: dict[str, list[Window]] = {}
     for number, line in lines[1 + n_blocks :]:
         name, fields = _split_entry(line, f"{source}: line {number}")
         where = f"{source}: line {number} ('{name}')"
@@ -361,7 +362,7 @@ def _parse_rectangle(fields: list[str], grid: Grid, where: str) -> tuple[Window,
     normal, side = _FACE_DIRECTIONS[face]
     lo, hi = [0, 0, 0], [0, 0, 0]
     lo[normal] = hi[normal] = (shape[normal] - 1) * side
-    index = [lo[normal]] * 3
+    index: list[Any] = [lo[normal]] * 3
     for first, last, d in zip(ends[::2], ends[1::2], ((normal + 1) % 3, (normal + 2) % 3)):
         if not (1 <= first <= shape[d] and 1 <= last <= shape[d]) or (first == last and shape[d] > 1):
             raise InputError(f"{where}: {first} to {last} is no range of {'ijk'[d]} of block {block}, 1 to {shape[d]}")

@@ -18,6 +18,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -140,7 +141,7 @@ class Reading:
     """
 
     dialect: Plot3dDialect
-    content: object
+    content: Any
     shapes: np.ndarray
 
 
@@ -178,7 +179,7 @@ def exact_readings(data: bytes, source: str) -> list[Reading]:
     return exact
 
 
-def _containers(data: bytes, source: str) -> Iterator[tuple[Plot3dDialect, object, list[int] | None]]:
+def _containers(data: bytes, source: str) -> Iterator[tuple[Plot3dDialect, Any, list[int] | None]]:
     """Ways to get at the plain numbers: dialect so far, content, and lengths of the records where there are any."""
     text = data.removeprefix(BOM_UTF8)  # which editors on Windows put first
     if is_text(text):
@@ -374,7 +375,7 @@ def _read_blocks(reading: Reading) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _read_block(reading: Reading, shape: list[int], start: int) -> tuple[np.ndarray, np.ndarray | None]:
+def _read_block(reading: Reading, shape: tuple[int, ...], start: int) -> tuple[np.ndarray, np.ndarray | None]:
     """Nodes and IBLANK of the block whose numbers begin at byte ``start``."""
     dialect = reading.dialect
     ni, nj, nk = shape
@@ -495,7 +496,7 @@ def _encode(grid: Grid, dialect: Plot3dDialect) -> Iterator[bytes]:
             for array in record:
                 yield from format_numbers(array)
         return
-    payloads = (b"".join(array.tobytes() for array in record) for record in records)
+    payloads: Iterator[bytes] = (b"".join(array.tobytes() for array in record) for record in records)
     if dialect.encoding == "fortran":
         payloads = join_records(payloads, dialect.byte_order, dialect.marker_bytes)
     yield from payloads

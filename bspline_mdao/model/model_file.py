@@ -170,7 +170,7 @@ def _checksum(document: bytes, arrays: dict[str, np.ndarray]) -> str:
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
         digest.update(f"{name} {array.shape} {array.dtype.newbyteorder('<').str}".encode())
-        digest.update(array.astype(array.dtype.newbyteorder("<"), copy=False))
+        digest.update(array.astype(array.dtype.newbyteorder("<"), copy=False).data)
     return digest.hexdigest()
 
 
@@ -271,8 +271,8 @@ def _check_topology(topology: Topology, header: GridHeader) -> None:
         _check_numbers((collapse.direction,), 0, 2)
         _section_shape(topology, collapse.segment, collapse.section)
     for link in topology.links:
-        shapes = (_section_shape(topology, *end) for end in ((link.a, link.a_section), (link.b, link.b_section)))
-        _check_orientation(link.orientation, *shapes)
+        ends = ((link.a, link.a_section), (link.b, link.b_section))
+        _check_orientation(link.orientation, *(_section_shape(topology, *end) for end in ends))
 
 
 def _check_window(window: Window, shapes) -> None:

@@ -101,8 +101,8 @@ class BlockError:
     """
 
     name: str
-    rms: tuple[float, float, float]
-    max_error: tuple[float, float, float]
+    rms: tuple[float, ...]
+    max_error: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class InvalidElement:
     j: int
     k: int
     measure: float
-    folded_cell: tuple[int, int, int] | None = None
+    folded_cell: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class FitReport:
     rms: float
     relative_rms: float
     mean_edge: float
-    max_error: tuple[float, float, float]
+    max_error: tuple[float, ...]
     blocks: tuple[BlockError, ...]
     worst: WorstNode
     n_nodes: int

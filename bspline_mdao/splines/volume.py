@@ -27,7 +27,7 @@ class Volume:
         Knots of the directions xi, eta and zeta; they carry order and number of control points.
     """
 
-    knots: tuple[Knots, Knots, Knots]
+    knots: tuple[Knots, ...]
 
     def __post_init__(self):
         if len(self.knots) != 3:

@@ -80,14 +80,14 @@ def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
     """
     round_off, unit = data_round_off(blocks), data_unit(blocks)
     masks = [_face_mask(nodes.shape[:3]) for nodes in blocks]
-    spacing, collapsed, real = zip(*(_face_edges(nodes, round_off) for nodes in blocks))
+    spacing, *edges = zip(*(_face_edges(nodes, round_off) for nodes in blocks))
     points = np.concatenate([nodes[mask] for nodes, mask in zip(blocks, masks)])
     length = np.concatenate([s[mask] for s, mask in zip(spacing, masks)])
     length[np.isinf(length)] = 0.0
     rounding = _rounding(points, round_off, unit)
     is_coarse = bool(np.any(rounding > THIN_CELL_LIMIT * length))
     tolerance = np.maximum(SPACING_TOLERANCE * length, np.minimum(rounding, THIN_CELL_LIMIT * length))
-    collapsed, real = _compress(collapsed, masks), _compress(real, masks)
+    collapsed, real = (_compress(part, masks) for part in edges)
     ids = _merge_close(points, tolerance, _join(_equal_points(points), collapsed), real)
     near_ids = _merge_close(points, np.maximum(tolerance, NEAR_MISS_TOLERANCE * length), ids, real)
     return Coincidence(_spread(ids, masks), _spread(near_ids, masks), spacing, round_off, unit, is_coarse)

@@ -46,7 +46,7 @@ class Face:
         return tuple(d for d in range(3) if d != self.normal)
 
     @property
-    def n_quads(self) -> tuple[int, int]:
+    def n_quads(self) -> tuple[int, ...]:
         """Number of quads in each tangent direction; one where the face is one node wide."""
         return tuple(max(n - 1, 1) for n in self.ids.shape)
 
@@ -171,8 +171,8 @@ def _collapsed_edges(face: Face, axis: int) -> list[Window]:
 class Rectangle:
     """Quads ``lo <= index <= hi`` of a face, inclusive."""
 
-    lo: tuple[int, int]
-    hi: tuple[int, int]
+    lo: tuple[int, ...]
+    hi: tuple[int, ...]
 
 
 def decompose(mask: np.ndarray, limit: int | None = None) -> list[Rectangle]:

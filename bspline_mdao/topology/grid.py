@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class Block:
         object.__setattr__(self, "iblank", iblank.astype(np.int32, copy=False))
 
     @property
-    def shape(self) -> tuple[int, int, int]:
+    def shape(self) -> tuple[int, ...]:
         """Number of nodes in each direction."""
         return self.nodes.shape[:3]
 
@@ -107,7 +108,7 @@ class Grid:
     blocks: tuple[Block, ...]
     patches: tuple[Patch, ...] = ()
     source: str = "grid"
-    dialect: object | None = field(default=None, compare=False)
+    dialect: Any = field(default=None, compare=False)
     connections: tuple[Interface, ...] = ()
 
     def __post_init__(self):

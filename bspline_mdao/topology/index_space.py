@@ -39,16 +39,16 @@ class Window:
     """
 
     block: int
-    lo: tuple[int, int, int]
-    hi: tuple[int, int, int]
+    lo: tuple[int, ...]
+    hi: tuple[int, ...]
 
     @property
-    def shape(self) -> tuple[int, int, int]:
+    def shape(self) -> tuple[int, ...]:
         """Number of nodes in each direction."""
         return tuple(h - l + 1 for l, h in zip(self.lo, self.hi))
 
     @property
-    def slices(self) -> tuple[slice, slice, slice]:
+    def slices(self) -> tuple[slice, ...]:
         """Slices that cut the window out of an array of the block's shape."""
         return tuple(slice(l, h + 1) for l, h in zip(self.lo, self.hi))
 
@@ -89,7 +89,7 @@ def by_blocks(windows: Iterable[Window]) -> dict[int, list[Window]]:
     return sorted_windows
 
 
-def _put(index: tuple[int, int, int], d: int, value: int) -> tuple[int, int, int]:
+def _put(index: tuple[int, ...], d: int, value: int) -> tuple[int, ...]:
     return index[:d] + (value,) + index[d + 1 :]
 
 
@@ -107,8 +107,8 @@ class Orientation:
         Whether each direction of the first space runs backwards in the second.
     """
 
-    perm: tuple[int, int, int] = (0, 1, 2)
-    flip: tuple[bool, bool, bool] = (False, False, False)
+    perm: tuple[int, ...] = (0, 1, 2)
+    flip: tuple[bool, ...] = (False, False, False)
 
     def apply(self, array: np.ndarray) -> np.ndarray:
         """View ``array``, indexed by the second space, in the index order of the first."""
@@ -158,11 +158,11 @@ class Interface:
         return Interface(self.b, self.a, self.orientation.inverse())
 
 
-Section = tuple[int | None, int | None, int | None]
+Section = tuple[int | None, ...]
 """A face, an edge or a corner of a block or a segment: per direction 0 (low end), -1 (high end) or None (all)."""
 
 
-def sections_of(shape: tuple[int, int, int], n_free: int) -> list[Section]:
+def sections_of(shape: tuple[int, ...], n_free: int) -> list[Section]:
     """List the sections with a number of free directions; a direction of one node has one end and is never free.
 
     Examples
@@ -174,17 +174,17 @@ def sections_of(shape: tuple[int, int, int], n_free: int) -> list[Section]:
     return [section for section in product(*ends) if section.count(None) == n_free]
 
 
-def inner_slices(section: Section) -> tuple[slice, slice, slice]:
+def inner_slices(section: Section) -> tuple[slice, ...]:
     """Return slices that cut the inner points of a section out of an array of its block or segment."""
     return tuple(slice(1, -1) if end is None else slice(end, end + 1 or None) for end in section)
 
 
-def whole_slices(section: Section) -> tuple[slice, slice, slice]:
+def whole_slices(section: Section) -> tuple[slice, ...]:
     """Return slices that cut all points of a section out of an array of its block or segment."""
     return tuple(slice(None) if end is None else slice(end, end + 1 or None) for end in section)
 
 
-def section_rows(shape: tuple[int, int, int], section: Section, start: int = 0) -> np.ndarray:
+def section_rows(shape: tuple[int, ...], section: Section, start: int = 0) -> np.ndarray:
     """Give the points of a section their rows in the C order of the whole index space, from ``start``."""
     strides = (shape[1] * shape[2], shape[2], 1)
     axes = [np.arange(n) if end is None else np.array([end % n]) for n, end in zip(shape, section)]
@@ -192,14 +192,14 @@ def section_rows(shape: tuple[int, int, int], section: Section, start: int = 0) 
     return start + i * strides[0] + j * strides[1] + k * strides[2]
 
 
-def block_rows(shapes: Sequence[tuple[int, int, int]]) -> list[np.ndarray]:
+def block_rows(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
     """Give the nodes of all blocks their rows, blocks in order, each in C order: arrays of the blocks' shapes."""
     sizes = [int(np.prod(shape)) for shape in shapes]
     starts = np.cumsum([0, *sizes])
     return [np.arange(start, start + n).reshape(shape) for start, n, shape in zip(starts, sizes, shapes)]
 
 
-def face_layers(values: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
+def face_layers(values: np.ndarray, window: Window) -> tuple[np.ndarray, ...]:
     """Take the values at a face window of a block, and at the layer of nodes next to it.
 
     Parameters

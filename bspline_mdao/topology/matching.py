@@ -29,7 +29,7 @@ from .index_space import Interface, Orientation, Window
 MAX_RECTANGLES = 64
 """A region more ragged than this many rectangles keeps the largest ones."""
 
-_TURNS = [(swap, flip0, flip1) for swap in (0, 1) for flip0 in (0, 1) for flip1 in (0, 1)]
+_TURNS: list[tuple[int, ...]] = [(swap, flip0, flip1) for swap in (0, 1) for flip0 in (0, 1) for flip1 in (0, 1)]
 _TURNED_CORNERS = np.array(
     [
         [(q ^ f1) + 2 * (p ^ f0) if swap else (p ^ f0) + 2 * (q ^ f1) for q in (0, 1) for p in (0, 1)]
@@ -127,7 +127,7 @@ class Region:
     a: int
     b: int
     turn: int
-    shift: tuple[int, int]
+    shift: tuple[int, ...]
     pairs: np.ndarray
 
     def map_quads(self, p, q):
@@ -293,7 +293,7 @@ class Meeting:
         pairs = np.stack([quads[is_in], partner[is_in]], axis=1)
         return pairs[pairs[:, 0] < pairs[:, 1]]
 
-    def _mapped(self, region: Region) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _mapped(self, region: Region) -> tuple[np.ndarray, ...]:
         """Map face a of a region to face b.
 
         Returns
@@ -323,7 +323,7 @@ class Meeting:
         partner[inside] = self.quads.starts(len(self.faces))[region.b] + r * b.n_quads[1] + s
         return fraction, largest, partner
 
-    def _at(self, window: Window) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _at(self, window: Window) -> tuple[np.ndarray, ...]:
         """Nodes of a face window, the spacing at them, and the points on which they lie."""
         arrays = self.blocks, self.coincidence.spacing, self.coincidence.ids
         return tuple(array[window.block][window.slices] for array in arrays)
@@ -402,7 +402,7 @@ class _Surface:
         pairs = match_quads(quads, np.zeros(len(quads.face), dtype=bool)).pairs
         return find_regions(quads, pairs)
 
-    def _met_nodes(self, other: _Surface) -> tuple[np.ndarray, np.ndarray]:
+    def _met_nodes(self, other: _Surface) -> tuple[np.ndarray, ...]:
         """Nodes of this surface that meet one of another surface, and those; of the same one, other nodes than they."""
         reach = self.reach.max(initial=0.0)
         low, high = other.nodes.min(axis=0) - reach, other.nodes.max(axis=0) + reach

@@ -48,7 +48,7 @@ class Motion:
 
     axis: str = ""
     angle: float = 0.0
-    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __str__(self) -> str:
         if self.axis:
@@ -130,7 +130,8 @@ def find_periodic(grid: Grid, windows: Sequence[Window]) -> tuple[PeriodicPair, 
             continue
         there, back = (_laid(sides, candidates, m, size) for m in (motion, motion.inverse()))
         if there and back and not there & back:
-            pairs.append(PeriodicPair(*(tuple(windows[n] for n in sorted(part)) for part in (there, back)), motion))
+            first, second = (tuple(windows[n] for n in sorted(part)) for part in (there, back))
+            pairs.append(PeriodicPair(first, second, motion))
             left -= there | back
     return tuple(pairs)
 

@@ -24,7 +24,7 @@ from .topology import Collapse, Link, shared_ids
 MAX_SEGMENTS = 64
 """Most segments of one block; interfaces and windows that would need more are not cut out."""
 
-Cuts = list[tuple[set[int], set[int], set[int]]]
+Cuts = list[tuple[set[int], ...]]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def find_cuts(shapes, interfaces: Sequence[Interface], windows: Sequence[Window]
     uncut : list of (Interface or Window)
         What is not cut out.
     """
-    wanted, uncut = [*interfaces, *windows], []
+    wanted: list[Interface | Window] = [*interfaces, *windows]
+    uncut: list[Interface | Window] = []
     while True:
         cuts, full = _spread_cuts(shapes, wanted)
         if full is None:
@@ -143,7 +144,7 @@ def interface_links(shapes, segments: Sequence[Window], interfaces: Sequence[Int
 
 def find_collapses(segments: Sequence[Window], windows: dict[Window, tuple[int, ...]]) -> list[Collapse]:
     """Sections of segments that lie in collapsed windows."""
-    found = {}
+    found: dict[Collapse, None] = {}
     for window, directions in windows.items():
         for number, segment in enumerate(segments):
             section = section_in(segment, window)
@@ -154,7 +155,7 @@ def find_collapses(segments: Sequence[Window], windows: dict[Window, tuple[int, 
 
 def section_in(segment: Window, window: Window) -> Section | None:
     """Find the section of a segment that lies in a window; None if they do not meet or meet in part of a section."""
-    section = []
+    section: list[int | None] = []
     for d in range(3):
         lo, hi = max(segment.lo[d], window.lo[d]), min(segment.hi[d], window.hi[d])
         if segment.block != window.block or lo > hi:
@@ -297,7 +298,7 @@ def _apart_corners(shapes, quads: Quads, separated: np.ndarray) -> np.ndarray:
     return np.take_along_axis(rows.corners[separated], order, axis=2).transpose(0, 2, 1).reshape(-1, 2)
 
 
-def _apart_pairs(shared: np.ndarray) -> set[tuple[int, int]]:
+def _apart_pairs(shared: np.ndarray) -> set[tuple[int, ...]]:
     """Pairs of numbers, the lower first, that must not become one."""
     pairs = np.unique(np.sort(shared[shared[:, 0] != shared[:, 1]], axis=1), axis=0)
     return set(map(tuple, pairs.tolist()))
@@ -322,7 +323,7 @@ def _junction(segment: Window, number: int, section: Section, ids, shared) -> Ju
     return Junction(number, section, points[::step], numbers[::step], is_reversed)
 
 
-def _group_links(group: Sequence[Junction], apart: set[tuple[int, int]]) -> list[Link]:
+def _group_links(group: Sequence[Junction], apart: set[tuple[int, ...]]) -> list[Link]:
     """Links from the first of coincident junctions to the others, none where two are kept apart."""
     for a, b in combinations(group, 2):
         if not apart.isdisjoint(zip(np.minimum(a.shared, b.shared).tolist(), np.maximum(a.shared, b.shared).tolist())):

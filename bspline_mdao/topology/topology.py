@@ -45,7 +45,7 @@ class NearMiss:
     ----------
     window : Window
         The face window.
-    other : Window or None
+    other : Window
         The one it nearly meets.
     gap : float
         Distance of two nodes that nearly coincide, in metres, where it is largest relative to the local spacing.
@@ -54,7 +54,7 @@ class NearMiss:
     """
 
     window: Window
-    other: Window | None
+    other: Window
     gap: float
     spacing: float
 
@@ -130,7 +130,7 @@ class Topology:
     """
 
     source: str
-    shapes: tuple[tuple[int, int, int], ...]
+    shapes: tuple[tuple[int, ...], ...]
     interfaces: tuple[Interface, ...]
     boundary: tuple[BoundaryFace, ...]
     collapsed: tuple[Window, ...]
@@ -170,7 +170,7 @@ def _segment_name(segment: Window, shape) -> str:
 
 
 def shared_ids(
-    shapes: Sequence[tuple[int, int, int]],
+    shapes: Sequence[tuple[int, ...]],
     links: Sequence[Link],
     collapses: Sequence[Collapse] = (),
     names: Sequence[str] | None = None,
