@@ -26,7 +26,7 @@ LARGEST_BRANCH = 0.05
 """Part of all work that a branch has at most: small enough for threads to end together."""
 
 LEAST_WORK = 0.02
-"""Factorisations that take less time (s) are one branch: threads would take longer to start than they save."""
+"""Factorisations that take less time (s) are one branch: there is too little for several threads."""
 
 
 class Stages(NamedTuple):

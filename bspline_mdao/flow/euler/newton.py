@@ -31,15 +31,14 @@ FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
 """CFL number of the first step from the uniform stream, and where growth and cuts end."""
 
 CFL_GROWTH = 1.5
-"""Growth of the CFL number in addition to that of the inverse residual: without it a step that halves the residual
-forever would keep its time terms forever."""
+"""Growth of the CFL number in addition to that of the inverse residual: time terms fade faster than it falls."""
 
 LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Bounds of a step: largest relative fall of a density or pressure, largest rise of the residual, and the smallest
 part of a Newton step that is worth its residual."""
 
 STALLED = 15
-"""The residual has to be halved within so many steps, or the run ends: it would only go on in circles."""
+"""The residual has to be halved within so many steps, or the run ends, and another start is tried."""
 
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
@@ -158,7 +157,7 @@ def solve_flow(
     states = discretization.uniform(stream) if states is None else states
     residual = discretization.residual(states, areas, stream)
     norm = float(np.linalg.norm(residual))
-    # near a solution, as after a small change of the design, time terms would only hold the steps back
+    # a start that is near a solution, as after a small change of the design, needs less of the time terms
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
