@@ -36,7 +36,6 @@ __all__ = [
     "block_measures",
     "block_summary",
     "block_vjp",
-    "list_jvp",
     "list_measures",
     "list_vjp",
 ]
@@ -409,16 +408,6 @@ def list_measures(x, degenerate, triples, jacobians, volume):
         n = min(BATCH, n_cells - first)
         _measure_batch(_rows_from(x, first), degenerate[first:], 1.0, work, n)
         _store(work, triples, jacobians, volume, first, n)
-
-
-@njit(cache=True, nogil=True)
-def list_jvp(x, d_x, degenerate, d_triples, d_jacobians, d_volume):
-    """Change of what `list_measures` gives with the corners."""
-    work, n_cells = np.empty(SIZE), x.shape[1]
-    for first in range(0, n_cells, BATCH):
-        n = min(BATCH, n_cells - first)
-        _jvp_batch(_rows_from(x, first), _rows_from(d_x, first), degenerate[first:], 1.0, work, n)
-        _store(work, d_triples, d_jacobians, d_volume, first, n)
 
 
 @njit(cache=True, nogil=True)

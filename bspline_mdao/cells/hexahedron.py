@@ -7,7 +7,7 @@ right-handed; everything here is measured relative to the sign that most cells o
 A corner at which an edge has collapsed is *degenerate*: it has no triple product, and does not count.
 
 - `cell_quality` measures all cells of a block.
-- `element_measures` and its derivatives measure a list of elements, corner by corner, for whoever differentiates.
+- `element_measures` and its transpose measure a list of elements, corner by corner, for whoever differentiates.
 
 Theory: ``docs/theory/quality.rst``.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
-from .cell_loops import as_points, block_summary, list_jvp, list_measures, list_vjp
+from .cell_loops import as_points, block_summary, list_measures, list_vjp
 from .orthogonality import TINY
 
 __all__ = [
@@ -31,7 +31,6 @@ __all__ = [
     "cell_quality",
     "collapsed_corners",
     "element_measures",
-    "element_measures_jvp",
     "element_measures_vjp",
     "flat_direction",
     "mean_normal",
@@ -173,7 +172,7 @@ def stack_plane(plane: np.ndarray, normal) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ElementMeasures:
-    """Measures of elements, relative to their handedness; or changes or adjoints of them.
+    """Measures of elements, relative to their handedness.
 
     Parameters
     ----------
@@ -212,32 +211,14 @@ def element_measures(corners: np.ndarray, handedness: np.ndarray, degenerate_cor
         If the arrays do not fit each other.
     """
     sign = _signs(corners, handedness, degenerate_corners)
-    measures = _empty(len(corners))
+    n = len(corners)
+    measures = np.empty((8, n)), np.empty((8, n)), np.empty(n)
     list_measures(_corner_rows(corners), degenerate_corners, *measures)
-    return _handed(measures, sign, _masks(degenerate_corners), 1.0, np.inf)
-
-
-def element_measures_jvp(
-    corners: np.ndarray, d_corners: np.ndarray, handedness: np.ndarray, degenerate_corners: np.ndarray
-) -> ElementMeasures:
-    """Change of the measures with the corners.
-
-    Parameters
-    ----------
-    corners, d_corners : ndarray, shape (n_e, 8, 3)
-        Corners and their change (m).
-    handedness, degenerate_corners
-        See `element_measures`.
-
-    Returns
-    -------
-    ElementMeasures
-        Changes; 0 at degenerate corners.
-    """
-    sign = _signs(corners, handedness, degenerate_corners)
-    changes = _empty(len(corners))
-    list_jvp(_corner_rows(corners), _corner_rows(d_corners), degenerate_corners, *changes)
-    return _handed(changes, sign, _masks(degenerate_corners), 0.0, 0.0)
+    triples, jacobians, volume = (sign * values for values in measures)
+    if degenerate_corners.any():  # their values have no sign
+        masks = np.unpackbits(degenerate_corners[None], axis=0, bitorder="little").astype(bool)
+        triples[masks], jacobians[masks] = 1.0, np.inf
+    return ElementMeasures(triples.T, jacobians.T, volume)
 
 
 def element_measures_vjp(
@@ -370,24 +351,3 @@ def _signs(corners, handedness, degenerate_corners):
 
 def _corner_rows(corners):
     return as_points(corners.transpose(1, 0, 2))
-
-
-def _empty(n):
-    return np.empty((8, n)), np.empty((8, n)), np.empty(n)
-
-
-def _masks(degenerate_corners):
-    """Mask of degenerate corners, shape (8, n_e); None if there is none."""
-    return (
-        np.unpackbits(degenerate_corners[None], axis=0, bitorder="little").astype(bool)
-        if degenerate_corners.any()
-        else None
-    )
-
-
-def _handed(measures, sign, masks, triple, jacobian):
-    """Turn right-handed measures by the handedness; degenerate corners get given values."""
-    triples, jacobians, volume = (sign * values for values in measures)
-    if masks is not None:
-        triples[masks], jacobians[masks] = triple, jacobian
-    return ElementMeasures(triples.T, jacobians.T, volume)
