@@ -98,7 +98,7 @@ def choose_affordable_counts(topology: Topology, n_control=None, order=None) -> 
     cells = NODES_PER_SPAN
     counts = choose_counts(topology, n_control, order)
     n_bytes = predict_factor_bytes(topology, counts.n_control)
-    while n_control is None and (n_bytes or 0) > LARGEST_FACTOR and cells < _MOST_CELLS:
+    while n_control is None and n_bytes is not None and n_bytes > LARGEST_FACTOR and cells < _MOST_CELLS:
         cells *= 1.01 * (n_bytes / LARGEST_FACTOR) ** (1 / _GROWTH)
         counts = choose_counts(topology, None, order, cells)
         n_bytes = predict_factor_bytes(topology, counts.n_control)
@@ -120,7 +120,7 @@ def predict_factor_bytes(topology: Topology, n_control: np.ndarray) -> int | Non
     int or None
         Bytes; None for fewer than `SMALL_MESH` control points, and for planar grids, which do not move.
     """
-    shapes = [tuple(map(int, shape)) for shape in n_control]
+    shapes = [(int(n_0), int(n_1), int(n_2)) for n_0, n_1, n_2 in n_control]
     ids = tuple(shared_ids(shapes, topology.links, topology.collapses, topology.segment_names))
     n_points = 1 + max(int(block.max()) for block in ids)
     if n_points < SMALL_MESH or np.min(n_control) == 1:
@@ -173,7 +173,7 @@ def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PE
     for number in range(classes.max() + 1):
         members = [tuple(m) for m in np.argwhere(classes == number)]
         n_result[classes == number], p_result[classes == number] = _agree(topology, members, requests)
-    limited = ()
+    limited: tuple[str, ...] = ()
     if n_control is None:
         limited = (*_warn_of_wide_spans(topology, cells), *_limit_size(topology, classes, n_result, p_result))
     lowered = () if orders is None else tuple(_warn_of_lowered_orders(topology, orders, p_result))
@@ -216,6 +216,7 @@ def _request(topology: Topology, segment: int, d: int, counts, orders, cells: fl
     if counts is None:
         count = _sound_count(n_nodes, order, cells)
         return _Request(count, min(order or sound_order(n_nodes), count), False, order)
+    assert order is not None, "numbers that are given come with orders, see choose_counts"
     whole = int(counts[window.block, d])
     if whole > n_block or (n_block > 1 and whole == 1):
         raise InputError(

@@ -18,8 +18,9 @@ import numpy as np
 from numba import njit
 
 from ..splines.basis import basis_derivatives, find_span
-from ..splines.knots import BilinearKnots, ConstantKnots, Knots, bilinear_knots, bilinear_slopes
+from ..splines.knots import ConstantKnots, bilinear_knots, bilinear_slopes
 from ..splines.volume import Volume, basis_products, partial_sums, sort_by_key, sub_net_ids, volume_basis
+from .edge_knots import edge_corners
 
 ACROSS = ConstantKnots.uniform(1, 1)
 """Knots across a face or edge: the one function is 1."""
@@ -212,14 +213,6 @@ class LiveMatrix:
         """Columns of the basis values of a direction."""
         start = sum(self.matrix.orders[:d])
         return slice(start, start + self.matrix.orders[d])
-
-
-def edge_corners(knots: Knots) -> np.ndarray:
-    """Knots on the four edges, shape (2, 2, N + p)."""
-    if isinstance(knots, BilinearKnots):
-        return knots.corners
-    ends = np.array([0.0, 0.0, 1.0, 1.0]), np.array([0.0, 1.0, 0.0, 1.0])
-    return knots.values(*ends).reshape(2, 2, -1)
 
 
 def _cyclic(parameters: np.ndarray, d: int) -> np.ndarray:

@@ -86,6 +86,14 @@ def edge_knots_vjp(parameters: np.ndarray, n_control: int, order: int, bar: np.n
     return parameters_bar[:-1]
 
 
+def edge_corners(knots: Knots) -> np.ndarray:
+    """Knots on the four edges, shape (2, 2, N + p)."""
+    if isinstance(knots, BilinearKnots):
+        return knots.corners
+    ends = np.array([0.0, 0.0, 1.0, 1.0]), np.array([0.0, 1.0, 0.0, 1.0])
+    return knots.values(*ends).reshape(2, 2, -1)
+
+
 def _interpolate(parameters: np.ndarray, n_spans: int) -> np.ndarray:
     """Values at ``n_spans + 1`` evenly spaced real node numbers."""
     places = np.arange(n_spans + 1) * ((parameters.size - 1) / n_spans)
@@ -124,7 +132,8 @@ def knots_of_segments(
     knots = [knots_of_segment(*segment, kind) for segment in zip(parameters, n_control, orders)]
     if kind == "curved":
         return knots
-    joined = joined_corners(topology, [[k.knots[None, None] for k in triple] for triple in knots], is_change=False)
+    means = [[edge_corners(k)[:1, :1] for k in triple] for triple in knots]  # the same on all four edges
+    joined = joined_corners(topology, means, is_change=False)
     return [
         tuple(ConstantKnots(c[0, 0], k.order) for c, k in zip(corners, triple))
         for corners, triple in zip(joined, knots)
@@ -161,7 +170,7 @@ def joined_corners(
     ]
 
 
-def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "curved") -> tuple[Knots, Knots, Knots]:
+def knots_of_segment(parameters: np.ndarray, n_control, orders, kind: str = "curved") -> tuple[Knots, ...]:
     """Knots of the three directions of a segment by itself from the parameters on its twelve edges.
 
     Parameters

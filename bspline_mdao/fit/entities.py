@@ -47,7 +47,7 @@ class Entity:
     columns: np.ndarray
 
     @property
-    def is_free(self) -> tuple[bool, bool, bool]:
+    def is_free(self) -> tuple[bool, ...]:
         """The directions in which it extends."""
         return tuple(end is None for end in self.section)
 

@@ -71,13 +71,14 @@ def report_errors(
         n_invalid=n_invalid,
         invalid=invalid,
         warnings=(*solution.warnings, *_warn_of_invalid(problem, solution, n_invalid, invalid)),
-        fallback=None if solution.weights is None else _compare(problem, nodes, solution),
+        fallback=_compare(problem, nodes, solution.weights, solution.least_squares),
     )
 
 
-def _compare(problem: FitProblem, nodes: np.ndarray, solution: FitSolution) -> Fallback:
-    """Count what the control points are, and measure the least squares that they are not."""
-    weights, least_squares = solution.weights, solution.least_squares
+def _compare(problem: FitProblem, nodes, weights: np.ndarray | None, least_squares) -> Fallback | None:
+    """Count what the control points are, and measure the least squares that they are not; None where they are."""
+    if weights is None:
+        return None
     n_points = np.bincount(weights.argmax(axis=1), minlength=len(CANDIDATES)).tolist()
     n_moved = int((weights[:, 0] < 1.0).sum())
     if least_squares is None:
@@ -151,11 +152,11 @@ def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tup
         window = problem.topology.segments[s]
         for number in numbers:
             box = tuple(slice(n, n + 2) for n in number)
-            cell = first_marked(places[s][box], cells)
-            cell = None if cell is None else tuple(int(n) + lo + 1 for n, lo in zip(cell, window.lo))
-            place = tuple(int(n) + 1 for n in number)
+            marked = first_marked(places[s][box], cells)
+            cell = None if marked is None else tuple(n + lo + 1 for n, lo in zip(marked, window.lo))
+            i, j, k = (int(n) + 1 for n in number)
             name = problem.topology.segment_names[s]
-            found.append(InvalidElement(name, *place, float(measure[tuple(number)]), cell))
+            found.append(InvalidElement(name, i, j, k, float(measure[tuple(number)]), cell))
     return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
 
 
@@ -176,11 +177,11 @@ def _n_elements(n_control: Sequence[int]) -> int:
 
 def _advise(problem: FitProblem, solution: FitSolution, invalid: Sequence[InvalidElement]) -> str:
     """Say what mends the control mesh of this fit."""
-    folded = next((element for element in invalid if element.folded_cell), None)
+    folded = next(((element.folded_cell, element.name) for element in invalid if element.folded_cell), None)
     reason = ""
     if folded:
-        i, j, k = folded.folded_cell
-        reason = f"the grid itself is folded or flat there, at cell ({i}, {j}, {k}) of {folded.name}; "
+        (i, j, k), name = folded
+        reason = f"the grid itself is folded or flat there, at cell ({i}, {j}, {k}) of {name}; "
     if solution.weights is not None:
         return f"{reason}{'mend it, or live with it' if folded else 'fewer control points leave fewer of them'}"
     segments = zip(problem.topology.segments, problem.mesh.volumes)

@@ -29,7 +29,8 @@ from ..errors import InputError
 from ..numerics.transfinite import boolean_sum, inner_of
 from ..splines.volume import Volume
 from ..topology.index_space import whole_slices
-from .design_matrix import DesignMatrix, build_design_matrix, edge_corners
+from .design_matrix import DesignMatrix, build_design_matrix
+from .edge_knots import edge_corners
 from .entities import Entity
 from .quasi_interpolant import LEAST_SQUARES, Mixture, greville_means, greville_places
 
@@ -91,6 +92,7 @@ class FitStep:
         control_points : ndarray, shape (n_control_points, 3)
             Those of the boundary are read, those of the entity written.
         """
+        assert self.factor is not None, "this entity has no control points of its own"
         net = self.reference.net(nodes, self.entity.net(control_points))
         reference = net[self._places]
         net = self._with_columns(net, reference)
@@ -113,6 +115,7 @@ class FitStep:
 
     def solve_residual_transpose(self, control_bar, nodes_bar) -> tuple[np.ndarray, np.ndarray]:
         """Reverse of `solve_residual`: cotangents of ``points`` and ``right``; the other two are updated in place."""
+        assert self.factor is not None, "this entity has no control points of its own"
         ids = self.entity.control_ids
         unknown_bar = control_bar[self.entity.unknown_ids]
         control_bar[self.entity.unknown_ids] = 0
@@ -391,7 +394,9 @@ def factorize(gram: np.ndarray, is_banded: bool, unit: float) -> GramFactor:
         return GramFactor(factor, is_banded, 0.0)
     shift = SHIFT * unit
     # the shift has made the matrix definite: no pivot is too small any more
-    return GramFactor(_factor(gram, is_banded, shift, 0.0), is_banded, shift)
+    factor = _factor(gram, is_banded, shift, 0.0)
+    assert factor is not None, "a Gram matrix is positive semidefinite"
+    return GramFactor(factor, is_banded, shift)
 
 
 def _factor(gram: np.ndarray, is_banded: bool, shift: float, smallest=SMALLEST_PIVOT) -> np.ndarray | None:

@@ -187,8 +187,8 @@ def live_problem(model: FittedModel, nodes: np.ndarray) -> tuple[FitProblem, tup
     frozen = problem_of_mesh(model.topology, model.mesh)
     exponent = EXPONENTS[settings.parametrization]
     parameters = tuple(chord_length_parameters(nodes[rows], exponent) for rows in frozen.sharing.rows)
-    sizes = zip(*((v.n_control, v.orders) for v in model.mesh.volumes))
-    knots = knots_of_segments(model.topology, parameters, *sizes, settings.knots)
+    n_control, orders = zip(*((v.n_control, v.orders) for v in model.mesh.volumes))
+    knots = knots_of_segments(model.topology, parameters, n_control, orders, settings.knots)
     volumes = tuple(map(Volume, knots))
     return replace(frozen, mesh=replace(model.mesh, volumes=volumes)), parameters
 
@@ -392,7 +392,7 @@ class LiveGrid:
         """Whether the grid depends on the control points of the baseline."""
         return self.has_residual or self.grid_map.layer is not None
 
-    def at(self, initial: np.ndarray | None, control_points: np.ndarray) -> LiveGridState:
+    def at(self, initial: np.ndarray, control_points: np.ndarray) -> LiveGridState:
         """Grid and its derivative at control points of the baseline, and moved ones, shape (n_control_points, 3).
 
         Raises
@@ -402,7 +402,7 @@ class LiveGrid:
         """
         grid_map, nodes = self.grid_map, self.mapping.evaluate(control_points)
         turn = vectors = layered = None
-        start = self.mapping.evaluate(initial) if self.needs_initial else None
+        start = self.mapping.evaluate(initial) if self.needs_initial else nodes
         if self.has_residual:
             residual, start = self.nodes - start, self.nodes
             if grid_map.turning is None:
@@ -426,7 +426,7 @@ class LiveGridState:
     of : LiveGrid
         The map.
     initial, control_points : ndarray, shape (n_control_points, 3)
-        Control points of the baseline (None where they do not matter), and now (m).
+        Control points of the baseline (anything where the grid does not depend on them), and now (m).
     nodes : ndarray, shape (n_nodes, 3)
         The grid (m).
     turn : Turn or None
@@ -440,7 +440,7 @@ class LiveGridState:
     """
 
     of: LiveGrid
-    initial: np.ndarray | None
+    initial: np.ndarray
     control_points: np.ndarray
     nodes: np.ndarray
     turn: Turn | None
@@ -448,15 +448,15 @@ class LiveGridState:
     layered: Layered | None
     plane_points: np.ndarray
 
-    def jvp(self, d_nodes: np.ndarray, d_initial: np.ndarray | None, d_control_points: np.ndarray) -> np.ndarray:
+    def jvp(self, d_nodes: np.ndarray, d_initial: np.ndarray, d_control_points: np.ndarray) -> np.ndarray:
         """Change of the grid, shape (n_nodes, 3), with those of the baseline and of both sets of control points."""
         of, grid_map = self.of, self.of.grid_map
-        change, d_start = of.mapping.jvp(self.control_points, d_nodes, d_control_points), None
+        change = d_start = of.mapping.jvp(self.control_points, d_nodes, d_control_points)
         if of.needs_initial:
             d_start = of.mapping.jvp(self.initial, d_nodes, d_initial)
         if of.has_residual:
             d_residual, d_start = d_nodes - d_start, d_nodes
-            if self.turn is None:
+            if self.turn is None or self.vectors is None:
                 change += d_residual
             else:
                 d_turn, d_vectors = self.turn.change(d_control_points, d_initial), self.turn.of.vectors(d_residual)
@@ -482,7 +482,7 @@ class LiveGridState:
         initial_bar = np.zeros_like(control_bar)
         if of.has_residual:
             residual_bar = bar
-            if self.turn is not None:
+            if self.turn is not None and self.vectors is not None:
                 copies = of.mapping.problem.sharing.copies
                 np.add.at(bar, copies[:, 1], bar[copies[:, 0]])
                 bar[copies[:, 0]] = 0.0

@@ -182,14 +182,14 @@ def _require_agreement(topology: Topology, parameters: Sequence[np.ndarray]) -> 
             gaps = np.abs(first[..., d] - (1 - other if link.orientation.flip[d] else other))
             if gaps.max() > LARGEST_DIFFERENCE:
                 place = np.unravel_index(np.argmax(gaps), gaps.shape)
-                raise _disagreement(topology, link, d, place, gaps.max())
+                raise _disagreement(topology, link, d, [int(n) for n in place], gaps.max())
 
 
 def _disagreement(topology: Topology, link: Link, d: int, place: Sequence[int], gap: float) -> InputError:
     """Name a node to which two segments give different parameters."""
     shape, names = topology.segments[link.a].shape, topology.segment_names
     ends = [n - 1 if end == -1 else 0 for n, end in zip(shape, link.a_section)]
-    i, j, k = (int(n) + end + 1 for n, end in zip(place, ends))
+    i, j, k = (n + end + 1 for n, end in zip(place, ends))
     return InputError(
         f"{topology.source}: parameters of {names[link.a]} and {names[link.b]} differ by {gap:.2g} at a node that they "
         f"share, ({i}, {j}, {k}) of {names[link.a]} in direction {'ijk'[d]}; give it the same"
@@ -198,7 +198,7 @@ def _disagreement(topology: Topology, link: Link, d: int, place: Sequence[int], 
 
 def _smallest_length(nodes: np.ndarray, exponent: float) -> float:
     """Sum of powers of chords below which a line counts as collapsed."""
-    return (COLLAPSED * np.linalg.norm(np.ptp(nodes.reshape(-1, 3), axis=0))) ** exponent
+    return (COLLAPSED * float(np.linalg.norm(np.ptp(nodes.reshape(-1, 3), axis=0)))) ** exponent
 
 
 @njit(cache=True)

@@ -56,7 +56,8 @@ class FitProblem:
 
     def rounds(self) -> list[list[Entity]]:
         """Entities in sets that follow each other: those of a set do not depend on each other's control points."""
-        round_of, rounds = np.full(self.mesh.n_control_points, -1), []
+        round_of = np.full(self.mesh.n_control_points, -1)
+        rounds: list[list[Entity]] = []
         for entity in self.entities:
             number = int(round_of[entity.control_ids].max()) + 1
             round_of[entity.unknown_ids] = number

@@ -163,13 +163,13 @@ class Mixture:
 
     def forward(self, least_squares: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """Control points, of those by least squares, shape (n_control_points, 3), and the nodes, shape (n_nodes, 3)."""
-        if self.weights is None:
+        if self.weights is None or self.quasi is None:
             return least_squares
         return self.weights[:, :1] * least_squares + self.quasi.forward(nodes, self.weights)
 
     def adjoint(self, control_bar: np.ndarray, n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
         """Transpose of `forward`: new arrays, the cotangents of the least squares and of the nodes."""
-        if self.weights is None:
+        if self.weights is None or self.quasi is None:
             return control_bar.copy(), np.zeros((n_nodes, 3))
         return self.weights[:, :1] * control_bar, self.quasi.adjoint(control_bar, self.weights)
 
@@ -258,9 +258,9 @@ def sampling_matrix(mesh: BSplineMesh, sharing: NodeSharing, places: Sequence[np
             columns.append(source[rows[i, j, k]])
             values.append(np.prod(np.where(corner, fraction, 1 - fraction), axis=1))
             numbers.append(ids[own])
-    columns, values, numbers = map(np.concatenate, (columns, values, numbers))
-    is_used = values != 0
-    entries = values[is_used], (numbers[is_used], columns[is_used])
+    all_values = np.concatenate(values)
+    is_used = all_values != 0
+    entries = all_values[is_used], (np.concatenate(numbers)[is_used], np.concatenate(columns)[is_used])
     return csr_array(entries, shape=(mesh.n_control_points, len(source)))
 
 

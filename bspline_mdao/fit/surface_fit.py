@@ -389,5 +389,6 @@ def _place_on_patch(topology: Topology, source: np.ndarray, row: int) -> tuple[s
     for window, patch in (*faces, *whole):
         found = np.argwhere(source[blocks[window.block][window.slices]] == row)
         if len(found):
-            return patch, f"block {window.block + 1}", tuple(int(n) + 1 for n in found[0] + window.lo)
+            i, j, k = (int(n) + 1 for n in found[0] + window.lo)
+            return patch, f"block {window.block + 1}", (i, j, k)
     raise IndexError(row)

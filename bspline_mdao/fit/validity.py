@@ -82,14 +82,14 @@ def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares
     FitSolution
         The least squares themselves where they are valid.
     """
-    points = None if least_squares is None else least_squares.control_points
-    if points is not None and is_valid(problem.mesh.nets(points)):
+    if least_squares is not None and is_valid(problem.mesh.nets(least_squares.control_points)):
         return least_squares
+    points, said = (None, ()) if least_squares is None else (least_squares.control_points, least_squares.warnings)
     quasi = QuasiInterpolant.of(problem.mesh, problem.sharing, parameters)
     weights = choose_weights(problem, quasi, nodes, points)
     mixed = Mixture(weights, quasi).forward(np.zeros((len(weights), 3)) if points is None else points, nodes)
     fitted = Evaluator.of_grid(problem.topology, problem.mesh, parameters).forward(mixed)
-    return FitSolution(mixed, fitted, () if points is None else least_squares.warnings, weights, least_squares)
+    return FitSolution(mixed, fitted, said, weights, least_squares)
 
 
 def is_valid(nets: Sequence[np.ndarray]) -> bool:
@@ -179,7 +179,7 @@ def _covers_any(places: np.ndarray, is_marked: np.ndarray) -> np.ndarray:
     return count > 0
 
 
-def first_marked(corners: np.ndarray, is_marked: np.ndarray) -> tuple[int, int, int] | None:
+def first_marked(corners: np.ndarray, is_marked: np.ndarray) -> tuple[int, ...] | None:
     """First marked cell that an element covers, from 0, or None.
 
     Parameters

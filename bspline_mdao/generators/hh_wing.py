@@ -140,11 +140,11 @@ def hh_wing_grid(
     layout = _Layout(wing, n_stream, n_normal, n_span, spacing or Spacing(), far_field or FarField())
     rows = {side: _base_patches(layout, side) for side in (-1, 1)}
     nodes = [
-        _extrude(rows[side][stream + 3 * outboard], side, layout.n_normal[side > 0], layout)
-        for outboard, side, stream in product(range(2), (-1, 1), range(3))
+        _extrude(rows[side][n + 3 * outboard], side, layout.n_normal[side > 0], layout)
+        for outboard, side, n in product(range(2), (-1, 1), range(3))
     ]
     _join(nodes)
-    names = [f"{stream} {side} {span}" for span, side, stream in product(*_ROWS[::-1])]
+    names = [f"{along} {side} {across}" for across, side, along in product(*_ROWS[::-1])]
     blocks = tuple(Block(np.ascontiguousarray(x), name) for x, name in zip(nodes, names))
     return Grid(blocks, _patches([block.shape for block in blocks]), source="H-H wing grid")
 

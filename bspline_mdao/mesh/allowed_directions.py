@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class AllowedDirections:
         self.basis[new, self.n_normals[new]] = left[is_new] / length[is_new, None]
         self.n_normals[new] += 1
 
-    def fields(self) -> dict[str, np.ndarray | None]:
+    def fields(self) -> dict[str, Any]:
         """Return the fields of a `bspline_mdao.mesh.moving_mesh.MovingMesh` that describe them, by name.
 
         Raises
@@ -68,7 +69,7 @@ class AllowedDirections:
             raise InputError("movement: no point is on the design surface; check the patches")
         counts = self.n_normals[surface_ids]
         in_plane_rows = np.repeat(np.arange(len(surface_ids), dtype=np.int32), counts)
-        of_rail = np.concatenate([np.zeros(0, dtype=int), *(np.arange(n) for n in counts[counts > 0])])
+        normals = np.concatenate([np.zeros(0, dtype=int), *(np.arange(n) for n in counts[counts > 0])])
         is_free, frames = self._directions()
         is_free[self.fixed | self.surface] = False
         return {
@@ -76,7 +77,7 @@ class AllowedDirections:
             "is_free": is_free,
             "frames": frames,
             "in_plane_rows": in_plane_rows,
-            "in_plane_normals": self.basis[surface_ids[in_plane_rows], of_rail],
+            "in_plane_normals": self.basis[surface_ids[in_plane_rows], normals],
         }
 
     def _directions(self) -> tuple[np.ndarray, np.ndarray | None]:

@@ -173,7 +173,8 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Requests, para
             allowed.surface[ids] = True
         elif face.patch in asked.fixed or face.patch not in asked.released:
             others.append((face, ids))
-    fixed, undecided = [], []
+    fixed: list[tuple[BoundaryFace, np.ndarray]] = []
+    undecided: list[tuple[BoundaryFace, np.ndarray]] = []
     for face, ids in others:
         normal = _normal(face, points[ids], asked, topology.source)
         if normal is not None:
@@ -238,7 +239,7 @@ def wall_patches(topology: Topology) -> tuple[str, ...]:
     InputError
         If none is.
     """
-    walls = tuple(sorted({face.patch for face in topology.boundary if face.kind == "wall"}))
+    walls = tuple(sorted({face.patch for face in topology.boundary if face.patch and face.kind == "wall"}))
     if not walls:
         raise InputError(
             f"{topology.source}: no patch is a wall, so there is no design surface; name the patches in 'design'"

@@ -108,7 +108,7 @@ class MovingMesh:
     @cached_property
     def fixed_ids(self) -> np.ndarray:
         """Points that may not move and are not on the design surface, ascending."""
-        is_fixed = ~self.is_free.any(axis=1)
+        is_fixed = self.is_free.sum(axis=1) == 0
         is_fixed[self.surface_ids] = False
         return np.flatnonzero(is_fixed).astype(np.int32)
 

@@ -78,7 +78,7 @@ class SurfaceGrid:
         blocks = block_rows(topology.shapes)
         whole = BoundarySurface.of(topology, nodes, found)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
-        patches, planes = tuple(face.patch for face in found), _symmetry_planes(topology, blocks, nodes)
+        patches, planes = tuple(str(face.patch) for face in found), _symmetry_planes(topology, blocks, nodes)
         return cls(nodes[whole.rows], whole.rows, whole.faces, names, patches, planes)
 
     @property
@@ -123,7 +123,7 @@ class SurfaceGrid:
 
 def _symmetry_planes(topology: Topology, blocks: list[np.ndarray], nodes: np.ndarray) -> tuple[Plane, ...]:
     """Planes of the symmetry patches, each once."""
-    planes = {}
+    planes: dict[tuple, Plane] = {}
     for face in topology.boundary:
         if face.kind == "symmetry":
             x = nodes[blocks[face.window.block][face.window.slices].ravel()]

@@ -85,8 +85,9 @@ class SurfaceMap:
         is_surface[surface_ids] = True
         constant = matrix @ np.where(is_surface[:, None], 0.0, model.control_points)
         turned = None
-        if model.residual is not None and model.settings.wall_layer:
-            turning = model.grid_map().turning
+        has_turning = model.residual is not None and model.settings.wall_layer
+        turning = model.grid_map().turning if has_turning else None
+        if model.residual is not None and turning is not None:
             face_nodes = turning.rows(rows)
             require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
             turning = turning.of_rows(face_nodes)
@@ -140,12 +141,14 @@ class SurfaceState:
     def jvp(self, change: np.ndarray) -> np.ndarray:
         """Change of the nodes, shape (n, 3), with that of the control points, shape (n_surface, 3)."""
         found = self.of.matrix @ change
-        return found if self.turn is None else found + self.of.turned.jvp(self.turn, change)
+        turned = self.of.turned
+        return found if self.turn is None or turned is None else found + turned.jvp(self.turn, change)
 
     def vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `jvp`: (n, 3) to (n_surface, 3)."""
         found = self.of.matrix.T @ bar
-        return found if self.turn is None else found + self.of.turned.vjp(self.turn, bar)
+        turned = self.of.turned
+        return found if self.turn is None or turned is None else found + turned.vjp(self.turn, bar)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +206,7 @@ def _evaluator(model: FittedModel, rows: np.ndarray) -> Evaluator:
 
 def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
     """Refuse nodes, or corners of spans that their residual turns with, that depend on points that a mover moves."""
-    is_fixed = ~mesh.is_free.any(axis=1)
+    is_fixed = mesh.is_free.sum(axis=1) == 0
     nodes, points = matrix.nonzero()
     is_moving = ~is_fixed[points]
     if is_moving.any():
