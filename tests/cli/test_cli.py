@@ -103,7 +103,7 @@ def test_inspect_tells_what_the_grid_is(grid_file, capsys):
     assert "block 2 imax" in table
 
 
-def test_a_near_miss_is_told_with_its_place(workplace, capsys):
+def test_a_near_miss_is_reported_with_its_place(workplace, capsys):
     grid = two_blocks()
     grid.blocks[1].nodes[0] += 2e-4
     write_grid("near.xyz", grid)
@@ -235,7 +235,7 @@ def test_a_device_is_not_replaced_by_a_file(grid_file, capsys, command):
 
 
 @pytest.mark.parametrize("limit", [0, 3_000])
-def test_a_full_disk_is_told_in_one_line_and_leaves_existing_outputs_alone(grid_file, limit):
+def test_a_full_disk_is_reported_in_one_line_and_leaves_existing_outputs_alone(grid_file, limit):
     for name in ("two.h5", "f.json"):
         Path(name).write_text("precious")
 

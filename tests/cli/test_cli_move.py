@@ -208,7 +208,7 @@ def test_sides_of_no_known_kind_follow_a_section_as_planes_of_symmetry_do(strip)
     np.testing.assert_allclose(moved, read_grid("moved.xyz").to_vector(), atol=1e-12)
 
 
-def test_blocks_that_stay_are_told(tmp_path, monkeypatch, capsys):
+def test_blocks_that_stay_are_reported(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     nodes = box(*(np.linspace(0.0, 1.0, n) for n in (5, 6, 7)))
     floor = Patch("floor", "wall", (Window(0, (0, 0, 0), (4, 5, 0)),))
@@ -255,7 +255,7 @@ def test_a_refused_move_names_a_cause_and_the_cure_works(tmp_path, monkeypatch, 
     assert run(command) == 0
 
 
-def test_a_move_that_the_residual_folds_is_told_from_one_that_the_splines_do(model):
+def test_a_move_that_the_residual_folds_is_reported_from_one_that_the_splines_do(model):
     mesh = moving_mesh(model)
     movement = LinearElasticity(mesh).move(model.control_points, model.control_points[mesh.surface_ids] + 1e-3)
     own = model.evaluator().forward(movement.points)
@@ -328,7 +328,7 @@ def test_what_is_wrong_is_said_in_one_line(workplace, capsys, arguments, words):
     assert os.listdir() == ["floor.h5"]
 
 
-def test_a_grid_without_patches_is_told_how_to_get_them(workplace, capsys):
+def test_a_grid_without_patches_is_reported_how_to_get_them(workplace, capsys):
     small_model().save("bare.h5")
     command = ["move", "bare.h5", *FLOOR, "-o", "moved.xyz"]
     fails_as_expected(command, capsys, "bare.h5", "no patches", "inspect GRID --draft", "--patches")

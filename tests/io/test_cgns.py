@@ -364,7 +364,7 @@ def test_a_copy_gets_the_connections_that_its_file_lacks(tmp_path, n_kept):
     assert len(node_values(tmp_path / "again.cgns", b"GridConnectivity1to1_t")) == 8 - 2 * n_kept
 
 
-def test_periodic_connections_are_left_out_and_those_that_fit_no_zone_are_told(tmp_path):
+def test_periodic_connections_are_left_out_and_those_that_fit_no_zone_are_reported(tmp_path):
     path = tmp_path / "grid.cgns"
     write_cgns(path, WRITTEN_GRIDS["boxes"]())
     with h5py.File(path, "r+") as file:
@@ -384,7 +384,7 @@ def connections_of(zone):
 CONNECTION = "GridConnectivity1to1_t"
 
 
-def test_a_condition_that_does_not_go_with_its_name_counts_and_is_told(tmp_path):
+def test_a_condition_that_does_not_go_with_its_name_counts_and_is_reported(tmp_path):
     grid = replace(patched_grid(), patches=(Patch("BC_INFLOW", "wall", (Window(0, (0, 0, 0), (3, 4, 0)),)),))
     write_cgns(tmp_path / "grid.cgns", grid)
     read = read_cgns(tmp_path / "grid.cgns")

@@ -37,7 +37,7 @@ def cuts(n):
 @searched
 @given(st.data(), st.tuples(*3 * [st.integers(3, 6)]))
 def test_a_box_cut_anywhere_and_turned_at_random_is_joined_again(data, shape):
-    """Its interfaces are the cuts, its links join the nodes that were one, and each is told in its orientation."""
+    """Its interfaces are the cuts, its links join the nodes that were one, and each is reported in its orientation."""
     lines = [np.linspace(0.0, 1.0, n) ** power for n, power in zip(shape, (1.0, 1.3, 0.8))]
     at = [data.draw(cuts(n)) for n in shape]
     blocks = split(box(*lines), *at)

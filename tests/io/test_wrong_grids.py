@@ -189,7 +189,7 @@ def test_a_byte_order_mark_is_passed_over(tmp_path):
 
 
 @pytest.mark.parametrize("trailing", [b"\0" * 512, b"some more"])
-def test_bytes_after_compressed_data_are_ignored_and_told(tmp_path, trailing):
+def test_bytes_after_compressed_data_are_ignored_and_reported(tmp_path, trailing):
     write_grid(tmp_path / "a.xyz", two_blocks())
     plain = (tmp_path / "a.xyz").read_bytes()
     members = gzip.compress(plain[:1000]) + gzip.compress(plain[1000:])

@@ -139,7 +139,7 @@ def torn_wing():
     return replace(grid, blocks=tuple(blocks))
 
 
-def test_a_gap_of_a_small_part_of_a_cell_is_joined_and_told():
+def test_a_gap_of_a_small_part_of_a_cell_is_joined_and_reported():
     topology = find_topology(torn_wing())
     assert (len(topology.interfaces), len(topology.segments), topology.near_misses) == (19, 12, ())
     assert {(miss.window.block, miss.other.block) for miss in topology.joined_gaps} >= {(1, 7), (4, 10)}
@@ -202,7 +202,7 @@ def test_a_wake_with_gaps_is_joined_up_to_the_wall_if_that_is_declared():
 
 
 @pytest.mark.parametrize("gap", [1e-3, 5e-3])
-def test_a_thin_gap_between_whole_faces_is_not_closed_but_told(gap):
+def test_a_thin_gap_between_whole_faces_is_not_closed_but_reported(gap):
     left, right = split(smooth_box(9, 5, 6), [4], [], [])
     shift = gap * np.linalg.norm(np.diff(left, axis=2), axis=-1).min()
     topology = find_topology(grid_of(left, right + [0.0, 0.0, shift]))

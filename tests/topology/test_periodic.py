@@ -99,8 +99,8 @@ def test_periodic_planes_of_real_grids_are_named(real_grids):
     bump = read_grid(real_grids / "cfl3d_axibump.fmt")
     (pair,) = find_periodic(bump, boundary(bump))
     assert str(pair.motion) == "rotation about x by 1 degrees"
-    told = grid_numbers(bump, find_topology(bump))["periodic"]
-    assert told[0]["motion"] == str(pair.motion)
+    found = grid_numbers(bump, find_topology(bump))["periodic"]
+    assert found[0]["motion"] == str(pair.motion)
     for name in ("cfl3d_sduct.bin", "vtk_bluntfin.bin", "aither_uniform_10blocks.xyz", "cgns_5blocks.cgns"):
         grid = read_grid(real_grids / name)
         assert find_periodic(grid, boundary(grid)) == (), name

@@ -425,7 +425,7 @@ def test_three_faces_on_one_place_are_boundary_with_a_warning():
 
 
 @pytest.mark.parametrize("case", ["given twice", "folded"])
-def test_blocks_on_top_of_each_other_are_told(case):
+def test_blocks_on_top_of_each_other_are_reported(case):
     nodes = smooth_box(9, 5, 6)
     folded = nodes.copy()
     folded[5:] = nodes[3::-1]
