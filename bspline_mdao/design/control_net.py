@@ -90,7 +90,7 @@ def surface_normals(mesh: MovingMesh) -> np.ndarray:
     np.subtract.at(sums, rows, np.sum(sums[rows] * normals, axis=1)[:, None] * normals)
     lengths = np.linalg.norm(sums, axis=1)
     if lengths.min() <= CANCELLED:
-        place = mesh.place_of_point(mesh.surface_ids[np.argmin(lengths)])
+        place = mesh.place_of_surface_point(np.argmin(lengths))
         raise InputError(f"surface: {place} has no normal, its quads have no extent; give a vector as the direction")
     return sums / lengths[:, None]
 

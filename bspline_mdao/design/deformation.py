@@ -139,9 +139,9 @@ class Deformation:
         rows, normals = self.mesh.in_plane_rows, self.mesh.in_plane_normals
         off = np.abs(np.sum((moved - points)[rows] * normals, axis=1))
         if len(rows) and off.max() > PLANE_TOLERANCE * self.mesh.size:
-            point = self.mesh.surface_ids[rows[np.argmax(off)]]
+            place = self.mesh.place_of_surface_point(rows[np.argmax(off)])
             raise InputError(
-                f"deformation: {self.mesh.place_of_point(point)} would leave its plane of symmetry by {off.max():.3g} "
+                f"deformation: {place} would leave its plane of symmetry by {off.max():.3g} "
                 f"m; choose one that keeps the plane"
             )
         kept = moved.copy()

@@ -173,7 +173,7 @@ class Elimination:
         source = self.sources[coordinate]
         for name, equations in self.constraints:
             if 0 <= source < len(equations.at):
-                place = self.mesh.place_of_point(self.mesh.surface_ids[equations.at[source]])
+                place = self.mesh.place_of_surface_point(equations.at[source])
                 return f"{name}: {place}"
             source -= len(equations.at) if source >= 0 else 0
         return ""

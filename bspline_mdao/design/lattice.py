@@ -431,7 +431,7 @@ def _embedded_surface(lattice: Lattice, layout: Layout) -> np.ndarray:
     rows = lattice.moves.rows(mesh)
     outside = rows[~is_inside[rows]]
     if len(outside):
-        place = mesh.place_of_point(mesh.surface_ids[outside[0]])
+        place = mesh.place_of_surface_point(outside[0])
         raise InputError(
             f"lattice: {len(outside)} of the {len(rows)} points it is to move lie outside, the first is {place}; "
             f"make it larger, or let it move fewer"

@@ -26,7 +26,7 @@ from .selection import Selection, Where, rows_of
 
 __all__ = [
     "Collinear",
-    "Directions",
+    "ConstrainedDirections",
     "EqualDisplacement",
     "InPlane",
     "Linked",
@@ -35,10 +35,9 @@ __all__ = [
     "Pinned",
     "axes_of",
     "pairs_of",
-    "place_of",
 ]
 
-Directions = str | np.ndarray | Sequence | None
+ConstrainedDirections = str | np.ndarray | Sequence | None
 """Coordinates by letter (``"xz"``), one vector or several; None for all three coordinates."""
 
 
@@ -57,7 +56,7 @@ class Pinned:
     """
 
     where: Where
-    directions: Directions = None
+    directions: ConstrainedDirections = None
     name: str = "pinned"
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
@@ -101,12 +100,12 @@ class InPlane:
         """Normal of the plane through the points."""
         normal, distances, tolerance = nearest_plane(points[rows])
         if np.linalg.matrix_rank(points[rows] - points[rows[0]], tol=tolerance) < 2:
+            one = mesh.place_of_surface_point(rows[0])
             raise InputError(
-                f"linear constraint '{self.name}': all points, {place_of(mesh, rows[0])} among them, are on one "
-                f"line; give a normal"
+                f"linear constraint '{self.name}': all points, {one} among them, are on one line; give a normal"
             )
         if distances.max() > tolerance:
-            worst = place_of(mesh, rows[np.argmax(distances)])
+            worst = mesh.place_of_surface_point(rows[np.argmax(distances)])
             raise InputError(
                 f"linear constraint '{self.name}': {worst} is {distances.max():.3g} m off the plane through all; "
                 f"give a normal"
@@ -131,7 +130,7 @@ class Linked:
 
     leaders: Where
     followers: Where
-    directions: Directions = None
+    directions: ConstrainedDirections = None
     name: str = "linked"
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
@@ -156,7 +155,7 @@ class Opposite:
 
     leaders: Where
     followers: Where
-    directions: Directions = None
+    directions: ConstrainedDirections = None
     name: str = "opposite"
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
@@ -180,7 +179,7 @@ class EqualDisplacement:
     """
 
     where: Where
-    directions: Directions = None
+    directions: ConstrainedDirections = None
     name: str = "equal displacement"
 
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
@@ -244,9 +243,10 @@ class Collinear:
             )
         if self.where is not None and not is_smooth.all():
             worst = np.argmax(np.where(is_smooth, -np.inf, kinks))
+            place = mesh.place_of_surface_point(triples[worst, 1])
             raise InputError(
                 f"linear constraint '{self.name}': the surface has a kink of {kinks[worst]:.3g} deg at "
-                f"{place_of(mesh, triples[worst, 1])}; leave it out, or raise max_kink from {self.max_kink:g}"
+                f"{place}; leave it out, or raise max_kink from {self.max_kink:g}"
             )
 
 
@@ -323,8 +323,9 @@ class Mirrored:
         for leader, count, gap in zip(leaders[counts != 1], counts[counts != 1], gaps[counts != 1]):
             none = f"no partner, the nearest point is {gap:.3g} m off its mirrored place; move the plane"
             several = f"{count} partners within {near:.3g} m of its mirrored place; move the plane"
+            place = mesh.place_of_surface_point(leader)
             raise InputError(
-                f"linear constraint '{self.name}': {place_of(mesh, leader)} has {several if count else none}, "
+                f"linear constraint '{self.name}': {place} has {several if count else none}, "
                 f"change the tolerance, or name leaders and followers"
             )
         return partners
@@ -334,12 +335,7 @@ def _rows(where: Where, mesh: MovingMesh, name: str) -> np.ndarray:
     return rows_of(where, mesh, f"linear constraint '{name}'")
 
 
-def place_of(mesh: MovingMesh, row: int) -> str:
-    """Name a surface control point for a message."""
-    return mesh.place_of_point(mesh.surface_ids[row])
-
-
-def axes_of(directions: Directions, name: str) -> np.ndarray:
+def axes_of(directions: ConstrainedDirections, name: str) -> np.ndarray:
     """Rows of directions, shape (n, 3), scaled to length one where they are not along coordinates."""
     if directions is None or isinstance(directions, str):
         letters = "xyz" if directions is None else directions

@@ -94,9 +94,8 @@ class _UserMap:
             raise self._error(f"the function returns points of shape {moved.shape}; return shape {surface.shape}")
         is_bad = ~np.isfinite(moved).all(axis=1)
         if is_bad.any():
-            raise self._error(
-                f"the function moves {self._place(int(np.argmax(is_bad)))} to {moved[is_bad][0]}; correct it"
-            )
+            place = self.layout.mesh.place_of_surface_point(np.argmax(is_bad))
+            raise self._error(f"the function moves {place} to {moved[is_bad][0]}; correct it")
         return np.concatenate([moved, points[self.layout.n_surface :]])
 
     def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
@@ -140,11 +139,9 @@ class _UserMap:
         is_bad = ~np.isfinite(matrix.data)
         if is_bad.any():
             row = np.searchsorted(matrix.indptr, np.argmax(is_bad), side="right") - 1
-            raise self._error(f"{what} of the derivative is not finite for {self._place(int(row) // 3)}; correct it")
+            place = self.layout.mesh.place_of_surface_point(row // 3)
+            raise self._error(f"{what} of the derivative is not finite for {place}; correct it")
         return matrix
-
-    def _place(self, row: int) -> str:
-        return self.layout.mesh.place_of_point(self.layout.mesh.surface_ids[row])
 
     def _error(self, what: str) -> InputError:
         return InputError(f"'{self.variable.name}': {what}")

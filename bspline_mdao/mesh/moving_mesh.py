@@ -174,6 +174,10 @@ class MovingMesh:
                 return _place("point", found[0], name)
         raise IndexError(point)
 
+    def place_of_surface_point(self, row: int | np.integer) -> str:
+        """Name a surface point for a message, by its row in ``surface_ids``."""
+        return self.place_of_point(self.surface_ids[row])
+
     def tangled(self, points: np.ndarray) -> Tangling:
         """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
         n_tangled, place, least, ratio = 0, "", np.inf, np.inf

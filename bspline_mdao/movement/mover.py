@@ -281,7 +281,7 @@ def check_request(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray) ->
     if len(rows) and off.max() > PLANE_TOLERANCE * mesh.size:
         worst = np.argmax(off)
         raise MovementError(
-            f"movement: {mesh.place_of_point(mesh.surface_ids[rows[worst]])} leaves its symmetry plane by "
+            f"movement: {mesh.place_of_surface_point(rows[worst])} leaves its symmetry plane by "
             f"{off[worst]:.3g} m; keep surface points on symmetry planes in them"
         )
 

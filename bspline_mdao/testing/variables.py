@@ -106,5 +106,5 @@ def _compare(function: Callable, jacobian: csr_array, directions: np.ndarray) ->
 def _place(layout: Layout, row: int) -> str:
     """Name a row for a message."""
     if row < layout.n_surface:
-        return layout.mesh.place_of_point(layout.mesh.surface_ids[row])
+        return layout.mesh.place_of_surface_point(row)
     return f"auxiliary point {row - layout.n_surface + 1}"
