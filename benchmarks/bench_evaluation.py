@@ -220,7 +220,7 @@ def fractions(evaluator: Evaluator, best: dict, limits: dict) -> dict:
     Forward: p-1 multiply-adds for each of p^2 lines, p-1 for each of p planes and p-1, times three. In reverse: every
     line has p - 1 multiply-adds with three factors before them, of each component.
     """
-    n = sum(runs.n_nodes for runs in evaluator.runs)
+    n = sum(nodes.n_nodes for nodes in evaluator.nodes)
     n_bytes = n * (evaluator.bytes_per_node + 24)
     p = ORDER
     multiply_adds = {"forward": 3 * (p - 1) * (p**2 + p + 1), "reverse": 3 * p**2 * p}

@@ -20,10 +20,8 @@ from ..numerics.threads import run_tasks, thread_count
 from ..splines.mesh import BSplineMesh
 from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
-from .assembly import assemble
-from .kernels import forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
-from .rows import check_rows, copies_by_volume
-from .runs import Runs, sort_nodes
+from .kernels import assemble, forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
+from .nodes_by_span import NodesBySpan, sort_nodes
 
 CHUNK_NODES = 2**15
 """Nodes per chunk, at least: some 0.2 ms of work, against some 10 us to start it."""
@@ -34,11 +32,11 @@ MAX_CHUNKS = 64
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Runs ``first_run <= run < last_run`` of a volume, and the layers of control points that they touch."""
+    """Spans ``first_span <= span < last_span`` of a volume, and the layers of control points that they touch."""
 
     volume: int
-    first_run: int
-    last_run: int
+    first_span: int
+    last_span: int
     layers: tuple[int, int]
 
 
@@ -50,7 +48,7 @@ class Evaluator:
     ----------
     control_ids : tuple of ndarray of int
         Number of each control point of each volume.
-    runs : tuple of Runs
+    nodes : tuple of NodesBySpan
         The nodes of each volume.
     chunks : tuple
         The pieces of work.
@@ -75,7 +73,7 @@ class Evaluator:
     """
 
     control_ids: tuple[np.ndarray, ...]
-    runs: tuple[Runs, ...]
+    nodes: tuple[NodesBySpan, ...]
     chunks: tuple[_Chunk, ...]
     n_control_points: int
     n_rows: int
@@ -122,16 +120,16 @@ class Evaluator:
         parameters = [np.asarray(p, dtype=float) for p in parameters]
         rows = [np.asarray(r, dtype=np.int64) for r in rows]
         copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies, dtype=np.int64)
-        is_complete = check_rows(mesh, parameters, rows, n_rows, copies)
-        copies = copies_by_volume(rows, n_rows, copies)
-        runs: list = [None] * len(rows)
+        is_complete = _check_rows(mesh, parameters, rows, n_rows, copies)
+        copies = _copies_by_volume(rows, n_rows, copies)
+        nodes: list = [None] * len(rows)
 
         def sort(v: int):
-            runs[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies[v])
+            nodes[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies[v])
 
         run_tasks(sort, len(rows), n_threads_now)
         ids = tuple(np.asarray(ids).reshape(-1) for ids in mesh.control_ids)
-        return cls(ids, tuple(runs), _cut(runs), mesh.n_control_points, n_rows, is_complete, n_threads)
+        return cls(ids, tuple(nodes), _cut(nodes), mesh.n_control_points, n_rows, is_complete, n_threads)
 
     @classmethod
     def of_grid(
@@ -162,7 +160,7 @@ class Evaluator:
     @property
     def bytes_per_node(self) -> float:
         """Memory held, per row."""
-        n_bytes = sum(r.n_bytes for r in self.runs) + sum(ids.nbytes for ids in self.control_ids)
+        n_bytes = sum(r.n_bytes for r in self.nodes) + sum(ids.nbytes for ids in self.control_ids)
         return n_bytes / max(self.n_rows, 1)
 
     def forward(
@@ -200,12 +198,12 @@ class Evaluator:
 
         def evaluate(number: int):
             chunk = self.chunks[number]
-            runs, net = self.runs[chunk.volume], nets[chunk.volume]
+            nodes, net = self.nodes[chunk.volume], nets[chunk.volume]
             if turned is None:
-                forward_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, net, flat)
+                forward_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *nodes.arrays, net, flat)
             else:
-                arguments = *runs.arrays, net, *turned[chunk.volume], flat
-                turned_forward_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *arguments)
+                arguments = *nodes.arrays, net, *turned[chunk.volume], flat
+                turned_forward_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *arguments)
 
         run_tasks(evaluate, len(self.chunks), thread_count(self.n_threads))
         return out
@@ -237,27 +235,29 @@ class Evaluator:
 
         def accumulate(number: int):
             chunk = self.chunks[number]
-            runs = self.runs[chunk.volume]
-            layer_size = runs.n_control[1] * runs.n_control[2]
+            nodes = self.nodes[chunk.volume]
+            layer_size = nodes.n_control[1] * nodes.n_control[2]
             first, last = chunk.layers
             sums[number] = np.zeros(3 * (last - first) * layer_size)
             if turned is None:
-                reverse_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *runs.arrays, flat, first, sums[number])
+                reverse_kernel(*nodes.orders)(
+                    chunk.first_span, chunk.last_span, *nodes.arrays, flat, first, sums[number]
+                )
             else:
-                arguments = *runs.arrays, flat, *turned[chunk.volume], first, sums[number]
-                turned_reverse_kernel(*runs.orders)(chunk.first_run, chunk.last_run, *arguments)
+                arguments = *nodes.arrays, flat, *turned[chunk.volume], first, sums[number]
+                turned_reverse_kernel(*nodes.orders)(chunk.first_span, chunk.last_span, *arguments)
 
         run_tasks(accumulate, len(self.chunks), thread_count(self.n_threads))
         out = np.zeros((self.n_control_points, 3))
         for chunk, chunk_sums in zip(self.chunks, sums):
-            n_control = self.runs[chunk.volume].n_control
+            n_control = self.nodes[chunk.volume].n_control
             first = chunk.layers[0] * n_control[1] * n_control[2]
             _add_at(out, self.control_ids[chunk.volume][first:], chunk_sums.reshape(-1, 3))
         return out
 
     def matrix(self) -> scipy.sparse.csr_array:
         """Assemble ``A``, shape (n_rows, n_control_points): ten times slower, for those who need its entries."""
-        return assemble(self.runs, self.control_ids, self.n_rows, self.n_control_points)
+        return assemble(self.nodes, self.control_ids, self.n_rows, self.n_control_points)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -267,11 +267,71 @@ def _add_at(out, ids, terms):
             out[ids[m], d] += terms[m, d]
 
 
-def _cut(runs: Sequence[Runs]) -> tuple[_Chunk, ...]:
-    """Cut all runs into chunks of about the same number of nodes."""
-    n_nodes = max(CHUNK_NODES, sum(r.n_nodes for r in runs) // MAX_CHUNKS)
+def _check_rows(mesh: BSplineMesh, parameters, rows, n_rows: int, copies) -> bool:
+    """Check the arguments of `Evaluator.build`; return whether every row belongs to a node.
+
+    Raises
+    ------
+    InputError
+        If they do not fit together, a row is given twice, or a parameter is not finite.
+    """
+    if not len(mesh.volumes) == len(parameters) == len(rows):
+        raise InputError(
+            f"evaluation: {len(mesh.volumes)} volumes, parameters for {len(parameters)} and rows for {len(rows)}; "
+            f"give one array of each per volume"
+        )
+    for v, (p, r) in enumerate(zip(parameters, rows), start=1):
+        if p.shape != (r.size, 3) or r.ndim != 1:
+            raise InputError(
+                f"evaluation: volume {v} has parameters of shape {p.shape} and rows of shape {r.shape}; "
+                f"give shapes (n, 3) and (n,)"
+            )
+        if not np.isfinite(p).all():
+            q = int(np.argmin(np.isfinite(p).all(axis=1)))
+            raise InputError(f"evaluation: parameters of point {q + 1} of volume {v} are not finite; give numbers")
+    if copies.ndim != 2 or copies.shape[1] != 2:
+        raise InputError(f"evaluation: copies of shape {copies.shape}; give shape (n, 2)")
+    return _check_destinations(np.concatenate([*rows, copies[:, 0]]), n_rows)
+
+
+def _check_destinations(destinations, n_rows: int) -> bool:
+    """Check that every row is written once at most; return whether every row is written."""
+    if n_rows >= 2**32:
+        raise InputError(f"evaluation: {n_rows} rows; split the grid into pieces of fewer than {2**32}")
+    if destinations.size and not 0 <= destinations.min() <= destinations.max() < n_rows:
+        raise InputError(f"evaluation: a row lies outside 0 .. {n_rows - 1}; number the rows from 0")
+    count = np.bincount(destinations, minlength=n_rows)
+    if n_rows and count.max() > 1:
+        raise InputError(f"evaluation: row {int(count.argmax()) + 1} is given twice; evaluate each row once")
+    return bool(count.all())
+
+
+def _copies_by_volume(rows, n_rows: int, copies) -> list[np.ndarray]:
+    """Per volume, the row of each copy and the number of the node that it copies, shape (n, 2).
+
+    Raises
+    ------
+    InputError
+        If a row that is copied belongs to no node.
+    """
+    starts = np.cumsum([0] + [r.size for r in rows])
+    node_of_row = np.full(n_rows, -1, dtype=np.int64)
+    for start, r in zip(starts, rows):
+        node_of_row[r] = start + np.arange(r.size)
+    is_inside = (copies[:, 1] >= 0) & (copies[:, 1] < n_rows)
+    nodes = np.where(is_inside, node_of_row[np.where(is_inside, copies[:, 1], 0)] if n_rows else -1, -1)
+    if (nodes < 0).any():
+        bad = copies[np.argmin(nodes)]
+        raise InputError(f"evaluation: row {bad[0] + 1} copies row {bad[1] + 1}, which no volume evaluates")
+    volume = np.searchsorted(starts, nodes, side="right") - 1
+    return [np.stack([copies[volume == v, 0], nodes[volume == v] - starts[v]], axis=1) for v in range(len(rows))]
+
+
+def _cut(nodes: Sequence[NodesBySpan]) -> tuple[_Chunk, ...]:
+    """Cut the nodes into chunks of about the same number of nodes."""
+    n_nodes = max(CHUNK_NODES, sum(r.n_nodes for r in nodes) // MAX_CHUNKS)
     chunks = []
-    for v, r in enumerate(runs):
+    for v, r in enumerate(nodes):
         n_pieces = -(-r.n_nodes // n_nodes)
         cuts = np.searchsorted(r.starts, np.arange(n_pieces + 1) * r.n_nodes / max(n_pieces, 1))
         for first, last in zip(cuts[:-1].tolist(), cuts[1:].tolist()):

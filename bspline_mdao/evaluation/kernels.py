@@ -1,20 +1,22 @@
-"""Evaluation of the nodes of one volume, run by run, and its transpose.
+"""Kernels over the nodes of one volume, one span triple after the other: points, their transpose and the matrix.
 
-A *run* is the nodes of one volume that share their span triple, and so their sub-net; see `.runs` for the arrays. The
-kernels are compiled once for each triple of orders and kept on disk by numba. They hold no lock, so that several
-threads can work on different runs.
+See `.nodes_by_span` for the arrays. The kernels are compiled once for each triple of orders and kept on disk by numba.
+They hold no lock, so that several threads can work on different spans. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
+import scipy.sparse
 from numba import njit
 
-from ..numerics.lanes import LANES
+from ..splines.volume import basis_products, sub_net_ids
 from .contraction import (
-    EMITTER_SOURCE,
+    LANES,
+    SOURCE,
     TILE,
     add_net,
     gather_points,
@@ -24,72 +26,74 @@ from .contraction import (
     sum_over_nodes,
     sum_turns,
 )
+from .nodes_by_span import NodesBySpan
+from .plain_contraction import functions_of_node
 
 
 @cache
 def forward_kernel(p_0: int, p_1: int, p_2: int):
-    """Kernel that evaluates runs of nodes, Eq. (3), for one triple of orders.
+    """Kernel that evaluates nodes, Eq. (3), for one triple of orders.
 
     Returns
     -------
     callable
-        ``forward(first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, control_points,
-        out)`` writes the nodes of the runs ``first_run <= run < last_run``, and their copies, to ``out``, shape
+        ``forward(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, control_points,
+        out)`` writes the nodes of the spans ``first_span <= span < last_span``, and their copies, to ``out``, shape
         (3 * n_rows,), from ``control_points``, shape (N0 * N1 * N2 * 3,).
     """
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
-    emitter = EMITTER_SOURCE
+    emitter = SOURCE
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def forward(
-        first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, control_points, out
+        first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, control_points, out
     ):
         _ = emitter  # a cell of the closure, and so part of the key of the cache
         net = np.empty(size)
-        for run in range(first_run, last_run):
-            steps = control_point_steps(n_control, corners[run])
-            load_net(control_points, 3 * corners[run], steps, net, p_0, p_1, p_2)
-            for first in range(starts[run], starts[run + 1], LANES):
-                n = min(LANES, starts[run + 1] - first)
+        for span in range(first_span, last_span):
+            steps = control_point_steps(n_control, anchors[span])
+            load_net(control_points, 3 * anchors[span], steps, net, p_0, p_1, p_2)
+            for first in range(starts[span], starts[span + 1], LANES):
+                n = min(LANES, starts[span + 1] - first)
                 sum_over_net(net, basis[first * n_functions :], n, rows[first:], out, p_0, p_1, p_2)
-        copy_points(first_run, last_run, starts, rows, copy_nodes, copy_rows, out)
+        copy_points(first_span, last_span, starts, rows, copy_nodes, copy_rows, out)
 
     return forward
 
 
 @cache
 def turned_forward_kernel(p_0: int, p_1: int, p_2: int):
-    """Kernel that evaluates runs of nodes and adds turned vectors to them, for one triple of orders.
+    """Kernel that evaluates nodes and adds turned vectors to them, for one triple of orders.
 
     Returns
     -------
     callable
-        As `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of the span of each run, shape
-        (n_runs, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``.
+        As `forward_kernel`, with ``fractions, vectors`` of the nodes, ``corners`` of each span, shape
+        (n_spans, 8), and ``matrices`` of the corners, shape (n_corners, 9), behind ``control_points``.
     """
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
-    emitter = EMITTER_SOURCE
+    emitter = SOURCE
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def forward(
-        first_run, last_run, n_control, starts, sub_nets, basis, rows, copy_nodes, copy_rows,
+        first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
         control_points, fractions, vectors, corners, matrices, out,
     ):  # fmt: skip
         _ = emitter  # a cell of the closure, and so part of the key of the cache
         net, turn = np.empty(size), np.empty(72)
-        for run in range(first_run, last_run):
-            steps = control_point_steps(n_control, sub_nets[run])
-            load_net(control_points, 3 * sub_nets[run], steps, net, p_0, p_1, p_2)
-            _set_coefficients(corners[run], matrices, turn)
-            for first in range(starts[run], starts[run + 1], LANES):
-                n = min(LANES, starts[run + 1] - first)
+        for span in range(first_span, last_span):
+            steps = control_point_steps(n_control, anchors[span])
+            load_net(control_points, 3 * anchors[span], steps, net, p_0, p_1, p_2)
+            _set_coefficients(corners[span], matrices, turn)
+            for first in range(starts[span], starts[span + 1], LANES):
+                n = min(LANES, starts[span + 1] - first)
                 sum_over_net_turned(
                     net, basis[first * n_functions :], turn, fractions[3 * first :], vectors[3 * first :],
                     n, rows[first:], out, p_0, p_1, p_2,
                 )  # fmt: skip
-        copy_points(first_run, last_run, starts, rows, copy_nodes, copy_rows, out)
+        copy_points(first_span, last_span, starts, rows, copy_nodes, copy_rows, out)
 
     return forward
 
@@ -101,31 +105,31 @@ def reverse_kernel(p_0: int, p_1: int, p_2: int):
     Returns
     -------
     callable
-        ``reverse(first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, bar, first_layer,
-        out)`` adds to ``out``, the control points from layer ``first_layer`` of direction 0 on, the products of the
-        runs with ``bar``, shape (3 * n_rows,).
+        ``reverse(first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, bar,
+        first_layer, out)`` adds to ``out``, the control points from layer ``first_layer`` of direction 0 on, the
+        products of the spans with ``bar``, shape (3 * n_rows,).
     """
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
-    emitter = EMITTER_SOURCE
+    emitter = SOURCE
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def reverse(
-        first_run, last_run, n_control, starts, corners, basis, rows, copy_nodes, copy_rows, bar, first_layer, out
+        first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, bar, first_layer, out
     ):
         _ = emitter  # a cell of the closure, and so part of the key of the cache
         net, points = np.empty(size + LANES), np.empty(3 * TILE)
         first_control_point = first_layer * n_control[1] * n_control[2]
-        copy = _first_copy(copy_nodes, starts[first_run])
-        for run in range(first_run, last_run):
+        copy = _first_copy(copy_nodes, starts[first_span])
+        for span in range(first_span, last_span):
             net[:] = 0.0
-            for tile in range(starts[run], starts[run + 1], TILE):
-                n = min(TILE, starts[run + 1] - tile)
+            for tile in range(starts[span], starts[span + 1], TILE):
+                n = min(TILE, starts[span + 1] - tile)
                 gather_points(bar, rows[tile:], n, points)
                 copy = _add_copies(bar, copy_nodes, copy_rows, copy, tile, n, points)
                 sum_over_nodes(net, basis[tile * n_functions :], n, points, rows[tile:], bar, p_0, p_1, p_2)
-            steps = control_point_steps(n_control, corners[run])
-            add_net(out, 3 * (corners[run] - first_control_point), steps, net, p_0, p_1, p_2)
+            steps = control_point_steps(n_control, anchors[span])
+            add_net(out, 3 * (anchors[span] - first_control_point), steps, net, p_0, p_1, p_2)
 
     return reverse
 
@@ -138,33 +142,33 @@ def turned_reverse_kernel(p_0: int, p_1: int, p_2: int):
     -------
     callable
         As `reverse_kernel`, with ``fractions, vectors, turns`` behind ``bar``: it writes the derivatives in the
-        rotations at the corners of the span of each run to ``turns``, shape (n_runs, 8, 9).
+        rotations at the corners of each span to ``turns``, shape (n_spans, 8, 9).
     """
     size = 3 * p_0 * p_1 * p_2
     n_functions = p_0 + p_1 + p_2 - 3
-    emitter = EMITTER_SOURCE
+    emitter = SOURCE
 
     @njit(cache=True, nogil=True, error_model="numpy")
     def reverse(
-        first_run, last_run, n_control, starts, sub_nets, basis, rows, copy_nodes, copy_rows,
+        first_span, last_span, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows,
         bar, fractions, vectors, turns, first_layer, out,
     ):  # fmt: skip
         _ = emitter  # a cell of the closure, and so part of the key of the cache
         net, points, turn = np.empty(size + LANES), np.empty(3 * TILE), np.empty(72 + LANES)
         first_control_point = first_layer * n_control[1] * n_control[2]
-        copy = _first_copy(copy_nodes, starts[first_run])
-        for run in range(first_run, last_run):
+        copy = _first_copy(copy_nodes, starts[first_span])
+        for span in range(first_span, last_span):
             net[:] = 0.0
             turn[:] = 0.0
-            for tile in range(starts[run], starts[run + 1], TILE):
-                n = min(TILE, starts[run + 1] - tile)
+            for tile in range(starts[span], starts[span + 1], TILE):
+                n = min(TILE, starts[span + 1] - tile)
                 gather_points(bar, rows[tile:], n, points)
                 copy = _add_copies(bar, copy_nodes, copy_rows, copy, tile, n, points)
                 sum_turns(turn, fractions[3 * tile :], vectors[3 * tile :], n, points)
                 sum_over_nodes(net, basis[tile * n_functions :], n, points, rows[tile:], bar, p_0, p_1, p_2)
-            steps = control_point_steps(n_control, sub_nets[run])
-            add_net(out, 3 * (sub_nets[run] - first_control_point), steps, net, p_0, p_1, p_2)
-            _set_corner_bars(turn, turns[run])
+            steps = control_point_steps(n_control, anchors[span])
+            add_net(out, 3 * (anchors[span] - first_control_point), steps, net, p_0, p_1, p_2)
+            _set_corner_bars(turn, turns[span])
 
     return reverse
 
@@ -194,9 +198,9 @@ def _set_corner_bars(turn, bars):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def copy_points(first_run, last_run, starts, rows, copy_nodes, copy_rows, out):
-    """Copy the points of the nodes of some runs that have copies."""
-    first_copy, last_copy = _first_copy(copy_nodes, starts[first_run]), _first_copy(copy_nodes, starts[last_run])
+def copy_points(first_span, last_span, starts, rows, copy_nodes, copy_rows, out):
+    """Copy the points of the nodes of some spans that have copies."""
+    first_copy, last_copy = _first_copy(copy_nodes, starts[first_span]), _first_copy(copy_nodes, starts[last_span])
     for copy in range(first_copy, last_copy):
         row, source = 3 * np.int64(copy_rows[copy]), 3 * np.int64(rows[copy_nodes[copy]])
         for d in range(3):
@@ -238,3 +242,66 @@ def _add_copies(bar, copy_nodes, copy_rows, copy, first, n, points):
             points[LANES * (3 * group + d) + lane] += bar[3 * np.int64(copy_rows[copy]) + d]
         copy += 1
     return copy
+
+
+def assemble(nodes: Sequence[NodesBySpan], control_ids, n_rows: int, n_control_points: int) -> scipy.sparse.csr_array:
+    """Assemble the matrix.
+
+    Parameters
+    ----------
+    nodes : sequence of NodesBySpan
+        The nodes of each volume.
+    control_ids : sequence of ndarray of int, each of shape (N0 * N1 * N2,)
+        Number of each control point of each volume.
+    n_rows, n_control_points : int
+        Shape of the matrix.
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (n_rows, n_control_points)
+        Canonical: entries of one control point are summed, and columns ascend.
+    """
+    counts = np.zeros(n_rows + 1, dtype=np.int64)
+    for of_volume in nodes:
+        counts[1 + of_volume.rows[: of_volume.n_nodes].astype(np.int64)] = counts[
+            1 + of_volume.copy_rows.astype(np.int64)
+        ] = np.prod(of_volume.orders)
+    index_type = np.int32 if max(counts.sum(), n_control_points) < 2**31 else np.int64
+    indptr = np.cumsum(counts).astype(index_type)
+    indices, data = np.empty(indptr[-1], dtype=index_type), np.empty(indptr[-1])
+    for of_volume, ids in zip(nodes, control_ids):
+        _fill(of_volume.orders, *of_volume.arrays, ids, indptr, indices, data)
+    matrix = scipy.sparse.csr_array((data, indices, indptr), shape=(n_rows, n_control_points))
+    matrix.sum_duplicates()
+    return matrix
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(orders, n_control, starts, anchors, basis, rows, copy_nodes, copy_rows, ids, indptr, indices, data):
+    """Write the entries of the nodes of one volume, then those of their copies."""
+    n_entries, n_functions = orders[0] * orders[1] * orders[2], orders[0] + orders[1] + orders[2] - 3
+    values, sub_net = np.empty(orders[0] + orders[1] + orders[2]), np.empty(n_entries, dtype=np.int64)
+    for span in range(anchors.size):
+        sub_net_ids(orders, anchors[span], control_point_steps(n_control, anchors[span]), sub_net)
+        for node in range(starts[span], starts[span + 1]):
+            group, lane = node - (node - starts[span]) % LANES, (node - starts[span]) % LANES
+            functions_of_node(orders, basis[group * n_functions :], min(LANES, starts[span + 1] - group), lane, values)
+            subtract_from_anchors(orders, values)
+            first = indptr[rows[node]]
+            basis_products(orders, values, data[first : first + n_entries])
+            for m in range(n_entries):
+                indices[first + m] = ids[sub_net[m]]
+    for copy in range(copy_nodes.size):
+        target, source = indptr[copy_rows[copy]], indptr[rows[copy_nodes[copy]]]
+        indices[target : target + n_entries] = indices[source : source + n_entries]
+        data[target : target + n_entries] = data[source : source + n_entries]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def subtract_from_anchors(orders, values):
+    """Make the first function of each direction, which is stored as one, what it is: one minus the others."""
+    first = 0
+    for d in range(3):
+        for m in range(first + 1, first + orders[d]):
+            values[first] -= values[m]
+        first += orders[d]

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..evaluation.runs import Runs, store_groups
-from ..numerics.lanes import LANES
+from ..evaluation.contraction import LANES
+from ..evaluation.nodes_by_span import NodesBySpan, store_groups
 from ..splines.greville import span_breaks
 from ..splines.knots import Knots
 from ..splines.volume import Volume
@@ -30,30 +30,30 @@ _CHUNK = 4096  # nodes at a time whose knots are evaluated: their arrays fit the
 
 @dataclass(frozen=True, eq=False)
 class SpanNodes:
-    """The nodes of one volume in their spans, in the order of its runs.
+    """The nodes of one volume in their spans, in the order of its nodes.
 
     Parameters
     ----------
-    runs : Runs
+    nodes : NodesBySpan
         The nodes.
-    corners : ndarray of int32, shape (n_runs, 8)
+    corners : ndarray of int32, shape (n_spans, 8)
         Corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1, 2.
     fractions : ndarray of float32, shape (3 n_nodes + LANES,)
         Places of the nodes between the ends, in groups, see `.contraction`.
     """
 
-    runs: Runs
+    nodes: NodesBySpan
     corners: np.ndarray
     fractions: np.ndarray
 
     @classmethod
-    def of(cls, volume: Volume, ids: np.ndarray, runs: Runs, parameters: np.ndarray) -> SpanNodes:
-        """Place the nodes of a volume; ``parameters`` are theirs, in the order of the runs."""
-        first, spans, is_high = _spans(volume, runs)
-        corners = np.empty((len(runs.corners), 8), dtype=np.int32)
+    def of(cls, volume: Volume, ids: np.ndarray, nodes: NodesBySpan, parameters: np.ndarray) -> SpanNodes:
+        """Place the nodes of a volume; ``parameters`` are theirs, in the order of the nodes."""
+        first, spans, is_high = _spans(volume, nodes)
+        corners = np.empty((len(nodes.anchors), 8), dtype=np.int32)
         for column in range(8):
             corners[:, column] = ids[tuple(first[d] + ((column >> d & 1) ^ is_high[d]) for d in range(3))]
-        n_nodes, values = np.diff(runs.starts), np.empty((runs.n_nodes, 3))
+        n_nodes, values = np.diff(nodes.starts), np.empty((nodes.n_nodes, 3))
         for d, knots in enumerate(volume.knots):
             turned, span, is_end = (
                 np.roll(parameters, -d, axis=1),
@@ -61,18 +61,18 @@ class SpanNodes:
             )
             values[:, d] = _fractions(knots, turned, span, is_end)
         fractions = np.zeros(values.size + LANES, dtype=np.float32)
-        store_groups(runs.starts, np.arange(runs.n_nodes), values, fractions)
-        return cls(runs, corners, fractions)
+        store_groups(nodes.starts, np.arange(nodes.n_nodes), values, fractions)
+        return cls(nodes, corners, fractions)
 
     def pack(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors of all nodes, shape (n_nodes, 3), in groups."""
-        packed = np.zeros(3 * self.runs.n_nodes + LANES)
-        store_groups(self.runs.starts, self.runs.rows, vectors, packed)
+        packed = np.zeros(3 * self.nodes.n_nodes + LANES)
+        store_groups(self.nodes.starts, self.nodes.rows, vectors, packed)
         return packed
 
     def weights(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners and their weights, each of shape (n, 4), of nodes on faces of the volume, by place in the runs."""
-        starts = self.runs.starts
+        """Corners and their weights, each of shape (n, 4), of nodes on faces of the volume, by place in the nodes."""
+        starts = self.nodes.starts
         run = np.searchsorted(starts, nodes, side="right") - 1
         group = starts[run] + (nodes - starts[run]) // LANES * LANES
         n = np.minimum(LANES, starts[run + 1] - group)
@@ -162,12 +162,12 @@ def transposed(matrices: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(matrices.reshape(-1, 3, 3).transpose(0, 2, 1)).reshape(-1, 9)
 
 
-def _spans(volume: Volume, runs: Runs) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+def _spans(volume: Volume, nodes: NodesBySpan) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """Spans of the nodes, run by run: places among those of the volume, numbers, and whether they count from the end.
 
-    As for the control points (see `.runs`), nodes of a face depend on the corners of that face alone, to the last bit.
+    As for the control points (see `bspline_mdao.evaluation.nodes_by_span`), nodes of a face depend on the corners of that face alone, to the last bit.
     """
-    anchors = np.unravel_index(runs.corners, volume.n_control)
+    anchors = np.unravel_index(nodes.anchors, volume.n_control)
     is_high = [a == k.n_control - 1 for a, k in zip(anchors, volume.knots)]
     spans = [np.where(high, a, a + k.order - 1) for a, high, k in zip(anchors, is_high, volume.knots)]
     return [np.searchsorted(span_breaks(k), s) for s, k in zip(spans, volume.knots)], spans, is_high

@@ -215,7 +215,7 @@ class Turning:
         """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
         at, corners, weights = [], [], []
         for cell in self.cells:
-            own = cell.runs.rows[: cell.runs.n_nodes]
+            own = cell.nodes.rows[: cell.nodes.n_nodes]
             nodes = np.flatnonzero(np.isin(own, rows))
             at.append(np.searchsorted(rows, own[nodes]))
             for parts, part in zip((corners, weights), cell.weights(nodes)):
@@ -443,17 +443,17 @@ def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[
 def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, sharing: NodeSharing) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
-    for volume, numbers, runs, x, rows, own in zip(
-        mesh.volumes, ids, evaluator.runs, parameters, sharing.rows, sharing.is_evaluated
+    for volume, numbers, nodes, x, rows, own in zip(
+        mesh.volumes, ids, evaluator.nodes, parameters, sharing.rows, sharing.is_evaluated
     ):
         place[rows[own]] = np.flatnonzero(own)
-        cells.append(SpanNodes.of(volume, numbers, runs, x.reshape(-1, 3)[place[runs.rows[: runs.n_nodes]]]))
+        cells.append(SpanNodes.of(volume, numbers, nodes, x.reshape(-1, 3)[place[nodes.rows[: nodes.n_nodes]]]))
     return tuple(cells)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(corners, sums, out):
-    """Add the sums of the spans, shape (n_runs, 8, 9), to their corners."""
+    """Add the sums of the spans, shape (n_spans, 8, 9), to their corners."""
     for run in range(corners.shape[0]):
         for column in range(8):
             for e in range(9):

@@ -9,11 +9,10 @@ from evaluation_cases import ORDERS, cloud, mixed_volume, random_mesh, random_pa
 from numba.core.errors import TypingError
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.evaluation.contraction import EMITTER_SOURCE
+from bspline_mdao.evaluation.contraction import LANES, SOURCE
 from bspline_mdao.evaluation.evaluator import CHUNK_NODES, Evaluator
 from bspline_mdao.evaluation.kernels import forward_kernel, reverse_kernel
-from bspline_mdao.evaluation.runs import sort_nodes
-from bspline_mdao.numerics.lanes import LANES
+from bspline_mdao.evaluation.nodes_by_span import sort_nodes
 from bspline_mdao.splines.knots import ConstantKnots
 from bspline_mdao.splines.mesh import BSplineMesh
 from bspline_mdao.splines.volume import Volume, evaluate
@@ -58,7 +57,7 @@ def test_matrix_is_the_same_map(orders):
 
 
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES, 255, 256, 257, 521])
-def test_runs_of_every_length_are_evaluated(n):
+def test_spans_of_every_number_of_nodes_are_evaluated(n):
     rng = np.random.default_rng(n)
     mesh = random_mesh(rng, (4, 3, 4), extra=0)
     rows = rng.permutation(n)
@@ -228,13 +227,13 @@ def test_memory_is_below_128_bytes_per_node():
     assert 76 <= evaluator.bytes_per_node < 80
 
 
-def test_nodes_of_a_run_share_a_sub_net():
+def test_nodes_of_a_span_share_a_sub_net():
     rng = np.random.default_rng(18)
     volume = random_volume(rng, (4, 3, 2), (7, 5, 4))
-    runs = sort_nodes(volume, random_parameters(rng, 500), np.arange(500), np.empty((0, 2), dtype=int))
-    assert runs.n_nodes == 500
-    assert (np.diff(runs.corners) > 0).all()
-    np.testing.assert_array_equal(np.sort(runs.rows[:500]), np.arange(500))
+    nodes = sort_nodes(volume, random_parameters(rng, 500), np.arange(500), np.empty((0, 2), dtype=int))
+    assert nodes.n_nodes == 500
+    assert (np.diff(nodes.anchors) > 0).all()
+    np.testing.assert_array_equal(np.sort(nodes.rows[:500]), np.arange(500))
 
 
 @pytest.mark.parametrize(
@@ -302,12 +301,12 @@ def test_orders_that_are_no_constants_are_refused_by_name():
     kernel = forward_kernel.__wrapped__(np.int64(2), 2, 2)  # not the one that others share
     evaluator = cloud(np.random.default_rng(0), random_mesh(np.random.default_rng(0), (2, 2, 2)), 5)[0]
     with pytest.raises(TypingError, match=r"orders .* must be Python integers"):
-        kernel(0, 0, *evaluator.runs[0].arrays, np.zeros(0), np.zeros(0))
+        kernel(0, 0, *evaluator.nodes[0].arrays, np.zeros(0), np.zeros(0))
 
 
 @pytest.mark.parametrize("kernel", [forward_kernel, reverse_kernel])
 def test_kernels_are_cached_by_the_orders_and_the_source_of_their_intrinsics(kernel):
     first, second = ([cell.cell_contents for cell in kernel(*p).py_func.__closure__] for p in ((2, 3, 4), (4, 3, 2)))
     assert first != second  # numba's key holds the closure in order
-    assert EMITTER_SOURCE in first
-    assert EMITTER_SOURCE in second
+    assert SOURCE in first
+    assert SOURCE in second

@@ -7,8 +7,8 @@ from topology_cases import ORIENTATIONS, box, grid_of, split
 
 from bspline_mdao.io import fortran as fortran_records
 from bspline_mdao.io.fortran import join_records, parse_numbers, split_records
+from bspline_mdao.splines.knot_insertion import elevate_order, insert_knots
 from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots, knots_from_array, knots_to_array
-from bspline_mdao.splines.refinement import elevate_order, insert_knots
 from bspline_mdao.splines.volume import Volume, evaluate
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.sharing import node_sharing

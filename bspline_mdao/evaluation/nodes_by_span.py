@@ -1,9 +1,10 @@
-"""Runs: the nodes of a volume sorted by span triple, with the basis functions that the kernels read.
+"""The nodes of a volume sorted by span triple, with the basis functions that the kernels read.
 
-The sub-net of a span triple is read from its *anchor*, in each direction its low end, or its high end where the span
-touches the high end of the parameter range (and, of a single span, in its upper half). So the nodes of any face are
-evaluated from the control points of that face alone, to the last bit. The *corner*, the number of the anchor among the
-control points of the volume, tells span and anchor in all three directions.
+The nodes that share their span triple depend on the same control points, their *sub-net*. It is read from its *anchor*,
+in each direction its low end, or its high end where the span touches the high end of the parameter range (and, of a
+single span, in its upper half). So the nodes of any face are evaluated from the control points of that face alone, to
+the last bit. The number of the anchor among the control points of the volume tells span and end in all three
+directions. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations
@@ -13,26 +14,25 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..numerics.lanes import LANES
 from ..splines.basis import basis
 from ..splines.volume import Volume, sort_by_key
-from .contraction import MARGIN
+from .contraction import LANES, MARGIN
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class NodesBySpan:
     """The nodes of one volume, sorted.
 
     Parameters
     ----------
     orders, n_control : tuple of int
         Orders and numbers of control points.
-    starts : ndarray of int, shape (n_runs + 1,)
-        First node of each run.
-    corners : ndarray of int, shape (n_runs,)
-        Corner of the sub-net of each run.
+    starts : ndarray of int, shape (n_spans + 1,)
+        First node of each span triple that has nodes.
+    anchors : ndarray of int, shape (n_spans,)
+        Anchor of the sub-net of each.
     basis : ndarray
-        Functions of the nodes, see `.contraction`: ``p_0 + p_1 + p_2 - 3`` numbers per node.
+        Functions of the nodes, see `.simd_contraction`: ``p_0 + p_1 + p_2 - 3`` numbers per node.
     rows : ndarray of uint32
         Row of each node, and `MARGIN` zeros.
     copy_nodes : ndarray of int64, shape (n_copies,)
@@ -44,7 +44,7 @@ class Runs:
     orders: tuple[int, int, int]
     n_control: tuple[int, int, int]
     starts: np.ndarray
-    corners: np.ndarray
+    anchors: np.ndarray
     basis: np.ndarray
     rows: np.ndarray
     copy_nodes: np.ndarray
@@ -58,23 +58,23 @@ class Runs:
     @property
     def arrays(self) -> tuple:
         """Arguments that the kernels share, from ``n_control`` to ``copy_rows``."""
-        return self.n_control, self.starts, self.corners, self.basis, self.rows, self.copy_nodes, self.copy_rows
+        return self.n_control, self.starts, self.anchors, self.basis, self.rows, self.copy_nodes, self.copy_rows
 
     @property
     def n_bytes(self) -> int:
         """Memory held."""
         return sum(array.nbytes for array in self.arrays[1:])
 
-    def layers(self, first_run: int, last_run: int) -> tuple[int, int]:
-        """Layers ``first <= i < last`` of control points in direction 0 that the given runs touch."""
-        corner_layers = self.corners[first_run:last_run] // (self.n_control[1] * self.n_control[2])
-        is_high = corner_layers == self.n_control[0] - 1
-        low = corner_layers - is_high * (self.orders[0] - 1)
+    def layers(self, first_span: int, last_span: int) -> tuple[int, int]:
+        """Layers ``first <= i < last`` of control points in direction 0 that the nodes of the given spans touch."""
+        anchor_layers = self.anchors[first_span:last_span] // (self.n_control[1] * self.n_control[2])
+        is_high = anchor_layers == self.n_control[0] - 1
+        low = anchor_layers - is_high * (self.orders[0] - 1)
         return int(low.min()), int(low.max()) + self.orders[0]
 
 
-def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies: np.ndarray) -> Runs:
-    """Sort the nodes of a volume into runs and evaluate their basis functions, Eq. (4).
+def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies: np.ndarray) -> NodesBySpan:
+    """Sort the nodes of a volume by span triple and evaluate their basis functions, Eq. (4).
 
     Parameters
     ----------
@@ -89,49 +89,49 @@ def sort_nodes(volume: Volume, parameters: np.ndarray, rows: np.ndarray, copies:
 
     Returns
     -------
-    Runs
+    NodesBySpan
     """
     orders, n_control = volume.orders, volume.n_control
-    corners, values = _corners_and_functions(volume, parameters)
-    used, starts, order = sort_by_key(corners, int(np.prod(n_control)))
+    anchors, values = _anchors_and_functions(volume, parameters)
+    used, starts, order = sort_by_key(anchors, int(np.prod(n_control)))
     packed = np.zeros(values.size + LANES)
     store_groups(starts, order, values, packed)
     copy_nodes, copy_rows = _sort_copies(order, copies)
     sorted_rows = np.concatenate([rows[order], np.zeros(MARGIN, dtype=np.int64)]).astype(np.uint32)
-    return Runs(orders, n_control, starts, used, packed, sorted_rows, copy_nodes, copy_rows)
+    return NodesBySpan(orders, n_control, starts, used, packed, sorted_rows, copy_nodes, copy_rows)
 
 
-def _corners_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.ndarray]:
-    """Corner of each node, and its functions without the anchor's, shape (n, p_0 + p_1 + p_2 - 3)."""
-    corners = np.zeros(len(parameters), dtype=np.int64)
+def _anchors_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Anchor of each node, and its functions without the anchor's, shape (n, p_0 + p_1 + p_2 - 3)."""
+    anchors = np.zeros(len(parameters), dtype=np.int64)
     values = np.empty((len(parameters), sum(volume.orders) - 3))
     column = 0
     for d, knots in enumerate(volume.knots):
         end = column + knots.order - 1
         spans, functions = basis(knots, *(parameters[:, (d + offset) % 3] for offset in range(3)))
-        _choose_anchors(knots.n_control, parameters[:, d], spans, functions, corners, values[:, column:end])
+        _choose_anchors(knots.n_control, parameters[:, d], spans, functions, anchors, values[:, column:end])
         column = end
-    return corners, values
+    return anchors, values
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _choose_anchors(n_control, xi, spans, functions, corners, out):
-    """Add one direction to the corners, and write its functions but for the anchor's, from it on."""
+def _choose_anchors(n_control, xi, spans, functions, anchors, out):
+    """Add one direction to the numbers of the anchors; write the functions but for the anchor's, from it on."""
     order = functions.shape[1]
     for q in range(xi.size):
         is_high = spans[q] == n_control - 1 and (spans[q] > order - 1 or xi[q] > 0.5)
-        corners[q] = corners[q] * n_control + (spans[q] if is_high else spans[q] - order + 1)
+        anchors[q] = anchors[q] * n_control + (spans[q] if is_high else spans[q] - order + 1)
         for m in range(order - 1):
             out[q, m] = functions[q, order - 2 - m if is_high else m + 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def store_groups(starts, order, values, basis):
-    """Store numbers of nodes, shape (n, n_functions), in the order of the runs and groups, see `.contraction`."""
+    """Store numbers of nodes, shape (n, n_functions), span by span and group by group, see `.simd_contraction`."""
     n_functions = values.shape[1]
-    for run in range(starts.size - 1):
-        for first in range(starts[run], starts[run + 1], LANES):
-            n = min(LANES, starts[run + 1] - first)
+    for span in range(starts.size - 1):
+        for first in range(starts[span], starts[span + 1], LANES):
+            n = min(LANES, starts[span + 1] - first)
             for m in range(n_functions):
                 for i in range(n):
                     basis[first * n_functions + m * n + i] = values[order[first + i], m]

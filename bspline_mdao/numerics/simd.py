@@ -1,9 +1,10 @@
-"""A small vocabulary to emit vector instructions whose lanes are nodes, for the intrinsics of `.contraction`.
+"""A small vocabulary to emit vector instructions, the SIMD lanes being nodes.
 
-LLVM does not turn the contraction of a sub-net into vector code by itself: the loop over the nodes is not the innermost
-one, and unrolled by hand it carries more pointers than its aliasing checks allow. So the body is emitted with vectors
-of nodes as the values. Multiplications and additions are marked as contractible and become fused multiply-adds where
-the machine has them; nothing else about the arithmetic is left to the compiler.
+For the intrinsics of `bspline_mdao.evaluation.simd_contraction`. LLVM does not turn the contraction of a sub-net into
+vector code by itself: the loop over the nodes is not the innermost one, and unrolled by hand it carries more pointers
+than its aliasing checks allow. So the body is emitted with vectors of nodes as the values. Multiplications and
+additions are marked as contractible and become fused multiply-adds where the machine has them; nothing else about the
+arithmetic is left to the compiler.
 """
 
 from __future__ import annotations
@@ -140,3 +141,24 @@ class Emitter:
 
     def _vector_pointer(self, base, offset, width: int):
         return self.builder.bitcast(self.builder.gep(base, [offset]), ir.VectorType(LANE, width).as_pointer())
+
+
+def check_emission():
+    """Emit a function with the instructions of `Emitter` and let LLVM verify it; raises where their API has moved."""
+    module, number = ir.Module(), LANE.as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [number, ir.FloatType().as_pointer(), INT])
+    function = ir.Function(module, kind, "trial")
+    builder, (base, singles, n) = ir.IRBuilder(function.append_basic_block()), function.args
+    emit = Emitter(builder)
+    total = emit.variable()
+    builder.store(ZERO, total)
+    with emit.loop(n, LANES) as (i, _):
+        emit.prefetch(base, i)
+        term = emit.subtract(emit.load(base, i), emit.load_singles(singles, i))
+        (vector,) = emit.accumulate([builder.load(total)], emit.broadcast(base, 0), [term])
+        builder.store(builder.select(emit.is_lane_below(n), vector, emit.gather(base, [i] * LANES)), total)
+    for vector in emit.lane_sums([builder.load(total)]):
+        emit.store(vector, base, constant(0))
+        builder.store(emit.lane(vector, 0), base)
+    builder.ret_void()
+    llvmlite.binding.parse_assembly(str(module)).verify()

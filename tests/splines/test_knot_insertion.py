@@ -7,8 +7,8 @@ from splines_cases import ORDERS, random_bilinear_knots, random_constant_knots
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.splines.curve import Curve
+from bspline_mdao.splines.knot_insertion import elevate_order, elevation_matrix, insert_knots, insertion_matrix
 from bspline_mdao.splines.knots import ConstantKnots
-from bspline_mdao.splines.refinement import elevate_order, elevation_matrix, insert_knots, insertion_matrix
 from bspline_mdao.splines.volume import Volume, evaluate
 
 
