@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError
-from ..evaluation.index_scaling import refined_topology
+from ..evaluation.family import refined_topology
 from ..io.files import check_grid_name, write_grid
 from ..model.fitted_model import FittedModel, family_member
 from .output import (

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..checks import as_finite_points
 from ..evaluation.evaluator import Evaluator
-from ..evaluation.family import refine
-from ..evaluation.index_scaling import IndexScaling
+from ..evaluation.family import IndexScaling, refine
 from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
 from ..topology.grid import Grid, Patch

@@ -19,7 +19,7 @@ TESTS = Path(__file__).parents[1]
 def results() -> dict[str, np.ndarray]:
     """All that the kernels of this process make of seeded input."""
     out = {}
-    for orders in ((4, 4, 4), (2, 3, 4), (1, 1, 5)):
+    for orders in ((2, 3, 4), (1, 1, 3)):
         rng = np.random.default_rng(sum(orders))
         evaluator = cloud(rng, random_mesh(rng, orders, n_volumes=2), 157)[0]
         b, bar = rng.standard_normal((evaluator.n_control_points, 3)), rng.standard_normal((evaluator.n_rows, 3))
@@ -33,7 +33,7 @@ def results() -> dict[str, np.ndarray]:
 def turned_results():
     """Nodes with turned vectors, and the transpose: vectors, fractions and rotations do not depend on the storage."""
     rng = np.random.default_rng(5)
-    evaluator = cloud(rng, random_mesh(rng, (4, 3, 4)), 157)[0]
+    evaluator = cloud(rng, random_mesh(rng, (2, 3, 2)), 157)[0]
     (nodes,) = evaluator.nodes
     n_spans, scratch = len(nodes.anchors), 8
     b, bar = rng.standard_normal((evaluator.n_control_points, 3)), rng.standard_normal((evaluator.n_rows, 3)).ravel()

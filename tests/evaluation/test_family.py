@@ -6,8 +6,14 @@ from topology_cases import grid_of as make_grid
 from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.errors import InputError
-from bspline_mdao.evaluation.family import interpolate, refine, refine_parameters
-from bspline_mdao.evaluation.index_scaling import IndexScaling, refined_topology, scaled_count
+from bspline_mdao.evaluation.family import (
+    IndexScaling,
+    interpolate,
+    refine,
+    refine_parameters,
+    refined_topology,
+    scaled_count,
+)
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.model.fitted_model import family_member
 from bspline_mdao.splines.volume import evaluate

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from splines_cases import random_bilinear_knots, wavy_knots
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.evaluation.descent import bilinear_corners, map_point, map_point_scratch
+from bspline_mdao.evaluation.closest_point import bilinear_corners, map_point, map_point_scratch
 from bspline_mdao.evaluation.inversion import embed_points, invert_points, require_inside
 from bspline_mdao.splines.knots import ConstantKnots
 from bspline_mdao.splines.mesh import BSplineMesh
@@ -194,7 +194,7 @@ def test_both_ways_of_descending_take_the_same_steps(rng, monkeypatch):
     mesh, control_points = row_of_volumes(rng)
     points = np.concatenate([sample(mesh, control_points, rng.random((200, 3))), rng.uniform(-1, 4, (50, 3))])
     one_by_one = invert_points(mesh, control_points, points)
-    monkeypatch.setattr("bspline_mdao.evaluation.descent.bilinear_corners", lambda knots: None)
+    monkeypatch.setattr("bspline_mdao.evaluation.closest_point.bilinear_corners", lambda knots: None)
     together = invert_points(mesh, control_points, points)
     np.testing.assert_array_equal(together.volume, one_by_one.volume)
     np.testing.assert_allclose(together.parameters, one_by_one.parameters, atol=1e-6)

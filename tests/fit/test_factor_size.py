@@ -16,7 +16,7 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.cli.main import run
-from bspline_mdao.evaluation.index_scaling import refined_topology
+from bspline_mdao.evaluation.family import refined_topology
 from bspline_mdao.fit import control_counts as factor_size
 from bspline_mdao.fit.control_counts import (
     LARGEST_FACTOR,

@@ -24,7 +24,7 @@ from topology_cases import (
 from bspline_mdao import family_member, fit_grid, flat_plate_grid, onera_m6_grid, write_grid
 from bspline_mdao.cli.inspect import inspect_grid
 from bspline_mdao.errors import InputError
-from bspline_mdao.evaluation.index_scaling import refined_topology
+from bspline_mdao.evaluation.family import refined_topology
 from bspline_mdao.io.cgns import CgnsDialect, read_cgns, write_cgns
 from bspline_mdao.io.cgns_nodes import add_node, children, set_attributes, word
 from bspline_mdao.topology.detection import find_topology

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...evaluation.index_scaling import IndexScaling, refined_topology
+from ...evaluation.family import IndexScaling, refined_topology
 from ...topology.index_space import block_rows
 from ...topology.topology import Topology
 from .flow_grid import FlowGrid
