@@ -18,8 +18,7 @@ from scipy.spatial.distance import cdist
 from ..checks import as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from ..numerics.planes import nearest_plane
-from ..numerics.vector_arrays import lengths
+from ..numerics.vectors import lengths, nearest_plane
 from .control_net import surface_seams
 from .elimination import Equations
 from .selection import Selection, Where, rows_of

@@ -26,6 +26,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..numerics.vectors import cross_2d
 from .span_strips import SpanStrips
 from .stream import stream_axes
 
@@ -173,7 +174,7 @@ class _Lift:
     @property
     def per_length(self) -> np.ndarray:
         """Force across the trace per length of it, shape (n,)."""
-        return _cross(self.widths, self.forces) / self._squares
+        return cross_2d(self.widths, self.forces) / self._squares
 
     @property
     def slopes(self) -> np.ndarray:
@@ -185,10 +186,6 @@ class _Lift:
     @property
     def _squares(self) -> np.ndarray:
         return np.sum(self.widths**2, axis=1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _trace(strips: SpanStrips, nodes: np.ndarray, alpha) -> tuple[np.ndarray, np.ndarray]:

@@ -24,6 +24,7 @@ from scipy.sparse import block_array, csr_array, eye_array, kron
 from ..cells.aggregates import KreisselmeierSteinhauser
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
+from ..numerics.vectors import dots
 from .measure import Combinations, relative_to_baseline, single_row
 
 __all__ = ["Curvature", "Forms", "difference_matrices", "face_differences", "forms", "forms_vjp"]
@@ -240,15 +241,15 @@ def forms(vectors: np.ndarray) -> Forms:
     """
     along_i, along_j, *second = vectors
     normal = np.cross(along_i, along_j)
-    (e, f, g), (l, m, n) = _metric(along_i, along_j), (_dot(part, normal) for part in second)
-    return Forms(e * n - 2.0 * f * m + g * l, l * n - m * m, _dot(normal, normal))
+    (e, f, g), (l, m, n) = _metric(along_i, along_j), (dots(part, normal) for part in second)
+    return Forms(e * n - 2.0 * f * m + g * l, l * n - m * m, dots(normal, normal))
 
 
 def forms_vjp(vectors: np.ndarray, bar: Forms) -> list[np.ndarray]:
     """Pull cotangents of what `forms` returns back to the five vectors, each of shape (n, 3)."""
     along_i, along_j, *second = vectors
     normal = np.cross(along_i, along_j)
-    (e, f, g), (l, m, n) = _metric(along_i, along_j), (_dot(part, normal) for part in second)
+    (e, f, g), (l, m, n) = _metric(along_i, along_j), (dots(part, normal) for part in second)
     e_bar, f_bar, g_bar = bar.mean * n, -2.0 * bar.mean * m, bar.mean * l
     l_bar, m_bar = bar.mean * g + bar.gaussian * n, -2.0 * (bar.mean * f + bar.gaussian * m)
     bars = [part[:, None] for part in (l_bar, m_bar, bar.mean * e + bar.gaussian * l)]
@@ -309,11 +310,7 @@ def _trapezoidal(n):
 
 
 def _metric(u, v):
-    return _dot(u, u), _dot(u, v), _dot(v, v)
-
-
-def _dot(u, v):
-    return (u * v).sum(axis=1)
+    return dots(u, u), dots(u, v), dots(v, v)
 
 
 def _times(factors, vectors):

@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from ..numerics.vector_arrays import cross, lengths
+from ..numerics.vectors import cross_2d, lengths
 
 __all__ = [
     "FLAT",
@@ -288,7 +288,7 @@ def _meeting(corners):
     """
     a, b, c = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     d = corners[:, 2] - corners[:, 3] - b
-    for t in _roots(cross(c, d), cross(a, d) + cross(c, b), cross(a, b)):
+    for t in _roots(cross_2d(c, d), cross_2d(a, d) + cross_2d(c, b), cross_2d(a, b)):
         t = np.clip(t, 0.0, 1.0)[:, None]
         side = b + d * t
         length = np.sum(side * side, axis=1)

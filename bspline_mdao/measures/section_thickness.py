@@ -15,7 +15,7 @@ from ..cells.aggregates import KreisselmeierSteinhauser
 from ..errors import InputError
 from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
-from ..numerics.vector_arrays import lengths, unit_vectors
+from ..numerics.vectors import lengths, unit_vectors
 from .edge_cuts import cut_edges, edges_of_quads
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, Probes, opposite_probes

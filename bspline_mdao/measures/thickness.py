@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from ..numerics.vector_arrays import lengths, unit_vectors
+from ..numerics.vectors import lengths, unit_vectors
 from .area import planform_normal
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, as_points, opposite_probes

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..mesh.frame import Frame
 from ..mesh.surface import SurfaceGrid
-from ..numerics.vector_arrays import cross, lengths, turned
+from ..numerics.vectors import cross_2d, lengths, turned_left
 from .measure import Combinations
 from .section_lines import SectionLines, arc_parameters, polynomial_weights, stencil_matrix
 
@@ -123,16 +123,16 @@ class LeadingEdgeRadius:
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Radii, shape (n_stations,), of nodes, shape (n, 3); real or complex."""
         first, second, chord = self.derivatives(points)
-        radii = self.scales * lengths(first) ** 3 / cross(second, first)
+        radii = self.scales * lengths(first) ** 3 / cross_2d(second, first)
         return radii / lengths(chord) if self.is_relative_to_chord else radii
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
         first, second, chord = self.derivatives(points)
         # of the logarithm: 3 ln |p'| - ln (p'' x p') - ln |chord|
-        bend = cross(second, first)[:, None]
-        d_first = 3.0 * first / lengths(first)[:, None] ** 2 - turned(second) / bend
-        d_second = turned(first) / bend
+        bend = cross_2d(second, first)[:, None]
+        d_first = 3.0 * first / lengths(first)[:, None] ** 2 - turned_left(second) / bend
+        d_second = turned_left(first) / bend
         d_chord = -chord / lengths(chord)[:, None] ** 2 if self.is_relative_to_chord else np.zeros_like(chord)
         radii = self.evaluate(points)[:, None]
         return self.vectors.chain([(radii * part) @ self.plane for part in (d_first, d_second, d_chord)])
@@ -159,7 +159,7 @@ def _vectors(lines, stations, n_nodes):
 def _require_blunt(measure):
     """Refuse edges without a radius on the baseline."""
     first, second, chord = measure.derivatives(measure.surface.points)
-    bend = cross(second, first)
+    bend = cross_2d(second, first)
     is_blunt = (bend > 0.0) & (lengths(first) ** 3 > _SHARP * lengths(chord) * bend)
     if not is_blunt.all():
         raise InputError(
@@ -261,12 +261,12 @@ class TrailingEdgeAngle:
         """Angles (rad), shape (n_stations,), of nodes, shape (n, 3); real or complex."""
         upper, lower = self._in_plane(points)
         along = (upper * lower).sum(axis=1)
-        return 2.0 * np.arctan(cross(upper, lower) / (lengths(upper) * lengths(lower) + along))
+        return 2.0 * np.arctan(cross_2d(upper, lower) / (lengths(upper) * lengths(lower) + along))
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
-        # the difference of the directions of the two tangents, each of which turns by (turned(t) . dt) / |t|^2
-        turns = [turned(tangent) / lengths(tangent)[:, None] ** 2 for tangent in self._in_plane(points)]
+        # the difference of the directions of the two tangents, each of which turns by (turned_left(t) . dt) / |t|^2
+        turns = [turned_left(tangent) / lengths(tangent)[:, None] ** 2 for tangent in self._in_plane(points)]
         return self.tangents.chain([-turns[0] @ self.plane, turns[1] @ self.plane])
 
     def _in_plane(self, points):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..numerics.planes import is_line, nearest_plane
+from ..numerics.vectors import is_line, nearest_plane
 
 __all__ = ["AllowedDirections", "plane_normal", "sliding_planes"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..checks import require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
-from ..numerics.planes import nearest_plane
+from ..numerics.vectors import nearest_plane
 from ..topology.boundary_surface import BoundarySurface, quads_in_turn
 from ..topology.index_space import block_rows
 from ..topology.sharing import node_sharing

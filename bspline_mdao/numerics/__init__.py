@@ -1,1 +1,1 @@
-"""Ground that everything stands on: threads, SIMD lanes, vectors of three and planes."""
+"""Ground that everything stands on: threads, SIMD instructions, vectors, and transfinite interpolation."""

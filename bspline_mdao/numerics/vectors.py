@@ -1,13 +1,20 @@
-"""Vectors of three numbers as tuples, for kernels whose loops are to vectorise: no array, no allocation.
+"""Vectors of space and of the plane, for kernels and for arrays, and planes through points.
 
-The numbers are real or complex; nothing is conjugated.
+In kernels whose loops are to become SIMD instructions a vector is a tuple of three numbers: no array, no allocation
+(`row` to `add_to`). In NumPy it is a row of an array (`lengths` to `turned_left`). The numbers are real or complex;
+nothing is conjugated.
 """
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-__all__ = ["add", "add_to", "cross", "dot", "less", "row", "scaled", "triple"]
+PLANAR = 1e-5
+"""A patch is planar when its points leave the plane by less than this part of the patch's size."""
+
+ALIGNED = 1e-5
+"""A normal that leaves a coordinate axis by less than this is that axis."""
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
@@ -58,3 +65,45 @@ def add_to(points, n, u):
     points[n, 0] += u[0]
     points[n, 1] += u[1]
     points[n, 2] += u[2]
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Lengths, shape (...), of vectors, shape (..., d)."""
+    return np.sqrt((vectors * vectors).sum(axis=-1))
+
+
+def dots(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Products ``u . v``, shape (...), of vectors, shape (..., d)."""
+    return (u * v).sum(axis=-1)
+
+
+def unit_vectors(vectors: np.ndarray, otherwise: np.ndarray, least: float) -> np.ndarray:
+    """Vectors, shape (..., d), of length 1; ``otherwise``, of the same, where they are not longer than ``least``."""
+    length = lengths(vectors)[..., None]
+    return np.where(length > least, vectors / np.maximum(length, least), otherwise)
+
+
+def cross_2d(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """``u x v`` in the plane, shape (n,): positive where v is to the left of u."""
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def turned_left(vectors: np.ndarray) -> np.ndarray:
+    """Vectors of the plane turned left by a right angle: ``cross_2d(u, v) = turned_left(u) . v``."""
+    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+
+
+def is_line(points: np.ndarray) -> bool:
+    """Whether points are in one line, which lies in many planes."""
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return len(sizes) < 2 or sizes[1] <= PLANAR * sizes[0]
+
+
+def nearest_plane(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Plane through points, shape (n, 3): unit normal, distances (n,) of the points, and what is near enough (m)."""
+    centred = points - points.mean(axis=0)
+    _, sizes, directions = np.linalg.svd(centred, full_matrices=len(points) < 3)
+    axis = np.argmax(np.abs(directions[2]))
+    is_axis = 1.0 - abs(directions[2, axis]) < ALIGNED**2 / 2.0
+    normal = np.eye(3)[axis] if is_axis else directions[2]
+    return normal, np.abs(centred @ directions[2]), PLANAR * sizes[0] / np.sqrt(len(points))

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..evaluation.evaluator import Evaluator
-from ..numerics.planes import is_line, nearest_plane
+from ..numerics.vectors import is_line, nearest_plane
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import BoundarySurface
 from ..topology.index_space import Window, block_rows

@@ -27,7 +27,7 @@ import numpy as np
 from numba import njit
 from scipy import sparse
 
-from ..numerics.planes import nearest_plane
+from ..numerics.vectors import nearest_plane
 from ..sparse.spring_network import SpringNetwork
 from ..topology.index_space import Window, block_rows, sections_of, whole_slices
 from ..topology.sharing import direction_classes, node_sharing

@@ -21,7 +21,7 @@ from bspline_mdao.design.linear_constraints import (
 )
 from bspline_mdao.design.selection import InBox, NearPlane, SurfaceRows
 from bspline_mdao.errors import InputError
-from bspline_mdao.numerics.planes import nearest_plane
+from bspline_mdao.numerics.vectors import nearest_plane
 from bspline_mdao.topology.index_space import Window
 
 OBLIQUE = np.array([0.6, -0.3, 0.74])

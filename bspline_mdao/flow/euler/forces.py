@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...errors import InputError
+from ...numerics.vectors import dots
 from ..force_coefficients import ForceCoefficients, WingCoefficients
 from ..induced_drag import InducedDrag
 from ..span_strips import SpanStrips
@@ -211,7 +212,7 @@ class EntropyDrag:
     def evaluate(self, states: np.ndarray, areas: np.ndarray, mach):
         """Drag of states, shape (n_cells, 5), through faces with area vectors (m^2), shape (n_far, 3)."""
         w = states[self.cells]
-        return np.sum(w[:, 0] * _dot(w[:, 1:4], areas) * _entropy(w)) / _scale(mach)
+        return np.sum(w[:, 0] * dots(w[:, 1:4], areas) * _entropy(w)) / _scale(mach)
 
     def jvp(self, states, areas, mach, d_states, d_areas, d_mach):
         """Change of the drag with the states, the area vectors and the Mach number."""
@@ -228,7 +229,7 @@ class EntropyDrag:
     def _gradients(self, states, areas, mach):
         """Derivatives with respect to the cells' states, shape (n_far, 5), the area vectors and the Mach number."""
         w, scale = states[self.cells], _scale(mach)
-        rho, entropy, through = w[:, 0], _entropy(w), _dot(w[:, 1:4], areas)
+        rho, entropy, through = w[:, 0], _entropy(w), dots(w[:, 1:4], areas)
         w_bar = np.empty_like(w)
         w_bar[:, 0] = through * (entropy - GAMMA)
         w_bar[:, 1:4] = (rho * entropy)[:, None] * areas
@@ -245,7 +246,3 @@ def _entropy(w: np.ndarray) -> np.ndarray:
 def _scale(mach):
     """Dynamic pressure times speed, divided by temperature of the stream and specific heat at constant volume."""
     return 0.5 * mach**3 * GAMMA * (GAMMA - 1.0)
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.sum(a * b, axis=1)
