@@ -3,7 +3,7 @@
 The step is damped Newton in the unit cube: Levenberg (1944) and Marquardt (1963) for three unknowns with bounds. The
 columns of the Jacobian are scaled to unit length first, so that a step does not depend on the aspect ratio of the cell;
 the damping keeps it finite where columns vanish or become parallel (collapsed faces, singular lines); parameters that a
-bound holds back are left out.
+bound stops are not moved.
 
 Steps that do not come closer are followed for a while before the descent goes back to the closest parameters so far and
 damps more: near a singular line Newton's path to the point leads over larger distances (Grippo, Lampariello and Lucidi
@@ -14,7 +14,7 @@ estimated from the steps by the structured secant update of Dennis, Gay and Wels
 the distance by less than half. Without it, convergence there is linear, and slow beyond the radius of curvature.
 
 Volumes with bilinear and constant knots are followed point by point in numba, on several threads. Knots that are a
-user's Python functions can only be evaluated for many points at once: there all points take their steps together.
+user's Python functions can only be evaluated for many points at once: there all points take each step at the same time.
 Theory: ``docs/theory/inversion.rst``.
 """
 
@@ -64,7 +64,7 @@ STATIONARY = 1e-9
 """Cosine of the angle between the residual and every free column below which the point is the closest one."""
 
 DEFINITE = 1e-3
-"""Least pivot of the scaled Hessian with curvature; with a smaller one the curvature is left out of the step."""
+"""Least pivot of the scaled Hessian with curvature; with a smaller one the step is taken without curvature."""
 
 COLLAPSED = 1e-12
 """Norm of a column, relative to the longest one, below which the position does not depend on its parameter."""
@@ -101,7 +101,7 @@ def descend(
     parameters, distance = starts[:, 0].copy(), np.full(len(points), np.inf)
     corners = tuple(bilinear_corners(knots) for knots in volume.knots)
     if any(c is None for c in corners):
-        _descend_together(volume, net, points, starts, target, parameters, distance)
+        _descend_simultaneously(volume, net, points, starts, target, parameters, distance)
     else:
         net = np.ascontiguousarray(net)
 
@@ -253,7 +253,7 @@ def _inward_cosine(xi, residual, jacobian):
     return best
 
 
-def _descend_together(volume, net, points, starts, target, parameters, distance):
+def _descend_simultaneously(volume, net, points, starts, target, parameters, distance):
     """`_descend_each` for any knots: one start after the other, all points at once."""
     n_agreeing = np.zeros(len(points), dtype=np.int64)
     todo = np.arange(len(points))
@@ -436,7 +436,7 @@ def is_collapsed(jacobian, d):
 
 @njit(cache=True)
 def _free_column(xi, residual, jacobian, d):
-    """Norm of a column and slope of the distance along it; both 0 where it vanishes or a bound holds the parameter."""
+    """Norm of a column and slope of the distance along it; both 0 where it vanishes or a bound stops the parameter."""
     slope = jacobian[0, d] * residual[0] + jacobian[1, d] * residual[1] + jacobian[2, d] * residual[2]
     if is_collapsed(jacobian, d) or (xi[d] <= 0.0 and slope >= 0.0) or (xi[d] >= 1.0 and slope <= 0.0):
         return 0.0, 0.0
@@ -454,7 +454,7 @@ def _free_columns(xi, residual, jacobian):
 
 @njit(cache=True)
 def _scaled_product(jacobian, curvature, norms, d, e):
-    """Entry of the Hessian in scaled parameters; that of the unit matrix with a column left out."""
+    """Entry of the Hessian in scaled parameters; that of the unit matrix for a parameter that is not moved."""
     if norms[d] == 0.0 or norms[e] == 0.0:
         return 1.0 if d == e else 0.0
     return (_column_product(jacobian, d, e) + curvature[d, e]) / (norms[d] * norms[e])

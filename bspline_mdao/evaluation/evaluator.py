@@ -159,7 +159,7 @@ class Evaluator:
 
     @property
     def bytes_per_node(self) -> float:
-        """Memory held, per row."""
+        """Size of all that is stored, in bytes per row of the result."""
         n_bytes = sum(r.n_bytes for r in self.nodes) + sum(ids.nbytes for ids in self.control_ids)
         return n_bytes / max(self.n_rows, 1)
 

@@ -36,7 +36,7 @@ from ..topology.topology import NearMiss, Topology
 from .evaluator import Evaluator
 
 MOST_NODES = 1e11
-"""Nodes of a member beyond which no memory takes their indices."""
+"""Nodes of a member above which no memory takes their indices."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ def _end_slopes(h_0, h_1, h_2) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _largest_slopes(steps: np.ndarray) -> np.ndarray:
-    """Three times the smaller neighbouring difference."""
+    """Three times the smaller neighbouring difference, at every integer."""
     padded = np.concatenate([steps[..., :1], steps, steps[..., -1:]], axis=-1)
     return 3 * np.minimum(padded[..., :-1], padded[..., 1:])
 
@@ -234,7 +234,7 @@ class IndexScaling:
         return tuple(tuple(int(p[-1]) + 1 for p in planes) for planes in self.planes)
 
     def window(self, window: Window) -> Window:
-        """Carry a window over to the member."""
+        """Window of the member that a window of the grid becomes."""
         planes = self.planes[window.block]
         lo = tuple(int(p[at]) for p, at in zip(planes, window.lo))
         hi = tuple(int(p[at]) for p, at in zip(planes, window.hi))

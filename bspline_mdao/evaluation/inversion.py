@@ -57,7 +57,7 @@ _SECTIONS = tuple(itertools.product((slice(None), slice(0, 1), slice(-1, None)),
 
 @dataclass(frozen=True, eq=False)
 class PointInversion:
-    """Where points lie in a B-spline mesh.
+    """Volumes and parameters of points in a B-spline mesh.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def invert_points(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What stays the same for all points."""
+    """The mesh, its samples and the tolerances of a search: the same for all points."""
 
     mesh: BSplineMesh
     nets: tuple[np.ndarray, ...]
@@ -153,13 +153,13 @@ class _Search:
 
 
 def _invert_chunk(search: _Search, nearest, points: np.ndarray):
-    """First the volume of the nearest sample alone, then all others that may hold a point or be nearer."""
-    volume, starts = nearest(points)
+    """Search the volume of the nearest sample, then all others that may hold a point or be nearer."""
+    volume, starts = nearest(points)  # step 1
     parameters, distance = np.empty_like(points), np.empty(len(points))
     for v in np.unique(volume):
         ids = np.flatnonzero(volume == v)
         parameters[ids], distance[ids] = search.descend(v, points[ids], starts[ids, None])
-    for v in range(len(search.samples)):
+    for v in range(len(search.samples)):  # step 2
         _try_volume(search, v, points, volume, parameters, distance)
     return volume, parameters, distance
 
@@ -169,7 +169,7 @@ def _try_volume(search: _Search, v: int, points, volume, parameters, distance):
     ids = _candidates(search, v, points, volume, parameters, distance)
     xi, found = search.descend(v, points[ids], search.samples[v].starts(points[ids]))
     is_nearer = found < distance[ids] - search.found
-    is_lower = (v < volume[ids]) & (found <= distance[ids] + search.found)
+    is_lower = (v < volume[ids]) & (found <= distance[ids] + search.found)  # step 3
     ids, moved = ids[is_nearer | is_lower], is_nearer | is_lower
     volume[ids], parameters[ids], distance[ids] = v, xi[moved], found[moved]
 
@@ -262,8 +262,8 @@ class VolumeSamples:
 
     def box_distance(self, points: np.ndarray) -> np.ndarray:
         """Lower bound of the distance of points, shape (n, 3), to the volume, shape (n,)."""
-        beyond = np.maximum(np.maximum(self.lower - points, points - self.upper), 0.0)
-        return np.sqrt(np.einsum("qx,qx->q", beyond, beyond))
+        outside = np.maximum(np.maximum(self.lower - points, points - self.upper), 0.0)
+        return np.sqrt(np.einsum("qx,qx->q", outside, outside))
 
     def starts(self, points: np.ndarray) -> np.ndarray:
         """Parameters to start from, shape (n, n_starts, 3), for points of shape (n, 3); the most promising first."""
@@ -310,7 +310,7 @@ def span_lattice(volume: Volume) -> np.ndarray:
 
 
 def _stations(knots) -> np.ndarray:
-    """Where the samples of one direction lie, counted in spans."""
+    """Places of the samples of one direction, counted in spans."""
     if knots.order == 1 and knots.n_control == 1:
         return np.zeros(1)
     n_spans = knots.n_control - knots.order + 1
@@ -350,7 +350,7 @@ def section_codes(parameters: np.ndarray) -> np.ndarray:
 
 
 def shared_with_lower(mesh: BSplineMesh) -> np.ndarray:
-    """Tell which sections of each volume have all their control points in a lower volume too.
+    """Find the sections of each volume whose control points all belong to a lower volume too.
 
     Returns
     -------

@@ -209,7 +209,7 @@ def copy_points(first_span, last_span, starts, rows, copy_nodes, copy_rows, out)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_copy(copy_nodes, node):
-    """Place of the first copy of a sorted node, or of one beyond it, by bisection."""
+    """Place of the first copy of a sorted node, or of the next one that has copies, by bisection."""
     low, high = 0, copy_nodes.size
     while low < high:
         middle = (low + high) // 2
@@ -221,9 +221,9 @@ def _first_copy(copy_nodes, node):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def control_point_steps(n_control, corner):
-    """Return the steps between control points of a sub-net in each direction, away from its anchor at ``corner``."""
-    rest, k = divmod(corner, n_control[2])
+def control_point_steps(n_control, anchor):
+    """Return the steps between control points of a sub-net in each direction, away from its anchor."""
+    rest, k = divmod(anchor, n_control[2])
     i, j = divmod(rest, n_control[1])
     plane, line = n_control[1] * n_control[2], n_control[2]
     return (
@@ -235,7 +235,7 @@ def control_point_steps(n_control, corner):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_copies(bar, copy_nodes, copy_rows, copy, first, n, points):
-    """Add the copies of the nodes ``first .. first + n - 1`` to their points; return the first copy beyond."""
+    """Add the copies of the nodes ``first .. first + n - 1`` to their points; return the first copy after them."""
     while copy < copy_nodes.size and copy_nodes[copy] < first + n:
         group, lane = divmod(copy_nodes[copy] - first, LANES)
         for d in range(3):
@@ -245,7 +245,7 @@ def _add_copies(bar, copy_nodes, copy_rows, copy, first, n, points):
 
 
 def assemble(nodes: Sequence[NodesBySpan], control_ids, n_rows: int, n_control_points: int) -> scipy.sparse.csr_array:
-    """Assemble the matrix.
+    """Assemble the sparse matrix of an evaluation, from the stored functions that the other kernels use.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 They include the dependence of curved knots on the other parameters, Eq. (4). A node on an interface has the metrics of
 its own volume, so that there is one result per volume and nothing is shared. At fixed parameters the metrics are linear
-in the control points; `MappingGradients` is that linear map and its transpose.
+in the control points; `MappingGradients` is that linear map and its transpose. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class MappingGradients:
         return gradients
 
     def adjoint(self, bars: Sequence[np.ndarray]) -> np.ndarray:
-        """Transposed product.
+        """Transposed product: cotangents of the control points from those of the derivatives.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class MappingGradients:
         return out
 
     def _chunks(self) -> list[tuple[int, slice]]:
-        """Pieces of work, whatever the number of threads: volume and points."""
+        """Volume and points of each piece of work; they do not depend on the number of threads."""
         chunks = []
         for v, p in enumerate(self.parameters):
             size = max(CHUNK_NODES, -(-len(p) // CHUNKS_PER_VOLUME))

@@ -21,7 +21,7 @@ from .contraction import LANES, MARGIN
 
 @dataclass(frozen=True, eq=False)
 class NodesBySpan:
-    """The nodes of one volume, sorted.
+    """The nodes of one volume, sorted by span triple.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class NodesBySpan:
 
     @property
     def n_bytes(self) -> int:
-        """Memory held."""
+        """Size of the arrays in bytes."""
         return sum(array.nbytes for array in self.arrays[1:])
 
     def layers(self, first_span: int, last_span: int) -> tuple[int, int]:
@@ -116,7 +116,7 @@ def _anchors_and_functions(volume: Volume, parameters) -> tuple[np.ndarray, np.n
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _choose_anchors(n_control, xi, spans, functions, anchors, out):
-    """Add one direction to the numbers of the anchors; write the functions but for the anchor's, from it on."""
+    """Add one direction to the numbers of the anchors; write the functions but for the anchor's, starting beside it."""
     order = functions.shape[1]
     for q in range(xi.size):
         is_high = spans[q] == n_control - 1 and (spans[q] > order - 1 or xi[q] > 0.5)

@@ -10,7 +10,7 @@ factor of index 0 is one, and only ``p - 1`` functions per direction are stored 
 memory and arithmetic for cubics, and it is exact where it matters: a coordinate that all control points share comes out
 with its own bits, and a node at the anchor's end of the span depends on nothing beyond that end.
 
-All intrinsics here are straight-line code for one triple of orders; the lanes of the vectors are nodes, or the control
+All intrinsics here are straight-line code for one triple of orders; the SIMD lanes are nodes, or the control
 points of one line of the sub-net with their three components.
 
 A *group* is up to `LANES` nodes. Its functions are stored without the first of each direction, those of direction 0,

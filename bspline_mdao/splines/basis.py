@@ -5,7 +5,7 @@ depend on the ``2p - 2`` *local knots* ``T[s-p+2] .. T[s+p-1]`` alone. They are 
 order to the next each function passes the share ``(xi - a) / (b - a)`` of its value, [a, b] being its interval, to its
 right-hand neighbour and keeps the rest. So no interval is empty, the sum stays one, and at an end of the parameter
 range the end function is one to the last bit. The first and the last span continue beyond the ends, so that ``xi = 1``,
-and a parameter that round-off has carried out of [0, 1], need no special care.
+and a parameter that round-off has moved out of [0, 1], need no special care.
 
 The triangle stands here three times: in numbers (`raise_order`), with first derivatives in any variables that parameter
 and knots depend on (`basis_derivatives`), and with second derivatives in three (`basis_jets_at`).
@@ -208,7 +208,7 @@ def _values_at_points(T, order, xi, spans, values):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _values_at_points_bilinear(corners, order, xi, s, t, spans, values):
-    """The same with bilinear knots, which are found point by point: they stay in the cache."""
+    """`_values_at_points` with bilinear knots, which are found point by point and so stay in the cache."""
     knots = np.empty(corners.shape[2])
     for q in range(xi.size):
         bilinear_knots(corners, s[q], t[q], knots)
@@ -229,7 +229,7 @@ def _gradients_at_points(T, slopes, order, direction, xi, spans, out):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _gradients_at_points_bilinear(corners, order, direction, xi, s, t, spans, out):
-    """The same with bilinear knots."""
+    """`_gradients_at_points` with bilinear knots."""
     knots, d_T = np.empty(corners.shape[2]), np.empty((corners.shape[2], 3))
     for q in range(xi.size):
         spans[q] = bilinear_gradients(corners, order, direction, xi[q], s[q], t[q], knots, d_T, out[q])

@@ -111,6 +111,6 @@ def _invert(curve: Curve, x: np.ndarray) -> np.ndarray:
     sign = np.sign(curve.control_points[-1, 0] - curve.control_points[0, 0])
     for _ in range(np.finfo(float).nmant + 2):
         middle = 0.5 * (low + high)
-        is_beyond = sign * (curve(middle)[:, 0] - x) > 0
-        low, high = np.where(is_beyond, low, middle), np.where(is_beyond, middle, high)
+        is_past = sign * (curve(middle)[:, 0] - x) > 0
+        low, high = np.where(is_past, low, middle), np.where(is_past, middle, high)
     return 0.5 * (low + high)

@@ -130,8 +130,8 @@ def elevation_matrix(old: ConstantKnots, new: ConstantKnots) -> np.ndarray:
     rows = np.zeros((new.n_control, old.n_control))
     for i, row in enumerate(rows):
         arguments = new.knots[i + 1 : i + p + 1]
-        for left_out in range(p):
-            row += _blossom(old, new.knots[i], np.delete(arguments, left_out)) / p
+        for omitted in range(p):
+            row += _blossom(old, new.knots[i], np.delete(arguments, omitted)) / p
     return rows
 
 

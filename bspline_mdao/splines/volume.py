@@ -1,6 +1,10 @@
 """The mapping of a B-spline volume from parameters to points, Eq. (3), with its first and second derivatives.
 
 Curves and surfaces are volumes with one or two degenerate directions: one control point, order 1 and knots (0, 1).
+
+The sums over the sub-net of control points that a point depends on are here for all that is not the evaluator's own
+kernel (`bspline_mdao.evaluation.simd_contraction`): `basis_products` are the factors of the control points, rows of the
+matrix of an evaluation or a fit, and `partial_sums` the derivatives. Theory: ``docs/theory/splines.rst``.
 """
 
 from __future__ import annotations
@@ -36,7 +40,7 @@ class Volume:
 
     @classmethod
     def of(cls, *knots: Knots) -> Volume:
-        """Make a volume, surface or curve; the directions left out are degenerate."""
+        """Make a volume, surface or curve; directions that are not given are degenerate."""
         return cls(knots + (ConstantKnots.uniform(1, 1),) * (3 - len(knots)))
 
     @property
@@ -346,29 +350,30 @@ def _sum_hessians(B, orders, firsts, jets, out):
     Each has a part in which two directions are differentiated once, and one in which one is, twice. Jets of direction
     ``d`` are in the parameters ``d, d + 1, d + 2`` modulo 3.
     """
-    sums, direction = np.empty((jets.shape[1], B.shape[3])), np.empty(jets.shape[1], dtype=np.int64)
-    values, second = np.empty(jets.shape[1]), np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
-    direction[:] = 2
-    direction[: orders[0] + orders[1]] = 1
-    direction[: orders[0]] = 0
+    n_functions, n_0, n_01 = jets.shape[1], orders[0], orders[0] + orders[1]
+    sums, values = np.empty((n_functions, B.shape[3])), np.empty(n_functions)
+    number = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # of the derivative in two parameters
     out[:] = 0.0
     for q in range(out.shape[0]):
-        for d in range(-1, 3):
-            for k in range(3 if d >= 0 else 1):
-                for m in range(values.size):
-                    values[m] = jets[q, m, 1 + (k - d) % 3 if direction[m] == d else 0]
+        partial_sums(B, firsts[q], orders, jets[q, :, 0], sums)
+        for m in range(n_functions):  # direction d twice
+            d = 0 if m < n_0 else 1 if m < n_01 else 2
+            for k in range(3):
+                for l in range(k, 3):
+                    for x in range(out.shape[1]):
+                        out[q, x, number[k, l]] += jets[q, m, 4 + number[(k - d) % 3, (l - d) % 3]] * sums[m, x]
+        for e, start, end in ((0, 0, n_0), (1, n_0, n_01), (2, n_01, n_functions)):
+            for k in range(3):  # direction e in parameter k, another one in l
+                values[:] = jets[q, :, 0]
+                values[start:end] = jets[q, start:end, 1 + (k - e) % 3]
                 partial_sums(B, firsts[q], orders, values, sums)
-                for m in range(values.size):
-                    n, e = 0, direction[m]
-                    for row in range(3):
-                        for column in range(row, 3):
-                            if d < 0:
-                                factor = jets[q, m, second[(row - e) % 3, (column - e) % 3]]
-                            else:
-                                factor = jets[q, m, 1 + (column - e) % 3] if row == k and e != d else 0.0
-                            for x in range(out.shape[1]):
-                                out[q, x, n] += factor * sums[m, x]
-                            n += 1
+                for m in range(n_functions):
+                    if start <= m < end:
+                        continue
+                    d = 0 if m < n_0 else 1 if m < n_01 else 2
+                    for l in range(k, 3):
+                        for x in range(out.shape[1]):
+                            out[q, x, number[k, l]] += jets[q, m, 1 + (l - d) % 3] * sums[m, x]
 
 
 def _as_arrays(volume: Volume, control_points, parameters) -> tuple[np.ndarray, np.ndarray]:
