@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..errors import InputError
-from ..numerics.vector_arrays import unit_vectors
+from ..numerics.vectors import unit_vectors
 from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
 from .faces import TINY, Face, Rectangle, block_faces, collapsed_windows, decompose, inward_directions
 from .grid import Grid, Patch, require_grid

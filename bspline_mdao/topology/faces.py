@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.vector_arrays import unit_vectors
+from ..numerics.vectors import unit_vectors
 from .index_space import Window, face_layers
 
 TINY = np.finfo(float).tiny

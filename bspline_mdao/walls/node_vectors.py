@@ -30,7 +30,7 @@ _CHUNK = 4096  # nodes at a time whose knots are evaluated: their arrays fit the
 
 @dataclass(frozen=True, eq=False)
 class SpanNodes:
-    """The nodes of one volume in their spans, in the order of its nodes.
+    """The nodes of one volume in their spans, sorted by them.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class SpanNodes:
     corners : ndarray of int32, shape (n_spans, 8)
         Corners of the span of each run; bits 0, 1, 2 of the column say which end of directions 0, 1, 2.
     fractions : ndarray of float32, shape (3 n_nodes + LANES,)
-        Places of the nodes between the ends, in groups, see `.contraction`.
+        Places of the nodes between the ends, in groups, see `bspline_mdao.evaluation.simd_contraction`.
     """
 
     nodes: NodesBySpan
@@ -48,7 +48,7 @@ class SpanNodes:
 
     @classmethod
     def of(cls, volume: Volume, ids: np.ndarray, nodes: NodesBySpan, parameters: np.ndarray) -> SpanNodes:
-        """Place the nodes of a volume; ``parameters`` are theirs, in the order of the nodes."""
+        """Place the nodes of a volume; ``parameters`` are theirs, in that order."""
         first, spans, is_high = _spans(volume, nodes)
         corners = np.empty((len(nodes.anchors), 8), dtype=np.int32)
         for column in range(8):
@@ -71,7 +71,7 @@ class SpanNodes:
         return packed
 
     def weights(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners and their weights, each of shape (n, 4), of nodes on faces of the volume, by place in the nodes."""
+        """Corners and their weights, each of shape (n, 4), of nodes on faces of the volume, by sorted place."""
         starts = self.nodes.starts
         run = np.searchsorted(starts, nodes, side="right") - 1
         group = starts[run] + (nodes - starts[run]) // LANES * LANES
@@ -163,9 +163,10 @@ def transposed(matrices: np.ndarray) -> np.ndarray:
 
 
 def _spans(volume: Volume, nodes: NodesBySpan) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Spans of the nodes, run by run: places among those of the volume, numbers, and whether they count from the end.
+    """Spans of the nodes, each once: places among those of the volume, numbers, and whether they count from the end.
 
-    As for the control points (see `bspline_mdao.evaluation.nodes_by_span`), nodes of a face depend on the corners of that face alone, to the last bit.
+    As for the control points (see `bspline_mdao.evaluation.nodes_by_span`), nodes of a face depend on the corners of
+    that face alone, to the last bit.
     """
     anchors = np.unravel_index(nodes.anchors, volume.n_control)
     is_high = [a == k.n_control - 1 for a, k in zip(anchors, volume.knots)]

@@ -1,6 +1,6 @@
 """Grid sequencing: a start from the flow on coarser members of the grid's family, which pick from its nodes.
 
-Every level has half the cells of the next in each direction, see `...evaluation.index_scaling`. Its states, solved
+Every level has half the cells of the next in each direction, see `bspline_mdao.evaluation.family`. Its states, solved
 roughly, are given to the cells of the next that lie in its cells.
 
 Theory: ``docs/theory/euler.rst``.
