@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -34,10 +33,8 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.mesh.moving_mesh import MovingMesh
+from bspline_mdao.om.drivers.recorded_run import time_components
 from bspline_mdao.sparse.cholesky import Cholesky
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "run_scripts"))
-from optimisation import time_components
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
 LATTICE = (7, 4, 7)

@@ -20,7 +20,7 @@ from .nlopt_problem import Point, Statement
 from .optimality import optimality, optimality_of
 from .scaled_model import ScaledModel
 
-__all__ = ["Convergence", "RecordedRun", "nlopt", "optimise", "optimise_with", "scipy_slsqp"]
+__all__ = ["Convergence", "RecordedRun", "nlopt", "optimise", "optimise_with", "scipy_slsqp", "time_components"]
 
 TIMED = (
     *("compute", "compute_partials", "compute_jacvec_product"),
@@ -174,7 +174,7 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases=None)
         problem.setup(mode="rev")
         problem.run_model()
         gradient = problem.compute_totals(driver_scaling=True, return_format="array")[0]
-        seconds = _time_components(problem)
+        seconds = time_components(problem)
         start = time.perf_counter()
         with threadpool_limits(1, "blas"):  # dense algebra of a few hundred variables is no work for many threads
             problem.run_driver()
@@ -216,6 +216,29 @@ def optimise_with(
     """
     files = {key: folder and Path(folder) / f"{name}_{key.lower().replace(' ', '_')}.sql" for key in drivers}
     return {key: optimise(make_problem, make(tolerance, max_iterations), files[key]) for key, make in drivers.items()}
+
+
+def time_components(problem: om.Problem) -> dict[str, float]:
+    """Measure the time that is spent in every component from now on.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        The problem, set up.
+
+    Returns
+    -------
+    dict of float
+        Wall time by the name of the component (s); it grows as the problem runs.
+    """
+    seconds = {}
+    for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
+        if not component.name.startswith("_auto_ivc"):
+            seconds[component.name] = 0.0
+            for name in TIMED:
+                if hasattr(component, name):
+                    setattr(component, name, _timed(getattr(component, name), seconds, component.name))
+    return seconds
 
 
 @dataclass(frozen=True)
@@ -283,18 +306,6 @@ def _read(problem: om.Problem, file: Path) -> tuple[dict[str, np.ndarray], Conve
     residuals = [optimality(scaling.statement, points[n], totals) for n, totals in found]
     violations = np.array([point.violation for point in points])
     return history, Convergence(violations, np.array([n for n, _ in found], dtype=int), np.array(residuals))
-
-
-def _time_components(problem: om.Problem) -> dict[str, float]:
-    """Wall time spent in every component from now on, by its name (s)."""
-    seconds = {}
-    for component in problem.model.system_iter(recurse=True, typ=(om.ExplicitComponent, om.ImplicitComponent)):
-        if not component.name.startswith("_auto_ivc"):
-            seconds[component.name] = 0.0
-            for name in TIMED:
-                if hasattr(component, name):
-                    setattr(component, name, _timed(getattr(component, name), seconds, component.name))
-    return seconds
 
 
 def _timed(method, seconds: dict[str, float], name: str):
