@@ -40,7 +40,7 @@ def command(*examples: str) -> Callable[[Callable], click.Command]:
     """Return what makes a command of a function: its docstring is the help, with `NAMES` put in."""
 
     def declare(function: Callable) -> click.Command:
-        return bspline_mdao.command(help=function.__doc__.format(**NAMES), epilog=example(*examples))(function)
+        return bspline_mdao.command(help=(function.__doc__ or "").format(**NAMES), epilog=example(*examples))(function)
 
     return declare
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..errors import FitWarning, InputError
 from ..fit.fitting import fit_grid
 from ..model.fitted_model import FittedModel
-from ..model.records import CANDIDATES, FitReport
+from ..model.records import CANDIDATES, Fallback, FitReport
 from .output import (
     check_outputs,
     counts_text,
@@ -127,7 +127,7 @@ def show_fit(model: FittedModel, output: Path) -> None:
         ]
     )
     if report.fallback is not None:
-        print_lines(_fallback_lines(report))
+        print_lines(_fallback_lines(report, report.fallback))
     if report.factor_bytes:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
@@ -135,9 +135,8 @@ def show_fit(model: FittedModel, output: Path) -> None:
     print_warnings(report.warnings)
 
 
-def _fallback_lines(report: FitReport) -> list[str]:
+def _fallback_lines(report: FitReport, fallback: Fallback) -> list[str]:
     """Say what the control points are, and what least squares would be."""
-    fallback = report.fallback
     counts = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in zip(CANDIDATES, fallback.n_points) if n)
     lines = [f"control points, by what most of each is: {counts}"]
     if fallback.least_squares_rms is not None:

@@ -100,7 +100,8 @@ def _with_guesses(grid: Grid, topology: Topology) -> Grid:
     """The grid with what is declared, and a guess at the rest of the boundary under names that say so."""
     declared = {patch.name for patch in grid.patches}
     patches = _all_patches(grid, topology)
-    return replace(grid, patches=[p if p.name in declared else replace(p, name=f"{p.name} (guessed)") for p in patches])
+    named = (p if p.name in declared else replace(p, name=f"{p.name} (guessed)") for p in patches)
+    return replace(grid, patches=tuple(named))
 
 
 def _boundary_windows(patch: Patch, topology: Topology) -> tuple[Window, ...]:

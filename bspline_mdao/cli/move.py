@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -207,11 +208,23 @@ def _write_points(path: Path, points: np.ndarray) -> None:
         np.savetxt(part, points, fmt="%.17g", delimiter=",", header="x,y,z")
 
 
+class _ShownIncrements(logging.Handler):
+    """Moves a bar at every record of an increment, which has its number and that of all as arguments."""
+
+    def __init__(self, progress: Callable[[float, str], None]):
+        super().__init__()
+        self.progress = progress
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Move the bar."""
+        number, n_increments = cast("tuple[int, ...]", record.args)[:2]
+        self.progress(number / n_increments, record.getMessage())
+
+
 @contextmanager
 def _shown_increments(progress: Callable[[float, str], None]) -> Iterator[None]:
     """Show the increments of a move as they are done."""
-    handler = logging.Handler()
-    handler.emit = lambda record: progress(record.args[0] / record.args[1], record.getMessage())
+    handler = _ShownIncrements(progress)
     level = LOGGER.level
     LOGGER.addHandler(handler)
     LOGGER.setLevel(logging.INFO)
@@ -399,5 +412,5 @@ def _is_the_residual(model: FittedModel, moved: Moved) -> bool:
     for block, cells, own_cells in zip(quality.blocks, after, own):
         inverted = np.setdiff1d(np.flatnonzero(~cells.is_valid), block.was_invalid, assume_unique=True)
         n_inverted += inverted.size
-        n_valid += np.count_nonzero(own_cells.is_valid.ravel()[inverted])
+        n_valid += int(np.count_nonzero(own_cells.is_valid.ravel()[inverted]))
     return 2 * n_valid > n_inverted

@@ -66,7 +66,7 @@ def _generate(grid_name: str) -> Grid:
         names = ", ".join(f"@{name}" for name in BUILT_IN)
         raise InputError(f"{grid_name}: is no built-in grid; write one of {names}, or @NAME:IxJxK with nodes per block")
     generator, shape = BUILT_IN[match[1]]
-    shape = tuple(map(int, match.groups()[1:])) if match[2] else shape
+    shape = (int(match[2]), int(match[3]), int(match[4])) if match[2] else shape
     if math.prod(shape) > MOST_NODES:
         raise InputError(f"{grid_name}: has {math.prod(shape):,} nodes per block, more than {MOST_NODES:,}; lower them")
     return resolve_name(generator)(shape)

@@ -6,6 +6,7 @@ import importlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 from ..errors import InputError
 from ..topology.grid import Grid, require_grid
@@ -18,6 +19,18 @@ from .plot3d import Plot3dDialect
 __all__ = ["check_grid_name", "read_grid", "write_grid"]
 
 _HEAD = 4096  # bytes in which the signature of a format is looked for
+
+
+class HasDialect(Protocol):
+    """A grid, or what has its source and its dialect, such as the header of a model."""
+
+    @property
+    def source(self) -> str:
+        """Where the grid came from."""
+
+    @property
+    def dialect(self) -> object | None:
+        """How it was written."""
 
 
 def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:
@@ -77,7 +90,7 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
         write(path, grid)
 
 
-def check_grid_name(path: str | os.PathLike, grid: Grid) -> None:
+def check_grid_name(path: str | os.PathLike, grid: HasDialect) -> None:
     """Refuse a name that promises another format than those that are written.
 
     Parameters
@@ -85,7 +98,7 @@ def check_grid_name(path: str | os.PathLike, grid: Grid) -> None:
     path : path-like
         The file to make or replace.
     grid : Grid
-        The grid, or what has its source and dialect: one read from PLOT3D may keep the suffix of its file.
+        The grid, or its header: one read from PLOT3D may keep the suffix of its file.
 
     Raises
     ------
@@ -95,7 +108,7 @@ def check_grid_name(path: str | os.PathLike, grid: Grid) -> None:
     _format_to_write(path, grid)
 
 
-def _format_to_write(path: str | os.PathLike, grid: Grid) -> GridFormat:
+def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
     """Return the format that a grid is written in under a name."""
     name, plot3d = Path(path), FORMATS[0]
     named = format_of_name(name)

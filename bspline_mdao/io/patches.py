@@ -241,7 +241,7 @@ def _find_block(key: object, grid: Grid, where: str) -> int:
     )
 
 
-def _parse_range(ends: object, n_nodes: int, where: str) -> tuple[int, int]:
+def _parse_range(ends: Any, n_nodes: int, where: str) -> tuple[int, int]:
     """Return the first and last index, from 0, of a range of nodes counted from 1."""
     is_pair = isinstance(ends, list) and len(ends) == 2 and all(type(end) is int for end in ends)
     if not is_pair or not 1 <= ends[0] <= ends[1] <= n_nodes or (ends[0] == ends[1] and n_nodes > 1):

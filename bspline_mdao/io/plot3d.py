@@ -13,7 +13,7 @@ from __future__ import annotations
 import gzip
 import os
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -106,7 +106,7 @@ class Plot3dDialect:
         """Return the number of bytes of the header of a file of so many blocks."""
         return self.integer_dtype.itemsize * (self.has_block_count + n_blocks * self.n_dimensions)
 
-    def pieces(self, shape: tuple[int, int, int]) -> Iterator[tuple[int, int]]:
+    def pieces(self, shape: Sequence[int]) -> Iterator[tuple[int, int]]:
         """Ranges of k whose coordinates follow each other: the whole block or its planes one by one."""
         ends = range(1, shape[2] + 1) if self.layout == "planes" else (shape[2],)
         start = 0

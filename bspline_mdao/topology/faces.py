@@ -41,7 +41,7 @@ class Face:
     ids: np.ndarray
 
     @property
-    def tangents(self) -> tuple[int, int]:
+    def tangents(self) -> tuple[int, ...]:
         """Directions of the block along the face, ascending."""
         return tuple(d for d in range(3) if d != self.normal)
 

@@ -125,7 +125,7 @@ class Grid:
             raise InputError(f"{self.source}: has no blocks; give one or more")
 
     @property
-    def shapes(self) -> tuple[tuple[int, int, int], ...]:
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
         """Number of nodes of every block in each direction."""
         return tuple(block.shape for block in self.blocks)
 

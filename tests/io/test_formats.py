@@ -14,8 +14,8 @@ from bspline_mdao.io.formats import FORMATS, GridFormat, format_of_content, form
 
 @pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
 def test_functions_of_a_format_are_there_and_its_names_are_its_own(form):
-    assert callable(form.function(form.writer))
-    assert not form.reader or callable(form.function(form.reader))
+    assert callable(files._function(form, form.writer))
+    assert not form.reader or callable(files._function(form, form.reader))
     names = [form.folder] if form.folder else [f"grid{suffix}" for suffix in form.suffixes]
     assert names
     for name in names:
