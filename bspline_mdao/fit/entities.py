@@ -52,7 +52,7 @@ class Entity:
         return tuple(end is None for end in self.section)
 
     @property
-    def inner(self) -> tuple[slice, slice, slice]:
+    def inner(self) -> tuple[slice, ...]:
         """Slices that cut its inner nodes out of the segment's arrays."""
         return inner_slices(self.section)
 
