@@ -1,6 +1,5 @@
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -103,39 +102,6 @@ def test_threads_of_the_user_may_call_at_the_same_time():
     with ThreadPoolExecutor(4) as pool:
         for result in pool.map(lambda scale: evaluator.forward(scale * b), [1.0, 2.0, 4.0, 8.0] * 2):
             np.testing.assert_array_equal(result / np.abs(result).max(), expected / np.abs(expected).max())
-
-
-def test_an_error_in_a_thread_reaches_the_caller():
-    from bspline_mdao.numerics.threads import run_tasks
-
-    def fail(number):
-        if number == 3:
-            raise InputError("task 3")
-
-    for n_threads in (1, 2):
-        with pytest.raises(InputError, match="task 3"):
-            run_tasks(fail, 5, n_threads)
-
-
-@pytest.mark.parametrize("n_threads", [1, 3])
-def test_results_of_threads_come_in_order_and_an_error_ends_them(n_threads):
-    from bspline_mdao.numerics.threads import map_tasks
-
-    done = []
-
-    def square(number):
-        if number == 50:
-            raise InputError("task 50")
-        time.sleep(0.002 * (number > 50))
-        done.append(number)
-        return number**2
-
-    results = map_tasks(square, range(2000), n_threads)
-    assert [next(results) for _ in range(50)] == [number**2 for number in range(50)]
-    with pytest.raises(InputError, match="task 50"):
-        next(results)
-    assert sorted(done)[:50] == list(range(50))
-    assert len(done) < 1999
 
 
 def test_a_coordinate_that_all_control_points_share_keeps_its_bits():
