@@ -22,6 +22,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.vectors import dots, lengths, unit_vectors
 from ..topology.boundary_surface import facing, quads_in_turn
 
 __all__ = ["surface_normals", "surface_quads", "surface_seams"]
@@ -84,15 +85,15 @@ def surface_normals(mesh: MovingMesh) -> np.ndarray:
     corners = _Corners.of(points[quads], COLLAPSED * mesh.size)
     sums, outward = (_sum_at(quads, part, len(points)) for part in (corners.normals, corners.outward))
     angles = np.bincount(quads.ravel(), corners.angles.ravel(), len(points))
-    has_cancelled = np.linalg.norm(sums, axis=1) <= CANCELLED * angles
+    has_cancelled = lengths(sums) <= CANCELLED * angles
     sums[has_cancelled] = outward[has_cancelled]
     rows, normals = mesh.in_plane_rows, mesh.in_plane_normals
-    np.subtract.at(sums, rows, np.sum(sums[rows] * normals, axis=1)[:, None] * normals)
-    lengths = np.linalg.norm(sums, axis=1)
-    if lengths.min() <= CANCELLED:
-        place = mesh.place_of_surface_point(np.argmin(lengths))
+    np.subtract.at(sums, rows, dots(sums[rows], normals)[:, None] * normals)
+    sizes = lengths(sums)
+    if sizes.min() <= CANCELLED:
+        place = mesh.place_of_surface_point(np.argmin(sizes))
         raise InputError(f"surface: {place} has no normal, its quads have no extent; give a vector as the direction")
-    return sums / lengths[:, None]
+    return sums / sizes[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,22 +109,17 @@ class _Corners:
     def of(cls, x: np.ndarray, smallest: float) -> _Corners:
         """Look at quads, shape (n, 4, 3); where an edge is as good as none, the diagonal takes its place."""
         ahead, across, behind = (np.roll(x, -step, axis=1) - x for step in (1, 2, 3))
-        ahead = _unit(np.where(_lengths(ahead) > smallest, ahead, across))
-        behind = _unit(np.where(_lengths(behind) > smallest, behind, across))
+        ahead = _unit(np.where(lengths(ahead)[..., None] > smallest, ahead, across))
+        behind = _unit(np.where(lengths(behind)[..., None] > smallest, behind, across))
         area = np.cross(ahead, behind)
-        angles = np.arctan2(_lengths(area)[..., 0], np.sum(ahead * behind, axis=-1))
+        angles = np.arctan2(lengths(area), dots(ahead, behind))
         outward = -2.0 * np.sin(0.5 * angles)[..., None] * _unit(ahead + behind)
         return cls(angles, angles[..., None] * _unit(area), outward)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     """Vectors of length 1; those as good as zero become zero."""
-    lengths = _lengths(vectors)
-    return np.where(lengths > COLLAPSED, vectors / np.where(lengths > 0.0, lengths, 1.0), 0.0)
-
-
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return unit_vectors(vectors, np.zeros(3), COLLAPSED)
 
 
 def _sum_at(quads: np.ndarray, vectors: np.ndarray, n: int) -> np.ndarray:

@@ -21,6 +21,7 @@ from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
+from ..numerics.vectors import lengths
 from .control_net import surface_quads
 from .section_formulas import rotation
 from .variable import Layout
@@ -142,13 +143,13 @@ class ReferenceAxis:
         seen = frame.axes[1:] if self.is_curved else frame.axes[2:]
         steps = np.diff(self.points, axis=0) @ seen.T
         self._require_advance(steps)
-        lengths = np.linalg.norm(steps, axis=1)
-        ends = np.concatenate([[0.0], np.cumsum(lengths)])
+        sizes = lengths(steps)
+        ends = np.concatenate([[0.0], np.cumsum(sizes)])
         planes = mesh_planes(layout.mesh)
         begins_in_plane = any(self._begins_in(plane, PLANE_TOLERANCE * layout.mesh.size) for plane in planes)
         segments, parts = _closest(self.points[:-1] @ seen.T, steps, layout.points @ seen.T, begins_in_plane)
-        directions = (steps / lengths[:, None]) @ seen
-        stations = (ends[segments] + parts * lengths[segments]) / ends[-1]
+        directions = (steps / sizes[:, None]) @ seen
+        stations = (ends[segments] + parts * sizes[segments]) / ends[-1]
         self._require_overlap(layout.points[layout.rows()] @ frame.axes[2], stations[layout.rows()], frame)
         return AttachedRows(self, layout, frame, ends / ends[-1], directions, stations, begins_in_plane)
 
@@ -283,7 +284,7 @@ class AttachedRows:
 
 
 def _unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    return vectors / lengths(vectors)[:, None]
 
 
 @dataclass(frozen=True)
