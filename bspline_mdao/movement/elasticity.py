@@ -188,9 +188,9 @@ def _stress(u, a, lame):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
-def _traction(stress, v):
-    """Stress times a vector."""
-    xx, yy, zz, yz, zx, xy = stress
+def _traction(tau, v):
+    """Force of a stress tau on an area, given as its normal times its size."""
+    xx, yy, zz, yz, zx, xy = tau
     return (
         xx * v[0] + xy * v[1] + zx * v[2],
         xy * v[0] + yy * v[1] + yz * v[2],
@@ -199,12 +199,12 @@ def _traction(stress, v):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
-def _fluxes(stress, a, factor):
+def _fluxes(tau, a, factor):
     """Derivatives of the work on v with respect to its slopes v_i."""
     return (
-        scaled(factor, _traction(stress, a[0])),
-        scaled(factor, _traction(stress, a[1])),
-        scaled(factor, _traction(stress, a[2])),
+        scaled(factor, _traction(tau, a[0])),
+        scaled(factor, _traction(tau, a[1])),
+        scaled(factor, _traction(tau, a[2])),
     )
 
 
@@ -238,11 +238,11 @@ def _element_force_jvp(f_s, u_s, df_s, sign, weight, d_weight, lame, out):
         a, da = adjugate(f), adjugate_jvp(f, df)
         divisor, jacobian_slope, length_slope = divisor_of(f, a, sign)
         d_divisor = _work(divisor_gradient(f, a, jacobian_slope, length_slope), df)
-        factor, stress = weight / divisor, _stress(u, a, lame)
+        factor, tau = weight / divisor, _stress(u, a, lame)
         changes = (
-            _fluxes(stress, a, (d_weight - factor * d_divisor) / divisor),
+            _fluxes(tau, a, (d_weight - factor * d_divisor) / divisor),
             _fluxes(_stress(u, da, lame), a, factor),
-            _fluxes(stress, da, factor),
+            _fluxes(tau, da, factor),
         )
         for i in range(3):
             for d in range(3):
@@ -257,10 +257,10 @@ def _element_force_vjp(f_s, u_s, v_s, sign, weight, lame, f_bar, u_bar):
         f, u, v = at_point(f_s, g), at_point(u_s, g), at_point(v_s, g)
         a = adjugate(f)
         divisor, jacobian_slope, length_slope = divisor_of(f, a, sign)
-        stress_u, stress_v, factor = _stress(u, a, lame), _stress(v, a, lame), weight / divisor
-        fluxes = _fluxes(stress_v, a, factor)
+        tau_u, tau_v, factor = _stress(u, a, lame), _stress(v, a, lame), weight / divisor
+        fluxes = _fluxes(tau_v, a, factor)
         work = _work(fluxes, u)
-        a_bar = _sum(_fluxes(stress_u, v, factor), _fluxes(stress_v, u, factor))
+        a_bar = _sum(_fluxes(tau_u, v, factor), _fluxes(tau_v, u, factor))
         divisor_slope = -work / divisor
         divisor_bar = divisor_gradient(f, a, divisor_slope * jacobian_slope, divisor_slope * length_slope)
         put_at_point(_sum(adjugate_vjp(f, a_bar), divisor_bar), g, f_bar)

@@ -209,6 +209,8 @@ class Mover(Protocol):
 
     A mover whose ``n_increments`` is "auto" also takes ``numbers`` of increments to try in turn, see
     `bspline_mdao.movement.increments.in_increments`.
+    One whose movements have a ``start`` that is not None also takes that of an earlier movement, which saves what moves
+    from the same initial points share; it keeps nothing of a move itself, so that components and threads may share it.
     """
 
     mesh: MovingMesh
