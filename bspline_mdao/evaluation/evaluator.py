@@ -121,11 +121,11 @@ class Evaluator:
         rows = [np.asarray(r, dtype=np.int64) for r in rows]
         copies = np.empty((0, 2), dtype=np.int64) if copies is None else np.asarray(copies, dtype=np.int64)
         is_complete = _check_rows(mesh, parameters, rows, n_rows, copies)
-        copies = _copies_by_volume(rows, n_rows, copies)
+        copies_of = _copies_by_volume(rows, n_rows, copies)
         nodes: list = [None] * len(rows)
 
         def sort(v: int):
-            nodes[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies[v])
+            nodes[v] = sort_nodes(mesh.volumes[v], parameters[v], rows[v], copies_of[v])
 
         run_tasks(sort, len(rows), n_threads_now)
         ids = tuple(np.asarray(ids).reshape(-1) for ids in mesh.control_ids)

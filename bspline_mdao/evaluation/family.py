@@ -90,7 +90,7 @@ def refine(topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarra
     return FamilyMember(member, mesh, refined)
 
 
-def refine_parameters(parameters: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Parameters at other index positions, spread evenly over the same range of indices.
 
     Parameters
@@ -225,13 +225,14 @@ class IndexScaling:
         planes = []
         for block in range(len(topology.shapes)):
             segments = [segment for segment in topology.segments if segment.block == block]
-            planes.append(tuple(_scaled_planes(segments, d, factor) for d in range(3)))
+            xi, eta, zeta = (_scaled_planes(segments, d, factor) for d in range(3))
+            planes.append((xi, eta, zeta))
         return cls(tuple(planes))
 
     @property
     def shapes(self) -> tuple[tuple[int, int, int], ...]:
         """Shape of every block of the member."""
-        return tuple(tuple(int(p[-1]) + 1 for p in planes) for planes in self.planes)
+        return tuple((int(xi[-1]) + 1, int(eta[-1]) + 1, int(zeta[-1]) + 1) for xi, eta, zeta in self.planes)
 
     def window(self, window: Window) -> Window:
         """Window of the member that a window of the grid becomes."""

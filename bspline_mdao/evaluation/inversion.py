@@ -15,6 +15,7 @@ Theory: ``docs/theory/inversion.rst``.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -277,7 +278,7 @@ def sample_mesh(mesh: BSplineMesh, control_points: np.ndarray) -> list[VolumeSam
     return [_sample_volume(volume, net) for volume, net in zip(mesh.volumes, mesh.nets(control_points))]
 
 
-def nearest_samples(samples: list[VolumeSamples]):
+def nearest_samples(samples: Sequence[VolumeSamples]):
     """Make a search over the samples of all volumes: points, shape (n, 3), to volumes (n,) and parameters (n, 3)."""
     tree = cKDTree(np.concatenate([s.tree.data for s in samples]))
     parameters = np.concatenate([s.parameters for s in samples])

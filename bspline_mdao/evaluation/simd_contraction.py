@@ -252,7 +252,7 @@ def _emit_turn_terms(emit: Emitter, fractions, vectors, stride, first_fraction, 
     return [None, u, v, uv, w, emit.multiply(u, w), emit.multiply(v, w), emit.multiply(uv, w)], vector
 
 
-def _emit_sum_over_net(emit: Emitter, net, functions, orders) -> list:
+def _emit_sum_over_net(emit: Emitter, net, functions, orders):
     """Emit the nested sums of Eq. (3) and return the three components."""
     total = None
     for a in range(orders[0]):
@@ -487,5 +487,5 @@ def _multiples(builder, stride, count: int) -> list:
 
 def _split(items: list, orders) -> list[list]:
     """Items of the functions 1 .. p-1 of each direction, None standing for function 0, which is one."""
-    items = iter(items)
-    return [[None] + [next(items) for _ in range(p - 1)] for p in orders]
+    rest = iter(items)
+    return [[None] + [next(rest) for _ in range(p - 1)] for p in orders]

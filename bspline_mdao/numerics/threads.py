@@ -57,7 +57,8 @@ class Crew:
                     return
                 task(number)
 
-        others = [self._pool.submit(work) for _ in range(min(self._n_others, n_tasks - 1))]
+        n_others = min(self._n_others, n_tasks - 1)
+        others = [] if self._pool is None else [self._pool.submit(work) for _ in range(n_others)]
         try:
             work()
         except BaseException:  # an interrupt from the keyboard, which is not to wait until all is done

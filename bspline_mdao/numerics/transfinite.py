@@ -18,7 +18,7 @@ import numpy as np
 __all__ = ["boolean_sum", "inner_of"]
 
 
-def inner_of(shape) -> tuple[slice, slice, slice]:
+def inner_of(shape) -> tuple[slice, ...]:
     """Slices of the inner points of an index space; the whole of a direction of one point, which has no ends."""
     return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
 
@@ -52,9 +52,10 @@ def boolean_sum(places: np.ndarray, chosen: np.ndarray | None = None) -> tuple[n
     """
     shape = places.shape[:3]
     inner, free = inner_of(shape), [d for d in range(3) if shape[d] > 1]
-    chosen = slice(None) if chosen is None else chosen
-    index = np.stack([axis[inner].ravel()[chosen] for axis in np.indices(shape)])
-    place = places[inner].reshape(-1, 3)[chosen].T
+    some: slice | np.ndarray = slice(None) if chosen is None else chosen
+    indices = np.indices(shape)
+    index = np.stack([indices[d][inner].ravel()[some] for d in range(3)])
+    place = places[inner].reshape(-1, 3)[some].T
     columns, values = [], []
     for n in range(1, len(free) + 1):
         for directions in combinations(free, n):

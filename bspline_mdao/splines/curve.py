@@ -100,7 +100,7 @@ def uniform_parameters(curve: Curve, n: int) -> np.ndarray:
         raise InputError("uniform parameters: a curve that is not monotone; give one increasing coordinate")
     if n < 2:
         raise InputError(f"uniform parameters: {n} mesh points; ask for at least 2")
-    xi = _invert(curve, np.linspace(*curve.control_points[[0, -1], 0], n))
+    xi = _invert(curve, np.linspace(curve.control_points[0, 0], curve.control_points[-1, 0], n))
     xi[[0, -1]] = 0.0, 1.0
     return xi
 

@@ -70,7 +70,7 @@ def span_corners(volume: Volume) -> np.ndarray:
     return _fixed_point(volume, shape, _own_breaks)
 
 
-def _fixed_point(volume: Volume, shape: tuple[int, int, int], own) -> np.ndarray:
+def _fixed_point(volume: Volume, shape: tuple[int, ...], own) -> np.ndarray:
     """Parameters of points, each of which is what ``own`` makes of the knots there and of the point's index."""
     axes = (np.linspace(0.0, 1.0, n) if n > 1 else np.zeros(1) for n in shape)
     parameters, indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), np.indices(shape)

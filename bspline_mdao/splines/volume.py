@@ -46,12 +46,14 @@ class Volume:
     @property
     def orders(self) -> tuple[int, int, int]:
         """Order of the basis in each direction."""
-        return tuple(int(k.order) for k in self.knots)
+        xi, eta, zeta = self.knots
+        return int(xi.order), int(eta.order), int(zeta.order)
 
     @property
     def n_control(self) -> tuple[int, int, int]:
         """Number of control points in each direction."""
-        return tuple(int(k.n_control) for k in self.knots)
+        xi, eta, zeta = self.knots
+        return int(xi.n_control), int(eta.n_control), int(zeta.n_control)
 
 
 def evaluate(volume: Volume, control_points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -136,7 +138,7 @@ def evaluate_hessians(volume: Volume, control_points: np.ndarray, parameters: np
     hessians = np.empty((len(parameters), control_points.shape[3], 6))
     for at in _chunks(parameters):
         cyclic = [[parameters[at, (d + offset) % 3] for offset in range(3)] for d in range(3)]
-        spans, jets = zip(*[basis_jets(knots, *own) for knots, own in zip(volume.knots, cyclic)])
+        spans, jets = zip(*[basis_jets(knots, xi, s, t) for knots, (xi, s, t) in zip(volume.knots, cyclic)])
         firsts = np.stack([s - p + 1 for s, p in zip(spans, volume.orders)], axis=1)
         _sum_hessians(control_points, volume.orders, firsts, np.concatenate(jets, axis=1), hessians[at])
     return hessians
