@@ -190,7 +190,7 @@ class GridQuality:
 
         def work(chunk: Chunk):
             measures = chunk_measures(chunk, nodes)
-            if cells:
+            if q is not None:
                 q[chunk.in_grid] = measures.q
             return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
 

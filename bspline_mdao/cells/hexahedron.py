@@ -112,7 +112,8 @@ def cell_quality(
         return CellQuality(*_measure(nodes, degenerate_corners, handedness))
     degenerate_corners = np.moveaxis(degenerate_corners, flat, 2) | UPPER_CORNERS
     *measures, handedness = _measure(_extrude(nodes, flat), degenerate_corners, handedness)
-    return CellQuality(*(np.moveaxis(values, 2, flat) for values in measures), handedness)
+    q, min_corner, min_jacobian, volume = (np.moveaxis(values, 2, flat) for values in measures)
+    return CellQuality(q, min_corner, min_jacobian, volume, handedness)
 
 
 def collapsed_corners(nodes: np.ndarray) -> np.ndarray:

@@ -248,8 +248,8 @@ def inverted_cells(quality: GridQuality, cells: Sequence[CellQuality], newly: bo
             ids = np.setdiff1d(ids, block.was_invalid, assume_unique=True)
         corners = measures.min_corner.ravel()[ids]
         for n in np.argsort(corners, kind="stable")[:MOST_NAMED]:
-            place = (int(m) + 1 for m in np.unravel_index(ids[n], measures.q.shape))
-            found.append(InvertedCell(block.name, *place, float(corners[n])))
+            i, j, k = (int(m) + 1 for m in np.unravel_index(ids[n], measures.q.shape))
+            found.append(InvertedCell(block.name, i, j, k, float(corners[n])))
     return tuple(sorted(found, key=lambda cell: cell.corner)[:MOST_NAMED])
 
 

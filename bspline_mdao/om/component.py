@@ -391,7 +391,7 @@ def failures_as_analysis_errors(
         raise om.AnalysisError(f"{component.msginfo}: {error}") from error
 
 
-def by_parts(apply: Callable, *directions: np.ndarray):
+def by_parts(apply: Callable, *directions: np.ndarray | float):
     """Apply a linear map of real arrays to arrays that may be complex, under complex step: to both parts of them."""
     if any(map(np.iscomplexobj, directions)):
         real, imaginary = ([np.ascontiguousarray(part(x)) for x in directions] for part in (np.real, np.imag))

@@ -75,7 +75,8 @@ class SurfaceControlFit(om.ExplicitComponent):
         """Distances of the nodes of the last run from those of the control points alone; None before any."""
         if self._last.points is None:
             return None
-        return SurfaceMiss.of(*self._places, self._last.state.nodes, *self._last.points)
+        (nodes,), (topology, source, rows) = self._last.points, self._places
+        return SurfaceMiss.of(topology, source, rows, self._last.state.nodes, nodes)
 
     def setup(self):
         """Declare the variables, of the sizes of the mesh and the surface."""

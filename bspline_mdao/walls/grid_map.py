@@ -107,7 +107,8 @@ class GridMap:
             nodes += residual
         rows = plane_rows = np.zeros(0, dtype=int)
         turning = layer = None
-        vectors, planes = residual, ()
+        vectors: Vectors | np.ndarray | None = residual
+        planes: tuple[PlaneNormal, ...] = ()
         if not wall_layer:
             return cls(evaluator, nodes, turning, vectors, layer, rows, plane_rows, planes)
         if residual is not None:
@@ -128,7 +129,7 @@ class GridMap:
     @property
     def n_bytes(self) -> int:
         """Memory besides the evaluator's and the model's (B)."""
-        packed = self.residual.n_bytes if self.turning else 0
+        packed = self.residual.n_bytes if isinstance(self.residual, Vectors) else 0
         return packed + sum(part.n_bytes for part in (self.turning, self.layer) if part is not None) + self.nodes.nbytes
 
     def at(
@@ -151,14 +152,14 @@ class GridMap:
             If the surroundings of a point are turned inside out.
         """
         turn = layered = None
-        if self.turning is None:
-            nodes = self.evaluator.forward(control_points)
-            if self.residual is not None:
-                nodes += self.residual
-        else:
+        if self.turning is not None and isinstance(self.residual, Vectors):
             turn = self.turning.at(control_points)
             nodes = turn.evaluate(control_points, self.residual)
-        mismatch = None if correction is None else correction.meet(nodes, wall)
+        else:
+            nodes = self.evaluator.forward(control_points)
+            if isinstance(self.residual, np.ndarray):
+                nodes += self.residual
+        mismatch = None if correction is None or wall is None else correction.meet(nodes, wall)
         plane_points = nodes[self.plane_rows]
         if self.layer is not None:
             rows, normals = self.wall_rows, self.normals(plane_points)
@@ -226,10 +227,10 @@ class GridState:
         ndarray, shape (n_nodes, 3)
         """
         of = self.of
-        if self.turn is None:
-            change = of.evaluator.forward(d_control_points)
-        else:
+        if self.turn is not None and isinstance(of.residual, Vectors):
             change = self.turn.jvp(d_control_points, self.turn.change(d_control_points), of.residual)
+        else:
+            change = of.evaluator.forward(d_control_points)
         if self.correction is not None:
             change += self.correction.forward(d_wall - change[self.correction.rows])
         if self.layered is not None:
@@ -265,9 +266,9 @@ class GridState:
             given_bar = self.correction.adjoint(bar)
             bar = bar.copy() if self.layered is None else bar
             bar[self.correction.rows] -= given_bar
-        if self.turn is None:
-            return of.evaluator.adjoint(bar), given_bar
-        return self.turn.control_vjp(of.residual, bar), given_bar
+        if self.turn is not None and isinstance(of.residual, Vectors):
+            return self.turn.control_vjp(of.residual, bar), given_bar
+        return of.evaluator.adjoint(bar), given_bar
 
 
 def _wall_layer(
@@ -281,7 +282,8 @@ def _wall_layer(
     sharing, blocks = node_sharing(topology), block_rows(topology.shapes)
     source, number, size = sharing.source_rows(), np.full(topology.n_nodes, -1), np.linalg.norm(np.ptp(nodes, axis=0))
     number[surface.rows] = np.arange(len(surface.rows))
-    planes, fixed = {}, [np.zeros(0, dtype=int)]
+    planes: dict[tuple, tuple[np.ndarray, list[np.ndarray]]] = {}
+    fixed = [np.zeros(0, dtype=int)]
     for face in topology.boundary:
         if face.kind != "wall":
             rows = source[blocks[face.window.block][face.window.slices].reshape(_face_shape(face.window))]
@@ -308,4 +310,5 @@ def _wall_layer(
 def _face_shape(window: Window) -> tuple[int, int]:
     """Nodes of a face window in its two directions."""
     direction = window.shape.index(1)
-    return tuple(n for d, n in enumerate(window.shape) if d != direction)
+    first, second = (n for d, n in enumerate(window.shape) if d != direction)
+    return first, second

@@ -138,6 +138,7 @@ class LocalRotations:
         corner_starts, corners = _corners(quads, n)
         quad_scales = _quad_scales(points, quads)
         planes = tuple((np.asarray(ids), np.asarray(p, dtype=float) / np.linalg.norm(p)) for ids, p in planes)
+        fixed = np.empty(0, dtype=int) if fixed is None else np.asarray(fixed)
         made = cls(
             starts,
             neighbours,
@@ -147,11 +148,11 @@ class LocalRotations:
             corner_starts,
             corners,
             planes=planes,
-            fixed=np.empty(0, dtype=int) if fixed is None else np.asarray(fixed),
+            fixed=fixed,
             n_threads=n_threads,
         )
         mix, lost = made._neighbour_mix(points)
-        return cls(**{**vars(made), "mix": mix, "fixed": np.union1d(made.fixed, lost)})
+        return cls(**{**vars(made), "mix": mix, "fixed": np.union1d(fixed, lost)})
 
     @property
     def n_points(self) -> int:

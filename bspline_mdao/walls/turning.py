@@ -155,22 +155,12 @@ class Turning:
             np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
         ]
         cells = _cells(mesh, ids, evaluator, parameters, sharing)
-        turning = cls(
-            corners,
-            points,
-            groups,
-            tuple(map(PlaneNormal.of_quads, quads)),
-            tuple(planes),
-            plane,
-            cells,
-            evaluator,
-            None,
-            None,
-        )
-        flat = turning.rows(np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)])))
-        flat = flat.part((flat.planes >= 0).any(axis=1))
+        rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)]))
+        flat = _face_nodes(rows, cells, planes, plane)
+        flat = flat.part(np.flatnonzero((flat.planes >= 0).any(axis=1)))
         copies = sharing.copies[np.isin(sharing.copies[:, 1], flat.rows)]
-        return replace(turning, flat=flat, flat_copies=copies)
+        normals = tuple(map(PlaneNormal.of_quads, quads))
+        return cls(corners, points, groups, normals, tuple(planes), plane, cells, evaluator, flat, copies)
 
     @property
     def n_bytes(self) -> int:
@@ -213,23 +203,7 @@ class Turning:
 
     def rows(self, rows: np.ndarray) -> FaceNodes:
         """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
-        at, corners, weights = [], [], []
-        for cell in self.cells:
-            own = cell.nodes.rows[: cell.nodes.n_nodes]
-            nodes = np.flatnonzero(np.isin(own, rows))
-            at.append(np.searchsorted(rows, own[nodes]))
-            for parts, part in zip((corners, weights), cell.weights(nodes)):
-                parts.append(part)
-        order = np.argsort(np.concatenate(at))
-        corners, weights = np.concatenate(corners)[order], np.concatenate(weights)[order]
-        planes, count = np.full((len(rows), 3), -1), np.zeros(len(rows), dtype=int)
-        for k in range(len(self.planes)):
-            is_in = np.isin(rows, np.concatenate([face.rows for face in self.faces if face.plane == k]))
-            sees_more = ((self.plane_of_corner[corners] != k) & (weights > 0.0)).any(axis=1)
-            at = np.flatnonzero(is_in & sees_more & (count < 3))
-            planes[at, count[at]] = k
-            count[at] += 1
-        return FaceNodes(rows, corners, weights, planes)
+        return _face_nodes(rows, self.cells, self.faces, self.plane_of_corner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +375,8 @@ class _BoundaryFace:
 
 def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSharing) -> list[_BoundaryFace]:
     """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
-    source, numbers, faces = sharing.source_rows(), {}, []
+    numbers: dict[tuple, int] = {}
+    source, faces = sharing.source_rows(), []
     size = np.linalg.norm(np.ptp(points, axis=0))
     for (face, corners), (_, rows) in zip(boundary_sections(topology, ids), boundary_sections(topology, sharing.rows)):
         quads, plane = quads_in_turn(corners), None
@@ -411,11 +386,33 @@ def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSh
             sign = np.sign(normal[np.argmax(np.abs(normal))])
             key = tuple(np.round([*(sign * normal), sign * offsets.mean() / size], 5))
             plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
-        rank = {"wall": 0, "symmetry": 2}.get(face.kind, 1)
+        rank = {"wall": 0, "symmetry": 2}.get(face.kind or "", 1)
         faces.append(_BoundaryFace(quads, source[rows].ravel(), rank, plane))
     on_wall = np.unique(np.concatenate([np.zeros(0, int), *(face.quads.ravel() for face in faces if face.rank == 0)]))
     sliding = {face.plane for face in faces if np.isin(face.quads, on_wall).any()} - {None}
     return [replace(face, rank=2) if face.plane in sliding else face for face in faces]
+
+
+def _face_nodes(
+    rows: np.ndarray, cells: Sequence[SpanNodes], faces: Sequence[_BoundaryFace], plane_of_corner: np.ndarray
+) -> FaceNodes:
+    """Weights and planes of nodes by their rows; ``faces`` are those in planes."""
+    places, found = [], []
+    for cell in cells:
+        own = cell.nodes.rows[: cell.nodes.n_nodes]
+        nodes = np.flatnonzero(np.isin(own, rows))
+        places.append(np.searchsorted(rows, own[nodes]))
+        found.append(cell.weights(nodes))
+    order = np.argsort(np.concatenate(places))
+    corners, weights = (np.concatenate(parts)[order] for parts in zip(*found))
+    planes, count = np.full((len(rows), 3), -1), np.zeros(len(rows), dtype=int)
+    for k in sorted({face.plane for face in faces if face.plane is not None}):
+        is_in = np.isin(rows, np.concatenate([face.rows for face in faces if face.plane == k]))
+        sees_more = ((plane_of_corner[corners] != k) & (weights > 0.0)).any(axis=1)
+        at = np.flatnonzero(is_in & sees_more & (count < 3))
+        planes[at, count[at]] = k
+        count[at] += 1
+    return FaceNodes(rows, corners, weights, planes)
 
 
 def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[_Group, ...], np.ndarray]:

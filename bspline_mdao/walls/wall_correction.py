@@ -239,9 +239,10 @@ _CORNERS = np.ix_(*[(0, -1)] * 3)
 def _pieces(topology: Topology, source: np.ndarray, is_wall: np.ndarray) -> Iterator[Window]:
     """Cut all segments into pieces, alike where they are linked: in directions that run along walls and leave none."""
     classes, whole = direction_classes(topology), block_rows(topology.shapes)
-    along, leaving = set(), set()
-    for segment, (number, side) in zip(np.repeat(topology.segments, 6), np.ndindex(len(classes), 6)):
-        face = segment.face(side)
+    along: set[int] = set()
+    leaving: set[int] = set()
+    for number, side in np.ndindex(len(classes), 6):
+        face = topology.segments[number].face(side)
         if is_wall[source[whole[face.block][face.slices]]].all():
             leaving.add(classes[number, side // 2])
             along.update(np.delete(classes[number], side // 2))
@@ -296,10 +297,10 @@ def _directions(ids: np.ndarray, planes) -> sparse.csr_array:
 
 def _complement(normals: list[np.ndarray]) -> np.ndarray:
     """Orthonormal columns, shape (3, n), of what is normal to some unit normals; exact for those along axes."""
-    normals = np.reshape(normals, (-1, 3))
-    if (np.abs(normals).max(axis=1) == 1.0).all():
-        return np.eye(3)[:, ~(normals != 0.0).any(axis=0)]
-    _, sizes, rows = np.linalg.svd(normals)
+    matrix = np.array(normals).reshape(-1, 3)
+    if (np.abs(matrix).max(axis=1) == 1.0).all():
+        return np.delete(np.eye(3), np.flatnonzero((matrix != 0.0).any(axis=0)), axis=1)
+    _, sizes, rows = np.linalg.svd(matrix)
     return rows[np.count_nonzero(sizes > INDEPENDENT) :].T
 
 

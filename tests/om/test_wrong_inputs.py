@@ -119,7 +119,7 @@ LATTICES = {
     "corners": (lambda: Lattice.hexahedron(np.zeros((8, 3))), r"corners of shape \(8, 3\); give shape \(2, 2, 2, 3\)"),
     "none": (
         lambda: designed(FreeForm("a", Lattice.box(MESH), where=np.zeros((4, 3, 3), dtype=bool))),
-        "of 0 lattice points asked for, 0 are held for continuity and 0 are too far",
+        "of 0 lattice points asked for, 0 are fixed for continuity and 0 are too far",
     ),
 }
 
