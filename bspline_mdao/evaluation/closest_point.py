@@ -313,6 +313,11 @@ def start(progress):
 def advance(xi, residual, jacobian, kept, progress, target):
     """Judge the parameters that a descent has come to, and take the next step from there or from the closest ones.
 
+    1. Keep the parameters if they are the closest so far, with less damping; else count, and damp more.
+    2. After too many steps without success, go back to the closest ones.
+    3. Take a damped Newton step of the parameters that no bound stops.
+    4. End where the distance is small enough, steps are below round-off, or the residual is normal to the volume.
+
     Parameters
     ----------
     xi : ndarray, shape (3,)
@@ -331,13 +336,14 @@ def advance(xi, residual, jacobian, kept, progress, target):
     bool
         Whether the descent has ended.
     """
-    _judge(xi, residual, jacobian, kept, progress)
-    is_back = progress[2] > PATIENCE
+    _judge(xi, residual, jacobian, kept, progress)  # step 1
+    is_back = progress[2] > PATIENCE  # step 2
     is_at_best = is_back or progress[2] == 0.0
     if is_back:
         xi[:], residual[:], jacobian[:] = kept[0], kept[1], kept[2:5]
-    cosine = _trial_step(xi, residual, jacobian, kept[5:], progress[1])
-    is_done = progress[0] <= target or progress[1] > DAMPING_MAX or (is_at_best and cosine <= STATIONARY)
+    cosine = _trial_step(xi, residual, jacobian, kept[5:], progress[1])  # step 3
+    is_small = progress[0] <= target  # step 4
+    is_done = is_small or progress[1] > DAMPING_MAX or (is_at_best and cosine <= STATIONARY)
     if is_done:
         xi[:] = kept[0]
     return is_done

@@ -4,6 +4,7 @@
 span triple and its place in the result; shared nodes are evaluated once and copied, so that all blocks get the same
 bits. The work is cut into chunks that do not depend on the number of threads; in reverse each chunk sums into its own
 control points, and these are added up in the order of the chunks. So results do not depend on the number of threads.
+Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations

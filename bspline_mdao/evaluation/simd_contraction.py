@@ -15,7 +15,7 @@ points of one line of the sub-net with their three components.
 
 A *group* is up to `LANES` nodes. Its functions are stored without the first of each direction, those of direction 0,
 then 1, then 2: function ``m`` of node ``i`` at ``m * n + i`` in a group of ``n`` nodes. A group may be read beyond its
-last node.
+last node. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations

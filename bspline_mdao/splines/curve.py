@@ -1,4 +1,7 @@
-"""B-spline curves, Eq. (1), and one-dimensional meshes, section II.B."""
+"""B-spline curves, Eq. (1), and one-dimensional meshes, section II.B.
+
+Theory: ``docs/theory/splines.rst``.
+"""
 
 from __future__ import annotations
 

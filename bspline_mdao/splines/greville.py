@@ -1,4 +1,4 @@
-"""Where in parameter space control points are (Greville abscissae), and where spans meet."""
+"""Places of control points in parameter space (Greville abscissae), and of the corners at which spans meet."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ Both are one idea. The control points of a spline of order p are the values of i
 ``f(x_1, .., x_{p-1})`` that is affine in each argument and equals the spline's polynomial for equal arguments: control
 point ``i`` is ``f(T_{i+1}, .., T_{i+p-1})``. On other knots, the control points are the values of the same blossom at
 other arguments. The blossom of a basis function is the de Boor triangle with one argument in each step.
+Theory: ``docs/theory/splines.rst``.
 
 References
 ----------

@@ -1,8 +1,8 @@
-"""Knots of one parameter direction as functions of the other two parameters (curved knots), section II.C.
+"""Knots of one parameter direction as functions of the other two parameters (curved knots), Eq. (5), section II.C.
 
 The knots ``T_1 .. T_{N+p}`` of a direction are open: the first ``p`` are 0, the last ``p`` are 1. The ``N - p`` inner
 ones may depend on the other two parameters ``(s, t)``, taken in cyclic order: ``(eta, zeta)`` for the knots in xi,
-``(zeta, xi)`` for those in eta and ``(xi, eta)`` for those in zeta.
+``(zeta, xi)`` for those in eta and ``(xi, eta)`` for those in zeta. Theory: ``docs/theory/splines.rst``.
 """
 
 from __future__ import annotations
