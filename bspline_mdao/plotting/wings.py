@@ -244,7 +244,6 @@ def draw_designs(
         draw_sections(sections, model, nodes, PARTS, **style)
         draw_span_load(load, span_load_edges(model, problem), problem.get_val("span_load"), **style)
         draw_twist(twist, model, nodes, **style)
-    planform.legend(loc="lower left")
     draw_ellipse(load)
     draw_history(history, runs, response, label, lambda values: values / unit, log=False)
     draw_optimality(optimality, runs)
