@@ -86,7 +86,7 @@ class FirstCells:
     """
 
     names: tuple[str, ...]
-    shapes: tuple[tuple[int, int, int], ...]
+    shapes: tuple[tuple[int, ...], ...]
     patches: tuple[str, ...]
     rows: np.ndarray
     depth: np.ndarray

@@ -23,7 +23,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -85,6 +85,9 @@ class EquilibriumMover(IncrementalMover):
     It keeps the order of elimination, which the mesh decides; factors belong to the movements, see `Start`.
     """
 
+    solver: Any
+    keep_factors: bool | None
+
     def move(
         self, initial: np.ndarray, surface: np.ndarray, numbers: Sequence[int] = NUMBERS, start: Start | None = None
     ) -> IncrementalMovement:
@@ -96,7 +99,7 @@ class EquilibriumMover(IncrementalMover):
         initial = np.array(initial, dtype=float)
         if start is None or not np.array_equal(start.points, initial):
             start = Start(initial)
-        step = partial(self._step, start)
+        step = partial(self._balanced_step, start)
         movement = in_increments(self.mesh, step, initial, surface, self.n_increments, numbers)
         return replace(movement, start=start)
 
@@ -113,7 +116,9 @@ class EquilibriumMover(IncrementalMover):
         """Elements at the points before an increment, stiffened by those before the move."""
         raise NotImplementedError
 
-    def _step(self, start: Start, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> EquilibriumStep:
+    def _balanced_step(
+        self, start: Start, initial: np.ndarray, before: np.ndarray, surface: np.ndarray
+    ) -> EquilibriumStep:
         """Make one increment, see `bspline_mdao.movement.increments.in_increments`."""
         began, is_first = time.perf_counter(), np.array_equal(before, initial)
         equilibrium, elements = self._equilibrium, self._elements(initial, before)
@@ -177,7 +182,7 @@ class Factored:
     """A matrix with its factor."""
 
     matrix: BlockMatrix
-    factor: object
+    factor: Any
 
     def solve(self, right):
         """Solution for a right-hand side, shape (n_rows, 3)."""
@@ -219,10 +224,10 @@ class Equilibrium:
 
     mesh: MovingMesh
     unknowns: Unknowns
-    analysis: object
+    analysis: Any
 
     @classmethod
-    def of(cls, mesh: MovingMesh, solver: object) -> Equilibrium:
+    def of(cls, mesh: MovingMesh, solver: Any) -> Equilibrium:
         """Number the unknowns of a mesh, and let a solver find its order of elimination."""
         unknowns = Unknowns(mesh)
         return cls(mesh, unknowns, solver.analyze(unknowns.pattern, mesh.points[unknowns.point_ids]))

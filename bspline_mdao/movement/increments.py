@@ -195,6 +195,9 @@ class IncrementalMover:
     A leaf has the fields ``mesh`` and ``n_increments``, a number or "auto", and says what one increment does.
     """
 
+    mesh: MovingMesh
+    n_increments: int | str
+
     def __post_init__(self):
         require_number(self.n_increments)
 

@@ -41,8 +41,9 @@ class Interpolation(Protocol):
     The values at surface and fixed points do not matter: the displacement of these points is prescribed.
     """
 
-    values: np.ndarray
-    """Displacements, shape (n_points, 3), in metres."""
+    @property
+    def values(self) -> np.ndarray:
+        """Displacements, shape (n_points, 3), in metres."""
 
     def jvp(self, d_points: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
         """Change of the values for changes of the points, (n_points, 3), and of the surface's displacement."""
@@ -174,8 +175,9 @@ class Centres:
 class Scattered(Protocol):
     """Interpolation of displacements from centres to targets."""
 
-    values: np.ndarray
-    """Displacements of the targets, shape (n_targets, 3), in metres."""
+    @property
+    def values(self) -> np.ndarray:
+        """Displacements of the targets, shape (n_targets, 3), in metres."""
 
     def jvp(self, d_targets: np.ndarray, d_centres: np.ndarray, d_displacement: np.ndarray) -> np.ndarray:
         """Change of the values for changes of the targets, of the centres and of their displacements."""

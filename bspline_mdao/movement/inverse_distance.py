@@ -103,7 +103,7 @@ class _Means:
 
 def _areas(mesh: MovingMesh) -> np.ndarray:
     """Area of the prescribed boundary that belongs to each point, shape (n_points,); the mean where there is none."""
-    is_prescribed = ~mesh.is_free.any(axis=1)
+    is_prescribed = np.logical_not(mesh.is_free.any(axis=1))
     areas = np.zeros(mesh.n_points)
     for ids in mesh.blocks:
         for side in range(6):

@@ -9,7 +9,7 @@ leave to `bspline_mdao.movement.increments.in_increments` to repeat.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -165,9 +165,10 @@ class MovementReport:
         MovementError
             If it is: names the increment where that began and the worst element there.
         """
-        if not (self.increments and self.increments[-1].n_tangled):
+        tangled = self.first_tangled()
+        if tangled is None or not self.increments[-1].n_tangled:
             return
-        number, first = self.first_tangled()
+        number, first = tangled
         raise MovementError(
             f"movement: increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
             f"{first.min_corner:.2g}); {self.increments[-1].n_tangled} elements are inverted at the end; {self.advice}"
@@ -191,11 +192,13 @@ class MovementReport:
 class Movement(Protocol):
     """A move that was made, with its exact derivative."""
 
-    points: np.ndarray
-    """Moved points, shape (n_points, 3), in metres."""
+    @property
+    def points(self) -> np.ndarray:
+        """Moved points, shape (n_points, 3), in metres."""
 
-    report: MovementReport
-    """Report of the move, increment by increment."""
+    @property
+    def report(self) -> MovementReport:
+        """Report of the move, increment by increment."""
 
     def jvp(self, d_initial: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points for changes of the initial points and of the surface points, each of its shape."""
@@ -213,8 +216,9 @@ class Mover(Protocol):
     from the same initial points share; it keeps nothing of a move itself, so that components and threads may share it.
     """
 
-    mesh: MovingMesh
-    """Mesh that is moved."""
+    @property
+    def mesh(self) -> MovingMesh:
+        """Mesh that is moved."""
 
     def move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
@@ -230,7 +234,8 @@ def digits_of(error: float) -> float:
 
 def differentiable(mover: Mover) -> Mover:
     """Mover whose movements keep their factors for derivatives, unless its own setting ``keep_factors`` decides."""
-    return replace(mover, keep_factors=True) if getattr(mover, "keep_factors", False) is None else mover
+    settings: Any = mover
+    return replace(settings, keep_factors=True) if getattr(mover, "keep_factors", False) is None else mover
 
 
 class Step(Protocol):
@@ -240,11 +245,13 @@ class Step(Protocol):
     points after it.
     """
 
-    points: np.ndarray
-    """Points after the increment, shape (n_points, 3), in metres."""
+    @property
+    def points(self) -> np.ndarray:
+        """Points after the increment, shape (n_points, 3), in metres."""
 
-    report: SolveReport | None
-    """Report on the system of the increment; None where there was none."""
+    @property
+    def report(self) -> SolveReport | None:
+        """Report on the system of the increment; None where there was none."""
 
     def jvp(self, d_initial: np.ndarray, d_before: np.ndarray, d_surface: np.ndarray) -> np.ndarray:
         """Change of the points after the increment, shape (n_points, 3)."""
@@ -307,7 +314,7 @@ def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, poin
     """
     asked = np.linalg.norm(surface - initial[mesh.surface_ids], axis=1).max(initial=0.0)
     reach = np.linalg.norm(points - initial, axis=1)
-    worst = np.argmax(np.where(np.isnan(reach), np.inf, reach))
+    worst = int(np.argmax(np.where(np.isnan(reach), np.inf, reach)))
     if reach[worst] <= MAX_AMPLIFICATION * asked + ROUND_OFF * mesh.size:
         return
     if mesh.n_invalid:

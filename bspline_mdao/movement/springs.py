@@ -34,10 +34,13 @@ __all__ = ["LinealSprings", "SpringElements", "TorsionalSprings", "add_stiffness
 
 
 class _Springs(EquilibriumMover):
-    """Movers that differ in the springs of their network alone."""
+    """Movers that differ in the springs of their network alone: their number in an element, and their settings."""
+
+    _network: tuple[int, tuple[float, float]]
 
     def _elements(self, initial: np.ndarray, before: np.ndarray) -> SpringElements:
-        return SpringElements(self.mesh, *self._network, before)
+        n_springs, settings = self._network
+        return SpringElements(self.mesh, n_springs, settings, before)
 
 
 @dataclass(frozen=True, eq=False)

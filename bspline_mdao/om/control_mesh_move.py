@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import openmdao.api as om
@@ -85,13 +86,13 @@ class ControlMeshMove(om.ExplicitComponent):
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self._last: _Move | None = None
-        self._start: object = None
+        self._start: Any = None
         self._n_increments: int | None = None
 
     @property
     def report(self) -> MovementReport | None:
         """Report of the last move, increment by increment; None where there was none, or where it stopped half way."""
-        return self._last and self._last.movement.report
+        return None if self._last is None else self._last.movement.report
 
     def setup(self):
         """Declare the variables, of the sizes of the mover's mesh."""

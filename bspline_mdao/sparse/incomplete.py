@@ -103,7 +103,7 @@ def incomplete_pattern(graph: Graph, order: np.ndarray, fill: int) -> Incomplete
 
 
 def fill_pattern(neighbour_starts, neighbours, order, fill: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1]_.
+    """Find the strict lower triangle of the incomplete factor with level of fill p, by rows [1].
 
     Block (i, j) of the factor, j < i, is kept where a path of at most p + 1 edges leads from i to j in the graph of the
     matrix through points that are all eliminated before j. For every j:
@@ -131,8 +131,8 @@ def fill_pattern(neighbour_starts, neighbours, order, fill: int) -> tuple[np.nda
 
     References
     ----------
-    .. [1] D. Hysom, A. Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789,
-       2002.
+    - [1] D. Hysom, A. Pothen, "Level-based incomplete LU factorization: graph model and algorithms", UCRL-JC-150789,
+      2002.
     """
     rank = np.empty(len(order), np.int32)
     rank[order] = np.arange(len(order), dtype=np.int32)

@@ -23,7 +23,7 @@ __all__ = ["TILE", "factorize", "pivots", "rounds", "solve_backward", "solve_for
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scratch):
-    """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done [1]_ [2]_.
+    """Factor the fronts ``first <= supernode < last``, of which all earlier descendants are done [1] [2].
 
     With the front F in pieces as in `.fronts`, for each in turn:
 
@@ -54,10 +54,10 @@ def factorize(first, last, supernodes, fronts, routines, data, factor, kept, scr
 
     References
     ----------
-    .. [1] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
-       Trans. Math. Softw. 9 (1983), 302-325.
-    .. [2] J. W. H. Liu, "The multifrontal method for sparse matrix solution: theory and practice", SIAM Review 34
-       (1992), 82-109.
+    - [1] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
+      Trans. Math. Softw. 9 (1983), 302-325.
+    - [2] J. W. H. Liu, "The multifrontal method for sparse matrix solution: theory and practice", SIAM Review 34
+      (1992), 82-109.
     """
     signs = np.array([-1.0, 0.0, 1.0]).astype(factor.dtype)
     minus_one, zero, one = signs[0:1], signs[1:2], signs[2:3]

@@ -42,7 +42,7 @@ def fill_reducing_order(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarra
 
 @njit(cache=True)
 def nested_dissection(starts, neighbours):
-    """Order the points of a graph by nested dissection [1]_.
+    """Order the points of a graph by nested dissection [1].
 
     1. Cut the graph in two by a separator.
     2. Number the points of the separator last, and those of each side, in one piece, before them: eliminating one side
@@ -61,7 +61,7 @@ def nested_dissection(starts, neighbours):
 
     References
     ----------
-    .. [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
+    - [1] A. George, "Nested dissection of a regular finite element mesh", SIAM J. Numer. Anal. 10 (1973), 345-363.
     """
     n = len(starts) - 1
     order, place = np.arange(n).astype(np.int32), np.full(n, -1, np.int32)
@@ -109,7 +109,7 @@ def _subgraph(starts, neighbours, edge_weights, points, place):
 
 
 def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-    """Order the points of a graph by multiple minimum degree [1]_, as SuperLU in SciPy has it.
+    """Order the points of a graph by multiple minimum degree [1], as SuperLU in SciPy has it.
 
     SuperLU tells the order with a factor alone. Its incomplete factor without any fill is the cheapest one.
 
@@ -125,8 +125,8 @@ def minimum_degree(starts: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
 
     References
     ----------
-    .. [1] J. W. H. Liu, "Modification of the minimum-degree algorithm by multiple elimination", ACM Trans. Math. Softw.
-       11 (1985), 141-153.
+    - [1] J. W. H. Liu, "Modification of the minimum-degree algorithm by multiple elimination", ACM Trans. Math. Softw.
+      11 (1985), 141-153.
     """
     n = len(starts) - 1
     if n < 2:
@@ -199,14 +199,14 @@ def _number_with_surroundings(starts, neighbours, points, place):
 def _eliminate(bits):
     """Order of elimination of the rows of a symmetric pattern; the pattern is overwritten.
 
-    The neighbours of every point are a set of bits. As long as points are left [1]_:
+    The neighbours of every point are a set of bits. As long as points are left [1]:
 
     1. Take the one of least degree, its number of neighbours, for the next pivot; the first of several.
     2. Eliminate it: its neighbours become neighbours of each other.
     3. Count the neighbours of these anew.
 
-    .. [1] A. George, J. W. H. Liu, "The evolution of the minimum degree ordering algorithm", SIAM Review 31 (1989),
-       1-19.
+    - [1] A. George, J. W. H. Liu, "The evolution of the minimum degree ordering algorithm", SIAM Review 31 (1989),
+      1-19.
     """
     m = len(bits)
     order, is_left = np.empty(m, np.int32), np.ones(m, np.bool_)

@@ -39,7 +39,7 @@ EXCESS = 4.0
 
 @njit(cache=True)
 def find_separator(starts, neighbours, edge_weights):
-    """Cut a graph in two by the multilevel method [1]_ [2]_.
+    """Cut a graph in two by the multilevel method [1] [2].
 
     1. Coarsen: join the points in pairs, and the pairs again, until few are left.
     2. Partition the coarsest graph: grow several separators, improve each, and take the best.
@@ -60,9 +60,9 @@ def find_separator(starts, neighbours, edge_weights):
 
     References
     ----------
-    .. [1] B. Hendrickson, R. Leland, "A multilevel algorithm for partitioning graphs", Proc. Supercomputing '95.
-    .. [2] G. Karypis, V. Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs", SIAM J.
-       Sci. Comput. 20 (1998), 359-392.
+    - [1] B. Hendrickson, R. Leland, "A multilevel algorithm for partitioning graphs", Proc. Supercomputing '95.
+    - [2] G. Karypis, V. Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs", SIAM J.
+      Sci. Comput. 20 (1998), 359-392.
     """
     n = len(starts) - 1
     weights = np.ones(n, np.int32)
@@ -243,7 +243,7 @@ def improve(starts, neighbours, weights, parts, heaviest, n_passes, patience):
     """Make a separator smaller in place, by passes towards one side and the other in turn.
 
     A *move* takes a point of the separator to one side and its neighbours on the other side into the separator; its
-    *gain* is what the separator loses in weight. A pass [1]_, in the form for separators of points [2]_:
+    *gain* is what the separator loses in weight. A pass [1], in the form for separators of points [2]:
 
     1. Find the gains of all points of the separator.
     2. Make the move of largest gain, also where that is negative, so that the separator can travel over a ridge.
@@ -273,9 +273,9 @@ def improve(starts, neighbours, weights, parts, heaviest, n_passes, patience):
 
     References
     ----------
-    .. [1] C. M. Fiduccia, R. M. Mattheyses, "A linear-time heuristic for improving network partitions", Proc. 19th
-       Design Automation Conf. (1982).
-    .. [2] C. Ashcraft, J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
+    - [1] C. M. Fiduccia, R. M. Mattheyses, "A linear-time heuristic for improving network partitions", Proc. 19th
+      Design Automation Conf. (1982).
+    - [2] C. Ashcraft, J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
     """
     totals = _part_weights(weights, parts)
     heap, log = empty_heap(len(weights)), np.empty(2 * len(weights), np.int64)

@@ -50,8 +50,8 @@ def find_supernodes(starts, neighbours, order: np.ndarray) -> Supernodes:
 
     1. Find the elimination tree and number it in postorder, which leaves the fill as it is.
     2. Count the entries of the columns of the factor.
-    3. Join columns to fundamental supernodes [1]_.
-    4. Merge supernodes into their parents where some stored zeros pay [2]_ [3]_.
+    3. Join columns to fundamental supernodes [1].
+    4. Merge supernodes into their parents where some stored zeros pay [2] [3].
     5. Find the rows of every front.
 
     Parameters
@@ -67,12 +67,12 @@ def find_supernodes(starts, neighbours, order: np.ndarray) -> Supernodes:
 
     References
     ----------
-    .. [1] J. W. H. Liu, E. G. Ng, B. W. Peyton, "On finding supernodes for sparse matrix computations", SIAM J. Matrix
-       Anal. Appl. 14 (1993), 242-252.
-    .. [2] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
-       Trans. Math. Softw. 9 (1983), 302-325.
-    .. [3] C. Ashcraft, R. Grimes, "The influence of relaxed supernode partitions on the multifrontal method", ACM
-       Trans. Math. Softw. 15 (1989), 291-309.
+    - [1] J. W. H. Liu, E. G. Ng, B. W. Peyton, "On finding supernodes for sparse matrix computations", SIAM J. Matrix
+      Anal. Appl. 14 (1993), 242-252.
+    - [2] I. S. Duff, J. K. Reid, "The multifrontal solution of indefinite sparse symmetric linear equations", ACM
+      Trans. Math. Softw. 9 (1983), 302-325.
+    - [3] C. Ashcraft, R. Grimes, "The influence of relaxed supernode partitions on the multifrontal method", ACM
+      Trans. Math. Softw. 15 (1989), 291-309.
     """
     order, rank, parent = _in_postorder(starts, neighbours, order)  # step 1
     counts = column_counts(starts, neighbours, order, rank, parent)  # step 2
@@ -104,7 +104,7 @@ def _inverse(permutation):
 
 @njit(cache=True)
 def elimination_tree(starts, neighbours, order, rank):
-    """Find the elimination tree of a symmetric pattern in a given order [1]_.
+    """Find the elimination tree of a symmetric pattern in a given order [1].
 
     In the factor L of the reordered matrix, the parent of column j is the row of the first entry below the diagonal.
     Row after row, for every entry of the matrix left of the diagonal:
@@ -127,8 +127,8 @@ def elimination_tree(starts, neighbours, order, rank):
 
     References
     ----------
-    .. [1] J. W. H. Liu, "The role of elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11 (1990),
-       134-172.
+    - [1] J. W. H. Liu, "The role of elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11 (1990),
+      134-172.
     """
     n = len(order)
     parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
@@ -174,7 +174,7 @@ def postorder(parent):
 
 @njit(cache=True)
 def column_counts(starts, neighbours, order, rank, parent):
-    """Count the entries of every column of the factor, the diagonal included, without making the factor [1]_.
+    """Count the entries of every column of the factor, the diagonal included, without making the factor [1].
 
     The order must be a postorder of its tree. Every row i of the factor is a subtree with its root on the diagonal, and
     column j holds row i when j is in that subtree; its leaves are among the entries of that row of the matrix. The
@@ -188,8 +188,8 @@ def column_counts(starts, neighbours, order, rank, parent):
 
     References
     ----------
-    .. [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
-       Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
+    - [1] J. R. Gilbert, E. G. Ng, B. W. Peyton, "An efficient algorithm to compute row and column counts for sparse
+      Cholesky factorization", SIAM J. Matrix Anal. Appl. 15 (1994), 1075-1091.
     """
     n = len(order)
     counts = np.zeros(n, np.int64)

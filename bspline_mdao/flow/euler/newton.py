@@ -117,9 +117,9 @@ def solve_flow(
 
     1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``.
     2. Factor a compact neighbour of A for the preconditioner.
-    3. Solve ``A dW = -R`` inexactly [1]_ by GMRES.
+    3. Solve ``A dW = -R`` inexactly [1] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
-    5. Let the CFL number grow as the residual falls, switched evolution relaxation [2]_ [3]_, or cut it where the
+    5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
        linear solve failed, the step was shortened much or the residual rose.
 
     Parameters
@@ -147,11 +147,11 @@ def solve_flow(
 
     References
     ----------
-    .. [1] R. S. Dembo, S. C. Eisenstat, T. Steihaug, "Inexact Newton methods", SIAM J. Numer. Anal. 19 (1982), 400-408.
-    .. [2] W. A. Mulder, B. van Leer, "Experiments with implicit upwind methods for the Euler equations", J. Comput.
-       Phys. 59 (1985), 232-246.
-    .. [3] C. T. Kelley, D. E. Keyes, "Convergence analysis of pseudo-transient continuation", SIAM J. Numer. Anal. 35
-       (1998), 508-523.
+    - [1] R. S. Dembo, S. C. Eisenstat, T. Steihaug, "Inexact Newton methods", SIAM J. Numer. Anal. 19 (1982), 400-408.
+    - [2] W. A. Mulder, B. van Leer, "Experiments with implicit upwind methods for the Euler equations", J. Comput.
+      Phys. 59 (1985), 232-246.
+    - [3] C. T. Kelley, D. E. Keyes, "Convergence analysis of pseudo-transient continuation", SIAM J. Numer. Anal. 35
+      (1998), 508-523.
     """
     scale = _scale(discretization, areas, stream, tolerance)
     states = discretization.uniform(stream) if states is None else states
@@ -272,7 +272,7 @@ class KrylovSolution:
 def solve_system(
     product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
 ) -> KrylovSolution:
-    """Solve a linear system in the states of all cells by GMRES [1]_, restarted and preconditioned from the right.
+    """Solve a linear system in the states of all cells by GMRES [1], restarted and preconditioned from the right.
 
     From the right, so that the residual that ends it is the true one.
 
@@ -289,8 +289,8 @@ def solve_system(
 
     References
     ----------
-    .. [1] Y. Saad, M. H. Schultz, "GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear
-       systems", SIAM J. Sci. Stat. Comput. 7 (1986), 856-869.
+    - [1] Y. Saad, M. H. Schultz, "GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear
+      systems", SIAM J. Sci. Stat. Comput. 7 (1986), 856-869.
     """
     n_products = 0
 
