@@ -1,4 +1,4 @@
-"""Exceptions and warnings of the package: unusable input, a movement that cannot be done, and a fit to look at."""
+"""Exceptions and warnings: unusable input, a movement that cannot be done, and a fit to look at."""
 
 __all__ = ["FitWarning", "InputError", "MovementError"]
 

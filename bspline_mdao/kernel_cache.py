@@ -1,4 +1,4 @@
-"""A place for compiled kernels where numba finds none, as in containers and on compute nodes.
+"""A place for compiled kernels: for where numba finds none, as in containers and on compute nodes.
 
 Numba keeps what it compiles in ``NUMBA_CACHE_DIR``, beside the source or in the cache folder of the user, and refuses
 to import a kernel if none of them can be written. The place is checked before the first kernel is imported, without

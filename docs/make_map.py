@@ -127,13 +127,30 @@ def places(rows: list[list[str]], arrows: Mapping[str, set[str]]) -> dict[str, t
     return found
 
 
+def beside() -> list[str]:
+    """Modules that lie beside the folders; all may import them, and they import no folder."""
+    return sorted(name for name in folder_arrows() if not (PACKAGE / name).is_dir())
+
+
+def box(x: float, y: float, width: float, color: str, title: str, lines: list[str]) -> str:
+    """One box with a title and lines under it."""
+    middle = f'x="{x + width / 2:.0f}" text-anchor="middle"'
+    out = [
+        f'<rect x="{x:.0f}" y="{y:.0f}" width="{width:.0f}" height="{HEIGHT}" rx="6" fill="{color}" stroke="#31587e"/>',
+        f'<text {middle} y="{y + 15:.0f}" font-size="13" font-weight="bold">{escape(title)}</text>',
+    ]
+    for n, line in enumerate(lines):
+        out.append(f'<text {middle} y="{y + 29 + 12 * n:.0f}" font-size="10" fill="#333">{escape(line)}</text>')
+    return "\n".join(out)
+
+
 def picture() -> str:
     """The picture as an SVG, the same text for the same tree."""
-    everything = folder_arrows()
-    arrows = reduced(everything)
-    rows = floors(everything)
+    ground = beside()
+    everything = {name: targets - set(ground) for name, targets in folder_arrows().items() if name not in ground}
+    arrows, rows = reduced(everything), floors(everything)
     at = places(rows, arrows)
-    height = len(rows) * (HEIGHT + GAP)
+    height = (len(rows) + 1) * (HEIGHT + GAP)
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" font-family="sans-serif">',
         "<title>Folders of the package; an arrow points to what is imported</title>",
@@ -141,22 +158,25 @@ def picture() -> str:
         '<path d="M0 0 8 4 0 8z" fill="#5b6b7b"/></marker></defs>',
         f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>',
     ]
+    long: list[str] = []
     for name in sorted(arrows):
         for target in sorted(arrows[name]):
             (x, y), (u, v) = at[name], at[target]
             x, y, u = x + BOX / 2, y + HEIGHT, u + BOX / 2
             bend = max((v - y) / 2, GAP / 2)
             way = f"M{x:.0f} {y:.0f} C{x:.0f} {y + bend:.0f} {u:.0f} {v - bend:.0f} {u:.0f} {v:.0f}"
-            out.append(f'<path d="{way}" fill="none" stroke="#5b6b7b" marker-end="url(#tip)"/>')
-    for name, (x, y) in sorted(at.items()):
-        is_folder = (PACKAGE / name).is_dir()
-        size = f'width="{BOX}" height="{HEIGHT}" rx="6" fill="{"#e8f0f8" if is_folder else "#f4f4f4"}"'
-        out.append(f'<rect x="{x:.0f}" y="{y:.0f}" {size} stroke="#31587e"/>')
-        middle = f'x="{x + BOX / 2:.0f}" text-anchor="middle"'
-        title = f"{name}/" if is_folder else f"{name}.py"
-        out.append(f'<text {middle} y="{y + 15:.0f}" font-size="13" font-weight="bold">{title}</text>')
-        for n, line in enumerate(wrapped(summary(name))):
-            out.append(f'<text {middle} y="{y + 29 + 12 * n:.0f}" font-size="10" fill="#333">{escape(line)}</text>')
+            is_long = (
+                v - y > HEIGHT + GAP
+            )  # past other floors: in front of their boxes, else it seems to come from them
+            dashes = ' stroke-dasharray="5 4"' if is_long else ""
+            (long if is_long else out).append(
+                f'<path d="{way}" fill="none" stroke="#5b6b7b"{dashes} marker-end="url(#tip)"/>'
+            )
+    out += [box(*at[name], BOX, "#e8f0f8", f"{name}/", wrapped(summary(name))) for name in sorted(at)]
+    out += long
+    modules_beside = "  ".join(f"{name}.py" for name in ground)
+    low = len(rows) * (HEIGHT + GAP) + 8
+    out.append(box(24, low, WIDTH - 48, "#f4f4f4", modules_beside, ["beside the folders, for all of them"]))
     return "\n".join([*out, "</svg>", ""])
 
 

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "map.rst"
 sys.path.insert(0, str(ROOT / "docs"))
 
-from make_map import PICTURE, circles, file_arrows, floors, folder_arrows, picture, reduced  # noqa: E402
+from make_map import PICTURE, beside, circles, file_arrows, floors, folder_arrows, picture, reduced  # noqa: E402
 
 FRAMEWORKS = {"openmdao", "mphys", "openaerostruct", "nlopt", "click", "rich", "matplotlib", "pyvista"}
 """What kernels know nothing of."""
@@ -87,6 +87,12 @@ def test_imports_between_folders_make_no_circle():
 
 def test_imports_between_files_make_no_circle():
     assert circles(file_arrows()) == []
+
+
+def test_modules_beside_the_folders_import_no_folder():
+    arrows = folder_arrows()
+    assert "errors" in beside()
+    assert {target for name in beside() for target in arrows[name]} <= set(beside())
 
 
 def test_circles_are_found():

@@ -1,1 +1,1 @@
-"""Cells of a grid: orthogonality (Eq. 9), Jacobians, volumes, first cells at walls, aggregates and reports."""
+"""Cells and their quality, Eq. (9): orthogonality, Jacobians, volumes, first cells at walls, aggregates, reports."""

@@ -1,1 +1,1 @@
-"""The command line ``bspline-mdao``."""
+"""The command line: ``bspline-mdao`` and its commands."""

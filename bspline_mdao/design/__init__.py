@@ -1,1 +1,1 @@
-"""Design variables and linear constraints of the surface control points, and deformations by name."""
+"""Variables and constraints: what may change of the surface control points, and deformations by name."""

@@ -1,1 +1,1 @@
-"""Evaluation of fitted grids: nodes from control points, family members, metrics, parameters of points."""
+"""Grids from control points, II.E: nodes, family members, metrics, parameters of points."""

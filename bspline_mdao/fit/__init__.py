@@ -1,1 +1,1 @@
-"""Fit a multi-block grid with B-spline volumes: parameters, knots, least squares and parameter correction (II.D)."""
+"""The fit of a grid, II.D: parameters, knots, least squares and parameter correction."""

@@ -1,1 +1,1 @@
-"""Flow about the regenerated shape."""
+"""Flow about the shape: the Euler equations, forces, span loads and induced drag, as kernels."""

@@ -1,1 +1,1 @@
-"""Canonical grids, the twelve-block H-H topology of the paper about any wing, and the shapes that wings become."""
+"""Wings and grids of them: the twelve-block H-H topology of the paper, and the shapes that wings become."""

@@ -1,1 +1,1 @@
-"""Measures of the regenerated surface: thickness, volume, area, radius, angle, curvature and clearance."""
+"""Measures of the surface: thickness, volume, area, radius, angle, curvature and clearance."""

@@ -1,1 +1,1 @@
-"""A fitted grid, and the file that holds it."""
+"""The fitted grid and its file: control points, parameters, residual and report."""

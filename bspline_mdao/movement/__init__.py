@@ -1,1 +1,1 @@
-"""Movement of a control mesh, or of a fine grid node by node, behind a moving surface (section III)."""
+"""Movers of the mesh, Eqs. (6) to (8): elasticity, springs, radial basis functions and others (section III)."""

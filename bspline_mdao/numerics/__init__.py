@@ -1,1 +1,1 @@
-"""Ground that everything stands on: threads, SIMD instructions, vectors, and transfinite interpolation."""
+"""Common ground: threads, SIMD instructions, vectors, and transfinite interpolation."""

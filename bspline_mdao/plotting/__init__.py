@@ -1,4 +1,4 @@
-"""Pictures of grids, control meshes, wings and optimisations.
+"""Pictures: grids, control meshes, wings and optimisations.
 
 They need matplotlib, and PyVista for rendered ones: ``pip install bspline_mdao[pictures]``. Both are imported when
 something is drawn, so that importing this package is cheap.

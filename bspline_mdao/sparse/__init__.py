@@ -1,1 +1,1 @@
-"""Sparse symmetric matrices of 3 x 3 blocks and their solvers."""
+"""Sparse matrices of 3 x 3 blocks: Cholesky factors, conjugate gradients and incomplete factors."""

@@ -1,1 +1,1 @@
-"""B-spline curves, surfaces and volumes with curved knots."""
+"""B-splines, Eqs. (1) to (5): curves, volumes and curved knots."""

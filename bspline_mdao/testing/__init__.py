@@ -1,4 +1,4 @@
-"""Checks of derivatives, for those who write their own variables, kernels and components.
+"""Checks of derivatives: for those who write their own variables, kernels and components.
 
 Each takes what is to be checked from its caller, a function or an OpenMDAO problem, and none passes where there is
 nothing to compare: empty vectors, derivatives that are all zero and functions that do not change are errors. The order

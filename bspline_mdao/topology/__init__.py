@@ -1,1 +1,1 @@
-"""Multi-block structured grids in memory: blocks, interfaces, segments, shared and periodic points."""
+"""Multi-block grids: blocks, interfaces, segments, shared and periodic points."""

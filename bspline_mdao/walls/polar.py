@@ -21,9 +21,10 @@ __all__ = ["cofactors", "nearest_rotations", "rotation_changes"]
 def nearest_rotations(first, last, matrices, stiffness, is_fine):
     """Put the nearest rotation in the place of every matrix, and ``tr(S) I - S`` beside it.
 
-    M + cof(M) / norm(M) has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has full rank
-    where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration X <- (X + X^-T) / 2
-    then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step later.
+    M + cof(M) / norm(M) has the same rotation: both factors of cof(M) = R cof(S) belong to those of M. But it has full
+    rank where all edges lie in a plane, and a positive determinant somewhat beyond. Newton's iteration
+    X <- (X + X^-T) / 2 then converges to the rotation, in the end quadratically (Higham 1986), for complex parts a step
+    later.
 
     1. Start from M + cof(M) / norm(M), divided by norm(M).
     2. Take the cofactors of X, which are det(X) X^-T. Where the determinant is not positive, there is no rotation.
