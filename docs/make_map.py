@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping
+from functools import cache
 from html import escape
 from pathlib import Path
 
@@ -48,6 +49,7 @@ def folder(name: str) -> str:
     return name.split(".")[1]
 
 
+@cache
 def file_arrows() -> dict[str, set[str]]:
     """For every module of the package those that it imports; the face of the package, which names all, left out."""
     known = modules()

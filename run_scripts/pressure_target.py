@@ -94,7 +94,7 @@ class PressureTarget:
         combine = om.ExecComp(
             "heights = dot(modes, combinations)",
             modes={"val": self.modes, "constant": True},
-            combinations={"shape": n},
+            combinations={"val": np.zeros(n)},  # the M6
             heights={"shape": n, "units": "m"},
             do_coloring=False,
         )

@@ -180,7 +180,7 @@ class CholeskyAnalysis:
             scratch = memory.lend(fronts.n_scratch, data.dtype)
             failed[first] = multifrontal.factorize(first, last, *structure, scratch)
 
-        with one_blas_thread(), Crew(self.settings.threads) as crew:
+        with one_blas_thread, Crew(self.settings.threads) as crew:
             crew.run(factor_branch, int(starts[1]))
             for start, end in zip(starts[1:], starts[2:]):
                 trunk = [rounds(int(s), *structure, failed) for s, _ in ranges[start:end]]
@@ -247,7 +247,7 @@ class CholeskyFactor:
         x = right[supernodes.order].reshape(3 * len(right), n_sides).astype(dtype)
         structure = firsts, supernodes.row_starts, supernodes.rows, self.analysis.fronts.panel_starts, routines(dtype)
         stages = [ranges[start:end] for start, end in zip(starts, starts[1:])]
-        with one_blas_thread(), Crew(self.analysis.settings.threads) as crew:
+        with one_blas_thread, Crew(self.analysis.settings.threads) as crew:
             for tasks in stages:
                 later = [np.zeros((len(x) - 3 * firsts[last], n_sides), dtype) for _, last in tasks]
 

@@ -8,6 +8,7 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 from typing import NamedTuple
 
@@ -47,9 +48,30 @@ class Routines(NamedTuple):
     gemv: int
 
 
-def one_blas_thread():
-    """Context in which BLAS, as far as SciPy has loaded it, uses one thread."""
-    return _libraries().limit(limits=1, user_api="blas")
+class _BlasLimit:
+    """Context in which BLAS, as far as SciPy has loaded it, uses one thread, however many threads are inside at a time.
+
+    The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore what
+    it found, one that leaves would take the limit from those still inside, whose sums would then be split otherwise.
+    """
+
+    def __init__(self):
+        self._lock, self._n_inside, self._limit = threading.Lock(), 0, None
+
+    def __enter__(self):
+        with self._lock:
+            if self._n_inside == 0:
+                self._limit = _libraries().limit(limits=1, user_api="blas")
+            self._n_inside += 1
+
+    def __exit__(self, *exception):
+        with self._lock:
+            self._n_inside -= 1
+            if self._n_inside == 0:
+                self._limit.restore_original_limits()
+
+
+one_blas_thread = _BlasLimit()
 
 
 @cache
