@@ -16,6 +16,13 @@ def pytest_unconfigure():
     WORK_FOLDER.cleanup()
 
 
+def pytest_collection_modifyitems(items):
+    """Count doctests among the slow ones: each makes what a user would, grid and fit included."""
+    for item in items:
+        if isinstance(item, pytest.DoctestItem):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture(scope="session")
 def real_grids() -> Path:
     """Folder of grids from other projects, which are not part of this one."""

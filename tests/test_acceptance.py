@@ -13,6 +13,8 @@ from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.topology.grid import Block, Grid
 
+pytestmark = pytest.mark.slow
+
 
 def line(n, end=1.0, power=1.0):
     return end * np.linspace(0.0, 1.0, n) ** power

@@ -12,6 +12,8 @@ import pytest
 from bspline_mdao import fit_grid, onera_m6_grid, write_grid
 from bspline_mdao.cli.main import run
 
+pytestmark = pytest.mark.slow
+
 DOCS = Path(__file__).parents[1] / "docs"
 
 

@@ -43,6 +43,7 @@ def run(code, package, temporary, **variables):
     return done.stdout.split(), done.stderr
 
 
+@pytest.mark.slow
 def test_kernels_run_and_are_compiled_once_where_nothing_else_can_be_written(closed_package, tmp_path):
     for n_hits, first in (("0", ""), ("1", "import numba")):  # which reads the environment when it is imported
         (span, hits, place), said = run(first + SPAN, closed_package, tmp_path)

@@ -79,16 +79,19 @@ def test_an_equation_is_cited_in_the_file_where_it_is(subject, equations, files,
     assert set(equations) <= cited, files[0]
 
 
+@pytest.mark.slow
 def test_imports_between_folders_make_no_circle():
     arrows = folder_arrows()
     assert len(arrows) > 15
     assert circles(arrows) == []
 
 
+@pytest.mark.slow
 def test_imports_between_files_make_no_circle():
     assert circles(file_arrows()) == []
 
 
+@pytest.mark.slow
 def test_modules_beside_the_folders_import_no_folder():
     arrows = folder_arrows()
     assert "errors" in beside()
@@ -103,6 +106,7 @@ def test_circles_are_found():
     assert reduced({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == {"a": {"b"}, "b": {"c"}, "c": set()}
 
 
+@pytest.mark.slow
 def test_kernels_import_no_framework():
     arrows = folder_arrows()
     assert set(arrows) >= ABOVE
@@ -117,6 +121,7 @@ def test_kernels_import_no_framework():
                 assert not found, f"{path.relative_to(ROOT)} imports {sorted(found)}"
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_folders_is_that_of_the_tree():
     assert PICTURE.read_text() == picture(), "run python docs/make_map.py"
 

@@ -34,6 +34,7 @@ def python(code: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_kernels_never_import_the_framework():
     assert len(KERNELS) > 20
     loads = "; ".join(f"import {name}; check({name!r})" for name in KERNELS)
@@ -119,6 +120,7 @@ def not_run(tests: list[str], scripts: dict[str, Path]) -> list[str]:
     return sorted((has_main - run) | (set(scripts) - has_main - used))
 
 
+@pytest.mark.slow
 def test_every_run_script_is_run_by_a_test():
     tests = [path.read_text() for path in ROOT.glob("tests/**/test_*.py")]
     scripts = {path.stem: path for path in ROOT.glob("run_scripts/*.py")}
@@ -163,6 +165,7 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
     assert kinds("measures", "surface", "evaluate", "partials") == set(MEASURES)
 
 
+@pytest.mark.slow
 def test_doctests_are_collected():
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "--collect-only", "-q", "--doctest-modules", "bspline_mdao"],
@@ -174,6 +177,7 @@ def test_doctests_are_collected():
     assert done.stdout.count("::bspline_mdao.") > 5, done.stdout
 
 
+@pytest.mark.slow
 def test_the_suite_leaves_nothing_in_the_temporary_folder(tmp_path):
     done = subprocess.run(
         [
@@ -202,6 +206,7 @@ def test_doctests_are_part_of_the_ordinary_run(pytestconfig):
     assert "bspline_mdao" in pytestconfig.getini("testpaths")
 
 
+@pytest.mark.slow
 def test_a_second_process_compiles_no_kernel_again():
     code = """
 import sys
@@ -224,6 +229,7 @@ print(len(dispatchers), sum(len(d.stats.cache_hits) for d in dispatchers.values(
     assert misses == "{}"
 
 
+@pytest.mark.slow
 def test_the_example_of_the_readme_runs():
     (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
     assert len(example.strip().splitlines()) <= 18

@@ -55,6 +55,7 @@ def cubes(factor=1.0, **design):
     return problem
 
 
+@pytest.mark.slow
 def test_testing_does_not_load_the_framework():
     code = "import sys, bspline_mdao.testing; assert 'openmdao' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=300).returncode == 0

@@ -44,6 +44,7 @@ def turned(name, seed=0):
     return turned_and_shuffled(GRIDS[name](), np.random.default_rng(seed))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GRIDS)
 def test_area_vectors_of_every_cell_sum_to_zero(name):
     for grid in (GRIDS[name](), turned(name)):
@@ -52,6 +53,7 @@ def test_area_vectors_of_every_cell_sum_to_zero(name):
         assert np.abs(sums_over_cells(faces, areas)).max() < 2e-15 * np.abs(areas).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", UNCOLLAPSED)
 def test_area_vectors_sum_to_zero_wherever_the_nodes_go(name):
     for grid in (GRIDS[name](), turned(name)):
@@ -136,12 +138,14 @@ WHOLE_AND_CUT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WHOLE_AND_CUT)
 def test_cells_along_grid_lines_are_the_same_however_a_grid_is_cut_into_blocks(name):
     whole, cut = (make() for make in WHOLE_AND_CUT[name])
     assert_same_lines(whole, cut)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in WHOLE_AND_CUT if name != "plate"])
 def test_cells_along_grid_lines_are_the_same_however_blocks_are_turned(name):
     cut = WHOLE_AND_CUT[name][1]()

@@ -97,6 +97,7 @@ def reference(corners, handedness):
     return np.stack(triples, axis=-1), np.stack(jacobians, axis=-1), volume
 
 
+@pytest.mark.slow
 def test_measures_of_elements_agree_with_numpy():
     corners, handedness, degenerate_corners, _ = elements()
     measures, expected = element_measures(corners, handedness, degenerate_corners), reference(corners, handedness)
@@ -107,6 +108,7 @@ def test_measures_of_elements_agree_with_numpy():
     np.testing.assert_allclose(measures.volume, expected[2], atol=1e-14)
 
 
+@pytest.mark.slow
 def test_adjoints_of_elements_are_transposes_of_the_complex_step():
     corners, handedness, degenerate_corners, d_corners = elements()
     changes = [part.imag / 1e-30 for part in reference(corners + 1e-30j * d_corners, handedness)]
@@ -134,6 +136,7 @@ def test_arrays_of_elements_that_do_not_fit_are_refused():
         element_measures(corners, handedness[:5], degenerate_corners)
 
 
+@pytest.mark.slow
 @every_grid
 def test_aggregates_bound_the_minima_from_below_within_what_they_promise(blocks):
     grid = grid_of(*blocks)
@@ -152,6 +155,7 @@ def test_aggregates_bound_the_minima_from_below_within_what_they_promise(blocks)
     assert values.aggregates["volume_ks"] == pytest.approx(1.0 - np.log(report.n_cells) / 30.0, rel=1e-12)
 
 
+@pytest.mark.slow
 @every_grid
 def test_products_with_the_jacobian_are_transposes_and_directional_derivatives(blocks):
     grid, rng = grid_of(*blocks), np.random.default_rng(7)

@@ -74,6 +74,7 @@ def fails_as_expected(arguments, capsys, *words):
     assert "unexpected" not in fails(arguments, capsys, *words)
 
 
+@pytest.mark.slow
 def test_inspect_tells_the_spacings_at_walls(workplace, capsys):
     assert run(["inspect", "@flat_plate:9x8x7", "--reynolds", "1e6", "--json", "i.json"]) == 0
     upper, lower = numbers("i.json")["walls"]
@@ -84,6 +85,7 @@ def test_inspect_tells_the_spacings_at_walls(workplace, capsys):
     assert "y+" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_inspect_guesses_what_is_a_wall_where_nothing_is_declared(workplace, capsys):
     write_grid("bare.xyz", replace(onera_m6_grid((9, 8, 7)), patches=()))
     assert run(["inspect", "bare.xyz", "--json", "i.json"]) == 0
@@ -148,6 +150,7 @@ def test_fit_tells_how_good_it_is(grid_file, capsys):
     np.testing.assert_allclose(model.regenerate().to_vector(), read_grid(grid_file).to_vector(), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_fit_options_reach_the_fit(grid_file):
     base = ["fit", grid_file, "--n-control", "5", "6", "5"]
     assert run([*base, "-o", "a.h5", "--json", "a.json"]) == 0
@@ -158,6 +161,7 @@ def test_fit_options_reach_the_fit(grid_file):
     assert numbers("c.json")["rms"] < 0.9 * numbers("a.json")["rms"]
 
 
+@pytest.mark.slow
 def test_fit_knows_the_built_in_grids_by_name(workplace, capsys):
     assert run(["inspect", "@flat_plate", "--json", "i.json"]) == 0
     assert len(numbers("i.json")["blocks"]) == 12
@@ -234,6 +238,7 @@ def test_a_device_is_not_replaced_by_a_file(grid_file, capsys, command):
     assert Path("pipe").is_fifo()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0, 3_000])
 def test_a_full_disk_is_reported_in_one_line_and_leaves_existing_outputs_alone(grid_file, limit):
     for name in ("two.h5", "f.json"):
@@ -286,6 +291,7 @@ def start(*arguments, **settings):
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **settings)
 
 
+@pytest.mark.slow
 def test_the_program_itself_fails_in_one_line(workplace):
     program = start("fit", "missing.xyz", "-o", "a.h5")
     _, error = program.communicate(timeout=120)
@@ -294,6 +300,7 @@ def test_the_program_itself_fails_in_one_line(workplace):
     assert "Traceback" not in error
 
 
+@pytest.mark.slow
 def test_the_program_survives_a_closed_pipe(grid_file):
     program = start("inspect", grid_file, env={**os.environ, "PYTHONUNBUFFERED": "1"})
     program.stdout.close()
@@ -301,6 +308,7 @@ def test_the_program_survives_a_closed_pipe(grid_file):
     assert program.wait(timeout=120) == 0
 
 
+@pytest.mark.slow
 def test_the_program_prints_names_that_the_terminal_cannot_show(workplace):
     write_grid("flügel.xyz", two_blocks())
     program = start("inspect", "flügel.xyz", env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"})
@@ -315,6 +323,7 @@ def test_choices_of_fit_are_those_that_there_are():
     assert {"chord_length"} < set(choices["parametrization"]) < set(EXPONENTS)
 
 
+@pytest.mark.slow
 def test_every_built_in_grid_is_made_in_its_usual_size():
     for name, (_, shape) in BUILT_IN.items():
         assert set(load_grid(f"@{name}").shapes) == {shape}

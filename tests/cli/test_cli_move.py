@@ -48,6 +48,7 @@ def move(*arguments):
     return ["move", "floor.h5", *arguments, "-o", "moved.xyz", "--json", "m.json"]
 
 
+@pytest.mark.slow
 def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys):
     assert run(move(*FLOOR, "--surface", "new.csv")) == 0
     mesh = moving_mesh(model)
@@ -98,6 +99,7 @@ def test_surface_points_are_read_back_as_they_were_written(workplace, model):
     np.testing.assert_array_equal(read_grid("moved.xyz").to_vector(), model.regenerate(points).to_vector())
 
 
+@pytest.mark.slow
 def test_no_deformation_gives_the_baseline_back(workplace, model):
     assert run(move("--deform", "translate=0/0/0")) == 0
     np.testing.assert_array_equal(read_grid("moved.xyz").to_vector(), model.regenerate().to_vector())
@@ -131,6 +133,7 @@ def test_options_reach_the_mover(workplace, monkeypatch):
     assert len(numbers("m.json")["increments"]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mover", MOVERS)
 def test_every_mover_moves(workplace, mover):
     assert run(move(*FLOOR, "--mover", mover)) == 0
@@ -199,6 +202,7 @@ def strip(tmp_path, monkeypatch):
     return ["move", "strip.h5", "-o", "moved.xyz", "--json", "m.json", "--deform", "pitch=5deg"]
 
 
+@pytest.mark.slow
 def test_sides_of_no_known_kind_follow_a_section_as_planes_of_symmetry_do(strip):
     assert run(strip) == 0
     found, moved = numbers("m.json"), read_grid("moved.xyz").to_vector()
@@ -208,6 +212,7 @@ def test_sides_of_no_known_kind_follow_a_section_as_planes_of_symmetry_do(strip)
     np.testing.assert_allclose(moved, read_grid("moved.xyz").to_vector(), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_blocks_that_stay_are_reported(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     nodes = box(*(np.linspace(0.0, 1.0, n) for n in (5, 6, 7)))
@@ -237,6 +242,7 @@ def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, caps
     assert sorted(os.listdir()) == ["floor.h5", "moved.xyz"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "options", "cause", "cure"),
     [
@@ -282,6 +288,7 @@ def test_a_grid_with_inverted_cells_is_written_where_that_is_wanted(workplace, c
     assert f"warning: {found['after']['n_inverted']:,} cells are inverted now" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_patches_choose_what_moves_and_what_is_held(workplace, capsys):
     fit_grid(flat_plate_grid((7, 7, 7))).save("plate.h5")
     command = ["move", "plate.h5", "--deform", "translate=0/0.01/0", "-o", "moved.xyz", "--json", "m.json"]

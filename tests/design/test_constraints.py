@@ -75,6 +75,7 @@ def random_equations(seed, n):
     return Given(matrix, random.integers(-1, n, 42))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("make", [channel, oblique_channel])
 def test_elimination_is_a_projection_onto_the_null_space_of_all_equations(make, seed):
@@ -121,6 +122,7 @@ def test_nearly_parallel_equations_are_one():
     assert displaced(channel(), Given(matrix))[0].dependent[39:42].sum() == 2
 
 
+@pytest.mark.slow
 def test_symmetry_planes_are_kept_exactly():
     mesh = wing()
     elimination, d, moved = displaced(mesh)
@@ -144,6 +146,7 @@ def test_oblique_symmetry_planes_are_kept_to_round_off():
     assert not elimination.fixed.any()
 
 
+@pytest.mark.slow
 def test_pinned_points_do_not_move_at_all():
     mesh = wing()
     root = NearPlane(np.zeros(3), mesh.in_plane_normals[0])
@@ -175,6 +178,7 @@ def test_quotients_that_are_one_but_for_round_off_are_one():
     assert moved.ravel()[40] == d.ravel()[50]
 
 
+@pytest.mark.slow
 def test_redundant_equations_change_nothing():
     mesh = wing()
     constraints = [Linked([3, 4, 5], [9, 10, 11]), Opposite([20], [22], "y"), Pinned([30])]
@@ -183,6 +187,7 @@ def test_redundant_equations_change_nothing():
     assert (once.matrix != twice.matrix).nnz == 0
 
 
+@pytest.mark.slow
 def test_linked_points_move_alike_to_the_last_bit():
     mesh = plate()
     lower, upper = (np.searchsorted(mesh.surface_ids, ids) for ids in both_sides(mesh))
@@ -193,6 +198,7 @@ def test_linked_points_move_alike_to_the_last_bit():
     np.testing.assert_array_equal(moved[inner_y], d[inner_y])
 
 
+@pytest.mark.slow
 def test_selections_are_paired_by_nearness_but_for_a_shift():
     mesh = plate()
     lower, upper = (np.searchsorted(mesh.surface_ids, ids) for ids in both_sides(mesh))
@@ -357,6 +363,7 @@ def test_what_cannot_be_satisfied_is_named(constraint, message):
         displaced(wing(), constraint)
 
 
+@pytest.mark.slow
 def test_coinciding_sides_are_mirrored_where_leaders_and_followers_are_named():
     mesh = plate()
     sides = [np.searchsorted(mesh.surface_ids, ids) for ids in both_sides(mesh)]
@@ -376,6 +383,7 @@ def test_reasons_name_constraint_and_place():
     assert not elimination.fixed[21]
 
 
+@pytest.mark.slow
 def test_long_chains_of_thousands_of_points_are_eliminated_to_round_off():
     mesh = mesh_of(onera_m6_grid((49, 5, 35)))
     n = len(mesh.surface_ids)

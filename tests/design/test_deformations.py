@@ -100,6 +100,7 @@ def test_derivatives_of_maps_are_exact_and_transposed(name):
     np.testing.assert_allclose(amount_jvp(point_map, points), moved, atol=2e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_chain_of_deformations_are_exact_and_transposed(model, mesh, surface):
     deformation = parse_deformation("twist=40+bumps=0.05,seed=2+bend=70@0.2,length=0.9", model, mesh)
     rng = np.random.default_rng(5)
@@ -184,6 +185,7 @@ def test_stretch_chord_and_thickness_scale_the_box():
     np.testing.assert_allclose(sheared, np.outer(points[:, 2], [np.tan(0.4), 0, 0]), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_bumps_are_of_their_height_smooth_and_drawn_by_their_seed(surface):
     first, again, other = (random_bumps(surface, 0.03, 0.7, seed, (SYMMETRY,)) for seed in (1, 1, 2))
     moved = first.apply(surface)
@@ -240,6 +242,7 @@ def test_surface_without_span_is_refused():
         surface_frame(flat, (SYMMETRY,))
 
 
+@pytest.mark.slow
 def test_planes_of_a_mesh_are_found_once(mesh):
     (plane,) = mesh_planes(mesh)
     assert (np.abs(plane.normal).tolist(), plane.offset) == ([0.0, 0.0, 1.0], pytest.approx(0.0, abs=1e-15))
@@ -409,6 +412,7 @@ REAL_WALLS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL_WALLS)
 def test_walls_of_real_grids_can_be_deformed(real_grids, name):
     grid = read_grid(real_grids / name)
@@ -424,6 +428,7 @@ def test_walls_of_real_grids_can_be_deformed(real_grids, name):
         np.testing.assert_allclose(off, 0.0, atol=1e-15 * mesh.size)
 
 
+@pytest.mark.slow
 def test_what_a_real_grids_planes_forbid_is_refused(real_grids):
     grid = read_grid(real_grids / "mach_naca0012.cgns")
     windows = [face.window for face in find_topology(grid).boundary]

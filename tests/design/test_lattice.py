@@ -150,6 +150,7 @@ def test_weights_are_a_partition_of_unity(make, n, orders):
     assert weights.min() >= 0.0
 
 
+@pytest.mark.slow
 @every_shape
 @pytest.mark.parametrize(
     ("make", "tolerance"),

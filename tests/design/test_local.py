@@ -66,6 +66,7 @@ def test_patches_are_selected_by_name_and_by_pattern():
     assert np.abs(y[(upper & lower).rows(wing())]).max() < 1e-9  # edges
 
 
+@pytest.mark.slow
 def test_a_patch_of_another_model_is_refused():
     other = fit_grid(onera_m6_grid((9, 9, 7)), n_control=(5, 5, 4))
     with pytest.raises(InputError, match="give OnPatch the model of the mesh"):
@@ -94,6 +95,7 @@ def test_blocks_are_indexed_as_arrays():
         InBlock(2).rows(mesh)
 
 
+@pytest.mark.slow
 def test_nearest_points_are_as_many_as_asked_and_those_that_coincide():
     x, place = surface_of(wing()), np.array([0.6, 0.02, 0.7])
     by_distance = np.argsort(np.linalg.norm(x - place, axis=1))
@@ -180,6 +182,7 @@ def test_the_normal_on_a_ridge_halves_its_angle_however_the_sides_are_cut():
     np.testing.assert_allclose(surface_normals(mesh)[is_ridge], np.tile(between, (3, 1)), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_normals_of_a_plate_without_thickness_stick_out_of_its_edges():
     x, normals = surface_of(plate()), surface_normals(plate())
     low, high = x.min(axis=0), x.max(axis=0)

@@ -42,6 +42,7 @@ def difference(f, steps):
     return table[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["pitching", "flapping", "both", "growing"])
 @pytest.mark.parametrize("make", [Transfinite, lambda mesh: LinearElasticity(mesh, n_increments=2)])
 def test_velocities_are_the_rate_of_the_grid_to_a_converged_difference(model, mesh, motion, make):
@@ -56,6 +57,7 @@ def test_velocities_are_the_rate_of_the_grid_to_a_converged_difference(model, me
     assert np.abs(state.velocities).max() > 0.04
 
 
+@pytest.mark.slow
 def test_pitching_surface_turns_as_a_rigid_body(mesh):
     surface = mesh.points[mesh.surface_ids]
     points, velocities = pitching(mesh, 0.4, 1.5)(0.05, surface)
@@ -67,6 +69,7 @@ def test_pitching_surface_turns_as_a_rigid_body(mesh):
     np.testing.assert_allclose(velocities - velocities[0], turning, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_flapping_wing_keeps_its_root_and_turns_its_tip_by_the_amplitude(mesh):
     surface = mesh.points[mesh.surface_ids]
     points, _ = flapping(mesh, 0.6, 1.0)(0.25, surface)
@@ -108,6 +111,7 @@ def test_motion_out_of_the_symmetry_plane_is_refused(mesh):
         SurfaceMotion(mesh, (sideways,))(0.1, mesh.points[mesh.surface_ids])
 
 
+@pytest.mark.slow
 def test_motions_of_other_surfaces_and_movers_of_other_meshes_are_refused(model, mesh):
     with pytest.raises(InputError, match=r"the motion gives points of shape \(\d+, 3\) and velocities of shape \(3,\)"):
         UnsteadyGrid(model, Transfinite(mesh), lambda time, surface: (surface, np.zeros(3))).at(0.0)
@@ -116,6 +120,7 @@ def test_motions_of_other_surfaces_and_movers_of_other_meshes_are_refused(model,
         UnsteadyGrid(model, Transfinite(other), growing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["deformations", "unsteady"])
 def test_the_example_of_the_theory_page_runs(page):
     (example,) = code_blocks(f"theory/{page}.rst", "python")
@@ -124,6 +129,7 @@ def test_the_example_of_the_theory_page_runs(page):
     assert np.isfinite(contents["surface"] if page == "deformations" else contents["state"].velocities).all()
 
 
+@pytest.mark.slow
 def test_unsteady_wing_has_exact_velocities_and_valid_grids(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "run_scripts"))
     numbers = importlib.import_module("unsteady_wing").main(figures=tmp_path)

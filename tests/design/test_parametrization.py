@@ -108,6 +108,7 @@ def equations(parametrization):
     return vstack([part.matrix for _, part in parametrization.elimination.constraints])
 
 
+@pytest.mark.slow
 @every_composition
 def test_derivatives_in_every_variable_and_in_the_baseline_are_exact(compose):
     parametrization, random = compose(), np.random.default_rng(1)
@@ -125,6 +126,7 @@ def test_derivatives_in_every_variable_and_in_the_baseline_are_exact(compose):
         )
 
 
+@pytest.mark.slow
 @every_composition
 def test_component_products_are_transposed_and_exact(compose):
     parametrization, random = compose(), np.random.default_rng(2)
@@ -152,6 +154,7 @@ def test_component_products_are_transposed_and_exact(compose):
     np.testing.assert_allclose(forward, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
+@pytest.mark.slow
 @every_composition
 def test_maps_act_in_the_declared_order_on_what_those_before_have_moved(compose):
     parametrization = compose()
@@ -167,6 +170,7 @@ def test_maps_act_in_the_declared_order_on_what_those_before_have_moved(compose)
     assert np.abs(backwards.apply(initial, values) - moved).max() > 1e-4
 
 
+@pytest.mark.slow
 @every_composition
 def test_constraints_hold_however_far_everything_moves(compose):
     parametrization = compose()

@@ -152,6 +152,7 @@ def test_stations_that_make_no_spline_are_refused(stations, order, message):
 # axes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [0.0, 0.25, 0.6, 1.0])
 def test_axis_of_the_m6_lies_at_its_part_of_the_chord(m6, at):
     axis = ReferenceAxis.of(m6, at=at, n=7)
@@ -162,6 +163,7 @@ def test_axis_of_the_m6_lies_at_its_part_of_the_chord(m6, at):
     np.testing.assert_allclose(axis.points, expected, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_axis_of_a_finer_m6_is_that_of_its_surface_but_for_what_its_control_mesh_sticks_out():
     model = fit_grid(onera_m6_grid((25, 21, 13)), n_control=(11, 9, 6))
     span = np.linspace(0.0, 1.4843, 9)
@@ -188,6 +190,7 @@ def test_chord_lines_end_in_the_middle_of_a_blunt_nose_and_base():
     np.testing.assert_allclose(lines.trailing, [[1.0, 0.001, z] for z in (0.0, 0.5, 1.2)], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_stations_of_a_straight_axis_are_those_of_the_span(m6):
     layout = Layout(m6, (axis := ReferenceAxis.of(m6, n=5),))
     attached = axis.attach(layout)
@@ -196,6 +199,7 @@ def test_stations_of_a_straight_axis_are_those_of_the_span(m6):
     np.testing.assert_allclose(attached.centres(layout.points)[attached.axis_rows], axis.points, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_chord_parts_and_lengths_are_those_of_the_sections(m6):
     layout = Layout(m6, (axis := ReferenceAxis.of(m6, n=5),))
     attached = axis.attach(layout)

@@ -55,6 +55,7 @@ def turned_results():
     return out, net_bar, turns
 
 
+@pytest.mark.slow
 def test_plain_kernels_agree_with_the_emitted_ones_to_round_off(tmp_path):
     program = f"""
 import sys

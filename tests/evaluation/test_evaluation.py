@@ -23,6 +23,7 @@ def transposed(evaluator):
     return dot_test(evaluator.forward, evaluator.adjoint, (evaluator.n_control_points, 3), (evaluator.n_rows, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", ORDERS)
 def test_nodes_are_those_of_the_volumes(orders):
     rng = np.random.default_rng(sum(orders))
@@ -35,6 +36,7 @@ def test_nodes_are_those_of_the_volumes(orders):
     np.testing.assert_array_equal(x[copies[:, 0]], x[copies[:, 1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", ORDERS)
 def test_reverse_is_the_transpose_of_forward(orders):
     rng = np.random.default_rng(sum(orders))
@@ -55,6 +57,7 @@ def test_matrix_is_the_same_map(orders):
     np.testing.assert_allclose(matrix.T @ x, evaluator.adjoint(x), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 2 * LANES, 255, 256, 257, 521])
 def test_spans_of_every_number_of_nodes_are_evaluated(n):
     rng = np.random.default_rng(n)
@@ -84,6 +87,7 @@ def large_case(n_threads):
     return cloud(rng, mesh, 2 * CHUNK_NODES + 77, n_threads)[0]
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_the_number_of_threads():
     one = large_case(1)
     assert len(one.chunks) > 4
@@ -234,6 +238,7 @@ def test_arrays_of_wrong_shape_are_refused():
             call()
 
 
+@pytest.mark.slow
 def test_a_second_process_does_not_compile_again():
     program = """
 import numba.core.compiler, numpy as np, sys
@@ -256,6 +261,7 @@ print(compiled)
     assert results[1].stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_orders_may_be_numpy_integers():
     degenerate, knots = ConstantKnots.uniform(1, 1), ConstantKnots.uniform(n_control=np.int64(5), order=np.int32(5))
     mesh = BSplineMesh((Volume((degenerate, degenerate, knots)),), (np.arange(5).reshape(1, 1, 5),), 5)

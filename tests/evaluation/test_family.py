@@ -137,6 +137,7 @@ def test_cut_blocks_and_windows_are_scaled():
         assert ends[scaled.block, scaled.lo] == scaled.hi
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.6, 2.0, 2.5])
 def test_both_sides_of_interfaces_get_the_same_bits(m6_model, factor):
     grid = family_member(m6_model, factor)
@@ -148,18 +149,21 @@ def test_both_sides_of_interfaces_get_the_same_bits(m6_model, factor):
         np.testing.assert_array_equal(a, interface.orientation.apply(b))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 1.5, 2.0])
 def test_cells_of_members_are_valid(m6_model, factor):
     for block in family_member(m6_model, factor).blocks:
         assert cell_quality(block.nodes).is_valid.all()
 
 
+@pytest.mark.slow
 def test_factor_two_contains_the_grid(m6_model):
     grid, member = m6_model.regenerate(), family_member(m6_model, 2)
     for block, refined in zip(grid.blocks, member.blocks):
         np.testing.assert_allclose(refined.nodes[::2, ::2, ::2], block.nodes, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_member_is_a_model_of_its_own(m6_model):
     member = m6_model.member(1.5)
     grid = member.regenerate()
@@ -170,6 +174,7 @@ def test_a_member_is_a_model_of_its_own(m6_model):
     assert len(found.interfaces) == len(member.topology.interfaces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", range(3))
 def test_ratios_of_neighbouring_cells_change_less_in_finer_members(m6_model, d):
     def largest_change(parameters):
@@ -208,6 +213,7 @@ def test_patches_and_degenerate_directions_are_kept():
     assert member.patches[0].windows[0] == Window(0, (0, 0, 0), (12, 0, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", ORIENTATIONS[::7])
 def test_neighbours_would_put_shared_nodes_at_the_same_place(turn):
     """Each side's own parameters and volume, without the copies, give the nodes of the face."""

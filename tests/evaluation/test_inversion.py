@@ -37,6 +37,7 @@ def assert_found(mesh, control_points, points, tolerance=1e-12):
     return inversion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [(4, 3, 5), (2, 4, 3), (5, 2, 4), (3, 5, 2), (6, 6, 6), (1, 2, 2)])
 def test_single_point_mapping_agrees_with_that_of_many_points(rng, orders):
     volume = Volume(tuple(random_bilinear_knots(rng, p, n) for p, n in zip(orders, (2, 3, 4))))
@@ -50,6 +51,7 @@ def test_single_point_mapping_agrees_with_that_of_many_points(rng, orders):
         np.testing.assert_allclose(jacobian, evaluate_gradients(volume, net, xi[None])[0], atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [(4, 3, 5), (2, 4, 3), (5, 2, 4), (4, 4, 4)])
 def test_random_points_of_curved_volumes_are_found_to_round_off(rng, orders):
     mesh, control_points = row_of_volumes(rng, orders)
@@ -147,6 +149,7 @@ def test_points_off_a_surface_get_the_closest_point_of_it(rng):
     )
 
 
+@pytest.mark.slow
 def test_points_outside_volumes_get_the_closest_point_of_all_of_them(rng):
     mesh, control_points = row_of_volumes(rng)
     points = rng.uniform(-1, 4, (2000, 3))
@@ -182,6 +185,7 @@ def test_tolerance_decides_what_is_inside(rng):
     assert require_inside(inversion) is inversion
 
 
+@pytest.mark.slow
 def test_knots_that_are_functions_of_the_user_are_followed_too(rng):
     volume = Volume((random_bilinear_knots(rng, 4, 3), wavy_knots(3), random_bilinear_knots(rng, 3, 2)))
     axes = [np.linspace(0, 1, n) for n in volume.n_control]
@@ -238,6 +242,7 @@ def test_a_denser_grid_rides_on_the_control_mesh(rng):
     np.testing.assert_allclose(evaluator.forward(moved), sample(mesh, moved, parameters), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_riding_points_pass_the_dot_test(rng):
     mesh, control_points = row_of_volumes(rng)
     evaluator = embed_points(
@@ -279,6 +284,7 @@ def test_control_points_of_another_mesh_are_refused(rng):
         invert_points(mesh, control_points[1:], control_points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hh_naca0012_12blocks.xyz", "bluntfin", "cfl3d_cylinder_ogrid.fmt"])
 def test_fitted_nodes_of_real_grids_are_inverted_again(real_grids, name):
     from bspline_mdao.fit.fitting import fit_grid

@@ -12,6 +12,7 @@ from bspline_mdao.splines.knots import ConstantKnots
 from bspline_mdao.splines.volume import Volume, evaluate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 def test_more_cycles_never_raise_the_error(shape):
     errors = [fit_grid(ALL_SHAPES[shape](), corrections=n).report.rms for n in (0, 1, 2, 4)]
@@ -27,6 +28,7 @@ def test_a_cycle_that_raises_the_error_is_not_taken(monkeypatch):
     np.testing.assert_array_equal(kept.parameters[0], plain.parameters[0])
 
 
+@pytest.mark.slow
 def test_the_same_control_points_fit_five_times_better():
     grid = grid_of(bend(lattice(33, 29, 25)))
     plain, corrected = (fit_grid(grid, n_control=(7, 7, 6), corrections=n) for n in (0, 2))
@@ -34,6 +36,7 @@ def test_the_same_control_points_fit_five_times_better():
     assert corrected.report.rms < plain.report.rms / 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 def test_parameters_stay_increasing_along_grid_lines(shape):
     for parameters in fit_grid(ALL_SHAPES[shape](), corrections=3).parameters:
@@ -50,6 +53,7 @@ def test_parameters_of_shared_nodes_agree_on_both_sides():
     np.testing.assert_allclose(face[..., 2], other[..., 0], atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 def test_the_residual_belongs_to_the_corrected_parameters(shape):
     grid = ALL_SHAPES[shape]()

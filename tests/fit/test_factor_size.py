@@ -25,6 +25,8 @@ from bspline_mdao.fit.control_counts import (
     predict_factor_bytes,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def topology():

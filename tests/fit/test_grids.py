@@ -10,6 +10,8 @@ from bspline_mdao.io.cgns import read_cgns
 from bspline_mdao.io.plot3d import read_plot3d
 from bspline_mdao.topology.sharing import node_sharing
 
+pytestmark = pytest.mark.slow
+
 LARGE = 2**23  # bytes; larger files take too long here
 
 

@@ -95,6 +95,7 @@ def test_threads_of_a_fit_share_the_memory_of_one_gram_matrix(monkeypatch):
     assert 8 * problem.n_threads * (7 * 6 * 8) ** 2 <= 2**20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("orders", [(4, 4, 4), (2, 3, 5)])
 def test_a_grid_sampled_from_splines_is_recovered_to_round_off(shape, orders):
@@ -136,6 +137,7 @@ def test_shared_nodes_are_fitted_bit_for_bit_alike(shape):
     np.testing.assert_allclose(fitted[copies[:, 0]], fitted[copies[:, 1]], atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("is_mixed", [False, True])
 def test_the_transpose_passes_the_dot_test(shape, is_mixed):

@@ -117,6 +117,7 @@ def reference_fit(model, nodes):
     return frozen.mixture(model.parameters, model.candidate_weights).forward(b, nodes), matrices, frozen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", EXPONENTS)
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 def test_parameter_derivatives_agree_with_complex_step_and_transpose(shape, kind):
@@ -168,6 +169,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_live_derivatives_agree_with_complex_step(case):
     rng = np.random.default_rng(6)
@@ -194,6 +196,7 @@ def test_live_derivatives_agree_with_complex_step(case):
 OPTIONS = [{}, {"method": "quasi_interpolant"}, {"knots": "constant", "order": 3}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [*ALL_SHAPES.values(), pinched, folded_block])
 @pytest.mark.parametrize("options", OPTIONS)
 def test_live_transposes_pass_the_dot_test(shape, options):

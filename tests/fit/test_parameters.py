@@ -116,6 +116,7 @@ def test_centripetal_parameters_are_sums_of_roots_and_uniform_ones_go_with_the_i
     assert parameters_along(grid, "chord_length").tobytes() == fit_grid(grid).parameters[0].tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("make", [two_blocks, o_grid, c_grid])
 def test_every_parametrization_fits_keeps_the_grid_and_takes_corrections(make, kind, tmp_path):
@@ -155,6 +156,7 @@ def test_parameters_of_a_block_that_is_cut_are_stretched_over_its_parts():
         np.testing.assert_allclose(mine, other, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_given_parameters_give_shared_nodes_one_place_to_the_last_bit():
     model = fit_grid(two_blocks(), parametrization=fit_grid(two_blocks(), parametrization="uniform").parameters)
     first, second = model.regenerate(1.1 * model.control_points[:, [1, 2, 0]]).blocks

@@ -36,6 +36,7 @@ def moved_points(mesh, size=0.05):
     return points @ turn.T + change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("numbers", [lambda surface_map: None, numbers_in_disorder], ids=["in order", "in disorder"])
 def test_nodes_of_a_spline_surface_give_its_control_points_to_round_off(wing, numbers):
     surface_map, mesh = wing
@@ -46,6 +47,7 @@ def test_nodes_of_a_spline_surface_give_its_control_points_to_round_off(wing, nu
     np.testing.assert_allclose(found.control_points, control_points, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_residual_of_other_nodes_is_orthogonal_to_all_that_control_points_can_do(wing):
     surface_map, mesh = wing
     nodes = surface_map.apply(moved_points(mesh))
@@ -56,6 +58,7 @@ def test_residual_of_other_nodes_is_orthogonal_to_all_that_control_points_can_do
     np.testing.assert_allclose(surface_map.matrix.T @ residual, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_control_points_stay_in_planes_of_symmetry_whatever_the_nodes_above_them_do(wing):
     surface_map, mesh = wing
     nodes = surface_map.apply(moved_points(mesh))
@@ -66,6 +69,7 @@ def test_control_points_stay_in_planes_of_symmetry_whatever_the_nodes_above_them
     assert np.abs(np.sum(off * mesh.in_plane_normals, axis=1)).max() < 1e-15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_spline", [True, False])
 def test_products_with_the_derivative_are_exact_and_transposed(wing, is_spline):
     surface_map, mesh = wing

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
 

@@ -109,6 +109,7 @@ def chosen_knots(grid):
     return [list(volume.knots) for volume in fit_grid(grid).mesh.volumes]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [two_blocks, o_grid, c_grid])
 def test_knots_that_agree_across_interfaces_are_taken(make):
     chosen, given = fit_grid(make()), fit_grid(make(), knots=chosen_knots(make()))
@@ -188,6 +189,7 @@ def test_orders_and_numbers_that_come_with_knots_have_to_agree_too():
         fit_grid(two_blocks(), knots=[knots[0], more])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("knots", ["curved", "constant"])
 @pytest.mark.parametrize("make", [two_blocks, o_grid, c_grid, lambda: onera_m6_grid((9, 14, 11))])
 def test_chosen_knots_agree_along_all_interfaces(make, knots):

@@ -94,6 +94,7 @@ def test_points_that_blocks_share_need_the_nodes_that_blocks_share_alone():
 # validity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [onera_m6_grid, flat_plate_grid])
 @pytest.mark.parametrize("shape", [(5, 5, 5), (6, 5, 9), (9, 9, 7), (12, 9, 11)])
 def test_small_generated_grids_have_valid_control_meshes_within_their_domain(make, shape):
@@ -116,6 +117,7 @@ VALID_GRIDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", VALID_GRIDS)
 @pytest.mark.parametrize("method", ["valid", "quasi_interpolant"])
 def test_a_valid_grid_has_a_valid_control_mesh_however_least_squares_fold(case, method):
@@ -210,6 +212,7 @@ REAL_GRIDS = {
 """Valid grids that least squares fold, and by how much the RMS error may grow."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL_GRIDS)
 def test_valid_real_grids_have_valid_control_meshes_close_to_least_squares(real_grids, name):
     model = fit_grid(read_grid(real_grids / name))
@@ -218,6 +221,7 @@ def test_valid_real_grids_have_valid_control_meshes_close_to_least_squares(real_
     assert model.report.rms < REAL_GRIDS[name] * model.report.fallback.least_squares_rms
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cfl3d_delta_wing.fmt.gz", "cfl3d_sduct.bin"])
 def test_real_grids_with_folded_cells_keep_invalid_elements_there_alone(real_grids, name):
     model, warning = warned(read_grid(real_grids / name))
@@ -229,6 +233,7 @@ def test_real_grids_with_folded_cells_keep_invalid_elements_there_alone(real_gri
 # what is said
 
 
+@pytest.mark.slow
 def test_a_fit_with_invalid_elements_says_so_once_at_the_line_that_asked_for_it():
     model, warning = warned(onera_m6_grid((9, 9, 7)), order=4, method="least_squares")
     assert warning.filename == __file__

@@ -23,6 +23,8 @@ from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.io.files import read_grid
 
+pytestmark = pytest.mark.slow
+
 SPHERE_MACH = 0.2
 CROSS_SECTION = 0.25 * np.pi
 """Of the quarter of a sphere of radius 1 (m^2)."""

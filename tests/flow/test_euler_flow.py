@@ -81,6 +81,7 @@ def random_directions(at, seed=1):
     return [rng.standard_normal(np.shape(value)) if np.ndim(value) else rng.standard_normal() for value in at]
 
 
+@pytest.mark.slow
 def test_forces_agree_with_complex_steps_in_states_nodes_angle_and_mach_number():
     forces, at = random_forces()
     along = random_directions(at)
@@ -90,6 +91,7 @@ def test_forces_agree_with_complex_steps_in_states_nodes_angle_and_mach_number()
         np.testing.assert_allclose(found[name], exact, rtol=1e-10, atol=1e-12 * np.abs(exact).max(), err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_products_with_the_forces_are_transposes(name):
     forces, at = random_forces()
@@ -102,6 +104,7 @@ def test_products_with_the_forces_are_transposes(name):
     assert reverse == pytest.approx(change @ bar, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STREAM)
 def test_totals_by_the_stream_agree_with_differences_of_converged_flows(flown, name):
     start = flown.get_val(name).copy()
@@ -118,6 +121,7 @@ def test_totals_by_the_stream_agree_with_differences_of_converged_flows(flown, n
     np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8 * np.abs(exact).max())
 
 
+@pytest.mark.slow
 def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(flown):
     nodes, rng = flown.get_val("grid").copy(), np.random.default_rng(3)
     totals = flown.compute_totals(EXACT, ["grid"])
@@ -135,6 +139,7 @@ def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(f
         np.testing.assert_allclose(by_node[:, entry], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
 
 
+@pytest.mark.slow
 def test_forward_and_adjoint_totals_agree():
     totals = []
     for mode in ("fwd", "rev"):
@@ -146,6 +151,7 @@ def test_forward_and_adjoint_totals_agree():
         assert np.abs(totals[1][key] - forward).max() < largest * np.abs(forward).max(), key
 
 
+@pytest.mark.slow
 def test_rigid_translation_changes_no_force(flown):
     totals = flown.compute_totals(["CL", "CD", "CD_induced", "CD_entropy"], ["grid"])
     for key, total in totals.items():
@@ -154,6 +160,7 @@ def test_rigid_translation_changes_no_force(flown):
         assert np.abs(moves.sum(axis=0)).max() < 1e-11 * np.abs(by_node).sum()
 
 
+@pytest.mark.slow
 def test_chain_from_design_variables_to_lift_has_a_taylor_remainder_of_second_order():
     model = wing()
     mesh = moving_mesh(model)
@@ -185,6 +192,7 @@ def test_chain_from_design_variables_to_lift_has_a_taylor_remainder_of_second_or
     assert np.all(rates > 1.9)
 
 
+@pytest.mark.slow
 def test_flow_that_does_not_converge_is_refused_with_its_history_and_the_next_one_is_solved():
     flown = problem()
     flown.run_model()
@@ -203,6 +211,7 @@ def test_flow_that_does_not_converge_is_refused_with_its_history_and_the_next_on
     assert flown.get_val("CL").item() == pytest.approx(lift, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_node_that_is_not_finite_is_refused():
     flown = problem()
     flown.set_val("grid", np.nan, indices=7)
@@ -225,6 +234,7 @@ def test_cells_with_negative_volumes_are_counted_and_the_worst_is_named_before_t
     assert state.solution is None
 
 
+@pytest.mark.slow
 def test_next_design_starts_from_the_last_states():
     flown = problem()
     flown.run_model()
@@ -240,6 +250,7 @@ def test_next_design_starts_from_the_last_states():
     assert carried < 0.3 < state.solution.history[0].residual
 
 
+@pytest.mark.slow
 def test_progress_is_told_on_request(capsys):
     problem(iprint=2).run_model()
     lines = capsys.readouterr().out.splitlines()
@@ -271,6 +282,7 @@ def test_mach_number_that_is_not_positive_is_refused(mach):
         flown.run_model()
 
 
+@pytest.mark.slow
 def test_complex_step_through_a_flow_is_refused():
     flown = om.Problem(reports=False)
     flown.model.add_subsystem("flow", EulerFlow(model=wing(), reference_area=1.16), promotes=["*"])
@@ -287,6 +299,7 @@ def test_plane_of_symmetry_away_from_span_0_is_refused():
         FlowForces.of(FlowGrid.of(wing().topology, nodes), nodes + np.array([0.0, 0.0, 1.0]), 1.16)
 
 
+@pytest.mark.slow
 def test_wing_between_two_planes_of_symmetry_has_no_induced_drag():
     model = fit_grid(infinite_wing_grid(naca_section(0.12), (9, 7)))
     nodes = model.regenerate().to_vector().reshape(-1, 3)

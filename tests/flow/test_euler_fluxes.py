@@ -135,6 +135,7 @@ def test_the_flux_is_that_of_roe_but_for_the_low_mach_factor():
         np.testing.assert_allclose(face_flux(tuple(w), tuple(jump), tuple(s)), expected, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_shock_sensor_of_fast_flow_is_between_none_and_all_and_of_eighth_order_where_it_is_smooth():
     def sensor(pressures):
         states = np.full((4, 5), 1.2)

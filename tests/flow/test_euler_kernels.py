@@ -64,6 +64,7 @@ def uniform_residual(grid):
     return np.max(np.abs(residual).max(axis=1) / np.maximum(scale, np.finfo(float).tiny)) / np.finfo(float).eps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*GRIDS, *GENERATED])
 def test_the_free_stream_is_preserved_to_round_off(name):
     grid = (GRIDS | GENERATED)[name]()
@@ -71,6 +72,7 @@ def test_the_free_stream_is_preserved_to_round_off(name):
     assert uniform_residual(turned_and_shuffled(grid, np.random.default_rng(4))[0]) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_the_free_stream_is_preserved_on_grids_of_other_projects(real_grids, name):
     grid = read_grid(real_grids / name)
@@ -93,6 +95,7 @@ def directions(case):
     }
 
 
+@pytest.mark.slow
 @CASES
 @SENSORS
 @pytest.mark.parametrize(("argument", "product"), [("states", "state"), ("areas", "area"), ("stream", "stream")])

@@ -70,6 +70,7 @@ def factor_of(left, right, at_right, at_left, diagonal, fill):
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
+@pytest.mark.slow
 def test_a_factor_with_all_fill_is_exact_to_single_precision():
     left, right, at_right, at_left, diagonal = system = random_system()
     n = len(diagonal)
@@ -241,6 +242,7 @@ def test_a_run_that_is_cut_off_says_so_and_tells_every_step():
     assert len(told) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [

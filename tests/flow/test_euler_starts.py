@@ -13,6 +13,8 @@ from bspline_mdao.flow.euler.newton import solve_by_dissipation, solve_flow
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
 from bspline_mdao.topology.detection import find_topology
 
+pytestmark = pytest.mark.slow
+
 
 class Flight:
     """A grid in a stream of Mach 0.3."""

@@ -18,6 +18,8 @@ from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_patter
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.topology.detection import find_topology
 
+pytestmark = pytest.mark.slow
+
 MACH, DEGREES = 0.8, 1.25
 SPACING = Spacing(off_wall=8e-3, leading=1e-2, trailing=1e-2, tip=0.1)
 

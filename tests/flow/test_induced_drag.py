@@ -105,6 +105,7 @@ def _sine(k, angle):
     return angle * np.sinc(k * angle / np.pi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WALLS)
 def test_lines_of_the_grid_divide_the_wing_into_strips_from_the_tip_to_the_root(name):
     corners, nodes = wall_of(name)
@@ -116,6 +117,7 @@ def test_lines_of_the_grid_divide_the_wing_into_strips_from_the_tip_to_the_root(
     np.testing.assert_array_equal(counts, counts[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rectangular", "M6", "plate"])
 def test_points_of_the_stations_run_along_the_trailing_edge(name):
     corners, nodes = wall_of(name)
@@ -126,6 +128,7 @@ def test_points_of_the_stations_run_along_the_trailing_edge(name):
     np.testing.assert_allclose(points[:, 0], np.where(level, x[:, 0], -np.inf).max(axis=1), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [generic_blended_wing_body(), upright(0.4)])
 def test_body_with_winglets_has_the_strips_of_the_plate_that_it_was(shape):
     one, other = (SpanStrips.of(*wall(plate(17), shape), AXES) for shape in (None, shape))
@@ -133,6 +136,7 @@ def test_body_with_winglets_has_the_strips_of_the_plate_that_it_was(shape):
     np.testing.assert_array_equal(other.trailing.toarray(), one.trailing.toarray())
 
 
+@pytest.mark.slow
 def test_strips_lie_between_the_planes_of_their_stations():
     corners, nodes = wall_of("plate")
     strips = SpanStrips.of(corners, nodes, AXES)
@@ -141,6 +145,7 @@ def test_strips_lie_between_the_planes_of_their_stations():
     np.testing.assert_allclose(nodes[corners][..., 2].min(axis=1), stations[number + 1], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_order_of_faces_and_of_their_corners_does_not_matter():
     corners, nodes = wall_of("M6")
     rng = np.random.default_rng(1)
@@ -173,6 +178,7 @@ def test_walls_without_rows_around_them_are_shared_out_by_span():
     assert (points[1:-1, 0] > 0.0).all()
 
 
+@pytest.mark.slow
 def test_real_grids_have_strips(real_grids):
     corners, nodes = walls_within(real_grids / "hh_naca0012_12blocks.xyz", [-0.1, -0.1, -0.1], [1.1, 0.1, 3.1])
     assert SpanStrips.of(corners, nodes, AXES).n_strips == 16  # its own lines
@@ -199,6 +205,7 @@ def test_wall_without_span_is_refused():
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", [0.03, 0.005, 0.001])
 @pytest.mark.parametrize("n", [16, 24])
 def test_drag_of_an_elliptical_load_is_the_ideal_one_within_one_part_in_a_thousand(n, tip):
@@ -216,6 +223,7 @@ def test_drag_of_an_elliptical_load_is_the_ideal_one_within_one_part_in_a_thousa
     assert plain < 0.985 * area  # what the strips alone would give
 
 
+@pytest.mark.slow
 def test_drag_of_other_loads_is_that_of_their_sines():
     corners, nodes = wall_of("rectangular")
     drag, sines = drag_of(corners, nodes), {1: 1.0, 3: -0.1, 5: 0.1, 7: -0.05}
@@ -241,6 +249,7 @@ def test_no_load_on_the_strips_of_a_flat_wing_beats_the_ellipse(name):
     assert efficiency < 1.0 + 1e-4
 
 
+@pytest.mark.slow
 def test_pressures_of_a_tip_vortex_on_a_narrow_strip_hardly_count():
     grid = hh_wing_grid(rectangular_wing(), (5, 5, 17), Spacing(0.01, 0.02, 0.02, 0.02))
     corners, nodes = wall(grid)
@@ -254,6 +263,7 @@ def test_pressures_of_a_tip_vortex_on_a_narrow_strip_hardly_count():
     assert Wake(points, 0.5 * load).drag > 1.2 * Wake(points, 0.5 * (load - 0.15 * (np.arange(16) == 0))).drag
 
 
+@pytest.mark.slow
 def test_drag_with_upright_winglets_is_the_limit_of_many_strips():
     corners, nodes = wall(plate(33), upright(0.4))
     drag = drag_of(corners, nodes)
@@ -279,6 +289,7 @@ def flat_drag(arc, points):
     return (load @ np.diff(points[:, 0])) ** 2 / (2.0 * np.pi * points[:, 0].min() ** 2)
 
 
+@pytest.mark.slow
 def test_lift_of_a_strip_is_taken_across_its_trace():
     corners, nodes = wall_of("upright winglets")
     drag = drag_of(corners, nodes)
@@ -303,6 +314,7 @@ def test_whole_wing_has_twice_the_drag_of_its_half():
     assert area == pytest.approx(2.0 * half.evaluate(forces, nodes, ALPHA)[1], rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "options"), [*((name, {}) for name in WALLS), ("M6", {"is_symmetric": False})])
 def test_derivatives_agree_with_complex_steps_and_with_their_transpose(name, options):
     corners, nodes = wall_of(name)
@@ -322,6 +334,7 @@ def test_derivatives_agree_with_complex_steps_and_with_their_transpose(name, opt
     assert sum(dots) == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(dots).max())
 
 
+@pytest.mark.slow
 def test_drag_and_load_stay_where_the_wing_is_carried_along():
     corners, nodes = wall_of("body with winglets")
     drag = drag_of(corners, nodes)

@@ -97,6 +97,7 @@ def test_derivatives_of_all_coefficients_agree_with_complex_steps_and_with_their
         assert sum(dots) == pytest.approx(sum(np.sum(bar * changes[name]) for name, bar in bars.items()), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_partials_of_lattice_forces_agree_with_complex_steps(swept):
     camber, rng = CamberSurface.of(SurfaceGrid.of(swept), 3, 5), np.random.default_rng(2)
     problem = om.Problem(reports=False)
@@ -113,6 +114,7 @@ def test_partials_of_lattice_forces_agree_with_complex_steps(swept):
     assert_check_partials(data, atol=1e-12, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_rectangular_wing_has_the_lift_of_its_vortex_lattice_and_the_induced_drag_of_its_planform(rectangular):
     coarse, fine = (flow(rectangular, n_chord=n, n_span=4 * n + 1) for n in (3, 5))
     lift, drag = fine.get_val("CL").item(), fine.get_val("CD_induced").item()
@@ -122,6 +124,7 @@ def test_rectangular_wing_has_the_lift_of_its_vortex_lattice_and_the_induced_dra
     assert fine.get_val("CD").item() == pytest.approx(drag, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_plate_of_no_thickness_has_a_lattice():
     found = flow(fit_grid(flat_plate_grid((9, 5, 9)), n_control=(5, 5, 5)), reference_area=2.0, n_span=17)
     found.set_val("Mach_number", 0.0)
@@ -130,6 +133,7 @@ def test_plate_of_no_thickness_has_a_lattice():
     assert found.get_val("CD_induced").item() == pytest.approx(0.0051, rel=0.02)
 
 
+@pytest.mark.slow
 def test_coefficients_are_those_of_the_lattice_in_half_wings(swept):
     """What is half of the lift, and has half of the area, has the same coefficients."""
     ours = flow(swept, reference_area=1.8, moment_reference=(0.2, 0.05, 0.0))
@@ -150,6 +154,7 @@ def test_coefficients_are_those_of_the_lattice_in_half_wings(swept):
     assert chord == pytest.approx(2.0 / 3.0 * 1.2 * (1.0 + 0.5 + 0.25) / 1.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_moments_are_about_the_axes_of_the_grid(rectangular):
     at_origin, aft = (flow(rectangular, moment_reference=place) for place in ((0.0, 0.0, 0.0), (0.25, 0.0, 1.0)))
     lift = at_origin.get_val("CL").item()
@@ -160,6 +165,7 @@ def test_moments_are_about_the_axes_of_the_grid(rectangular):
     np.testing.assert_allclose((aft.get_val("CM") - [roll, 0.0, pitch])[::2], [upwards, -0.25 * upwards], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_area_and_chord_scale_the_coefficients(rectangular):
     one, other = flow(rectangular), flow(rectangular, reference_area=6.0, reference_chord=0.5)
     for name, factor in {"CL": 0.5, "CD": 0.5, "CD_induced": 0.5, "CM": 1.0, "span_load": 1.0}.items():
@@ -219,6 +225,7 @@ def force(problem):
     return np.array([*along, -forces[1] / 3.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
 def test_totals_agree_with_extrapolated_differences(swept, mode):
     rng, n = np.random.default_rng(4), 3 * swept.n_nodes

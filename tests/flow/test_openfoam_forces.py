@@ -34,6 +34,7 @@ def wing():
     return topology, nodes, area_vectors(nodes[cells.corners[cells.faces_of("wall")]])
 
 
+@pytest.mark.slow
 def test_without_openfoam_it_says_so_and_gives_nothing(monkeypatch, capsys):
     monkeypatch.setenv("PATH", "")
     topology, nodes, _ = wing()

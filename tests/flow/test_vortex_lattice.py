@@ -37,6 +37,7 @@ def nodes_of(camber):
     return camber.evaluate(camber.surface.points).reshape(camber.shape)
 
 
+@pytest.mark.slow
 def test_camber_of_a_symmetric_wing_is_its_chord_plane_exactly():
     nodes = nodes_of(CamberSurface.of(wall(rectangular_wing()), 5, 6))
     planform = rectangular_wing().planform
@@ -49,6 +50,7 @@ def test_camber_of_a_symmetric_wing_is_its_chord_plane_exactly():
     np.testing.assert_allclose(nodes[..., 2], 0.0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_camber_surface_follows_planform_and_camber_line_to_second_order_in_the_node_spacing():
     errors = []
     for shape in ((9, 5, 9), (17, 5, 17), (33, 5, 33)):
@@ -61,6 +63,7 @@ def test_camber_surface_follows_planform_and_camber_line_to_second_order_in_the_
     assert errors[0] / errors[2] > 10.0
 
 
+@pytest.mark.slow
 def test_camber_nodes_go_from_leading_to_trailing_edge_and_from_left_tip_to_root(mesh):
     nodes = nodes_of(mesh)
     assert (np.diff(nodes[..., 0], axis=0) > 0.0).all()
@@ -70,6 +73,7 @@ def test_camber_nodes_go_from_leading_to_trailing_edge_and_from_left_tip_to_root
     assert (np.diff(steps) > 0.0).all()  # closer towards the tip
 
 
+@pytest.mark.slow
 def test_camber_surface_is_linear_in_the_nodes_and_carried_by_affine_motions(mesh):
     points, rng = mesh.surface.points, np.random.default_rng(3)
     map_, shift = rng.standard_normal((3, 3)), rng.standard_normal(3)
@@ -81,6 +85,7 @@ def test_camber_surface_is_linear_in_the_nodes_and_carried_by_affine_motions(mes
     np.testing.assert_allclose(complex_mesh.imag, mesh.evaluate(moved), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_camber_surface_is_the_same_for_the_left_wing_and_for_other_axes(swept, mesh):
     x, y, z = swept.points.T
     turned = replace(swept, points=np.stack([x, -z, y], axis=1))  # z up
@@ -194,6 +199,7 @@ def test_panel_forces_are_those_of_openaerostruct(mesh):
         np.testing.assert_allclose(ours.get_val(name), problem.get_val(theirs), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mach", [0.0, 0.6])
 def test_wake_and_panels_agree_on_a_flat_wing_at_a_small_angle(mach):
     nodes = nodes_of(CamberSurface.of(wall(rectangular_wing()), 4, 9))
@@ -224,6 +230,7 @@ class Twisted(om.ExplicitComponent):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("spacing", "abuse"), [("uniform", 1.15), ("tip", 5.0)])
 def test_free_twist_drives_the_drag_of_the_panels_below_munks_but_never_that_of_the_wake(spacing, abuse):
     """Why the optimisations take the drag of the wake: the panels leave out the forces on chordwise vortices."""
@@ -254,6 +261,7 @@ def test_coefficients_do_not_depend_on_speed_and_density_and_refer_to_the_area_g
         np.testing.assert_allclose(fixed.get_val(name), scale * reference.get_val(name), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
 def test_totals_agree_with_extrapolated_differences(mesh, mode):
     rng = np.random.default_rng(2)

@@ -107,6 +107,7 @@ def no_warnings():
         yield
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_warnings")
 @pytest.mark.parametrize("n", [3, 4, 5, 17, 53, 105, 401, 1001])
 def test_stretching_is_found_over_a_wide_range_of_sizes_and_spacings(n):
@@ -129,6 +130,7 @@ def test_intervals_in_geometric_progression_fill_the_length(n):
         assert first * np.sum(ratio ** np.arange(n - 1)) == pytest.approx(1.0, rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_warnings")
 @pytest.mark.parametrize(
     ("shape", "spacing"),
@@ -146,6 +148,7 @@ def test_grids_of_any_size_and_spacing_are_made_without_a_warning(make, shape, s
     assert all(np.isfinite(block.nodes).all() for block in grid.blocks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(9, 9, 9), (9, 17, 11), (17, 13, 9), (33, 29, 21)])
 @pytest.mark.parametrize("make", [onera_m6_grid, flat_plate_grid])
 def test_all_cells_are_valid_and_right_handed_at_any_resolution(make, shape):
@@ -154,6 +157,7 @@ def test_all_cells_are_valid_and_right_handed_at_any_resolution(make, shape):
         assert quality.min_corner.min() > 0.45
 
 
+@pytest.mark.slow
 def test_blocks_may_have_different_counts():
     grid = onera_m6_grid(((9, 17, 13), (11, 15), (13, 9)))
     assert grid.shapes[4] == (17, 15, 13)
@@ -162,6 +166,7 @@ def test_blocks_may_have_different_counts():
     assert len(find_topology(grid).interfaces) == 19
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wing",
     [
@@ -178,6 +183,7 @@ def test_other_wings_have_valid_grids_and_the_same_topology(wing):
     assert len(find_topology(grid).interfaces) == 19
 
 
+@pytest.mark.slow
 def test_topology_is_twelve_blocks_with_nineteen_interfaces_and_no_cut(m6, plate):
     for grid in (m6, plate):
         topology = find_topology(grid)
@@ -187,6 +193,7 @@ def test_topology_is_twelve_blocks_with_nineteen_interfaces_and_no_cut(m6, plate
         assert [kinds.count(kind) for kind in ("wall", "symmetry", "farfield")] == [2, 6, 26]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off_wall", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("make", [onera_m6_grid, flat_plate_grid])
 def test_nodes_that_blocks_share_have_equal_bits(make, off_wall):
@@ -198,6 +205,7 @@ def test_nodes_that_blocks_share_have_equal_bits(make, off_wall):
     np.testing.assert_array_equal(points[copies[:, 0]], points[copies[:, 1]])
 
 
+@pytest.mark.slow
 def test_spacings_next_to_the_wing_are_as_asked(m6):
     upstream, wing, downstream, outboard = (m6.blocks[n].nodes for n in (3, 4, 5, 10))
     surface = wing[:, 0]
@@ -210,6 +218,7 @@ def test_spacings_next_to_the_wing_are_as_asked(m6):
     np.testing.assert_allclose(np.linalg.norm(wing[:, 1] - surface, axis=-1), SPACING.off_wall, rtol=5e-2)
 
 
+@pytest.mark.slow
 def test_default_spacings_are_the_papers_at_its_size_and_wider_on_coarser_grids():
     fine = onera_m6_grid((45, 65, 33)).blocks[4].nodes
     np.testing.assert_allclose(np.linalg.norm(fine[10:, 1, 0] - fine[10:, 0, 0], axis=-1), 1e-3, rtol=3e-2)
@@ -217,6 +226,7 @@ def test_default_spacings_are_the_papers_at_its_size_and_wider_on_coarser_grids(
     np.testing.assert_allclose(np.linalg.norm(coarse[6:, 1, 0] - coarse[6:, 0, 0], axis=-1), 4e-3, rtol=1e-1)
 
 
+@pytest.mark.slow
 def test_surface_nodes_lie_on_the_wing(m6):
     surface = m6.blocks[4].nodes[:, 0]
     planform, (x, y, z) = onera_m6_planform(), np.moveaxis(surface, -1, 0)
@@ -234,6 +244,7 @@ def test_lower_side_mirrors_the_upper(m6):
         np.testing.assert_array_equal(m6.blocks[below].nodes[:, ::-1] * [1.0, -1.0, 1.0], m6.blocks[above].nodes)
 
 
+@pytest.mark.slow
 def test_symmetry_plane_and_outer_boundaries_are_exactly_planar(m6, plate):
     for grid in (m6, plate):
         for n, block in enumerate(grid.blocks):
@@ -254,6 +265,7 @@ def test_lines_leave_the_blunt_leading_edge_half_way_between_tangent_and_stagnat
     assert abs(z / y) < 0.1
 
 
+@pytest.mark.slow
 def test_plate_has_curved_lines_and_q_like_the_papers():
     grid = flat_plate_grid((45, 45, 45))
     assert 0.74 < min(quality.q.min() for quality in qualities(grid)) < 0.9

@@ -59,6 +59,7 @@ def walls_of(nodes, grid):
 # the fit of a surface
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -78,6 +79,7 @@ def test_unmoved_nodes_give_back_the_models_surface_control_points(m6_grid, opti
     np.testing.assert_allclose(surface, model.control_points[ids], atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keep_residual", [True, False])
 def test_a_fit_tells_how_far_the_surface_misses_its_target_and_where(m6_grid, keep_residual, caplog):
     model = fit_grid(m6_grid, n_control=(7, 6, 5), keep_residual=keep_residual)
@@ -108,6 +110,7 @@ def test_a_fit_tells_how_far_the_surface_misses_its_target_and_where(m6_grid, ke
         assert part in record.getMessage()
 
 
+@pytest.mark.slow
 def test_a_surface_that_is_met_is_told_to_those_who_ask(m6_grid, caplog):
     model = fit_grid(m6_grid, n_control=(7, 6, 5))
     nodes = model.regenerate().to_vector().reshape(-1, 3)
@@ -117,6 +120,7 @@ def test_a_surface_that_is_met_is_told_to_those_who_ask(m6_grid, caplog):
     assert [record.levelname for record in caplog.records] == ["INFO"]
 
 
+@pytest.mark.slow
 def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_grid):
     model = fit_grid(m6_grid, n_control=(7, 6, 5), keep_residual=False, method="least_squares")
     ids, rng = moving_mesh(model).surface_ids, np.random.default_rng(3)
@@ -128,6 +132,7 @@ def test_surface_that_is_a_spline_is_fitted_exactly_and_needs_no_other_nodes(m6_
     np.testing.assert_allclose(fit_surface(model, ids, nodes).control_points, moved[ids], atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_surface_that_turns_as_a_whole_turns_its_control_points_where_they_fall_back_as_well(m6_grid):
     model = fit_grid(m6_grid, n_control=(7, 6, 5))
     ids = moving_mesh(model).surface_ids
@@ -148,6 +153,7 @@ def test_faces_of_blocks_that_meet_are_fitted_together():
     )
 
 
+@pytest.mark.slow
 def test_control_points_that_are_not_whole_faces_are_refused(m6_grid):
     model = fit_grid(m6_grid, n_control=(7, 6, 5))
     nodes = model.regenerate().to_vector().reshape(-1, 3)
@@ -160,6 +166,7 @@ def test_control_points_that_are_not_whole_faces_are_refused(m6_grid):
 # nodes laid on a shape
 
 
+@pytest.mark.slow
 def test_wing_laid_on_itself_stays_where_it_is(m6_grid):
     model = fit_grid(m6_grid, n_control=(7, 6, 5))
     nodes = nodes_on_shape(model, Wing(onera_m6_planform(), onera_d_section()))
@@ -169,6 +176,7 @@ def test_wing_laid_on_itself_stays_where_it_is(m6_grid):
         np.testing.assert_allclose(new[root], old[root], atol=5e-4)
 
 
+@pytest.mark.slow
 def test_nodes_that_blocks_share_move_together_and_no_others_do(m6_grid):
     model = fit_grid(m6_grid, n_control=(7, 6, 5))
     before, nodes = m6_grid.to_vector().reshape(-1, 3), nodes_on_shape(model, rectangular_wing())
@@ -184,6 +192,7 @@ def test_nodes_that_blocks_share_move_together_and_no_others_do(m6_grid):
     np.testing.assert_array_equal(blocks[10].nodes[:, 0, 0], upper[:, -1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [rectangular_wing(), generic_blended_wing_body()], ids=["wing", "body"])
 def test_two_sides_meet_at_the_edges_and_the_root_is_plane(shape):
     lower, upper = (lay_nodes(shape, side, *fractions(13, 17)) for side in (-1, 1))
@@ -216,6 +225,7 @@ def test_rectangular_wing_is_of_three_chords_and_naca_0012_sections():
         np.testing.assert_allclose(nodes[[0, -1], :, 0], [[0.0] * 21, [0.49664] * 21], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_surface_control_points_of_the_rectangular_wing_give_the_wing(m6_grid):
     model = fit_grid(onera_m6_grid((33, 9, 25)), n_control=(11, 6, 9))
     mesh, moved = moving_mesh(model), model.control_points.copy()
@@ -254,6 +264,7 @@ def test_winglets_turn_up_and_lengths_along_the_spine_are_kept():
     assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(body.developed_span, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_upper_side_of_a_winglet_faces_inboard_and_twist_raises_the_nose():
     body = generic_blended_wing_body()
     lower, upper = (lay_nodes(body, side, *fractions(21, 61)) for side in (-1, 1))
@@ -265,6 +276,7 @@ def test_upper_side_of_a_winglet_faces_inboard_and_twist_raises_the_nose():
     np.testing.assert_allclose(plate[-1, :, :2] - plate[0, :, :2], [[np.sqrt(3.0), -1.0]] * 7, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_centre_body_is_thick_and_the_surface_is_smooth_across_the_symmetry_plane():
     lower, upper = (lay_nodes(generic_blended_wing_body(), side, *fractions(81, 401)) for side in (-1, 1))
     thickness = (upper - lower)[..., 1].max(axis=0)
@@ -275,6 +287,7 @@ def test_centre_body_is_thick_and_the_surface_is_smooth_across_the_symmetry_plan
     assert np.abs(slope[:, :2] / slope[:, 2:]).max() < 0.05  # of the first of 400 intervals
 
 
+@pytest.mark.slow
 def test_flat_plate_becomes_the_blended_wing_body(plate):
     mesh, moved = moving_mesh(plate), plate.control_points.copy()
     moved[mesh.surface_ids] = fit_shape(plate, mesh.surface_ids, generic_blended_wing_body())

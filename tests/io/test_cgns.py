@@ -216,6 +216,7 @@ def as_icem_writes_it(path, shapes):
                 add_condition(zone, Window.whole(block, shape).face(face), "DEFAULT_SUBFACE")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_connectivity", [True, False])
 def test_all_blocks_of_a_file_of_icem_hang_together(tmp_path, has_connectivity):
     path = tmp_path / "icem.cgns"
@@ -281,6 +282,7 @@ def turned(grid, seed):
     return grid if grid.patches else turned_and_shuffled(grid, np.random.default_rng(seed))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITTEN_GRIDS)
 def test_interfaces_are_written_as_the_standard_asks_and_read_back(tmp_path, name):
     grid = turned(WRITTEN_GRIDS[name](), seed=5)
@@ -297,6 +299,7 @@ def test_interfaces_are_written_as_the_standard_asks_and_read_back(tmp_path, nam
         np.testing.assert_allclose(*connected_rows(here, there, a_range, b_range, transform), atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("cgnscheck"), reason="needs cgnscheck of the CGNS tools")
 @pytest.mark.parametrize("name", WRITTEN_GRIDS)
 def test_cgnscheck_finds_nothing_wrong(tmp_path, name):
@@ -324,6 +327,7 @@ def test_collapsed_faces_are_written_as_degenerate_lines_and_points(tmp_path):
     assert sorted(node_values(tmp_path / "grid.cgns", b"BC_t")).count("BCDegenerateLine") == 3
 
 
+@pytest.mark.slow
 def test_a_moved_grid_is_written_with_the_interfaces_of_the_baseline(tmp_path):
     grid = WRITTEN_GRIDS["boxes"]()
     topology = find_topology(grid)
@@ -347,6 +351,7 @@ def test_a_finer_member_of_a_grid_from_cgns_is_a_new_file(tmp_path):
     assert isinstance(family_member(model, 1.0).dialect, CgnsDialect)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_kept", [0, 1])
 def test_a_copy_gets_the_connections_that_its_file_lacks(tmp_path, n_kept):
     path = tmp_path / "grid.cgns"
@@ -364,6 +369,7 @@ def test_a_copy_gets_the_connections_that_its_file_lacks(tmp_path, n_kept):
     assert len(node_values(tmp_path / "again.cgns", b"GridConnectivity1to1_t")) == 8 - 2 * n_kept
 
 
+@pytest.mark.slow
 def test_periodic_connections_are_left_out_and_those_that_fit_no_zone_are_reported(tmp_path):
     path = tmp_path / "grid.cgns"
     write_cgns(path, WRITTEN_GRIDS["boxes"]())
@@ -441,6 +447,7 @@ REAL_GRIDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL_GRIDS)
 def test_real_grid_is_read_whole_and_written_back_alike(real_grids, tmp_path, name):
     grid = read_cgns(real_grids / name)

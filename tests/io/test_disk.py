@@ -44,6 +44,7 @@ def tree(folder):
     return {path.relative_to(folder): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_leaves_goes_with_the_next_write_and_what_a_living_one_writes_stays(tmp_path):
     killed, living = start_writing(tmp_path / "a"), start_writing(tmp_path / "b")
     try:
@@ -126,6 +127,7 @@ WRITERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_there", [False, True], ids=["new", "replaced"])
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_disk_that_fills_up_at_any_file_changes_nothing(tmp_path, tmp_path_factory, monkeypatch, kind, is_there):
@@ -191,6 +193,7 @@ print(sizes)
 """
 
 
+@pytest.mark.slow
 def test_a_small_disk_that_is_really_full_stays_as_it_was(tmp_path):
     unshare = shutil.which("unshare")
     mount = f"mount -t tmpfs -o size=208k none {tmp_path} && cd {tmp_path} && exec {sys.executable} -c '{FILL}'"

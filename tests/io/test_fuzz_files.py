@@ -20,6 +20,8 @@ from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
 from bspline_mdao.topology.grid import Grid, Patch
 from bspline_mdao.topology.index_space import Window
 
+pytestmark = pytest.mark.slow
+
 N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "250"))
 """Mutations of every kind of file; in all about ten times as many."""
 

@@ -138,6 +138,7 @@ def meshes(tmp_path_factory):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_faces_are_in_the_order_of_openfoam(meshes, case):
     _, _, mesh = meshes[case]
@@ -152,6 +153,7 @@ def test_faces_are_in_the_order_of_openfoam(meshes, case):
     assert starts == len(mesh.faces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_every_cell_is_closed_and_has_its_volume(meshes, case):
     _, grid, mesh = meshes[case]
@@ -164,6 +166,7 @@ def test_every_cell_is_closed_and_has_its_volume(meshes, case):
     assert np.all(volumes > 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_no_point_is_idle_and_no_face_without_area(meshes, case):
     _, _, mesh = meshes[case]
@@ -174,6 +177,7 @@ def test_no_point_is_idle_and_no_face_without_area(meshes, case):
     assert has_triangles == (case in COLLAPSED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [case for case in CASES if case not in ("plate", "fold")])
 def test_a_shared_point_is_written_once(meshes, case):
     _, _, mesh = meshes[case]
@@ -181,6 +185,7 @@ def test_a_shared_point_is_written_once(meshes, case):
     assert len(rounded) == len(mesh.points)
 
 
+@pytest.mark.slow
 def test_patches_keep_their_names_and_get_their_types(meshes):
     _, _, wing = meshes["wing"]
     types = {"wing_upper": "wall", "wing_lower": "wall", "symmetry": "symmetry", "farfield": "patch"}
@@ -198,6 +203,7 @@ def test_the_two_sides_of_a_plate_stay_apart(meshes):
     assert mesh.boundary["wing_upper"][1] == mesh.boundary["wing_lower"][1] == 6 * 8
 
 
+@pytest.mark.slow
 def test_the_topology_of_the_baseline_keeps_a_plate_open(tmp_path):
     grid = flat_plate_grid((5, 5, 5))
     bare = grid_of(*(block.nodes for block in grid.blocks))
@@ -237,6 +243,7 @@ def test_nothing_is_half_written(tmp_path):
         write_polymesh(folder / "points" / "polyMesh", grid_of(smooth_box(4, 5, 6)))
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_for_openfoam_twice_over(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     fit_grid(onera_m6_grid((9, 9, 9))).save("m6.h5")
@@ -251,6 +258,7 @@ def test_the_command_line_writes_for_openfoam_twice_over(tmp_path, monkeypatch):
 CONDITIONS = {"wall": "type slip;", "symmetry": "type symmetry;", "other": "type fixedValue; value uniform (1 0 0);"}
 
 
+@pytest.mark.slow
 def test_a_case_has_its_mesh_fields_and_settings(tmp_path):
     fields = {
         "U": CaseField("[0 1 -1 0 0 0 0]", (1.0, 0.5, 0.0), CONDITIONS),
@@ -273,6 +281,7 @@ def test_a_case_has_its_mesh_fields_and_settings(tmp_path):
         assert (tmp_path / "case" / place).read_text() == head + text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("field", "settings", "message"),
     [

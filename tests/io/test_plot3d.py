@@ -41,6 +41,7 @@ def grid_for(dialect):
     return smooth_grid(shapes, dialect.n_dimensions, dialect.has_iblank)
 
 
+@pytest.mark.slow
 def test_every_dialect_is_detected_and_comes_back_byte_for_byte(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     for dialect in DIALECTS:
@@ -173,6 +174,7 @@ def test_huge_counts_reserve_no_memory(tmp_path):
     tracemalloc.stop()
 
 
+@pytest.mark.slow
 def test_gzip_bomb_and_damaged_gzip_are_refused(tmp_path):
     path = tmp_path / "grid.gz"
     path.write_bytes(gzip.compress(bytes(200_000_000), 1))
@@ -230,6 +232,7 @@ REAL_SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL_SHAPES)
 def test_real_grid_is_read_whole_and_written_back_alike(real_grids, tmp_path, name):
     grid = read_plot3d(real_grids / name)

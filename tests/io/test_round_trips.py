@@ -1,6 +1,7 @@
 """What goes there and back, on inputs that hypothesis searches for: index spaces, topology, knots, numbers in files."""
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from topology_cases import ORIENTATIONS, box, grid_of, split
@@ -19,6 +20,7 @@ searched = settings(max_examples=60, deadline=None, derandomize=True, database=N
 orientations = st.sampled_from(ORIENTATIONS)
 
 
+@pytest.mark.slow
 @searched
 @given(st.tuples(*3 * [st.integers(1, 5)]), orientations, orientations)
 def test_an_orientation_and_its_inverse_carry_index_spaces_there_and_back(shape, first, second):
@@ -34,6 +36,7 @@ def cuts(n):
     return st.lists(st.integers(1, n - 2), max_size=2, unique=True).map(sorted)
 
 
+@pytest.mark.slow
 @searched
 @given(st.data(), st.tuples(*3 * [st.integers(3, 6)]))
 def test_a_box_cut_anywhere_and_turned_at_random_is_joined_again(data, shape):
@@ -69,6 +72,7 @@ def room(knots):
     return [place / 32 for place in range(1, 32) if counts[place] < knots.order - 1]
 
 
+@pytest.mark.slow
 @searched
 @given(st.data(), st.integers(2, 6))
 def test_knots_put_in_and_orders_raised_in_any_sequence_keep_every_point(data, order):
@@ -88,6 +92,7 @@ def test_knots_put_in_and_orders_raised_in_any_sequence_keep_every_point(data, o
     assert finer_net.max() <= net.max() + 1e-12
 
 
+@pytest.mark.slow
 @searched
 @given(st.data(), st.integers(2, 5))
 def test_knots_come_back_from_the_array_that_a_file_holds(data, order):

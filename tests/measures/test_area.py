@@ -99,6 +99,7 @@ def test_sides_that_are_seen_edge_on_count_half_when_they_tilt():
     np.testing.assert_allclose(measure.evaluate(spread), 2.0 * (1.0 + 0.5e-3), rtol=1e-13)  # half of what the top gains
 
 
+@pytest.mark.slow
 def test_planform_areas_are_those_of_the_trapezoid(m6):
     planform, surface = onera_m6_planform(), SurfaceGrid.of(m6)
     exact = 0.5 * (planform.root_chord + planform.tip_chord) * planform.semi_span
@@ -107,6 +108,7 @@ def test_planform_areas_are_those_of_the_trapezoid(m6):
     assert projected(rectangular_wing()) == pytest.approx(6.0, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_a_plate_has_two_sides_and_one_planform():
     surface = SurfaceGrid.of(fit_grid(flat_plate_grid((9, 8, 7)), n_control=(5, 5, 5)))
     assert area(surface) == pytest.approx(4.0, rel=1e-12)
@@ -163,6 +165,7 @@ def test_derivatives_are_exact(make, relative):
     assert_derivatives_are_exact(ProjectedArea.of(surface))
 
 
+@pytest.mark.slow
 def test_derivatives_are_exact_on_the_wings_of_the_paper(m6):
     surface = SurfaceGrid.of(m6)
     for wing in (surface, with_points(surface, nodes_on_shape(m6, generic_blended_wing_body())[surface.rows])):

@@ -95,6 +95,7 @@ def measures():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["patches", "points", "plane"])
 def test_derivatives_are_exact(name):
     assert_derivatives_are_exact(measures()[name])

@@ -137,6 +137,7 @@ def test_a_duct_has_the_volume_of_what_flows_in_it():
     assert volume(surface, relative=True) == 1.0
 
 
+@pytest.mark.slow
 def test_a_flat_plate_has_no_volume_to_be_relative_to():
     surface = SurfaceGrid.of(fit_grid(flat_plate_grid((9, 8, 7)), n_control=(5, 5, 5)))
     assert abs(volume(surface)) < 1e-15
@@ -156,6 +157,7 @@ def test_derivatives_are_exact_between_parallel_planes():
     assert_derivatives_are_exact(EnclosedVolume.of(turned(surface)))
 
 
+@pytest.mark.slow
 def test_wings_of_the_paper_end_on_their_plane_of_symmetry(m6):
     surface = SurfaceGrid.of(m6)
     assert len(surface.planes) == 1
@@ -166,6 +168,7 @@ def test_wings_of_the_paper_end_on_their_plane_of_symmetry(m6):
         assert_derivatives_are_exact(EnclosedVolume.of(wing), size=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "patches", "volume_of", "area_of", "planform"),
     [
@@ -187,6 +190,7 @@ def test_bodies_in_real_grids_have_the_volume_and_areas_they_should(
     assert_derivatives_are_exact(EnclosedVolume.of(surface), size=1e-4)
 
 
+@pytest.mark.slow
 def test_the_surface_of_an_o_grid_about_the_m6_is_closed(real_grids):
     surface = SurfaceGrid.of(_model(real_grids / "pyhyp_m6_9blocks.xyz"))
     assert volume(surface) > 0.0

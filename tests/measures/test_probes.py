@@ -135,6 +135,7 @@ def test_what_is_no_line_is_refused(points, direction, message):
         opposite_probes(box(), points, direction)
 
 
+@pytest.mark.slow
 def test_sections_have_the_edges_of_the_planform():
     surface = SurfaceGrid.of(fit_grid(onera_m6_grid((13, 9, 11)), n_control=(7, 6, 6)))
     planform, fractions = onera_m6_planform(), np.array([0.0, 0.31, 0.77, 1.0])
@@ -168,6 +169,7 @@ def test_a_plane_that_touches_a_body_is_named():
         Cut(np.zeros(3), np.eye(3)[2], -2.0 * np.eye(3)[2])
 
 
+@pytest.mark.slow
 def test_winglets_are_cut_across_their_own_span():
     model = fit_grid(onera_m6_grid((13, 9, 17)), n_control=(7, 6, 8))
     surface = SurfaceGrid.of(model)

@@ -88,6 +88,7 @@ def test_the_lines_of_a_grid_stand_on_the_sheet_between_its_polylines():
     np.testing.assert_allclose(measured(thickness), measured(Thickness.grid(wing, *LINES, 5, 4)), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_direction_is_normal_to_the_planform_unless_told_otherwise(m6):
     surface = SurfaceGrid.of(m6)
     points = np.array([[[0.3, 0.0, 0.1], [0.5, 0.0, 0.3]]])
@@ -108,6 +109,7 @@ def test_thickness_does_not_change_with_a_rigid_motion_and_goes_with_the_size(re
         np.testing.assert_allclose(before, 1.0, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_plate_has_no_thickness_and_opens_along_the_line(plate):
     thickness = Thickness.at(plate, [[0.3, 0.0, 0.5], [0.6, 0.0, 1.4]], [0.0, 2.0, 0.0])
     assert (measured(thickness) < 1e-14).all()
@@ -162,11 +164,13 @@ def test_thickness_over_chord_does_not_change_when_a_section_is_scaled_turned_an
     np.testing.assert_allclose(sections.ratios(stretched), 0.5 * sections.ratios(sections.surface.points), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_sections_of_the_m6_are_alike_along_the_span(m6):
     sections = SectionThickness.at(SurfaceGrid.of(m6), [0.0, 0.3, 0.6, 0.9])
     np.testing.assert_allclose(measured(sections), 0.0965, atol=1.5e-3)
 
 
+@pytest.mark.slow
 def test_winglets_are_measured_across_their_own_span(m6):
     model = fit_grid(onera_m6_grid((21, 9, 21)), n_control=(9, 6, 9))
     surface, body = SurfaceGrid.of(model), generic_blended_wing_body()
@@ -181,6 +185,7 @@ def test_winglets_are_measured_across_their_own_span(m6):
     assert_derivatives_are_exact(sections, size=1e-3)
 
 
+@pytest.mark.slow
 def test_a_plate_has_thin_sections(plate):
     sections = SectionThickness.at(plate, [0.3, 0.6])
     assert (measured(sections) < 2e-4).all()
@@ -215,6 +220,7 @@ def test_derivatives_of_sections_are_exact(smallest):
     assert_derivatives_are_exact(SectionThickness.at(surface, [0.15, 0.5, 0.8], 7, smallest), size=1e-3)
 
 
+@pytest.mark.slow
 def test_derivatives_are_exact_on_plates_and_wings(plate, m6):
     assert_derivatives_are_exact(Thickness.at(plate, [[0.3, 0.0, 0.5], [0.6, 0.0, 1.4]]))
     assert_derivatives_are_exact(SectionThickness.at(plate, [0.3, 0.6]))

@@ -180,6 +180,7 @@ def test_stations_default_to_the_grid_lines_around_the_leading_edge():
         assert measure.evaluate(surface.points).shape == measure.shape == (6,)
 
 
+@pytest.mark.slow
 def test_edges_of_a_fitted_wing_are_found():
     surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 9, 13)), n_control=(9, 6, 7)))
     measure = LeadingEdgeRadius.at(surface, [0.0, 0.3, 0.6], relative_to="chord")

@@ -63,6 +63,7 @@ def test_an_oblique_symmetry_plane_frees_the_same_points_in_its_own_directions()
     np.testing.assert_array_equal(mesh.in_plane_rows, straight.in_plane_rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
 def test_sliding_is_an_orthogonal_projection(make):
     mesh = make()

@@ -37,6 +37,7 @@ def shell(permutation, flips):
     return Grid((Block(np.ascontiguousarray(nodes), "block 1"),), (Patch("wall", "wall", (window,)),), "half cylinder")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("permutation", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)])
 @pytest.mark.parametrize("flips", [(False, False, False), (True, False, False), (False, True, True)])
 def test_quads_face_the_fluid_in_blocks_of_any_orientation(permutation, flips):
@@ -45,6 +46,7 @@ def test_quads_face_the_fluid_in_blocks_of_any_orientation(permutation, flips):
     assert (np.sum(area_vectors(surface)[:, :2] * centres[:, :2], axis=1) > 0.0).all()
 
 
+@pytest.mark.slow
 def test_a_closed_body_cut_by_a_plane_leaves_only_the_hole_in_the_plane(wing):
     surface = SurfaceGrid.of(wing)
     hole = area_vectors(surface).sum(axis=0)
@@ -52,6 +54,7 @@ def test_a_closed_body_cut_by_a_plane_leaves_only_the_hole_in_the_plane(wing):
     assert hole[2] > 0.01  # the root section, seen from inside
 
 
+@pytest.mark.slow
 def test_every_node_is_there_once_and_in_the_grid(wing):
     surface = SurfaceGrid.of(wing)
     assert len(np.unique(surface.rows)) == len(np.unique(surface.points, axis=0)) == surface.n_points
@@ -59,6 +62,7 @@ def test_every_node_is_there_once_and_in_the_grid(wing):
     np.testing.assert_array_equal(wing.regenerate().to_vector().reshape(-1, 3)[surface.rows], surface.points)
 
 
+@pytest.mark.slow
 def test_the_two_sides_of_a_plate_are_not_glued(plate):
     upper, lower = SurfaceGrid.of(plate, "wing_upper"), SurfaceGrid.of(plate, "wing_lower")
     both = SurfaceGrid.of(plate, ["wing_*"])
@@ -67,6 +71,7 @@ def test_the_two_sides_of_a_plate_are_not_glued(plate):
     assert n_shared == 2 * n_span + n_stream - 2  # leading edge, trailing edge and tip alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keep_residual", [True, False])
 def test_the_map_gives_the_nodes_of_the_grid(keep_residual):
     model = fit_grid(onera_m6_grid((9, 8, 7)), n_control=(5, 6, 4), keep_residual=keep_residual)
@@ -79,6 +84,7 @@ def test_the_map_gives_the_nodes_of_the_grid(keep_residual):
     np.testing.assert_allclose(mapped, nodes, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_points_that_are_held_are_part_of_the_map(wing):
     mesh, surface = moving_mesh(wing, design="wing_upper"), SurfaceGrid.of(wing)
     surface_map = SurfaceMap.of(wing, mesh, surface)
@@ -90,6 +96,7 @@ def test_nodes_that_a_mover_decides_are_refused(wing):
         SurfaceMap.of(wing, moving_mesh(wing), SurfaceGrid.of(wing, "symmetry*"))
 
 
+@pytest.mark.slow
 def test_a_mesh_of_another_model_is_refused(wing):
     other = moving_mesh(fit_grid(onera_m6_grid((7, 7, 7)), n_control=(4, 5, 4)))
     with pytest.raises(InputError, match="the mesh is not the control mesh of H-H wing grid; make it with moving_mesh"):

@@ -27,6 +27,7 @@ def saved(tmp_path):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("compress", [False, True])
 def test_a_file_holds_everything(shape, compress, tmp_path):
@@ -55,6 +56,7 @@ def test_patches_dialect_and_blanking_survive(tmp_path):
     np.testing.assert_array_equal(header.iblanks[0], iblank)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ALL_SHAPES)
 def test_the_baseline_comes_back_with_its_residual(shape):
     grid = ALL_SHAPES[shape]()
@@ -148,6 +150,7 @@ def test_a_file_of_version_2_is_read_if_its_fit_is_still_known(saved):
         FittedModel.load(saved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["control_points", "document", "parameters/1", "knots/0/2"])
 def test_a_changed_or_missing_part_is_noticed(saved, name):
     with h5py.File(saved, "a") as file:
@@ -159,6 +162,7 @@ def test_a_changed_or_missing_part_is_noticed(saved, name):
         FittedModel.load(saved)
 
 
+@pytest.mark.slow
 def test_damaged_files_never_end_in_another_error(saved):
     rng = np.random.default_rng(11)
     content = np.frombuffer(saved.read_bytes(), np.uint8)

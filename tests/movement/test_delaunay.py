@@ -40,6 +40,7 @@ def test_derivatives_about_a_plate_are_transposed():
     assert_derivative_is_transposed(mover.move(*bent_surface(mover.mesh, size=0.05)))
 
 
+@pytest.mark.slow
 def test_several_increments_may_connect_the_graph_anew_where_one_does_not():
     mesh = channel()
     initial = irregular(mesh)

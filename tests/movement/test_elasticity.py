@@ -60,6 +60,7 @@ def test_boundaries_turned_in_increments_turn_the_mesh(n_increments):
     np.testing.assert_allclose(points, moved, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_stiffness_of_the_unknowns_is_that_of_the_elements_in_their_free_directions():
     mesh = oblique_channel()
     law, lame = OrthogonalityLaw(), lame_constants(0.2)
@@ -78,6 +79,7 @@ def test_stiffness_of_the_unknowns_is_that_of_the_elements_in_their_free_directi
     assert np.linalg.eigvalsh(lower + np.tril(lower, -1).T).min() > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [InverseVolumeLaw(), WallDistanceLaw(), ConstantLaw()], ids=repr)
 def test_derivatives_are_exact_with_other_stiffness_laws(law):
     mover = LinearElasticity(open_channel(), 0.3, 3, law)
@@ -86,6 +88,7 @@ def test_derivatives_are_exact_with_other_stiffness_laws(law):
     assert_derivative_is_exact(mover, initial, surface)
 
 
+@pytest.mark.slow
 def test_derivatives_are_exact_about_a_wing_and_with_collapsed_edges():
     for mesh in (wing(), collapsed()):
         mover = LinearElasticity(mesh, n_increments=2)
@@ -186,6 +189,7 @@ def test_a_stiffness_that_cannot_be_solved_is_told(bad):
         LinearElasticity(mesh, stiffness=StiffAbove(bad)).move(mesh.points, mesh.points[mesh.surface_ids] + 0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pyhyp_m6_9blocks.xyz", "cfl3d_delta_wing.fmt.gz", "cfl3d_sduct.bin"])
 def test_stiffness_is_positive_definite_on_fitted_meshes_with_folded_elements(real_grids, name):
     grid = read_grid(real_grids / name)

@@ -108,6 +108,7 @@ def mesh_of_many(dtype=float):
     return x, elements, signs, rng.uniform(0.5, 2.0, n).astype(dtype), elasticity.lame_constants(0.3), rng
 
 
+@pytest.mark.slow
 def test_change_of_the_force_is_its_complex_step():
     x, elements, signs, modulus, lame, rng = mesh_of_many(complex)
     u, dx, du = rng.normal(size=(3, *x.shape))

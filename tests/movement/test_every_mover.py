@@ -118,6 +118,7 @@ def test_the_move_turns_with_the_mesh(kind):
     np.testing.assert_allclose(again, points @ turn.T, atol=1e-11)
 
 
+@pytest.mark.slow
 @EVERY
 @pytest.mark.parametrize("n_increments", [1, 2, 5])
 @pytest.mark.parametrize("is_oblique", [False, True])
@@ -183,6 +184,7 @@ def test_a_movement_is_pickled_with_its_derivative(kind):
         np.testing.assert_array_equal(mine, other)
 
 
+@pytest.mark.slow
 @EVERY
 def test_threads_that_share_a_mover_get_the_same_bits(kind):
     mesh = oblique_channel()

@@ -77,6 +77,7 @@ def test_two_components_with_one_mover_make_the_factor_of_their_initial_points_o
     assert len(solver.factorised) == 3 * len(NAMES)  # of the second increments alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_threads_with_one_mover_get_what_each_gets_alone(kind):
     mesh, solver, together = channel(), CountingSolver(), Barrier(2)

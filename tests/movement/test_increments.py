@@ -60,6 +60,7 @@ def ratio_with(mesh, surface, n_increments):
 # a move
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "needed"), NEEDED.items())
 def test_a_move_takes_the_first_number_that_keeps_the_mesh_good_and_tells_what_it_tried(degrees, needed):
     mesh = plate_mesh()
@@ -76,12 +77,14 @@ def test_a_move_takes_the_first_number_that_keeps_the_mesh_good_and_tells_what_i
     assert given.report.tried == ()
 
 
+@pytest.mark.slow
 def test_the_number_does_not_depend_on_moves_before():
     mesh, mover = plate_mesh(), LinearElasticity(plate_mesh())
     for degrees in (120, 30, 90, 120, 60):
         assert mover.move(mesh.points, twisted(mesh, degrees)).report.n_increments == NEEDED[degrees]
 
 
+@pytest.mark.slow
 def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
     mesh = plate_mesh()
     surface = twisted(mesh, 170)
@@ -130,6 +133,7 @@ def test_more_increments_are_tried_where_a_mover_gives_up_and_the_error_names_th
         Fragile(mesh, farthest=1e-4).move(mesh.points, surface)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [60, 90, 120])
 def test_derivatives_are_exact_for_the_number_in_use(degrees):
     mesh, mover = plate_mesh(), LinearElasticity(plate_mesh())
@@ -158,6 +162,7 @@ def test_what_is_tried_before_costs_no_more_than_a_quarter(monkeypatch):
 # the three morphs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("request_", "most"), [("shape", 1), ("bend=60deg@0.7", 2), ("twist=30deg+stretch=1.5", 1)])
 def test_a_wing_changes_shape_in_one_increment_or_two_and_no_cell_inverts(request_, most):
     model = fit_grid(onera_m6_grid((13, 15, 11)), n_control=(7, 8, 6), keep_residual=False, method="quasi_interpolant")
@@ -223,6 +228,7 @@ def test_designs_decide_for_themselves_where_that_is_wanted(caplog):
     assert not group.model.move.options["keep_increments"]
 
 
+@pytest.mark.slow
 def test_totals_are_those_of_the_number_in_use_before_and_after_it_grows():
     problem, rng = problem_of(), np.random.default_rng(0)
     mesh = plate_mesh()
@@ -285,6 +291,7 @@ def twist_problem(driver=None, mover=None):
     return problem
 
 
+@pytest.mark.slow
 def test_finite_differences_across_the_angle_at_which_the_number_grows_are_of_one_number():
     problem = twist_problem()
     problem.set_val("angle", largest_good_angle(plate_mesh()))
@@ -297,6 +304,7 @@ def test_finite_differences_across_the_angle_at_which_the_number_grows_are_of_on
     assert problem.get_val(N_INCREMENTS) == 1
 
 
+@pytest.mark.slow
 def test_an_optimisation_goes_on_where_the_number_grows_and_records_it(tmp_path):
     problem = twist_problem(om.ScipyOptimizeDriver(optimizer="SLSQP", tol=1e-12, disp=False))
     problem.driver.add_recorder(om.SqliteRecorder(str(tmp_path / "cases.sql")))

@@ -148,6 +148,7 @@ def test_everything_follows_a_translation_where_the_far_field_may():
     np.testing.assert_allclose(points, initial + shift, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", [*COMPACT, *GLOBAL])
 def test_derivatives_of_every_kernel_are_exact(kernel):
     mover = mover_of(oblique_channel(), kernel, n_increments=2)
@@ -156,6 +157,7 @@ def test_derivatives_of_every_kernel_are_exact(kernel):
     assert_derivative_is_exact(mover, initial, surface)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_increments", [1, 5])
 @pytest.mark.parametrize("has_linear", [False, True])
 def test_derivatives_are_exact_in_any_number_of_increments(n_increments, has_linear):
@@ -165,6 +167,7 @@ def test_derivatives_are_exact_in_any_number_of_increments(n_increments, has_lin
     assert_derivative_is_exact(mover, initial, surface)
 
 
+@pytest.mark.slow
 def test_derivatives_about_a_plate_with_coincident_sides_are_exact_to_the_condition_of_the_system():
     mover = RadialBasis(plate(), n_increments=2)
     initial, surface = bent_surface(mover.mesh)

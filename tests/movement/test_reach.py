@@ -48,6 +48,7 @@ def test_movers_stay_far_within_the_bound_on_meshes_that_are_valid(kind):
         assert 0.99 < amplification(KINDS[kind](mesh, n_increments=2), surface) < 0.2 * MAX_AMPLIFICATION
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["elasticity", "elasticity, nu = 0.45"])
 def test_a_folded_mesh_that_runs_away_is_refused_with_a_cause_and_advice_that_helps(kind):
     grid = onera_m6_grid((5, 5, 5))

@@ -97,6 +97,7 @@ def noise(mover, surface):
     return np.abs(np.subtract(*moved)).max() / mesh.size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mover", "n_increments"),
     [(LinearElasticity, 1), (LinearElasticity, 3), (TorsionalSprings, 1), (TorsionalSprings, 3), (LinealSprings, 1)],
@@ -119,6 +120,7 @@ def test_products_by_the_surface_are_exact_for_slivers_along_no_axis():
     assert by_initial < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_derivatives_of_slivers_agree_with_differences(is_turned):
     mesh = plate_in_its_wake(is_turned)
@@ -126,6 +128,7 @@ def test_derivatives_of_slivers_agree_with_differences(is_turned):
     assert lost_in_differences(mover, surface, surface - mesh.points[mesh.surface_ids], h=3e-3) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_round_off_of_the_surface_stays_round_off_among_slivers(is_turned):
     mesh = plate_in_its_wake(is_turned)
@@ -150,6 +153,7 @@ def test_corrections_that_do_not_converge_are_told_by_the_digits(monkeypatch):
     assert LinearElasticity(mesh, n_increments=1).move(mesh.points, pitched(mesh)).report.digits < 9.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["least_squares", "valid"])
 @pytest.mark.parametrize("name", [C_GRID, RAE, O_GRID])
 def test_products_and_differences_on_viscous_sections_are_exact(real_grids, name, method):

@@ -102,6 +102,7 @@ def collapsed():
     return crooked_box(amount=0.1, is_collapsed=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("network", "make", "tolerance"),
     [(LinealSprings, wing, 1e-8), (LinealSprings, collapsed, 1e-8), (TorsionalSprings, collapsed, 1e-8)]

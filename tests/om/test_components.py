@@ -161,6 +161,7 @@ def test_every_component_is_in_the_partials_table():
     }
 
 
+@pytest.mark.slow
 @every_component
 def test_forward_and_reverse_products_are_transposes(model, component, options, of, wrt):
     rng = np.random.default_rng(1)
@@ -174,6 +175,7 @@ def test_forward_and_reverse_products_are_transposes(model, component, options, 
     assert abs(forward @ w - v @ reverse) < 1e-12 * scale
 
 
+@pytest.mark.slow
 @every_component
 def test_products_are_directional_derivatives(model, component, options, of, wrt):
     rng = np.random.default_rng(2)
@@ -260,6 +262,7 @@ def test_partials_that_vary_are_refused_under_complex_step(model, case):
         problem.model.run_linearize()
 
 
+@pytest.mark.slow
 def test_totals_by_complex_steps_through_linear_components_are_exact(model):
     def totals(method):
         problem, size = om.Problem(reports=False), {"shape": 3 * model.n_nodes, "units": "m"}
@@ -293,6 +296,7 @@ def test_totals_by_complex_steps_with_a_coloring_are_refused_in_one_line(model):
         problem.compute_totals()
 
 
+@pytest.mark.slow
 def test_the_assembled_jacobian_is_the_matrix_free_one(model):
     totals = [
         run_problem(GridEvaluate, plain(model), assembled=assembled).compute_totals([GRID], [CONTROL_POINTS])
@@ -359,6 +363,7 @@ def test_the_total_of_the_chain_is_a_projection(model, mode, seed_of, result_of)
     np.testing.assert_allclose(total(once), once, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("live", [False, True])
 def test_taylor_remainder_of_the_totals_is_of_second_order(model, live):
     problem = chain(model, growth=1.3, live=live)
@@ -374,6 +379,7 @@ def test_taylor_remainder_of_the_totals_is_of_second_order(model, live):
     assert (rates > 1.9).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("component", [Fit, GridEvaluate, LiveGridEvaluate])
 def test_matrix_free_components_hold_no_jacobian(component):
     """OpenMDAO allocates a full matrix for every declared partial that is not sparse, here 11 GB."""

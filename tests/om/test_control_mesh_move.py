@@ -165,6 +165,7 @@ def test_a_mover_that_gives_up_is_an_analysis_error(mesh):
     assert problem.model.move.report is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
 def test_a_product_that_fails_is_an_analysis_error(mesh, mode, monkeypatch):
     problem = problem_of(LinearElasticity(mesh, n_increments=2, solver=ConjugateGradients()))
@@ -219,6 +220,7 @@ def height_problem(mesh, driver, upper) -> om.Problem:
     return problem
 
 
+@pytest.mark.slow
 def test_an_optimizer_stops_with_the_error_and_the_problem_goes_on(mesh):
     """SLSQP of SciPy cannot back off, and OpenMDAO raises what a run raised when SLSQP is done."""
     problem = height_problem(mesh, om.ScipyOptimizeDriver(optimizer="SLSQP", disp=False), upper=5.0)
@@ -277,6 +279,7 @@ def test_what_is_no_mover_is_refused(mover):
         problem_of(mover)
 
 
+@pytest.mark.slow
 def test_a_difference_step_may_leave_a_symmetry_plane():
     mesh = moving_mesh(fit_grid(flat_plate_grid((9, 9, 9)), n_control=(5, 5, 5)))
     assert len(mesh.in_plane_rows)

@@ -152,6 +152,7 @@ def test_every_mover_variable_constraint_and_measure_is_in_the_table():
     assert variables | constraints | measures <= set(THINGS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", THINGS)
 def test_copies_give_equal_bits_before_and_after_the_original_was_used(name):
     make, use = THINGS[name]

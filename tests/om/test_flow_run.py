@@ -7,6 +7,7 @@ from bspline_mdao import EulerFlow, fit_grid, onera_m6_grid
 from bspline_mdao.om.flow.flow_run import run_flow
 
 
+@pytest.mark.slow
 def test_an_euler_flow_tells_its_cells_and_its_convergence():
     problem = om.Problem(EulerFlow(model=fit_grid(onera_m6_grid((5, 6, 5))), reference_area=1.16), reports=None)
     problem.setup()

@@ -49,6 +49,7 @@ def bent(model, amount=0.05):
     return surface.ravel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"fit": False}, {"live": True}, {"quality": False}, {"mover": Shear}])
 def test_the_first_run_gives_the_baseline(plate, options):
     if "mover" in options:
@@ -57,6 +58,7 @@ def test_the_first_run_gives_the_baseline(plate, options):
     np.testing.assert_allclose(problem.get_val(GRID, units="m"), plate.regenerate().to_vector(), atol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_chain_is_that_of_the_picture(plate):
     model = problem_of(plate).model
     names = [system.name for system in model.grid_movement.system_iter(recurse=False)]
@@ -69,6 +71,7 @@ def test_the_chain_is_that_of_the_picture(plate):
     assert inputs - outputs == {GRID_INITIAL, SURFACE_CONTROL_POINTS, "size.x"}
 
 
+@pytest.mark.slow
 def test_bounds_of_the_quality_can_be_named(plate):
     problem = problem_of(plate, quality=("height_low_ks", "height_high_ks"))
     assert 0.99 < problem.get_val("height_low_ks").item() < 1.0 < problem.get_val("height_high_ks").item() < 1.01
@@ -125,6 +128,7 @@ def test_the_chain_of_given_nodes_measures_them_and_meets_them(plate):
     assert all(cells.is_valid.all() for cells in quality.cells(grid))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fwd", "rev"])
 def test_totals_of_given_nodes_are_those_of_differences(plate, mode):
     surface = SurfaceGrid.of(plate)
@@ -183,6 +187,7 @@ def test_the_grid_is_that_of_the_parts(plate):
     np.testing.assert_allclose(problem.get_val(GRID), plate.regenerate(moved).to_vector(), atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"fit": False}, {"live": True}])
 def test_taylor_remainder_is_of_second_order_down_to_round_off(plate, options):
     problem = problem_of(plate, quality=False, **options)
@@ -226,6 +231,7 @@ def test_forward_and_reverse_totals_are_transposes(live):
     assert abs(left - right) < 1e-11 * scale
 
 
+@pytest.mark.slow
 def test_the_chain_recovers_from_an_infeasible_surface(plate):
     problem, fresh = problem_of(plate), problem_of(plate)
     problem.set_val(SURFACE_CONTROL_POINTS, bent(plate, 300.0))

@@ -147,6 +147,7 @@ def direct_chain(wing):
     return run(problem, **DESIGN, alpha=CONDITIONS["angle_of_attack"], Mach_number=CONDITIONS["mach_number"])
 
 
+@pytest.mark.slow
 def test_a_scenario_gives_the_grid_and_the_forces_of_the_chain_without_mphys(wing):
     problem, direct = cruise(wing), direct_chain(wing)
     np.testing.assert_allclose(problem.get_val("cruise.aero_vol_coords"), direct.get_val("grid"), atol=1e-12)
@@ -154,6 +155,7 @@ def test_a_scenario_gives_the_grid_and_the_forces_of_the_chain_without_mphys(win
         np.testing.assert_allclose(problem.get_val(f"cruise.{name}"), direct.get_val(name), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_scenario_promotes_the_names_of_mphys(wing):
     scenario = cruise(wing).model.cruise
     variables = mphys.MPhysVariables.Aerodynamics
@@ -169,6 +171,7 @@ def test_a_scenario_promotes_the_names_of_mphys(wing):
 TOTALS = (["cruise.CL", "cruise.CD", "cruise.CM", "cruise.span_load"], [*DESIGN, *conditions()])
 
 
+@pytest.mark.slow
 def test_totals_of_a_scenario_agree_forward_and_reverse(wing):
     forward, reverse = (cruise(wing, mode).compute_totals(*TOTALS) for mode in ("fwd", "rev"))
     for key, total in forward.items():
@@ -196,10 +199,12 @@ def assert_totals_are_slopes(problem, of, wrt):
         np.testing.assert_allclose(exact, slopes(problem, of, name, direction), rtol=1e-7, atol=1e-9 * scale)
 
 
+@pytest.mark.slow
 def test_totals_of_a_scenario_are_those_of_differences_extrapolated(wing):
     assert_totals_are_slopes(cruise(wing), *TOTALS)
 
 
+@pytest.mark.slow
 def test_totals_of_a_scenario_are_those_of_the_chain_without_mphys(wing):
     totals = cruise(wing).compute_totals(["cruise.CL"], list(DESIGN))
     for (_, name), expected in direct_chain(wing).compute_totals(["CL"], list(DESIGN)).items():
@@ -219,6 +224,7 @@ def test_nothing_of_ours_warns_in_one_process(wing):
         cruise(wing).compute_totals(["cruise.CL"], ["twist"])
 
 
+@pytest.mark.slow
 def test_the_euler_equations_fly_a_scenario_with_exact_totals():
     wing = small_wing((7, 6, 5))
     builder = EulerBuilder(wing.model, surface=wing.surface, mover=wing.mover, reference_area=0.75)
@@ -319,6 +325,7 @@ def test_a_foreign_solver_is_handed_its_own_nodes_in_its_own_order(wing, foreign
     assert np.abs(handed - builder.volume).max() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::openmdao.api.DistributedComponentWarning")
 def test_totals_of_a_foreign_solver_agree_forward_and_reverse_and_with_differences(foreign):
     totals = [run(foreign[1](), mode, **DESIGN).compute_totals(["cruise.cl"], list(DESIGN)) for mode in ("fwd", "rev")]
@@ -419,6 +426,7 @@ def test_nodes_that_leave_a_plane_of_symmetry_are_an_analysis_error(wing):
         warped(wing, wing.surface.points + [0.0, 0.0, 0.01])
 
 
+@pytest.mark.slow
 def test_totals_of_nodes_that_no_spline_has_are_those_of_differences(wing):
     problem = warped(wing, kinked(wing))
     rng, nodes = np.random.default_rng(9), problem.get_val("x_aero").copy()

@@ -47,6 +47,7 @@ INSIDE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "algorithm", "local_optimizer"),
     PLAIN + INSIDE,
@@ -70,6 +71,7 @@ def test_slsqp_reaches_what_that_of_scipy_reaches_in_no_more_than_twice_the_eval
     assert ours.driver.result.deriv_evals <= 2 * theirs.driver.result.deriv_evals
 
 
+@pytest.mark.slow
 def test_slsqp_needs_no_more_evaluations_than_that_of_scipy_on_all_problems_together():
     ours, theirs = (
         sum(solve(case, driver()).driver.result.model_evals for case in CASES)
@@ -100,6 +102,7 @@ GLOBAL = [a.name for a in ALGORITHMS.values() if a.is_global and a.local_optimiz
 FAR = {"GN_ESCH": 0.2, "GN_ISRES": 0.2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", GLOBAL)
 def test_global_algorithms_come_near_within_their_budget(algorithm):
     case = BY_NAME["paraboloid"]
@@ -108,6 +111,7 @@ def test_global_algorithms_come_near_within_their_budget(algorithm):
     assert problem.driver.result.success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [name for name in GLOBAL if ALGORITHMS[name].inequality])
 def test_global_algorithms_keep_constraints(algorithm):
     problem = solve(BY_NAME["upper"], nlopt_driver(algorithm, maxeval=1000))
@@ -474,6 +478,7 @@ def test_variables_that_are_fixed_by_their_bounds_stay():
 # OpenMDAO around it
 
 
+@pytest.mark.slow
 def test_every_evaluation_is_recorded(tmp_path):
     problem = on_vectors(indices=[0, 3], upper=[2.0, 5.0])
     problem.driver = nlopt_driver("LD_MMA")
@@ -609,6 +614,7 @@ def test_a_driver_runs_again_after_its_options_were_changed():
     assert problem.get_val("f").item() == pytest.approx(paraboloid_on_line(-15.0), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_parameters_of_one_algorithm_reach_nlopt():
     counts = [
         run(rosenbrock(), optimizer="LD_MMA", parameters=parameters).driver.result.model_evals

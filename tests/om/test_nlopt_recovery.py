@@ -116,6 +116,7 @@ def test_walls_are_survived_beside_equality_constraints(algorithm, local_optimiz
     assert problem.driver.result.success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "algorithm", ["LN_COBYLA", "LN_BOBYQA", "LN_SBPLX", "LN_NELDERMEAD", "GN_DIRECT_L", "GN_CRS2_LM"]
 )
@@ -320,6 +321,7 @@ def visited(case, algorithm, make_rules, monkeypatch):
     return np.array(points), problem.driver.result.deriv_evals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["LD_MMA", "LD_CCSAQ", "LD_SLSQP"])
 def test_gradients_that_are_left_out_change_no_point(algorithm, monkeypatch):
     class Patient(LineSearchRules):

@@ -46,6 +46,8 @@ pytest.importorskip("mphys", reason="MPhys is not installed")
 from bspline_mdao.om.mphys import builders as flow_group
 from bspline_mdao.om.mphys import geometry, warper
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 MOVERS = (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
 

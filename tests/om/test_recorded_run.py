@@ -30,6 +30,7 @@ def runs(tmp_path_factory):
     return optimise_with(DRIVERS, scaled_problem, 1e-14, 50, tmp_path_factory.mktemp("cases"))
 
 
+@pytest.mark.slow
 def test_convergence_of_recorded_cases_is_that_of_the_problem(runs):
     for run in runs.values():
         found, values = run.convergence, run.history["g"].ravel()
@@ -43,6 +44,7 @@ def test_convergence_of_recorded_cases_is_that_of_the_problem(runs):
     np.testing.assert_allclose(runs["NLopt LD_SLSQP"].convergence.residuals[0], 0.6 / np.sqrt(2.0))
 
 
+@pytest.mark.slow
 def test_numbers_sum_an_optimisation_up(runs):
     for run in runs.values():
         numbers = run.numbers()
@@ -56,6 +58,7 @@ def test_numbers_sum_an_optimisation_up(runs):
         assert numbers["seconds"] == pytest.approx(sum(run.seconds.values()))
 
 
+@pytest.mark.slow
 def test_optimality_of_a_problem_is_that_of_the_point_where_it_is(runs):
     run = runs["SciPy SLSQP"]
     residual, violation = optimality_of(run.problem)
@@ -69,6 +72,7 @@ def test_optimality_of_a_problem_is_that_of_the_point_where_it_is(runs):
     assert violation == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_the_components_of_a_group_may_be_told_of_as_one():
     def make_problem():
         problem = om.Problem(reports=None)
@@ -84,6 +88,7 @@ def test_the_components_of_a_group_may_be_told_of_as_one():
     assert set(run.numbers("flow")["shares"]) == {"flow", "rest"}
 
 
+@pytest.mark.slow
 def test_cases_are_kept_where_a_folder_is_named(tmp_path):
     optimise_with({"NLopt LD_SLSQP": nlopt}, scaled_problem, 1e-6, 50, tmp_path / "new", "design")
     (file,) = (tmp_path / "new").iterdir()

@@ -10,6 +10,7 @@ image = pytest.importorskip("matplotlib.image", reason="matplotlib is not instal
 colors = pytest.importorskip("matplotlib.colors")
 
 
+@pytest.mark.slow
 def test_inverted_cells_at_the_wall_are_red(tmp_path):
     grid = infinite_wing_grid(naca_section(), (9, 13), Spacing(off_wall=1e-3, leading=5e-3, trailing=5e-3))
     nodes = grid.to_vector().reshape(-1, 3)

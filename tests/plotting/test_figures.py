@@ -14,6 +14,7 @@ from bspline_mdao.plotting.figures import net_quads
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 
 
+@pytest.mark.slow
 def test_importing_the_pictures_loads_no_library_that_draws():
     code = (
         "import sys, bspline_mdao.plotting as p; p.draw_net; p.draw_scene; p.draw_first_heights; p.draw_designs; "

@@ -60,6 +60,7 @@ def test_marks_are_drawn_over_walls_and_walls_over_planes(without_renderer, tmp_
     assert (np.abs(pixels - 1.0).max(axis=-1) > 0.02).mean() > 0.4
 
 
+@pytest.mark.slow
 def test_a_rendered_scene_fills_its_part_of_the_picture(tmp_path):
     if not has_renderer():
         pytest.skip("PyVista does not render here")
@@ -73,6 +74,7 @@ def test_a_rendered_scene_fills_its_part_of_the_picture(tmp_path):
     assert inside.mean() == pytest.approx(0.5, abs=0.05)  # the net is half as high as what is shown
 
 
+@pytest.mark.slow
 def test_faces_of_patches_are_cut_at_any_resolution():
     model = fit_grid(onera_m6_grid((7, 6, 5)), n_control=(5, 5, 4))
     nodes = [block.nodes for block in model.regenerate().blocks]

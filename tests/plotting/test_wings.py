@@ -58,6 +58,7 @@ def axes(tmp_path):
         yield canvas.subplots()
 
 
+@pytest.mark.slow
 def test_sides_and_sections_of_a_wing_are_found(model, nodes):
     upper, lower = wing_sides(model, nodes)
     assert upper.shape == lower.shape == (9, 9, 3)
@@ -68,6 +69,7 @@ def test_sides_and_sections_of_a_wing_are_found(model, nodes):
     assert np.ptp(section[:, 2]) < 0.05
 
 
+@pytest.mark.slow
 def test_planform_and_sections_have_the_sizes_of_the_wing(model, nodes, axes):
     draw_planform(axes, model, nodes, color="red")
     (outline,) = axes.lines
@@ -80,6 +82,7 @@ def test_planform_and_sections_have_the_sizes_of_the_wing(model, nodes, axes):
     assert len(axes.get_legend_handles_labels()[1]) == 1
 
 
+@pytest.mark.slow
 def test_twist_is_positive_with_the_leading_edge_up(model, nodes, axes):
     mesh = moving_mesh(model)
     twist = Twist("twist", ReferenceAxis.of(mesh, at=1.0), 2)

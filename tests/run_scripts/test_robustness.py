@@ -20,6 +20,7 @@ def script(monkeypatch):
     return importlib.import_module
 
 
+@pytest.mark.slow
 def test_elasticity_leads_the_table_of_robustness(script):
     numbers = script("robustness_table").main(deformations=("twist=90deg",))
     movers = numbers["movers"]
@@ -33,6 +34,7 @@ def test_elasticity_leads_the_table_of_robustness(script):
     assert numbers["not_applicable"] == {}
 
 
+@pytest.mark.slow
 def test_the_number_of_increments_that_a_move_chooses_loses_no_case_that_five_manage(script, monkeypatch):
     table = script("robustness_table")
     studied = {name: table.INCREMENTS[name] for name in ("auto", "m = 1", "m = 5")}
@@ -67,6 +69,7 @@ def test_what_the_first_mover_loses_is_named(script):
     assert (row["n_valid"], row["n_failed"], row["share_of_possible"], row["q_min"]) == (1, 1, 0.5, 0.2)
 
 
+@pytest.mark.slow
 def test_cells_that_were_invalid_before_are_not_counted(script, monkeypatch):
     body = script("robustness_table").Body("plate", flat_plate_grid((7, 7, 7)), (5, 5, 5))
     points = body.mesh.points.copy()
@@ -79,6 +82,7 @@ def test_cells_that_were_invalid_before_are_not_counted(script, monkeypatch):
     assert body.judge(points) == (0, np.inf)
 
 
+@pytest.mark.slow
 def test_a_real_grid_moves_and_what_it_cannot_take_is_told(script, real_grids, tmp_path):
     shutil.copy(real_grids / "cgns_5blocks.cgns", tmp_path)
     (tmp_path / "notes.txt").write_text("no grid")

@@ -9,6 +9,8 @@ import pytest
 
 from bspline_mdao.om.drivers.recorded_run import nlopt
 
+pytestmark = pytest.mark.slow
+
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
 IDEAL = 0.00746

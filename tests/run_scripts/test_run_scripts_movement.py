@@ -8,6 +8,8 @@ import pytest
 
 from bspline_mdao.plotting import scenes
 
+pytestmark = pytest.mark.slow
+
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
 

@@ -9,6 +9,8 @@ import pytest
 from openmdao.core.component import Component
 from openmdao.visualization.n2_viewer.n2_viewer import _get_viewer_data
 
+pytestmark = pytest.mark.slow
+
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
 

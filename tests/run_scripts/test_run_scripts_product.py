@@ -18,6 +18,7 @@ def script(monkeypatch):
     return importlib.import_module
 
 
+@pytest.mark.slow
 def test_control_mesh_is_drawn(script, tmp_path):
     numbers = script("control_mesh").main(figures=tmp_path)
     assert numbers["n_nodes"] == 12 * 23 * 33 * 17
@@ -55,6 +56,7 @@ def test_real_grids_table_needs_a_folder(script, monkeypatch):
         script("real_grids_table").main()
 
 
+@pytest.mark.slow
 def test_every_real_grid_is_fitted_or_refused(script, real_grids):
     table = script("real_grids_table").main(folder=real_grids)
     assert len(table) > 15
@@ -62,6 +64,7 @@ def test_every_real_grid_is_fitted_or_refused(script, real_grids):
         assert "skipped" in row or "refused" in row or row["relative_rms"] < 0.5, name
 
 
+@pytest.mark.slow
 def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_path):
     viscous = script("viscous_grids")
     numbers = viscous.main(figures=tmp_path, table=tmp_path / "table.csv")
@@ -81,6 +84,7 @@ def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_pat
         assert 5_000 < (tmp_path / f"{name}.png").stat().st_size < 200_000
 
 
+@pytest.mark.slow
 def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
     """Of the walls alone: all the rest of the grid goes with them, as far as its boundary."""
     viscous = script("viscous_grids")
@@ -92,6 +96,7 @@ def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
     assert np.abs(moved - nodes).max() > 1.0
 
 
+@pytest.mark.slow
 def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path):
     grids = script("viscous_grids")
     ((_, section),) = grids.collect(False, None, (), None)

@@ -58,6 +58,7 @@ def test_figure_3_shows_a_smooth_basis_function_that_moves(script):
     assert max(numbers["jumps"]) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["figure1_basis", "figure2_mesh1d", "figure3_modified_basis"])
 def test_script_writes_what_it_is_told_to_and_nothing_else(name, tmp_path):
     command = [sys.executable, RUN_SCRIPTS / f"{name}.py", "--paper", "--json", "numbers.json", "--figures", "figures"]

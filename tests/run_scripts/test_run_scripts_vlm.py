@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow
+
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
 

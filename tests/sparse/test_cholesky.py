@@ -45,6 +45,7 @@ def factor_of(matrix, points, solver=None):
     return (solver or Cholesky()).analyze(matrix.pattern, points).factorize(matrix)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("single", [False, True])
 def test_cancellation_is_what_elimination_leaves_of_the_diagonal_whatever_the_scale(single):
     matrix, points = box_matrix((4, 3, 3))
@@ -60,6 +61,7 @@ def test_cancellation_is_what_elimination_leaves_of_the_diagonal_whatever_the_sc
     assert expected > 1.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
 def test_solution_is_that_of_scipy(solver):
     matrix, points = box_matrix()
@@ -130,6 +132,7 @@ def test_matrix_that_is_not_finite_is_refused():
         factor_of(matrix, points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_threads", [1, 2, 3])
 def test_factor_has_the_same_bits_for_any_number_of_threads(n_threads):
     matrix, points = box_matrix((17, 16, 15))
@@ -143,6 +146,7 @@ def test_factor_has_the_same_bits_for_any_number_of_threads(n_threads):
     )
 
 
+@pytest.mark.slow
 def test_bad_pivot_is_found_with_threads():
     matrix, points = box_matrix((17, 16, 15))
     matrix.data[matrix.pattern.indptr[1:] - 1] *= np.where(np.arange(matrix.pattern.n) == 2000, -1, 1)[:, None, None]
@@ -158,6 +162,7 @@ def test_single_precision_takes_half_the_memory_and_any_scale():
     np.testing.assert_allclose(single.apply(points), double.apply(points), rtol=1e-4, atol=1e-4 * 1e-150)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("single", [False, True])
 def test_memory_of_a_factorisation_is_known_before_it_is_made(single):
     matrix, points = box_matrix((17, 16, 15))
@@ -171,6 +176,7 @@ def test_memory_of_a_factorisation_is_known_before_it_is_made(single):
     assert 0 <= peak - analysis.factor_bytes - analysis.work_bytes < 4 * matrix.data.nbytes
 
 
+@pytest.mark.slow
 def test_factor_that_is_gone_leaves_its_memory_to_the_next():
     matrix, points = box_matrix((17, 16, 15))
     analysis = Cholesky(n_threads=1).analyze(matrix.pattern, points)

@@ -48,6 +48,7 @@ def levels_of_fill(matrix, order):
     return level
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fill", [0, 1, 2, 3])
 def test_pattern_holds_the_blocks_whose_level_of_fill_is_small_enough(matrix, fill):
     order = np.random.default_rng(3).permutation(matrix.pattern.n)
@@ -57,6 +58,7 @@ def test_pattern_holds_the_blocks_whose_level_of_fill_is_small_enough(matrix, fi
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5])
 def test_factor_without_dropping_is_the_inverse(matrix, right, seed):
     order = np.random.default_rng(seed).permutation(matrix.pattern.n)
@@ -104,6 +106,7 @@ def test_solution_is_that_of_a_direct_solver(matrix, right):
     np.testing.assert_allclose(x.ravel(), np.linalg.solve(dense(matrix), right.ravel()), rtol=0.0, atol=1e-9 * norm(x))
 
 
+@pytest.mark.slow
 def test_more_fill_takes_fewer_iterations():
     matrix = stiffness((9, 10, 11), seed=7)
     right = np.random.default_rng(8).normal(size=(matrix.pattern.n, 3))

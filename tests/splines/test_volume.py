@@ -28,6 +28,7 @@ def greville_net(volume):
     return np.stack(np.meshgrid(*averages, indexing="ij"), axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ORDERS)
 def test_mapping_agrees_with_scipy_ndbspline(order):
     rng = np.random.default_rng(order)

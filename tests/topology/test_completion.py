@@ -90,6 +90,7 @@ STORED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stored", STORED)
 @pytest.mark.parametrize("name", GRIDS)
 def test_round_off_and_gaps_of_the_size_of_wall_cells_tear_nothing(name, stored):
@@ -261,6 +262,7 @@ def test_every_command_tells_of_faces_that_nearly_meet(tmp_path):
         assert result.output.count("not joined, though they nearly meet") == 1
 
 
+@pytest.mark.slow
 def test_a_wing_with_a_gap_at_its_tip_moves_as_one_without():
     moved = []
     for grid in (GRIDS["wing"], torn_wing()):

@@ -92,6 +92,7 @@ def test_boxes_and_balls_have_no_periodic_faces(make, octant):
     assert find_periodic(grid, boundary(grid)) == ()
 
 
+@pytest.mark.slow
 def test_periodic_planes_of_real_grids_are_named(real_grids):
     rotor = read_grid(real_grids / "cfl3d_rotorstator.fmt")
     (pair,) = find_periodic(rotor, boundary(rotor))

@@ -32,6 +32,7 @@ def test_a_point_that_is_no_node_is_refused():
         rows_of_points(grid, find_topology(grid), points)
 
 
+@pytest.mark.slow
 def test_nodes_on_both_sides_of_a_plate_cannot_be_reported_apart_and_are_refused():
     grid = flat_plate_grid((5, 5, 5))
     topology = find_topology(grid)

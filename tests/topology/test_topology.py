@@ -134,6 +134,7 @@ def test_every_cell_of_every_face_of_a_generated_grid_is_described_once(grid):
     assert_faces_are_accounted_for(topology)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONFORMING)
 def test_turning_and_renumbering_blocks_changes_nothing_but_numbers(name):
     blocks, *numbers = CONFORMING[name]
@@ -397,6 +398,7 @@ def test_an_interface_is_whole_though_round_off_is_as_large_as_the_wall_spacing(
     assert len(topology.segments) == 2
 
 
+@pytest.mark.slow
 def test_more_segments_than_allowed_are_not_cut():
     nodes = smooth_box(5, 41, 41)
     pegs = [nodes[4:, j : j + 3, k : k + 3] + 0.0 for j in range(0, 40, 4) for k in range(0, 40, 4)]
@@ -408,6 +410,7 @@ def test_more_segments_than_allowed_are_not_cut():
     assert topology.warnings[-1] == f"and {len(pegs) - len(topology.interfaces) - 20} more like these"
 
 
+@pytest.mark.slow
 def test_a_grid_of_rubbish_is_sorted_out_quickly():
     rng = np.random.default_rng(4)
     rubbish = [rng.integers(0, 3, (25, 26, 27, 3)) for _ in range(2)]
@@ -484,6 +487,7 @@ READ_GRIDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READ_GRIDS)
 def test_real_grids_have_the_topology_that_their_authors_gave_them(real_grids, name):
     plot3d = pytest.importorskip("bspline_mdao.io.plot3d")

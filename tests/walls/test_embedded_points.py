@@ -38,6 +38,7 @@ def first_nodes(model):
     return cells.next_rows[~np.isin(cells.next_rows, wall)]
 
 
+@pytest.mark.slow
 def test_embedded_points_at_nodes_next_to_the_wall_move_as_these_do(model, twisted, first_nodes):
     grid = model.grid_map().at(twisted)
     nodes = grid.of.nodes
@@ -50,6 +51,7 @@ def test_embedded_points_at_nodes_next_to_the_wall_move_as_these_do(model, twist
     assert np.quantile(np.linalg.norm(plain - grid.nodes[first_nodes], axis=1), 0.9) > 1e-4
 
 
+@pytest.mark.slow
 def test_embedded_points_stay_in_a_plane_of_symmetry(model, twisted, first_nodes):
     grid = model.grid_map().at(twisted)
     nodes = grid.of.nodes[first_nodes]
@@ -60,6 +62,7 @@ def test_embedded_points_stay_in_a_plane_of_symmetry(model, twisted, first_nodes
     assert np.abs(points - nodes[in_plane]).max() > 1e-8
 
 
+@pytest.mark.slow
 def test_embedded_points_follow_a_rigid_motion(model, rng):
     inside = model.embed_points(model.evaluator().forward(model.control_points)[::7])
     turn = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
@@ -69,6 +72,7 @@ def test_embedded_points_follow_a_rigid_motion(model, rng):
     np.testing.assert_allclose(state.points, inside.points @ turn.T + shift, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_derivatives_of_embedded_points_are_exact(model, twisted, first_nodes, rng):
     grid_map = model.grid_map()
     nodes = np.concatenate([grid_map.nodes[first_nodes], grid_map.nodes[::11]])

@@ -53,6 +53,7 @@ def moved(model, rng, size=2e-3):
     return model.control_points @ turn.T + size * rng.standard_normal(model.control_points.shape)
 
 
+@pytest.mark.slow
 def test_control_points_of_the_baseline_give_the_baseline(model):
     grid_map = map_of(model)
     fitted = model.evaluator().forward(model.control_points)
@@ -60,6 +61,7 @@ def test_control_points_of_the_baseline_give_the_baseline(model):
     np.testing.assert_allclose(grid_map.at(model.control_points).nodes, baseline, rtol=0, atol=1e-15 * np.ptp(baseline))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", range(3))
 def test_a_quarter_turn_of_all_control_points_turns_all_nodes(model, axis):
     """Planes of symmetry turn with the rest."""
@@ -70,6 +72,7 @@ def test_a_quarter_turn_of_all_control_points_turns_all_nodes(model, axis):
     np.testing.assert_allclose(found, asked, rtol=0, atol=1e-14 * np.ptp(grid_map.nodes))
 
 
+@pytest.mark.slow
 def test_without_walls_vectors_of_the_residual_turn_with_the_grid(wing):
     grid_map = map_of(without_kinds(wing))
     assert grid_map.layer is None
@@ -79,6 +82,7 @@ def test_without_walls_vectors_of_the_residual_turn_with_the_grid(wing):
     assert np.abs(turned - wing.residual).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_without_the_layer_the_map_is_that_of_the_paper(wing, plate):
     for model in (wing, plate):
         grid_map = map_of(model, wall_layer=False)
@@ -91,6 +95,7 @@ def test_without_the_layer_the_map_is_that_of_the_paper(wing, plate):
         assert not map_of(model).is_linear
 
 
+@pytest.mark.slow
 def test_what_does_not_move_stays_to_the_bit(wing):
     """Held boundaries, and nodes in planes of symmetry along the normal."""
     rng, b = np.random.default_rng(3), wing.control_points.copy()
@@ -112,11 +117,13 @@ def test_what_does_not_move_stays_to_the_bit(wing):
     assert len(plane) > 100 < len(held)
 
 
+@pytest.mark.slow
 def test_copies_have_equal_bits(model):
     found, copies = map_of(model).at(moved(model, np.random.default_rng(4))).nodes, node_sharing(model.topology).copies
     np.testing.assert_array_equal(found[copies[:, 0]], found[copies[:, 1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wall_layer", [True, False])
 def test_jvp_is_the_derivative_and_vjp_its_transpose(model, wall_layer):
     rng, grid_map = np.random.default_rng(5), map_of(model, wall_layer)

@@ -156,6 +156,7 @@ def test_copies_have_the_bits_of_what_they_copy():
     np.testing.assert_array_equal(found[-4:], found[ROWS[3, 2, :4]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_jvp_is_the_complex_step(seed):
     rng = np.random.default_rng(10 + seed)
@@ -306,6 +307,7 @@ def test_walls_of_inviscid_grids_have_no_layer():
     assert found[0] == 42 < found[1]
 
 
+@pytest.mark.slow
 def test_first_cells_of_a_real_grid_keep_their_heights(real_grids):
     grid = read_grid(real_grids / "aither_rae2822.xyz")
     faces = [face.window for face in find_topology(grid).boundary if face.patch is None]

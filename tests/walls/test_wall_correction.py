@@ -25,6 +25,8 @@ from bspline_mdao.topology.index_space import Window, block_rows
 from bspline_mdao.topology.sharing import node_sharing
 from bspline_mdao.walls.wall_correction import PIECE, WallCorrection, _cuts
 
+pytestmark = pytest.mark.slow
+
 
 def cylinder():
     """O-grid that is joined to itself."""
