@@ -4,6 +4,8 @@ Cells are numbered block after block, each block in C order. Every face has a ce
 and of interfaces in any orientation, have one to their right. Corners of a face run so that half the cross product of
 its diagonals points out of the left cell, whatever the handedness of the block. A node that blocks share is always
 taken from the same row of the grid vector, so that the faces of every cell close to the last bit.
+
+Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations

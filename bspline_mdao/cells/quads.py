@@ -5,6 +5,8 @@ Corners are numbered around the quad::
     3-----2      x(s, t) with s from corner 0 to 1 and t from corner 0 to 3; the normal is that of s x t
     |     |
     0-----1
+
+Theory: ``docs/theory/geometry.rst``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Displacements of points as design variables: linear in the values, by a constant sparse matrix.
 
 `Local` displaces single surface control points; `FreeForm` and `Camber` are made of the same map.
+
+Theory: ``docs/theory/free_form.rst``.
 """
 
 from __future__ import annotations

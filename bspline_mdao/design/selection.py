@@ -4,6 +4,8 @@ A selection is a small object that is resolved on the baseline of a mesh. Select
 ``~``::
 
     where = OnPatch(model, "wing*") & ~InBox(high=(None, None, 0.1))
+
+Theory: ``docs/theory/parametrization.rst``.
 """
 
 from __future__ import annotations

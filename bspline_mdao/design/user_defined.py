@@ -1,4 +1,7 @@
-"""Design variables that the user defines, as a function of the surface control points with its derivative."""
+"""Design variables that the user defines, as a function of the surface control points with its derivative.
+
+Theory: ``docs/theory/parametrization.rst``.
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ The emitted code (`.simd_contraction`) is five times faster and uses parts of nu
 versions. So it is taken where the version is one that it was tested with and a trial emission makes valid code, and
 `.plain_contraction` elsewhere, with a warning. Setting ``BSPLINE_MDAO_PLAIN_KERNELS=1`` before the import asks for the
 plain one. Both have the same functions and constants.
+
+Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations

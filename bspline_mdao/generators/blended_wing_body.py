@@ -10,6 +10,8 @@ plane z = 0 and turns upwards by the cant of the ribs, so that a winglet is the 
       +--- rib --------- rib ------------- z      each rib stands at right angles to the spine
 
 Between ribs all of leading edge, chord, twist, cant and section change linearly along the spine, the corners rounded.
+
+Theory: ``docs/theory/generators.rst``.
 """
 
 from __future__ import annotations

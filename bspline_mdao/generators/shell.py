@@ -10,6 +10,8 @@ body are those of a cube, ``max(|s|) = 1``; along k every grid line is straight,
         |  +-----+  |          z+: x, y     z-: y, x
         | /   z-  \ |
         +-----------+
+
+Theory: ``docs/theory/generators.rst``.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 The two-sided function of Vinokur, *On one-dimensional stretching functions for finite-difference calculations*, Journal
 of Computational Physics 50 (1983) 215-234. Vinokur prescribes the slopes at the ends; here they are adjusted until the
 first and the last *interval* are exactly as asked.
+
+Theory: ``docs/theory/generators.rst``.
 """
 
 from __future__ import annotations

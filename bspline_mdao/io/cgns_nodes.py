@@ -2,6 +2,8 @@
 
 A node is an HDF5 group with the attributes ``name``, ``label`` and ``type``; its value is the dataset ``" data"``, its
 children are the groups in it. A link is a group of type ``LK`` with the HDF5 link ``" link"``.
+
+Theory: ``docs/theory/grid_files.rst``.
 """
 
 from __future__ import annotations

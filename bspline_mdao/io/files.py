@@ -1,4 +1,7 @@
-"""Grid files of all formats: read by their content, written in the format that the name or the grid asks for."""
+"""Grid files of all formats: read by their content, written in the format that the name or the grid asks for.
+
+Theory: ``docs/theory/grid_files.rst``.
+"""
 
 from __future__ import annotations
 

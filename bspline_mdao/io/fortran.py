@@ -3,6 +3,8 @@
 A record is a payload between two markers of its length. One longer than 2,147,483,639 bytes is cut into subrecords by
 gfortran and ifort: the leading marker is negative where another subrecord follows, the trailing one where another came
 before.
+
+Theory: ``docs/theory/grid_files.rst``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""A guess at the patches of a grid, from names and places of its faces, and the draft of a patches file."""
+"""A guess at the patches of a grid, from names and places of its faces, and the draft of a patches file.
+
+Theory: ``docs/theory/grid_files.rst``.
+"""
 
 from __future__ import annotations
 

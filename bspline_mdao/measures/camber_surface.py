@@ -2,6 +2,8 @@
 
 Which nodes a point of the mesh lies between, and where, is decided on the baseline and kept: points of the mesh are
 material, and the mesh is a linear function of the nodes.
+
+Theory: ``docs/theory/geometry.rst``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Cuts of the edges of quads where a function of the nodes, such as the height above a plane, is zero: sections."""
+"""Cuts of the edges of quads where a function of the nodes, such as the height above a plane, is zero: sections.
+
+Theory: ``docs/theory/geometry.rst``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Differences between neighbouring stations, which say whether a distribution rises or falls."""
+"""Differences between neighbouring stations, which say whether a distribution rises or falls.
+
+Theory: ``docs/theory/geometry.rst``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Directions in which points of a mesh may move: everywhere, in planes, or nowhere."""
+"""Directions in which points of a mesh may move: everywhere, in planes, or nowhere.
+
+Theory: ``docs/theory/movers.rst``.
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,8 @@ that the design surface ends on, because the edge that it moves would fold the c
 the boundary are fixed, wherever they are not released; walls are, planar or not. Where patches meet, the surface goes
 before the fixed and those before the sliding. The surface itself may leave planes that slide by default, but not those
 of symmetry.
+
+Theory: ``docs/theory/movers.rst``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Directions of a surface: along the stream, normal to it, and along the span."""
+"""Directions of a surface: along the stream, normal to it, and along the span.
+
+Theory: ``docs/theory/deformations.rst``.
+"""
 
 from __future__ import annotations
 

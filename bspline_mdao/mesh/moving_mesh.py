@@ -2,6 +2,8 @@
 
 A control mesh and a fine grid are the same thing to a mover. `bspline_mdao.mesh.boundary` makes either from a
 fitted model or a grid and its patches.
+
+Theory: ``docs/theory/movers.rst``.
 """
 
 from __future__ import annotations

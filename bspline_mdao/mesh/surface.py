@@ -1,4 +1,7 @@
-"""The regenerated surface: nodes of patches, each once, and the quads between them."""
+"""The regenerated surface: nodes of patches, each once, and the quads between them.
+
+Theory: ``docs/theory/geometry.rst``.
+"""
 
 from __future__ import annotations
 

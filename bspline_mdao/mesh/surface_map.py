@@ -1,4 +1,7 @@
-"""From surface control points to surface nodes: a constant sparse matrix, and the residual of the fit turned."""
+"""From surface control points to surface nodes: a constant sparse matrix, and the residual of the fit turned.
+
+Theory: ``docs/theory/geometry.rst``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The mover that moves nothing but the surface: the first one of the paper's section III.A."""
+"""The mover that moves nothing but the surface: the first one of the paper's section III.A.
+
+Theory: ``docs/theory/movers.rst``.
+"""
 
 from __future__ import annotations
 

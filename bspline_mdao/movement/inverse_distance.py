@@ -1,4 +1,7 @@
-"""Movement by inverse-distance weights of the prescribed displacements."""
+"""Movement by inverse-distance weights of the prescribed displacements.
+
+Theory: ``docs/theory/movers.rst``.
+"""
 
 from __future__ import annotations
 

@@ -7,6 +7,8 @@ direct.
 
 E. Luke, E. Collins and E. Blades, "A fast mesh deformation method using explicit interpolation", Journal of
 Computational Physics 231, 2012, as IDWarp uses it.
+
+Theory: ``docs/theory/movers.rst``.
 """
 
 from __future__ import annotations

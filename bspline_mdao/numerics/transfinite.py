@@ -7,6 +7,8 @@ References
 ----------
 W. J. Gordon and C. A. Hall, "Construction of curvilinear co-ordinate systems and applications to mesh generation",
 International Journal for Numerical Methods in Engineering 7, 1973.
+
+Theory: ``docs/theory/movers.rst``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""CHOLMOD of SuiteSparse, where scikit-sparse is installed: an optional engine in place of `Cholesky`."""
+"""CHOLMOD of SuiteSparse, where scikit-sparse is installed: an optional engine in place of `Cholesky`.
+
+Theory: ``docs/theory/sparse.rst``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""PARDISO of Intel's Math Kernel Library, where pypardiso is installed: an optional engine in place of `Cholesky`."""
+"""PARDISO of Intel's Math Kernel Library, where pypardiso is installed: an optional engine in place of `Cholesky`.
+
+Theory: ``docs/theory/sparse.rst``.
+"""
 
 from __future__ import annotations
 

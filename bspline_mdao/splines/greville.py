@@ -1,4 +1,7 @@
-"""Places of control points in parameter space (Greville abscissae), and of the corners at which spans meet."""
+"""Places of control points in parameter space (Greville abscissae), and of the corners at which spans meet.
+
+Theory: ``docs/theory/fit.rst``.
+"""
 
 from __future__ import annotations
 

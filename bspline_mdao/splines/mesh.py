@@ -1,4 +1,7 @@
-"""A B-spline mesh: volumes that share control points."""
+"""A B-spline mesh: volumes that share control points.
+
+Theory: ``docs/theory/splines.rst``.
+"""
 
 from __future__ import annotations
 

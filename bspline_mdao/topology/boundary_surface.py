@@ -1,4 +1,7 @@
-"""Faces of a grid as one surface: its nodes, each once, and the quads between them."""
+"""Faces of a grid as one surface: its nodes, each once, and the quads between them.
+
+Theory: ``docs/theory/topology.rst``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A multi-block structured grid in memory, and what cannot be a node of one."""
+"""A multi-block structured grid in memory, and what cannot be a node of one.
+
+Theory: ``docs/theory/topology.rst``.
+"""
 
 from __future__ import annotations
 

@@ -12,6 +12,8 @@ it; a face, an edge, a corner or a sub-volume is a window that is flat in one, t
         | jmin  |/
         0-------1 --- i
           kmin
+
+Theory: ``docs/theory/topology.rst``.
 """
 
 from __future__ import annotations

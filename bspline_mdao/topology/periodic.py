@@ -2,6 +2,8 @@
 
 Both sides of a periodic pair look at each other: what leaves the grid through the one comes back through the other.
 Walls that repeat, such as those of two blades, look the same way and are no pair.
+
+Theory: ``docs/theory/topology.rst``.
 """
 
 from __future__ import annotations

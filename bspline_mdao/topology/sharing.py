@@ -1,4 +1,7 @@
-"""Nodes and directions that segments share, and the nodes that points of another program are."""
+"""Nodes and directions that segments share, and the nodes that points of another program are.
+
+Theory: ``docs/theory/topology.rst``.
+"""
 
 from __future__ import annotations
 
