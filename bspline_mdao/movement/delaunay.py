@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 from scipy import sparse
 from scipy.spatial import Delaunay, QhullError
-from threadpoolctl import threadpool_limits
 
 from ..errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.threads import one_blas_thread
 from ..numerics.vectors import dot, less, row
 from .increments import IncrementalMover
 from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find_centres, interpolated_step
@@ -180,7 +180,7 @@ def tetrahedra(points: np.ndarray, targets: np.ndarray) -> tuple[Tetrahedra, np.
     ends = points[corners[is_full]]
     full = Tetrahedra(corners[is_full], ends[:, 0], np.linalg.inv((ends[:, 1:] - ends[:, :1]).transpose(0, 2, 1)))
     numbers = np.append(np.where(is_full, np.cumsum(is_full) - 1, -1), -1)  # the last one for points outside
-    with threadpool_limits(1, user_api="blas"):  # one small system for each tetrahedron: threads only wait
+    with one_blas_thread:  # one small system for each tetrahedron: threads only wait
         which = numbers[graph.find_simplex(targets)]
     lost = which < 0
     which[lost] = _best(targets[lost], full.origins, full.inverses)

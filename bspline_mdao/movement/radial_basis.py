@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit
 from scipy import linalg
 from scipy.linalg.lapack import dormqr
-from threadpoolctl import threadpool_limits
 
 from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.threads import one_blas_thread
 from ..numerics.vectors import add, add_to, dot, less, row, scaled
 from .increments import IncrementalMover
 from .interpolation import CentredInterpolation, Centres, InterpolatedStep, find_centres, interpolated_step
@@ -263,7 +263,7 @@ class RadialSystem:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Strengths, shape (n, m), above coefficients, shape (t, m), for a right-hand side of shape (n + t, m)."""
         n, t = self.border.shape
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread:
             if not t:
                 return linalg.cho_solve((self.factor, True), right)
             triangle = self.reflectors[:t]
@@ -282,7 +282,7 @@ def _factorized(matrix: np.ndarray, terms: np.ndarray, kernel: str) -> RadialSys
     t, matrix = terms.shape[1], matrix.T  # symmetric; LAPACK overwrites it in Fortran's order
     reflectors, scales, sign = terms, np.zeros(0), 1.0
     try:
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread:
             if t:
                 (reflectors, scales), triangle = linalg.qr(terms, mode="raw")
                 _check_polynomials(np.abs(np.diag(triangle)), kernel)

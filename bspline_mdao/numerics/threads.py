@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import itertools
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from functools import cache
 
 import numba
+from threadpoolctl import ThreadpoolController
 
 
 def thread_count(n_threads: int | None) -> int:
@@ -99,3 +102,46 @@ def map_tasks(task, items, n_threads: int):
         finally:  # after an error or an interrupt from the keyboard nothing new is begun
             for future in futures:
                 future.cancel()
+
+
+class _BlasLimit:
+    """Context in which BLAS uses one thread, however many threads of the user's are inside at a time.
+
+    The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore what
+    it found, one that leaves would take the limit from those still inside, whose sums would then be split otherwise.
+    threadpoolctl lets only the thread change a limit that changed it first, as long as that thread lives; so it is done
+    in threads that end at once. A limit that the user holds stays.
+    """
+
+    def __init__(self):
+        self._lock, self._n_inside, self._restore = threading.Lock(), 0, None
+
+    def __enter__(self):
+        with self._lock:
+            if self._n_inside == 0:
+                self._restore = _in_a_thread(lambda: _libraries().limit(limits=1, user_api="blas"))
+            self._n_inside += 1
+
+    def __exit__(self, *exception):
+        with self._lock:
+            self._n_inside -= 1
+            if self._n_inside == 0:
+                _in_a_thread(self._restore.restore_original_limits)
+
+
+one_blas_thread = _BlasLimit()
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Libraries with threads; looking for them takes a millisecond, as long as a small solution."""
+    return ThreadpoolController()
+
+
+def _in_a_thread(task: Callable):
+    """Return what a function gives that is called in a thread of its own."""
+    found: list = []
+    thread = threading.Thread(target=lambda: found.append(task()))
+    thread.start()
+    thread.join()
+    return found[0]

@@ -16,12 +16,12 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError, MovementError
-from ..numerics.threads import Crew, thread_count
+from ..numerics.threads import Crew, one_blas_thread, thread_count
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, graph_of
 from .conjugate_gradient import solve_with_factor
 from .fronts import Fronts, Stages, find_stages, lay_out
-from .lapack import one_blas_thread, routines
+from .lapack import routines
 from .multifrontal import rounds
 from .ordering import fill_reducing_order
 from .symbolic import Supernodes, find_supernodes

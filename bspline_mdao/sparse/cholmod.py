@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..errors import InputError, MovementError
+from ..numerics.threads import one_blas_thread
 from .blocks import BlockMatrix, BlockPattern, LinearSolution
 from .conjugate_gradient import solve_with_factor
 
@@ -57,7 +57,7 @@ class CholmodAnalysis:
         if matrix.pattern is not self.pattern:
             raise InputError("CHOLMOD: the matrix has another pattern; analyze its own")
         try:
-            with threadpool_limits(1, "blas"):
+            with one_blas_thread:
                 return CholmodFactor(matrix, self.symbolic.cholesky(matrix.to_scipy()))
         except CholmodNotPositiveDefiniteError as error:
             row = self.symbolic.P()[error.column] // 3 + 1
@@ -93,7 +93,7 @@ class CholmodFactor:
     def apply(self, right: np.ndarray) -> np.ndarray:
         """Solve with the factor, shape (n, 3) or (n, 3, m)."""
         columns = np.asfortranarray(right.reshape(3 * len(right), -1))
-        with threadpool_limits(1, "blas"):
+        with one_blas_thread:
             return self.factor(columns).reshape(right.shape)
 
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:

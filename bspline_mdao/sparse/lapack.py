@@ -8,8 +8,6 @@ Theory: ``docs/theory/sparse.rst``.
 
 from __future__ import annotations
 
-import threading
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +17,6 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
-from threadpoolctl import ThreadpoolController
 
 __all__ = [
     "LEFT",
@@ -30,7 +27,6 @@ __all__ = [
     "TRANSPOSED",
     "Routines",
     "call",
-    "one_blas_thread",
     "routines",
 ]
 
@@ -46,38 +42,6 @@ class Routines(NamedTuple):
     gemm: int
     trsv: int
     gemv: int
-
-
-class _BlasLimit:
-    """Context in which BLAS, as far as SciPy has loaded it, uses one thread, however many threads are inside at a time.
-
-    The limit is the process's: the first one in sets it, the last one out restores what was. Were each to restore what
-    it found, one that leaves would take the limit from those still inside, whose sums would then be split otherwise.
-    """
-
-    def __init__(self):
-        self._lock, self._n_inside, self._limit = threading.Lock(), 0, None
-
-    def __enter__(self):
-        with self._lock:
-            if self._n_inside == 0:
-                self._limit = _libraries().limit(limits=1, user_api="blas")
-            self._n_inside += 1
-
-    def __exit__(self, *exception):
-        with self._lock:
-            self._n_inside -= 1
-            if self._n_inside == 0:
-                self._limit.restore_original_limits()
-
-
-one_blas_thread = _BlasLimit()
-
-
-@cache
-def _libraries():
-    """Libraries with threads; looking for them takes a millisecond, as long as a small solution."""
-    return ThreadpoolController()
 
 
 def routines(dtype) -> Routines:

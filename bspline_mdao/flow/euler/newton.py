@@ -11,8 +11,8 @@ from functools import partial
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
-from threadpoolctl import threadpool_limits
 
+from ...numerics.threads import one_blas_thread
 from .discretization import Discretization
 from .preconditioner import FactorPattern, compact_factor, time_terms
 
@@ -301,7 +301,7 @@ def solve_system(
 
     operator = LinearOperator((right.size, right.size), preconditioned, dtype=float)
     n_cycles = max(1, max_products // RESTART)
-    with threadpool_limits(1, user_api="blas"):  # on a busy machine its threads only wait for each other
+    with one_blas_thread:  # on a busy machine its threads only wait for each other
         y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
     return KrylovSolution(precondition(y.reshape(right.shape)), n_products, info == 0)
 
