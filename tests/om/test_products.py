@@ -322,4 +322,5 @@ def test_a_bare_check_passes_on_the_flow_about_a_real_grid(real_grids):
     problem.model.add_subsystem("flow", flow, promotes=["*"])
     problem.setup()
     problem.set_val("alpha", 0.0)
+    problem.set_val("Mach_number", 0.1)  # at 0.3 round-off decides whether the steps converge
     assert_partials(problem)
