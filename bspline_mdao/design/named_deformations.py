@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 SUFFIXES = (".csv", ".dat", ".npy", ".txt")
-"""Suffixes of files of points, NumPy's own and those of text: three numbers a line, between commas or blanks."""
+"""Suffixes of files of points, NumPy's own and text with three numbers a line, between commas or blanks."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """Pattern of a number in words."""
