@@ -212,6 +212,7 @@ def test_selections_are_paired_by_nearness_but_for_a_shift():
         np.testing.assert_array_equal(moved[np.sort(upper)], moved[lower])
 
 
+@pytest.mark.slow
 def test_one_leader_leads_all():
     _, d, moved = displaced(wing(), Linked([21], [25, 29, 31]), EqualDisplacement([3, 5, 9], OBLIQUE))
     np.testing.assert_array_equal(moved[[25, 29, 31]], d[[21, 21, 21]])

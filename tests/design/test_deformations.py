@@ -251,6 +251,7 @@ def test_planes_of_a_mesh_are_found_once(mesh):
 # deformations of a mesh
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spec",
     [

@@ -80,6 +80,7 @@ def test_flapping_wing_keeps_its_root_and_turns_its_tip_by_the_amplitude(mesh):
     np.testing.assert_allclose(points[rim, 1:], [radius * (1 - np.cos(0.6)), radius * np.sin(0.6)], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_boundaries_that_do_not_move_have_no_velocity(model, mesh):
     state = UnsteadyGrid(model, Transfinite(mesh), both(mesh)).at(0.31)
     held, rest = mesh.fixed_ids, mesh.points

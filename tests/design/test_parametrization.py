@@ -182,6 +182,7 @@ def test_constraints_hold_however_far_everything_moves(compose):
     np.testing.assert_array_equal((parametrization.apply(initial, values))[kept], initial[kept])
 
 
+@pytest.mark.slow
 @every_composition
 def test_nothing_moves_at_the_initial_values(compose):
     parametrization = compose()

@@ -250,6 +250,7 @@ def test_a_section_without_chord_is_named(wing):
 # derivatives
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh_name", ["m6", "winglet"])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("is_initial", [False, True])

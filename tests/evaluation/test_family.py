@@ -189,6 +189,7 @@ def test_ratios_of_neighbouring_cells_change_less_in_finer_members(m6_model, d):
     assert change < 0.2 * jump
 
 
+@pytest.mark.slow
 def test_members_follow_moved_control_points(m6_model):
     moved = family_member(m6_model, 0.5, m6_model.control_points + [1.0, 2.0, 3.0])
     still = family_member(m6_model, 0.5)

@@ -88,6 +88,7 @@ def test_products_with_the_derivative_are_exact_and_transposed(wing, is_spline):
     assert np.vdot(bar, forward) == pytest.approx(np.vdot(fitted.vjp(bar), change), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_nodes_that_do_not_determine_the_control_points_are_refused(wing):
     surface_map, mesh = wing
     n = surface_map.matrix.shape[0]

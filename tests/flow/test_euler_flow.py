@@ -219,6 +219,7 @@ def test_node_that_is_not_finite_is_refused():
         flown.run_model()
 
 
+@pytest.mark.slow
 def test_cells_with_negative_volumes_are_counted_and_the_worst_is_named_before_the_solver_starts():
     flown = problem()
     state = flown.model.flow.state

@@ -156,6 +156,7 @@ def test_order_of_faces_and_of_their_corners_does_not_matter():
     np.testing.assert_array_equal(other.trailing.toarray(), one.trailing.toarray())
 
 
+@pytest.mark.slow
 def test_collapsed_quads_at_the_tip_join_the_strip_beside_them():
     corners, nodes = wall_of("plate")
     tip = nodes[corners][..., 2].max()
@@ -233,6 +234,7 @@ def test_drag_of_other_loads_is_that_of_their_sines():
     assert area == pytest.approx(np.pi / 32.0 * sum(k * a**2 for k, a in sines.items()), rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rectangular", "plate"])
 def test_no_load_on_the_strips_of_a_flat_wing_beats_the_ellipse(name):
     corners, nodes = wall_of(name)
@@ -301,6 +303,7 @@ def test_lift_of_a_strip_is_taken_across_its_trace():
     np.testing.assert_allclose(drag.evaluate(upwards, nodes, 0.0)[0][0], drag.evaluate(forces, nodes, 0.0)[0][0])
 
 
+@pytest.mark.slow
 def test_whole_wing_has_twice_the_drag_of_its_half():
     corners, nodes = wall_of("M6")
     half = drag_of(corners, nodes)

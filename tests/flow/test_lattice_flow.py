@@ -172,6 +172,7 @@ def test_area_and_chord_scale_the_coefficients(rectangular):
         np.testing.assert_allclose(other.get_val(name), factor * one.get_val(name), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_span_load_adds_up_to_the_lift(rectangular):
     problem = flow(rectangular)
     strips = np.diff(problem.get_val("camber_surface")[0, :, 1])

@@ -95,6 +95,7 @@ def test_camber_surface_is_the_same_for_the_left_wing_and_for_other_axes(swept, 
         np.testing.assert_allclose(nodes_of(other), nodes_of(mesh), atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

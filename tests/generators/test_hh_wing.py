@@ -239,6 +239,7 @@ def test_surface_nodes_lie_on_the_wing(m6):
     np.testing.assert_array_equal(z[:, -1], planform.semi_span)
 
 
+@pytest.mark.slow
 def test_lower_side_mirrors_the_upper(m6):
     for below, above in ((0, 3), (1, 4), (2, 5), (6, 9), (7, 10), (8, 11)):
         np.testing.assert_array_equal(m6.blocks[below].nodes[:, ::-1] * [1.0, -1.0, 1.0], m6.blocks[above].nodes)

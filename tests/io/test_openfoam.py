@@ -194,6 +194,7 @@ def test_patches_keep_their_names_and_get_their_types(meshes):
     assert set(meshes["turned"][2].boundary) == {"unassigned"}
 
 
+@pytest.mark.slow
 def test_the_two_sides_of_a_plate_stay_apart(meshes):
     _, grid, mesh = meshes["plate"]
     n_inner = sum(3 * n * m * k - n * m - m * k - k * n for n, m, k in (np.array(shape) - 1 for shape in grid.shapes))

@@ -91,6 +91,7 @@ def test_points_that_are_held_are_part_of_the_map(wing):
     np.testing.assert_allclose(surface_map.apply(wing.control_points[mesh.surface_ids]), surface.points, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_nodes_that_a_mover_decides_are_refused(wing):
     with pytest.raises(InputError, match=r"symmetry depends on point \(.*\) of block .* not on the design surface"):
         SurfaceMap.of(wing, moving_mesh(wing), SurfaceGrid.of(wing, "symmetry*"))

@@ -25,6 +25,7 @@ def test_affine_displacements_of_all_boundaries_are_reproduced():
     np.testing.assert_allclose(points, moved, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_one_increment_is_linear_in_the_surface():
     mesh = plate()
     change = 1e-3 * np.random.default_rng(0).normal(size=(2, len(mesh.surface_ids), 3)) * [1.0, 1.0, 0.0]

@@ -72,6 +72,7 @@ def test_every_mover_law_and_solver_has_a_word_on_the_command_line_and_a_public_
     assert all(getattr(bspline_mdao, kind.__name__) is kind for kind in found)
 
 
+@pytest.mark.slow
 @EVERY
 @pytest.mark.parametrize("make", [channel, oblique_channel, plate, wing])
 def test_known_points_match_and_others_slide(make, kind):

@@ -121,6 +121,7 @@ class Fragile(IncrementalMover):
         return FixedInterior(self.mesh)._step(initial, before, surface)
 
 
+@pytest.mark.slow
 def test_more_increments_are_tried_where_a_mover_gives_up_and_the_error_names_the_increment():
     mesh = plate_mesh()
     surface = mesh.points[mesh.surface_ids] + [0.0, 0.03, 0.0]

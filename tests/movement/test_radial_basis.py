@@ -175,6 +175,7 @@ def test_derivatives_about_a_plate_with_coincident_sides_are_exact_to_the_condit
     assert_derivative_is_exact(mover, initial, surface, tolerance=1e-7)
 
 
+@pytest.mark.slow
 def test_the_coincident_sides_of_a_plate_take_the_points_beside_them_along():
     mesh = plate()
     inner = slice(1, -1), slice(1, -1)

@@ -79,6 +79,7 @@ def test_bounds_of_the_quality_can_be_named(plate):
         problem.get_val("quality_ks")
 
 
+@pytest.mark.slow
 def test_the_chain_with_variables_and_measures_is_that_of_the_picture(plate):
     parametrization = Parametrization(moving_mesh(plate), [Swirl("swirl", 2)])
     model = problem_of(plate, parametrization=parametrization, measures=[Heights(SurfaceGrid.of(plate))]).model

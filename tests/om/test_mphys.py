@@ -211,6 +211,7 @@ def test_totals_of_a_scenario_are_those_of_the_chain_without_mphys(wing):
         np.testing.assert_allclose(totals["cruise.CL", name], expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("component", ["geometry.place", "cruise.aero_pre.surface", "cruise.coupling.results"])
 def test_partials_of_linear_components_are_those_of_differences(wing, component):
     problem = cruise(wing)
@@ -346,6 +347,7 @@ class Parallel(mphys.MultipointParallel):
             self.mphys_add_scenario(name, scenario)
 
 
+@pytest.mark.slow
 def test_parallel_scenarios_are_connected_by_mphys_itself(wing):
     geometry = GeometryBuilder(model=wing.model, parametrization=wing.parametrization)
     scenarios = {name: (flow_builder(wing), geometry) for name in ("cruise", "climb")}

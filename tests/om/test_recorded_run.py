@@ -96,6 +96,7 @@ def test_cases_are_kept_where_a_folder_is_named(tmp_path):
     assert len(om.CaseReader(str(file)).list_cases("driver", out_stream=None)) >= 3
 
 
+@pytest.mark.slow
 def test_histories_are_drawn_as_they_were_recorded(runs, tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     with figure(tmp_path, "history", (4.0, 2.0)) as canvas:

@@ -110,6 +110,7 @@ def test_a_span_load_is_drawn_relative_to_its_mean(axes):
     assert np.trapezoid(load, y) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flow", [EulerFlow, LatticeFlow])
 def test_strips_of_the_span_load_end_at_the_tip_and_the_root(model, nodes, flow):
     if flow is LatticeFlow:

@@ -92,6 +92,7 @@ def test_derivatives_of_embedded_points_are_exact(model, twisted, first_nodes, r
     assert np.vdot(bar, change) == pytest.approx(np.vdot(control_bar + state.grid.vjp(nodes_bar), direction), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_rider_outside_is_named(model):
     with pytest.raises(InputError, match="embedded points: 1 of 1 points lie outside"):
         model.embed_points(np.array([[1e4, 0.0, 0.0]]))

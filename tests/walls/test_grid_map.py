@@ -144,6 +144,7 @@ def asked_of(model, rng):
     return grid_map, WallCorrection.of(model.topology, grid_map.nodes, rows)
 
 
+@pytest.mark.slow
 def test_wall_nodes_are_where_they_are_asked_to_be(wing):
     rng = np.random.default_rng(7)
     grid_map, correction = asked_of(wing, rng)
@@ -226,6 +227,7 @@ def test_first_cells_of_family_members_keep_their_heights_as_well(section):
     assert 0.998 < ratios.min() <= ratios.max() < 1.002
 
 
+@pytest.mark.slow
 def test_surroundings_that_turn_inside_out_are_an_error(wing):
     with pytest.raises(MovementError, match="inside out"):
         map_of(wing).at(wing.control_points * [1.0, 1.0, -1.0])
