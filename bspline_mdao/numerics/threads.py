@@ -139,9 +139,6 @@ def _libraries() -> ThreadpoolController:
 
 
 def _in_a_thread(task: Callable):
-    """Return what a function gives that is called in a thread of its own."""
-    found: list = []
-    thread = threading.Thread(target=lambda: found.append(task()))
-    thread.start()
-    thread.join()
-    return found[0]
+    """Return what a function gives, or raise what it raises, called in a thread that has ended afterwards."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(task).result()
