@@ -1,0 +1,131 @@
+"""Several processes: the communicator of one process, failures that all processes raise together, sums over them.
+
+Kernels take a communicator of mpi4py, or what has its ``rank`` and ``size``, and know nothing of mpi4py themselves. One
+process needs none: `ONE`, and everything with a ``size`` of 1, such as OpenMDAO's stand-in, sends nothing.
+
+A process that raises while others wait for it in a collective call leaves them waiting for ever. So whatever may fail
+on one process alone is done inside `together`, between collective calls.
+
+Theory: ``docs/parallel.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+__all__ = ["ONE", "OneProcess", "on_first", "summed", "together", "world"]
+
+SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS", "MP_PROCS", "FJMPI_PROCS")
+"""Environment variables in which launchers of MPI tell the number of processes."""
+
+
+class OneProcess:
+    """Communicator of a process that is alone."""
+
+    rank = 0
+    size = 1
+
+
+ONE = OneProcess()
+
+
+def world() -> Any:
+    """Communicator of all processes that a launcher of MPI has started; `ONE` where there is no launcher.
+
+    mpi4py is imported only where the environment says that there are several.
+
+    Raises
+    ------
+    ImportError
+        If there are several and mpi4py is missing: each would do everything, and write to the same files.
+    """
+    sizes = [int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdigit()]
+    if max(sizes, default=1) < 2:
+        return ONE
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        raise ImportError('several processes need mpi4py: pip install "bspline_mdao[mpi]"') from error
+    return MPI.COMM_WORLD
+
+
+@contextmanager
+def together(comm) -> Iterator[None]:
+    """Raise on all processes what the first one raises, in a body without collective calls.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes, all of which come here.
+
+    Raises
+    ------
+    Exception
+        What the process of lowest rank that failed has raised, with its words: on that process itself, and on all
+        others as well. One that cannot be sent is raised there as a RuntimeError.
+    """
+    if comm.size == 1:
+        yield
+        return
+    failure = None
+    try:
+        yield
+    except Exception as error:
+        failure = error
+    failed = comm.allgather(failure is not None)
+    if not any(failed):
+        return
+    first = failed.index(True)
+    sent = comm.bcast(_packed(failure) if comm.rank == first else None, root=first)
+    if comm.rank == first and failure is not None:
+        raise failure
+    raise pickle.loads(sent) from failure
+
+
+def _packed(failure: Exception | None) -> bytes:
+    """An exception as bytes; a RuntimeError with its words where it cannot be unpacked elsewhere."""
+    try:
+        packed = pickle.dumps(failure)
+        pickle.loads(packed)
+    except Exception:
+        packed = pickle.dumps(RuntimeError(f"{type(failure).__name__}: {failure}"))
+    return packed
+
+
+def summed(comm, array: np.ndarray) -> np.ndarray:
+    """Sum of an array of every process, on every one of them: the same bits everywhere.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    array : ndarray of float or complex
+        Of the same shape on all of them.
+
+    Returns
+    -------
+    ndarray
+        The array itself where there is one process.
+    """
+    if comm.size == 1:
+        return array
+    total = np.empty_like(array, order="C")
+    comm.Allreduce(np.ascontiguousarray(array), total)
+    return total
+
+
+def on_first(comm, task: Callable[[], Any]) -> Any:
+    """Result of a task that the first process does for all; what it raises, all raise."""
+    if comm.size == 1:
+        return task()
+    result = None
+    with together(comm):
+        if comm.rank == 0:
+            result = task()
+    return comm.bcast(result, root=0)
