@@ -9,6 +9,7 @@ import pytest
 os.environ["OPENMDAO_REPORTS"] = "0"
 WORK_FOLDER = tempfile.TemporaryDirectory(prefix="bspline_mdao_")
 os.environ["OPENMDAO_WORKDIR"] = WORK_FOLDER.name
+collect_ignore_glob = ["parallel/cases/*"]  # scripts of ranks, which do not wait to be called
 
 
 def pytest_unconfigure():
