@@ -1,11 +1,10 @@
 """Failures of one rank reach all; what only one could raise would leave the others waiting."""
 
+import numpy as np
 from mpi4py import MPI
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.numerics.processes import on_first, summed, together, world
-
-import numpy as np
 
 comm = world()
 assert comm is MPI.COMM_WORLD
