@@ -131,5 +131,7 @@ from .splines.knots import FunctionKnots as FunctionKnots
 from .testing.variables import check_variable as check_variable
 from .topology.detection import find_topology as find_topology
 from .topology.grid import Grid as Grid
+from .topology.partition import Partition as Partition
+from .topology.partition import Share as Share
 
 __version__: str
