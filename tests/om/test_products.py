@@ -29,6 +29,7 @@ from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.om.fit import Fit
 from bspline_mdao.om.flow.euler_flow import EulerForces
 from bspline_mdao.om.flow.euler_state import EulerState
+from bspline_mdao.om.flow.euler_wall_forces import EulerWallForces
 from bspline_mdao.om.flow.lattice_flow import LatticeForces, UnfoldedLattice
 from bspline_mdao.om.flow.vortex_lattice import WakeForces
 from bspline_mdao.om.grid_evaluate import GridEvaluate
@@ -106,6 +107,7 @@ COMPONENTS = {
     "EulerState": lambda: flow_of(EulerState, iprint=0),
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),
     "EulerForces": lambda: flow_of(EulerForces, reference_area=1.16, moment_reference=(0.3, 0.1, -0.2)),
+    "EulerWallForces": lambda: flow_of(EulerWallForces, surface=SurfaceGrid.of(wing())),
     "LatticeForces": lambda: LatticeForces(camber=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5), reference_area=1.16),
     "UnfoldedLattice": lambda: UnfoldedLattice(measure=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5)),
     "WakeForces": lambda: WakeForces(n_chord=4, n_span=7),
@@ -122,6 +124,7 @@ VALUES = {
     "EulerState": STREAM,
     "EulerState with shocks": {"alpha": 2.0, "Mach_number": 0.8},
     "EulerForces": STREAM,
+    "EulerWallForces": {"Mach_number": 0.3, "dynamic_pressure": 0.7},
     "LatticeForces": {"alpha": 3.0},
     "WakeForces": {**STREAM, "camber_surface": np.random.default_rng(0).uniform(-1.0, 0.0, (4, 7, 3)).cumsum(axis=1)},
 }

@@ -13,10 +13,12 @@ from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES
 from ...flow.euler.sequencing import coarse_levels, useful_levels
 from ...flow.stream import RADIAN
+from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID
 from ..component import add_bar, direction_in
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
+from .euler_wall_forces import EulerWallForces
 from .references import REFERENCES, declare_references
 
 
@@ -44,6 +46,15 @@ class EulerFlow(om.Group):
     ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
     ================  ======  ============  =====  =====================================================================
 
+    With a ``loaded`` surface also
+
+    ====================  ======  ============  =====  =================================================================
+    name                  role    shape         units  meaning
+    ====================  ======  ============  =====  =================================================================
+    ``dynamic_pressure``  input   (1,)          Pa     of the free stream; to be given
+    ``wall_forces``       output  (3 n_points)  N      forces on the nodes of the surface, see `EulerWallForces`
+    ====================  ======  ============  =====  =================================================================
+
     Options
     -------
     model : FittedModel
@@ -58,6 +69,8 @@ class EulerFlow(om.Group):
         Axes of the grid that point downstream, along the span, and up.
     shock_threshold : float
         Of the sensor of shocks, 0.05 for transonic flow; 0, the default, for none.
+    loaded : SurfaceGrid, optional
+        Walls whose nodes are to have forces.
     tolerance, linear_tolerance, max_steps, iprint
         See `EulerState`.
 
@@ -73,6 +86,7 @@ class EulerFlow(om.Group):
         declare_references(self.options)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
+        self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
         declare_solver(self.options)
 
     def setup(self):
@@ -86,6 +100,9 @@ class EulerFlow(om.Group):
         settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, REFERENCES))
         self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
+        if self.options["loaded"] is not None:
+            wall_forces = EulerWallForces(flow=flow, nodes=nodes, surface=self.options["loaded"])
+            self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
         self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
         self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)

@@ -1,0 +1,116 @@
+"""Forces of the pressures on the nodes of a wall, for a structure that carries them.
+
+The force on a wall face, dynamic pressure times Cp times area vector, acts at the mean of its corners; each corner
+takes a quarter of it. So the nodes carry the force and the moment of the faces, those of `FlowForces`, to round-off,
+about any point: what the shares change is only where on the face the force acts, not its sum or its moment.
+
+Theory: ``docs/theory/aerostructure.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .discretization import Discretization
+from .flow_grid import area_vectors, area_vectors_jvp, area_vectors_vjp
+from .forces import WallPressure
+
+__all__ = ["WallForces"]
+
+
+@dataclass(frozen=True, eq=False)
+class WallForces:
+    """Forces on the nodes of a surface from the states of all cells. Made by `WallForces.of`.
+
+    Parameters
+    ----------
+    corners : ndarray of int, shape (n_faces, 4)
+        Rows in the grid vector of the corners of the wall faces that belong to the surface.
+    shares : csr_array, shape (n_points, n_faces)
+        Part of the force on each face that each node takes.
+    pressure : WallPressure
+        Pressure coefficients on these faces.
+    """
+
+    corners: np.ndarray
+    shares: csr_array
+    pressure: WallPressure
+
+    @classmethod
+    def of(cls, discretization: Discretization, quads: np.ndarray, rows: np.ndarray) -> WallForces:
+        """Find the wall faces of a flow, or of a part of it, that a surface is made of.
+
+        Parameters
+        ----------
+        discretization : Discretization
+            Faces and stencils of the flow.
+        quads : ndarray of int, shape (n_quads, 4)
+            Numbers of the corners of the surface's quads; those that are no wall of the flow get no force.
+        rows : ndarray of int, shape (n_points,)
+            Row in the grid vector of each node of the surface, ascending.
+        """
+        faces = discretization.faces
+        corners = faces.corners[faces.faces_of("wall")]
+        wall, asked = _keys(corners), _keys(rows[quads])
+        ours = np.isin(wall, asked)
+        corners, pressure = corners[ours], WallPressure.of(discretization)
+        numbers, n = np.searchsorted(rows, corners), len(corners)
+        shares = csr_array((np.full(4 * n, 0.25), numbers.ravel(), 4 * np.arange(n + 1)), (n, len(rows)))
+        return cls(corners, csr_array(shares.T), WallPressure(pressure.cells[ours], pressure.weights[ours]))
+
+    @property
+    def n_faces(self) -> int:
+        """Number of wall faces."""
+        return len(self.corners)
+
+    def evaluate(self, states: np.ndarray, nodes: np.ndarray, mach, dynamic_pressure) -> np.ndarray:
+        """Forces (N) on the nodes of the surface, shape (n_points, 3); real or complex.
+
+        Parameters
+        ----------
+        states : ndarray, shape (n_cells, 5)
+            States of all cells.
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of the grid (m).
+        mach : float
+            Mach number of the free stream.
+        dynamic_pressure : float
+            Its dynamic pressure (Pa).
+        """
+        return dynamic_pressure * self._reduced(states, nodes, mach)
+
+    def jvp(self, states, nodes, mach, dynamic_pressure, d_states, d_nodes, d_mach, d_dynamic_pressure) -> np.ndarray:
+        """Change of the forces along a direction in all arguments."""
+        areas, d_areas = area_vectors(nodes, self.corners), area_vectors_jvp(nodes, self.corners, d_nodes)
+        pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
+        change = self.shares @ (d_pressure[:, None] * areas + pressure[:, None] * d_areas)
+        return dynamic_pressure * change + d_dynamic_pressure * self._reduced(states, nodes, mach)
+
+    def vjp(
+        self, states, nodes, mach, dynamic_pressure, bar: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Apply the transpose of `jvp` to derivatives with respect to the forces, shape (n_points, 3).
+
+        Returns
+        -------
+        tuple
+            Derivatives with respect to the states, the nodes, the Mach number and the dynamic pressure.
+        """
+        areas, pressure = area_vectors(nodes, self.corners), self.pressure.evaluate(states, mach)
+        forces_bar = self.shares.T @ bar
+        states_bar, mach_bar = self.pressure.vjp(states, mach, dynamic_pressure * np.sum(forces_bar * areas, axis=1))
+        nodes_bar = area_vectors_vjp(nodes, self.corners, dynamic_pressure * pressure[:, None] * forces_bar)
+        return states_bar, nodes_bar, mach_bar, np.sum(forces_bar * areas * pressure[:, None])
+
+    def _reduced(self, states, nodes, mach):
+        """Forces divided by the dynamic pressure (m^2)."""
+        return self.shares @ (self.pressure.evaluate(states, mach)[:, None] * area_vectors(nodes, self.corners))
+
+
+def _keys(corners: np.ndarray) -> np.ndarray:
+    """One value for each quad that tells it from others, whichever corner comes first: shape (n,)."""
+    ordered = np.ascontiguousarray(np.sort(corners, axis=1), dtype=np.int64)
+    return ordered.view([("", np.int64)] * 4).ravel()
