@@ -37,7 +37,6 @@ from bspline_mdao.om.mphys.builders import (  # noqa: E402
     FlowBuilder,
     GeometryBuilder,
 )
-from bspline_mdao.om.mphys.conventions import require_one_process  # noqa: E402
 from bspline_mdao.om.mphys.geometry import SurfaceGeometry  # noqa: E402
 from bspline_mdao.om.mphys.warper import VolumeWarper  # noqa: E402
 
@@ -474,9 +473,3 @@ def test_numbers_of_nodes_that_are_not_there_are_refused(wing, numbers):
     problem.model.add_subsystem("geometry", geometry)
     with pytest.raises(InputError, match="'numbers' are not numbers of nodes; give a list of integers from 0 to"):
         problem.setup()
-
-
-def test_several_processes_are_refused():
-    with pytest.raises(InputError, match="aero: 4 processes; give it one") as error:
-        require_one_process(SimpleNamespace(size=4), "aero")
-    assert "\n" not in str(error.value)

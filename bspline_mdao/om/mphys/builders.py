@@ -14,7 +14,7 @@ from ...movement.mover import Mover
 from ...names import GRID
 from ..component import LINEAR_STEP, check_along_directions
 from ..flow.euler_flow import EulerFlow
-from .conventions import ANGLE_OF_ATTACK, COORDINATES, COUPLING, INPUT, MACH_NUMBER, RESULT, VOLUME, X_MESH
+from .conventions import COORDINATES, COUPLING, INPUT, RESULT, VOLUME, Names, names_of
 from .geometry import SurfaceGeometry
 from .warper import VolumeWarper
 
@@ -43,7 +43,7 @@ class GeometryBuilder(Builder):
         self._options = options
 
     def get_mesh_coordinate_subsystem(self, scenario_name: str | None = None) -> SurfaceGeometry:
-        """Make the subsystem between ``x_aero0_geometry_input`` and ``x_aero0_geometry_output``."""
+        """Make the subsystem between the surface nodes before and after the variables."""
         return SurfaceGeometry(**self._options)
 
 
@@ -60,6 +60,8 @@ class FlowBuilder(Builder):
         The design surface; all walls by default.
     results : dict, optional
         Units of its outputs that a scenario is to have, by name; `FLOW_RESULTS` by default.
+    generation : int, optional
+        1 or 2: the MPhys whose names are used; by default the one that is installed.
     **movement
         Further options of `VolumeWarper`: ``mover``, ``require_valid``.
 
@@ -78,16 +80,19 @@ class FlowBuilder(Builder):
         *,
         surface: SurfaceGrid | None = None,
         results: Mapping[str, str | None] | None = None,
+        generation: int | None = None,
         **movement,
     ):
         self._model, self._flow, self._movement = model, flow, movement
+        self._generation = generation
         self._results = FLOW_RESULTS if results is None else results
         self._surface = surface or SurfaceGrid.of(model)
 
     def get_mesh_coordinate_subsystem(self, scenario_name: str | None = None) -> om.IndepVarComp:
-        """Make the component that gives the surface nodes of the baseline, ``x_aero0_mesh``."""
+        """Make the component that gives the surface nodes of the baseline, ``x_aero0_mesh`` (``x_aero0``)."""
         mesh = om.IndepVarComp()
-        mesh.add_output(X_MESH, val=self._surface.points.ravel(), tags=COORDINATES)
+        name = names_of(self._generation, type(self).__name__).mesh
+        mesh.add_output(name, val=self._surface.points.ravel(), tags=COORDINATES)
         return mesh
 
     def get_pre_coupling_subsystem(self, scenario_name: str | None = None) -> VolumeWarper:
@@ -96,7 +101,8 @@ class FlowBuilder(Builder):
 
     def get_coupling_group_subsystem(self, scenario_name: str | None = None) -> FlowGroup:
         """Make the group that solves the flow."""
-        return FlowGroup(flow=self._flow, n_nodes=self._model.n_nodes, results=self._results)
+        options = {"n_nodes": self._model.n_nodes, "results": self._results, "generation": self._generation}
+        return FlowGroup(flow=self._flow, **options)
 
     def get_number_of_nodes(self) -> int:
         """Count the nodes of the design surface."""
@@ -116,6 +122,8 @@ class EulerBuilder(FlowBuilder):
         Moves the control mesh; by default linear elasticity.
     require_valid : bool
         Refuse control meshes with inverted elements.
+    generation : int, optional
+        1 or 2: the MPhys whose names are used; by default the one that is installed.
     **options
         Those of `EulerFlow`, such as ``reference_area``.
     """
@@ -127,12 +135,14 @@ class EulerBuilder(FlowBuilder):
         surface: SurfaceGrid | None = None,
         mover: Mover | None = None,
         require_valid: bool = True,
+        generation: int | None = None,
         **options,
     ):
         def flow():
             return EulerFlow(model=model, **options)
 
-        super().__init__(model, flow, surface=surface, results=EULER_RESULTS, mover=mover, require_valid=require_valid)
+        movement = {"mover": mover, "require_valid": require_valid}
+        super().__init__(model, flow, surface=surface, results=EULER_RESULTS, generation=generation, **movement)
 
 
 class FlowGroup(om.Group):
@@ -147,6 +157,8 @@ class FlowGroup(om.Group):
     name of each result    output  the flow's own         coefficients and whatever else was named
     =====================  ======  ==============  =====  =========================================
 
+    In MPhys 1.x the conditions are called ``aoa`` and ``mach``.
+
     Options
     -------
     flow : callable
@@ -155,6 +167,8 @@ class FlowGroup(om.Group):
         Number of nodes of the grid.
     results : dict
         Units of its outputs to hand on, None where there are none, by name.
+    generation : int, optional
+        1 or 2: the MPhys whose names are used; by default the one that is installed.
     """
 
     def initialize(self):
@@ -162,10 +176,13 @@ class FlowGroup(om.Group):
         self.options.declare("flow", types=Callable, recordable=False, desc="makes the group that solves the flow")
         self.options.declare("n_nodes", types=int, desc="number of nodes of the grid")
         self.options.declare("results", types=Mapping, desc="units of its outputs to hand on, by name")
+        self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self):
         """Put the flow between two components that translate."""
-        conditions, results = _conditions(3 * self.options["n_nodes"]), _results(self.options["results"])
+        names = names_of(self.options["generation"], self.msginfo)
+        conditions = _conditions(3 * self.options["n_nodes"], names)
+        results = _results(self.options["results"])
         self.add_subsystem("conditions", _Renamed(pairs=conditions), promotes_inputs=["*"])
         self.add_subsystem("flow", self.options["flow"]())
         self.add_subsystem("results", _Renamed(pairs=results), promotes_outputs=["*"])
@@ -185,13 +202,13 @@ class _Pair:
     as_output: dict
 
 
-def _conditions(size: int) -> list[_Pair]:
+def _conditions(size: int, names: Names) -> list[_Pair]:
     """Names of MPhys for the inputs of a flow group."""
     degrees = {"val": 2.0, "units": "deg"}
     return [
         _Pair(VOLUME, GRID, {"shape": size, "tags": COUPLING}, {"shape": size, "units": "m"}),
-        _Pair(ANGLE_OF_ATTACK, "alpha", {**degrees, "tags": INPUT}, degrees),
-        _Pair(MACH_NUMBER, "Mach_number", {"val": 0.3, "tags": INPUT}, {"val": 0.3}),
+        _Pair(names.angle_of_attack, "alpha", {**degrees, "tags": INPUT}, degrees),
+        _Pair(names.mach_number, "Mach_number", {"val": 0.3, "tags": INPUT}, {"val": 0.3}),
     ]
 
 

@@ -1,46 +1,88 @@
-"""Names, tags and sizes that MPhys and its solvers agree on."""
+"""Names and tags that MPhys and its solvers agree on, in both generations of MPhys.
+
+Version 2 of MPhys renamed variables and gave its modules other places. Solvers follow at their own pace, so both are
+served: each component takes a ``generation``, which is that of the installed MPhys unless it is said.
+"""
 
 from __future__ import annotations
 
-from mphys import MPhysVariables
+from dataclasses import dataclass
+
+import mphys
 
 from ...errors import InputError
-
-_SURFACE = MPhysVariables.Aerodynamics.Surface
-_CONDITIONS = MPhysVariables.Aerodynamics.FlowConditions
-
-X_MESH = _SURFACE.Mesh.COORDINATES
-"""Surface nodes as a solver read them."""
-
-X_INPUT = _SURFACE.Geometry.COORDINATES_INPUT
-"""Surface nodes before the geometry."""
-
-X_OUTPUT = _SURFACE.Geometry.COORDINATES_OUTPUT
-"""Surface nodes after the geometry."""
-
-X_JIG = _SURFACE.COORDINATES_INITIAL
-"""Surface nodes at the start of an analysis."""
-
-X_AERO = _SURFACE.COORDINATES
-"""Surface nodes that the flow sees."""
-
-ANGLE_OF_ATTACK = _CONDITIONS.ANGLE_OF_ATTACK
-MACH_NUMBER = _CONDITIONS.MACH_NUMBER
-
-VOLUME = "aero_vol_coords"
-"""Volume nodes. MPhys has no name for them: this is DAFoam's, ADflow says ``adflow_vol_coords``."""
 
 COORDINATES, COUPLING, INPUT, RESULT = "mphys_coordinates", "mphys_coupling", "mphys_input", "mphys_result"
 """Tags by which the groups of MPhys promote variables."""
 
+VOLUME = "aero_vol_coords"
+"""Volume nodes. MPhys has no name for them: this is DAFoam's, ADflow says ``adflow_vol_coords``."""
 
-def require_one_process(comm, pathname: str) -> None:
-    """Refuse more than one process: grid and movement are in the memory of one, and threads share their work.
+X_AERO, X_JIG = "x_aero", "x_aero0"
+"""Surface nodes that the flow sees, and those at the start of an analysis: alike in both generations."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of variables that are others in each generation of MPhys.
+
+    Parameters
+    ----------
+    mesh : str
+        Surface nodes as a solver read them.
+    geometry_input, geometry_output : str
+        The same before and after the geometry.
+    input_tags : tuple of str
+        Tags of ``geometry_input``: MPhys connects it either where its groups promote it, or in the geometry itself.
+    angle_of_attack, mach_number : str
+        Conditions of a flow.
+    """
+
+    mesh: str
+    geometry_input: str
+    geometry_output: str
+    input_tags: tuple[str, ...]
+    angle_of_attack: str
+    mach_number: str
+
+
+GENERATIONS = {
+    1: Names(
+        mesh="x_aero0",
+        geometry_input="x_aero_in",
+        geometry_output="x_aero0",
+        input_tags=(),
+        angle_of_attack="aoa",
+        mach_number="mach",
+    ),
+    2: Names(
+        mesh="x_aero0_mesh",
+        geometry_input="x_aero0_geometry_input",
+        geometry_output="x_aero0_geometry_output",
+        input_tags=(COORDINATES,),
+        angle_of_attack="angle_of_attack",
+        mach_number="mach_number",
+    ),
+}
+"""Names of MPhys 1.x and of MPhys 2.x."""
+
+INSTALLED = 2 if hasattr(mphys, "MPhysVariables") else 1
+"""Generation of the MPhys that is installed."""
+
+
+def names_of(generation: int | None, pathname: str) -> Names:
+    """Names of a generation of MPhys; of the installed one for None.
 
     Raises
     ------
     InputError
-        If there are more.
+        If there is none of this number.
     """
-    if comm.size > 1:
-        raise InputError(f"{pathname}: {comm.size} processes; give it one, in a group of its own communicator")
+    if generation is None:
+        generation = INSTALLED
+    if generation not in GENERATIONS:
+        raise InputError(
+            f"{pathname}: there is no generation {generation!r} of MPhys; give 1 (MPhys 1.x), 2 (MPhys 2.x), or None "
+            f"for the installed one"
+        )
+    return GENERATIONS[generation]

@@ -9,11 +9,13 @@ from ...design.parametrization import Parametrization
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import SURFACE
-from ..component import LINEAR_STEP, SparseComponent, as_node_numbers, check_along_directions
+from ...numerics.processes import summed
+from ..component import LINEAR_STEP, check_along_directions
 from ..surface_control import SurfaceControl
 from ..surface_evaluate import SurfaceEvaluate
 from ..surface_measure import SurfaceMeasure
-from .conventions import COORDINATES, X_INPUT, X_OUTPUT, require_one_process
+from .conventions import COORDINATES, names_of
+from .distribution import nodes_of_rank
 
 __all__ = ["SurfaceGeometry"]
 
@@ -31,7 +33,9 @@ class SurfaceGeometry(om.Group):
     name of each measure            output  its own       its    what it measures, see `SurfaceMeasure`
     ==============================  ======  ============  =====  ====================================================
 
-    The displacement of every node is added to the input: at initial values a solver gets its own nodes back.
+    The displacement of every node is added to the input: at initial values a solver gets its own nodes back. In MPhys
+    1.x the nodes are called ``x_aero_in`` and ``x_aero0``. On several processes they are distributed, and each process
+    moves those of its own part of the solver.
 
     Options
     -------
@@ -42,15 +46,18 @@ class SurfaceGeometry(om.Group):
     surface : SurfaceGrid, optional
         The surface; all walls by default.
     numbers : sequence of int, optional
-        The node of the surface that each of the solver's points is, see `bspline_mdao.topology.sharing`; by default the
-        solver has all nodes in the order of the surface.
+        The node of the surface that each of the solver's points is, see `bspline_mdao.topology.sharing`: of its points
+        on this process, which may be none. By default the solver has all nodes in the order of the surface, as many on
+        each process.
     measures : sequence of Measure
         What is measured of the surface.
+    generation : int, optional
+        1 or 2: the MPhys whose names are used; by default the one that is installed.
 
     Raises
     ------
     InputError
-        In ``setup``, if a number does not exist, or if there are several processes.
+        In ``setup``, if a number does not exist, or the generation.
     """
 
     def initialize(self):
@@ -62,13 +69,14 @@ class SurfaceGeometry(om.Group):
         self.options.declare("surface", default=None, recordable=False, desc="the surface")
         self.options.declare("numbers", default=None, recordable=False, desc="nodes that the solver has")
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
+        self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self):
         """Add the components in the order of the chain."""
         model, parametrization = self.options["model"], self.options["parametrization"]
         surface = self.options["surface"] or SurfaceGrid.of(model)
         evaluate = SurfaceEvaluate(model=model, mesh=parametrization.mesh, surface=surface)
-        place = _Displaced(surface=surface, numbers=self.options["numbers"])
+        place = _Displaced(surface=surface, numbers=self.options["numbers"], generation=self.options["generation"])
         self.add_subsystem("control", SurfaceControl(parametrization=parametrization), promotes=["*"])
         self.add_subsystem("evaluate", evaluate, promotes=["*"])
         self.add_subsystem("place", place, promotes=["*"])
@@ -76,29 +84,41 @@ class SurfaceGeometry(om.Group):
             self.add_subsystem(f"measure_{measure.name}", SurfaceMeasure(measure=measure), promotes=["*"])
 
 
-class _Displaced(SparseComponent):
+class _Displaced(om.ExplicitComponent):
     """Add the displacement of the surface to a solver's nodes."""
 
     def initialize(self):
         self.options.declare("surface", types=SurfaceGrid, recordable=False)
         self.options.declare("numbers", default=None, recordable=False)
+        self.options.declare("generation", default=None)
 
     def setup(self):
-        require_one_process(self.comm, self.msginfo)
-        baseline = self.options["surface"].points
-        self._numbers = as_node_numbers(self.options["numbers"], len(baseline), "numbers", self.msginfo)
-        nodes = baseline[self._numbers].ravel()
-        self.add_input(X_INPUT, val=nodes, tags=COORDINATES)
-        self.add_input(SURFACE, val=baseline.ravel(), units="m")
-        self.add_output(X_OUTPUT, val=nodes, tags=COORDINATES)
+        surface, is_distributed = self.options["surface"], self.comm.size > 1
+        self._names = names_of(self.options["generation"], self.msginfo)
+        self._numbers = nodes_of_rank(self.options["numbers"], surface.n_points, "numbers", self.comm, self.msginfo)
+        nodes = {"val": surface.points[self._numbers].ravel(), "distributed": is_distributed}
+        self.add_input(self._names.geometry_input, **nodes, tags=list(self._names.input_tags))
+        self.add_input(SURFACE, val=surface.points.ravel(), units="m")
+        self.add_output(self._names.geometry_output, **nodes, tags=COORDINATES)
         check_along_directions(self, LINEAR_STEP)
-
-    def setup_partials(self):
-        columns = (3 * self._numbers[:, None] + [0, 1, 2]).ravel()
-        rows = np.arange(len(columns))
-        self.declare_sparse(X_OUTPUT, X_INPUT, rows, rows, 1.0)
-        self.declare_sparse(X_OUTPUT, SURFACE, rows, columns, 1.0)
 
     def compute(self, inputs, outputs):
         displacement = inputs[SURFACE].reshape(-1, 3) - self.options["surface"].points
-        outputs[X_OUTPUT] = inputs[X_INPUT] + displacement[self._numbers].ravel()
+        outputs[self._names.geometry_output] = inputs[self._names.geometry_input] + displacement[self._numbers].ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        of, wrt = self._names.geometry_output, self._names.geometry_input
+        if of not in d_outputs:
+            return
+        if mode == "fwd":
+            if wrt in d_inputs:
+                d_outputs[of] += d_inputs[wrt]
+            if SURFACE in d_inputs:
+                d_outputs[of] += d_inputs[SURFACE].reshape(-1, 3)[self._numbers].ravel()
+            return
+        if wrt in d_inputs:
+            d_inputs[wrt] += d_outputs[of]
+        if SURFACE in d_inputs:
+            bar = np.zeros((self.options["surface"].n_points, 3), dtype=d_outputs[of].dtype)
+            np.add.at(bar, self._numbers, d_outputs[of].reshape(-1, 3))
+            d_inputs[SURFACE] += summed(self.comm, bar).ravel()

@@ -9,9 +9,11 @@ from ...fit.surface_fit import SurfaceMiss
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
-from ..component import LINEAR_STEP, SparseComponent, as_node_numbers, check_along_directions, finite_points
+from ...numerics.processes import summed
+from ..component import LINEAR_STEP, check_along_directions, finite_points
 from ..grid_movement import GridMovement
-from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG, require_one_process
+from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
+from .distribution import nodes_of_rank
 
 __all__ = ["VolumeWarper"]
 
@@ -30,6 +32,9 @@ class VolumeWarper(om.Group):
     ``aero_vol_coords``  output  (3 n_nodes)   volume nodes of the solver (m), under the name ``volume_name``
     ===================  ======  ============  ==============================================================
 
+    On several processes all three are distributed: each process has the nodes of its own part of the solver, any number
+    of them, and evaluates the rows of the grid that it has, and no others.
+
     Options
     -------
     model : FittedModel
@@ -39,11 +44,12 @@ class VolumeWarper(om.Group):
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     numbers : sequence of int, optional
-        The node of the surface that each of the solver's surface points is; all in their order by default. Of a node
-        that is given more than once the mean counts.
+        The node of the surface that each of the solver's surface points is, of its points on this process, which may be
+        none; by default all in their order, as many on each process. Of a node that is given more than once, also by
+        several processes, the mean counts.
     rows : sequence of int, optional
-        The row of the grid that each of the solver's volume nodes is, see `bspline_mdao.topology.sharing`; by default
-        all, blocks in file order, each in C order of (i, j, k).
+        The row of the grid that each of the solver's volume nodes is, of its nodes on this process, see
+        `bspline_mdao.topology.sharing`; by default all, blocks in file order, each in C order of (i, j, k).
     volume_name : str
         What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).
     require_valid : bool
@@ -52,8 +58,8 @@ class VolumeWarper(om.Group):
     Raises
     ------
     InputError
-        In ``setup``, if a number or a row does not exist, if the nodes do not determine the control points, if the
-        mover is that of another model, or if there are several processes.
+        In ``setup``, if a number or a row does not exist, if the nodes do not determine the control points, or if the
+        mover is that of another model.
 
     Notes
     -----
@@ -75,15 +81,16 @@ class VolumeWarper(om.Group):
 
     def setup(self):
         """Add the components in the order of the chain."""
-        require_one_process(self.comm, self.msginfo)
-        model = self.options["model"]
+        model, comm = self.options["model"], self.comm
         surface = self.options["surface"] or SurfaceGrid.of(model)
-        numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
-        valid, given = self.options["require_valid"], np.unique(numbers)
+        numbers = nodes_of_rank(self.options["numbers"], surface.n_points, "numbers", comm, self.msginfo)
+        counts = summed(comm, np.bincount(numbers, minlength=surface.n_points))
+        valid, given = self.options["require_valid"], np.flatnonzero(counts)
         options = {"model": model, "mover": self.options["mover"], "surface": surface, "numbers": given}
         movement = GridMovement(**options, require_valid=valid, fit=False, quality=False)
         nodes = _SolverNodes(n_nodes=model.n_nodes, rows=self.options["rows"], name=self.options["volume_name"])
-        self.add_subsystem("surface", _SolverSurface(surface=surface, numbers=numbers), promotes=["*"])
+        given_nodes = _SolverSurface(surface=surface, numbers=numbers, counts=counts)
+        self.add_subsystem("surface", given_nodes, promotes=["*"])
         self.add_subsystem("movement", movement, promotes_inputs=[SURFACE], promotes_outputs=[GRID])
         self.add_subsystem("nodes", nodes, promotes=["*"])
 
@@ -93,34 +100,45 @@ class VolumeWarper(om.Group):
         return self.movement.fit_surface.miss
 
 
-class _SolverSurface(SparseComponent):
-    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once."""
+class _SolverSurface(om.ExplicitComponent):
+    """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once.
+
+    The solver's nodes are distributed, the surface is the same on all processes: the sum of their parts.
+    """
 
     def initialize(self):
         self.options.declare("surface", types=SurfaceGrid, recordable=False)
         self.options.declare("numbers", recordable=False)
+        self.options.declare("counts", recordable=False)
 
     def setup(self):
-        numbers, surface = self.options["numbers"], self.options["surface"]
-        given, self._places, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-        self._weights = 1.0 / counts[self._places]
-        self.add_input(X_AERO, val=surface.points[numbers].ravel(), tags=COUPLING)
-        self.add_input(X_JIG, val=surface.points[numbers].ravel(), tags=COORDINATES)
-        self.add_output(SURFACE, val=surface.points[given].ravel(), units="m")
+        numbers, counts = self.options["numbers"], self.options["counts"]
+        points, given = self.options["surface"].points, np.flatnonzero(counts)
+        self._places = np.searchsorted(given, numbers)
+        self._weights = 1.0 / counts[numbers][:, None]
+        nodes = {"val": points[numbers].ravel(), "distributed": self.comm.size > 1}
+        self.add_input(X_AERO, **nodes, tags=COUPLING)
+        self.add_input(X_JIG, **nodes, tags=COORDINATES)
+        self.add_output(SURFACE, val=points[given].ravel(), units="m")
         check_along_directions(self, LINEAR_STEP)
 
-    def setup_partials(self):
-        rows = (3 * self._places[:, None] + [0, 1, 2]).ravel()
-        self.declare_sparse(SURFACE, X_AERO, rows, np.arange(len(rows)), np.repeat(self._weights, 3))
+    def _means(self, nodes: np.ndarray) -> np.ndarray:
+        means = np.zeros((self._get_var_meta(SURFACE, "size") // 3, 3), dtype=nodes.dtype)
+        np.add.at(means, self._places, nodes * self._weights)
+        return summed(self.comm, means)
 
     def compute(self, inputs, outputs):
-        nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo) * self._weights[:, None]
-        means = np.zeros_like(outputs[SURFACE].reshape(-1, 3))
-        np.add.at(means, self._places, nodes)
-        outputs[SURFACE] = means.ravel()
+        outputs[SURFACE] = self._means(finite_points(inputs[X_AERO], X_AERO, self.msginfo)).ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        if SURFACE in d_outputs and X_AERO in d_inputs:
+            if mode == "fwd":
+                d_outputs[SURFACE] += self._means(d_inputs[X_AERO].reshape(-1, 3)).ravel()
+            else:
+                d_inputs[X_AERO] += (d_outputs[SURFACE].reshape(-1, 3)[self._places] * self._weights).ravel()
 
 
-class _SolverNodes(SparseComponent):
+class _SolverNodes(om.ExplicitComponent):
     """Put the nodes of the grid in a solver's order."""
 
     def initialize(self):
@@ -129,15 +147,21 @@ class _SolverNodes(SparseComponent):
         self.options.declare("name", types=str)
 
     def setup(self):
-        n_nodes = self.options["n_nodes"]
-        self._rows = as_node_numbers(self.options["rows"], n_nodes, "rows", self.msginfo)
+        n_nodes, name = self.options["n_nodes"], self.options["name"]
+        self._rows = nodes_of_rank(self.options["rows"], n_nodes, "rows", self.comm, self.msginfo)
         self.add_input(GRID, shape=3 * n_nodes, units="m")
-        self.add_output(self.options["name"], shape=3 * len(self._rows), tags=COUPLING)
+        self.add_output(name, shape=3 * len(self._rows), distributed=self.comm.size > 1, tags=COUPLING)
         check_along_directions(self, LINEAR_STEP)
-
-    def setup_partials(self):
-        columns = (3 * self._rows[:, None] + [0, 1, 2]).ravel()
-        self.declare_sparse(self.options["name"], GRID, np.arange(len(columns)), columns, 1.0)
 
     def compute(self, inputs, outputs):
         outputs[self.options["name"]] = inputs[GRID].reshape(-1, 3)[self._rows].ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        name = self.options["name"]
+        if name in d_outputs and GRID in d_inputs:
+            if mode == "fwd":
+                d_outputs[name] += d_inputs[GRID].reshape(-1, 3)[self._rows].ravel()
+            else:
+                bar = np.zeros((self.options["n_nodes"], 3), dtype=d_outputs[name].dtype)
+                np.add.at(bar, self._rows, d_outputs[name].reshape(-1, 3))
+                d_inputs[GRID] += summed(self.comm, bar).ravel()
