@@ -4,7 +4,11 @@ Kernels take a communicator of mpi4py, or what has its ``rank`` and ``size``, an
 process needs none: `ONE`, and everything with a ``size`` of 1, such as OpenMDAO's stand-in, sends nothing.
 
 A process that raises while others wait for it in a collective call leaves them waiting for ever. So whatever may fail
-on one process alone is done inside `together`, between collective calls.
+on one process alone is done inside `together`, between collective calls::
+
+    with together(comm):
+        part = local_part(own_values)  # may raise, and sends nothing
+    total = summed(comm, part)
 
 Theory: ``docs/parallel.rst``.
 """
@@ -15,6 +19,7 @@ import os
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -59,6 +64,8 @@ def world() -> Any:
 def together(comm) -> Iterator[None]:
     """Raise on all processes what the first one raises, in a body without collective calls.
 
+    Within another one it does nothing: the outer one tells.
+
     Parameters
     ----------
     comm : communicator
@@ -70,22 +77,35 @@ def together(comm) -> Iterator[None]:
         What the process of lowest rank that failed has raised, with its words: on that process itself, and on all
         others as well. One that cannot be sent is raised there as a RuntimeError.
     """
-    if comm.size == 1:
+    if comm.size == 1 or _INSIDE.get():
         yield
         return
-    failure = None
+    failure, token = None, _INSIDE.set(True)
     try:
         yield
     except Exception as error:
         failure = error
-    failed = comm.allgather(failure is not None)
-    if not any(failed):
+    finally:
+        _INSIDE.reset(token)
+    first = _first_that(comm, failure is not None)
+    if first == comm.size:
         return
-    first = failed.index(True)
     sent = comm.bcast(_packed(failure) if comm.rank == first else None, root=first)
     if comm.rank == first and failure is not None:
         raise failure
     raise pickle.loads(sent) from failure
+
+
+_INSIDE: ContextVar[bool] = ContextVar("inside together", default=False)
+
+
+def _first_that(comm, is_so: bool) -> int:
+    """Lowest rank of which something is true; the number of processes where it is true of none."""
+    from mpi4py import MPI
+
+    rank, first = np.array([comm.rank if is_so else comm.size]), np.empty(1, dtype=int)
+    comm.Allreduce(rank, first, op=MPI.MIN)
+    return int(first[0])
 
 
 def _packed(failure: Exception | None) -> bytes:

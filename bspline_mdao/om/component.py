@@ -6,6 +6,9 @@ To add a component:
 2. ``compute`` looks at its inputs with `finite_points` or `finite_values`, calls one kernel, and writes its outputs.
    Failures of the kernel to follow a design go through `failures_as_analysis_errors`, so that drivers can back off.
    A state that ``compute`` and derivatives share is kept in a `LastState`.
+   Of several processes all raise what one of them raises: a method that sends nothing is decorated by `fails_together`;
+   one that does has what may fail, looks at inputs included, inside `failures_as_analysis_errors`, and what it sends
+   outside.
 3. The derivative is written in one of two ways:
 
    - *matrix-free*, where a kernel has ``jvp`` and ``vjp``: ``compute_jacvec_product`` is one call of `add_product`;
@@ -19,15 +22,18 @@ To add a component:
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar, cast
 
 import numpy as np
 import openmdao.api as om
 from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
+from ..numerics.processes import together
 
 LINEAR_STEP = 1.0
 """Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
@@ -384,11 +390,30 @@ def refuse_complex_step(component: om.ExplicitComponent | om.ImplicitComponent) 
 def failures_as_analysis_errors(
     component: om.ExplicitComponent | om.ImplicitComponent, kinds: tuple[type[Exception], ...] = (MovementError,)
 ) -> Iterator[None]:
-    """Raise errors of some kinds within as ``om.AnalysisError`` with the name of the component."""
-    try:
-        yield
-    except kinds as error:
-        raise om.AnalysisError(f"{component.msginfo}: {error}") from error
+    """Raise errors of some kinds within as ``om.AnalysisError`` with the name of the component.
+
+    All processes of the component come here, make no collective call within, and raise together, see
+    `bspline_mdao.numerics.processes.together`.
+    """
+    with together(component.comm):
+        try:
+            yield
+        except kinds as error:
+            raise om.AnalysisError(f"{component.msginfo}: {error}") from error
+
+
+Method = TypeVar("Method", bound=Callable)
+
+
+def fails_together(method: Method) -> Method:
+    """Decorate a method of a component or group that makes no collective call: all processes raise what one raises."""
+
+    @functools.wraps(method)
+    def run(self, *arguments, **options):
+        with together(self.comm):
+            return method(self, *arguments, **options)
+
+    return cast(Method, run)
 
 
 def by_parts(apply: Callable, *directions: np.ndarray | float):

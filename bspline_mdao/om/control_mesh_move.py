@@ -18,6 +18,7 @@ from .component import (
     add_product,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
@@ -94,6 +95,7 @@ class ControlMeshMove(om.ExplicitComponent):
         """Report of the last move, increment by increment; None where there was none, or where it stopped half way."""
         return None if self._last is None else self._last.movement.report
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the mover's mesh."""
         mesh = mesh_of(self.options["mover"], self.msginfo)
@@ -123,9 +125,9 @@ class ControlMeshMove(om.ExplicitComponent):
 
     def _movement_at(self, inputs) -> Movement:
         """Movement for these inputs: the last one if it was made for them."""
-        refuse_complex_step(self)
-        initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
         with failures_as_analysis_errors(self):
+            refuse_complex_step(self)
+            initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
             if self._last is None or not self._last.is_for(initial, surface):
                 self._last = None  # its factors make room for those of the next
                 movement = self._mover.move(initial, surface, **self._options_at(initial))

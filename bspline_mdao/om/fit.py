@@ -17,6 +17,7 @@ from .component import (
     by_parts,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
@@ -65,6 +66,7 @@ class Fit(om.ExplicitComponent):
         """Whether the outputs depend linearly on the inputs."""
         return not self.options["live"]
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model = self.options["model"]
@@ -84,7 +86,8 @@ class Fit(om.ExplicitComponent):
 
     def compute(self, inputs, outputs):
         """Solve the least squares."""
-        nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)
+        with failures_as_analysis_errors(self):
+            nodes = finite_points(inputs[GRID_INITIAL], GRID_INITIAL, self.msginfo)
         is_live = self.options["live"]
         control_points = self._live_at(nodes).control_points if is_live else by_parts(self._frozen.forward, nodes)
         outputs[CONTROL_POINTS_INITIAL] = control_points.ravel()
@@ -102,6 +105,7 @@ class Fit(om.ExplicitComponent):
     def _fit(self, nodes: np.ndarray) -> LiveFit:
         return live_fit(self.options["model"], nodes)
 
+    @fails_together
     def _live_at(self, nodes: np.ndarray) -> LiveFit:
         refuse_complex_step(self)
         with failures_as_analysis_errors(self, (InputError,)):

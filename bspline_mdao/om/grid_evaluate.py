@@ -19,6 +19,7 @@ from .component import (
     as_node_numbers,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
@@ -75,6 +76,7 @@ class GridEvaluate(SparseComponent):
         """Whether the outputs depend linearly (affinely, with a residual) on the inputs."""
         return self.options["model"].grid_map().is_linear
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, surface = self.options["model"], self.options["surface"]
@@ -96,6 +98,7 @@ class GridEvaluate(SparseComponent):
         blocks = (block.nodes for block in model.regenerate().blocks)
         check_along_directions(self, LINEAR_STEP if self._map.is_linear else difference_step(blocks))
 
+    @fails_together
     def setup_partials(self):
         """Declare the Jacobian once and for all where it is wanted as a matrix."""
         if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
@@ -133,6 +136,6 @@ class GridEvaluate(SparseComponent):
         return numbers
 
     def _state_at(self, inputs) -> GridState:
-        points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
         with failures_as_analysis_errors(self):
+            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._names]
             return self._last.at(points, lambda control, *wall: self._map.at(control, self._correction, *wall))

@@ -16,6 +16,7 @@ from ..model.fitted_model import FittedModel
 from ..movement.elasticity import LinearElasticity
 from ..movement.mover import Mover
 from ..names import ALL_NAMES
+from .component import fails_together
 from .control_mesh_move import ControlMeshMove, mesh_of
 from .fit import Fit
 from .grid_evaluate import GridEvaluate
@@ -95,6 +96,7 @@ class GridMovement(om.Group):
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
         self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
 
+    @fails_together
     def setup(self):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()

@@ -14,6 +14,7 @@ from .component import (
     add_product,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
@@ -62,6 +63,7 @@ class LiveGridEvaluate(om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model = self.options["model"]
@@ -88,6 +90,7 @@ class LiveGridEvaluate(om.ExplicitComponent):
     def _grid(self, nodes: np.ndarray) -> LiveGrid:
         return live_grid(self.options["model"], nodes)
 
+    @fails_together
     def _state_at(self, inputs) -> LiveGridState:
         refuse_complex_step(self)
         points = {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}

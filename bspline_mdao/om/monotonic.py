@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..measures.monotonic import neighbour_differences
-from .component import LINEAR_STEP, SparseComponent, check_along_directions, finite_values
+from .component import LINEAR_STEP, SparseComponent, check_along_directions, fails_together, finite_values
 
 
 class Monotonic(SparseComponent):
@@ -55,6 +55,7 @@ class Monotonic(SparseComponent):
         """Name of the output."""
         return f"{self.options['variable']}_differences"
 
+    @fails_together
     def setup(self):
         """Declare the variables."""
         size, units = self.options["size"], self.options["units"]
@@ -63,11 +64,13 @@ class Monotonic(SparseComponent):
         self.add_output(self.output, val=np.zeros(size - 1), units=units)
         check_along_directions(self, LINEAR_STEP)
 
+    @fails_together
     def setup_partials(self):
         """Declare the Jacobian once and for all."""
         rows, cols, values = self._differences
         self.declare_sparse(self.output, self.options["variable"], rows, cols, values)
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Subtract neighbours."""
         name = self.options["variable"]

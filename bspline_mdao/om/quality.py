@@ -10,7 +10,14 @@ from ..cells.report import QualityReport, inverted_cells, report_quality
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import GRID
-from .component import check_along_directions, difference_step, finite_points, refuse_complex_step
+from .component import (
+    check_along_directions,
+    difference_step,
+    fails_together,
+    failures_as_analysis_errors,
+    finite_points,
+    refuse_complex_step,
+)
 
 CELL_QUALITY = "cell_quality"
 
@@ -75,6 +82,7 @@ class Quality(om.ExplicitComponent):
         self.options.declare("n_bins", types=int, default=50, desc="bins of the distribution of Q")
         self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         baseline = self.options["model"].regenerate()
@@ -96,10 +104,11 @@ class Quality(om.ExplicitComponent):
 
     def compute(self, inputs, outputs):
         """Measure the cells."""
-        refuse_complex_step(self)
-        nodes = finite_points(inputs[GRID], GRID, self.msginfo)
-        if self.options["require_valid"]:
-            self._refuse_inverted(nodes)
+        with failures_as_analysis_errors(self):
+            refuse_complex_step(self)
+            nodes = finite_points(inputs[GRID], GRID, self.msginfo)
+            if self.options["require_valid"]:
+                self._refuse_inverted(nodes)
         values = self._values(nodes)
         for name, value in values.aggregates.items():
             outputs[name] = value

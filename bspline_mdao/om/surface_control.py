@@ -9,6 +9,7 @@ from .component import (
     SparseComponent,
     SparsePattern,
     check_along_directions,
+    fails_together,
     finite_points,
     finite_values,
     refuse_complex_step,
@@ -52,6 +53,7 @@ class SurfaceControl(SparseComponent):
             "parametrization", types=Parametrization, recordable=False, desc="variables and constraints"
         )
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the parametrization."""
         parametrization = self.options["parametrization"]
@@ -62,6 +64,7 @@ class SurfaceControl(SparseComponent):
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         check_along_directions(self, SMOOTH_STEP)
 
+    @fails_together
     def setup_partials(self):
         """Declare what may differ from zero."""
         pattern, ids = self.options["parametrization"].pattern, self.options["parametrization"].mesh.surface_ids
@@ -72,10 +75,12 @@ class SurfaceControl(SparseComponent):
             cols = columns[sparse.cols] if name == CONTROL_POINTS_INITIAL else sparse.cols
             self.declare_sparse(SURFACE_CONTROL_POINTS, name, sparse.rows, cols)
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Move the points."""
         outputs[SURFACE_CONTROL_POINTS] = self.options["parametrization"].apply(*self._at(inputs)).ravel()
 
+    @fails_together
     def compute_partials(self, inputs, partials):
         """Differentiate the move."""
         refuse_complex_step(self)

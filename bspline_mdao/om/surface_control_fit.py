@@ -19,6 +19,7 @@ from .component import (
     as_node_numbers,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
@@ -78,6 +79,7 @@ class SurfaceControlFit(om.ExplicitComponent):
         (nodes,), (topology, source, rows) = self._last.points, self._places
         return SurfaceMiss.of(topology, source, rows, self._last.state.nodes, nodes)
 
+    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the mesh and the surface."""
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
@@ -91,6 +93,7 @@ class SurfaceControlFit(om.ExplicitComponent):
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         check_along_directions(self, difference_step(surface.points[ids] for ids in surface.faces))
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Fit the control points, and log what they miss, for those who ask for information."""
         fitted = self._fitted(inputs)
@@ -100,6 +103,7 @@ class SurfaceControlFit(om.ExplicitComponent):
         if not self.under_approx:
             LOGGER.info("%s: of control points alone, %s", self.msginfo, self.miss)
 
+    @fails_together
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
         fitted = self._fitted(inputs)

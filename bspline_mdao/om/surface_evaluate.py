@@ -15,6 +15,7 @@ from .component import (
     add_product,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
@@ -63,6 +64,7 @@ class SurfaceEvaluate(om.ExplicitComponent):
         model = self.options["model"]
         return model.residual is None or not model.settings.wall_layer
 
+    @fails_together
     def setup(self):
         """Declare the variables."""
         mesh, surface = self.options["mesh"], self.options["surface"]
@@ -72,6 +74,7 @@ class SurfaceEvaluate(om.ExplicitComponent):
         lines = (surface.points[ids] for ids in surface.faces)
         check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes."""
         state = self._state_at(inputs)
@@ -79,6 +82,7 @@ class SurfaceEvaluate(om.ExplicitComponent):
         if self.under_complex_step:
             outputs[SURFACE] += 1j * state.jvp(inputs[SURFACE_CONTROL_POINTS].imag.reshape(-1, 3)).ravel()
 
+    @fails_together
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
         state = self._state_at(inputs)

@@ -9,6 +9,7 @@ from .component import (
     SparsePattern,
     check_along_directions,
     difference_step,
+    fails_together,
     finite_points,
     refuse_complex_step,
 )
@@ -44,6 +45,7 @@ class SurfaceMeasure(SparseComponent):
         """Declare the options."""
         self.options.declare("measure", recordable=False, desc="what is measured")
 
+    @fails_together
     def setup(self):
         """Declare the variables."""
         measure: Measure = self.options["measure"]
@@ -52,17 +54,20 @@ class SurfaceMeasure(SparseComponent):
         step = difference_step(measure.surface.points[ids] for ids in measure.surface.faces)
         check_along_directions(self, step, is_complex=True)
 
+    @fails_together
     def setup_partials(self):
         """Declare what may differ from zero."""
         measure = self.options["measure"]
         self._sparse = SparsePattern.of(measure.partials(measure.surface.points))
         self.declare_sparse(measure.name, SURFACE, self._sparse.rows, self._sparse.cols)
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Measure the surface."""
         measure = self.options["measure"]
         outputs[measure.name] = measure.evaluate(self._points(inputs)).reshape(measure.shape)
 
+    @fails_together
     def compute_partials(self, inputs, partials):
         """Differentiate the measure."""
         refuse_complex_step(self)

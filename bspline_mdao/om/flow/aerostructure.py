@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import openmdao.api as om
 
+from ..component import fails_together
 from .vortex_lattice import STREAM, lattice_surface, openaerostruct
 
 
@@ -110,6 +111,7 @@ class Aerostructure(om.Group):
         self.options.declare("spar", types=Spar, recordable=False, desc="the spar")
         self.options.declare("parasite_drag", default=0.015, desc="added to the induced drag")
 
+    @fails_together
     def setup(self):
         """Add OpenAeroStruct's groups."""
         lattice, spar = self.options["lattice"], self.options["spar"]

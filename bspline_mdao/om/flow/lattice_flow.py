@@ -17,7 +17,7 @@ from ...measures.camber_surface import CamberSurface
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
-from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in
+from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_references
 from .vortex_lattice import LatticeStates
@@ -79,6 +79,7 @@ class LatticeFlow(om.Group):
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("ends", default=None, desc="ends of the lattice along the span, m")
 
+    @fails_together
     def setup(self):
         """Add the lattice, its solution, and what is made of that."""
         camber = self._add_camber()
@@ -129,6 +130,7 @@ class UnfoldedLattice(SurfaceMeasure):
         In a run, if a node is not finite, or if panels are folded, with their number and the first one.
     """
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Lay the lattice and look at its panels."""
         super().compute(inputs, outputs)
@@ -206,6 +208,7 @@ class LatticeForces(om.ExplicitComponent):
         self.options.declare("camber", types=CamberSurface, recordable=False, desc="the lattice on the baseline")
         declare_references(self.options)
 
+    @fails_together
     def setup(self):
         """Declare the variables."""
         camber = self.options["camber"]
@@ -222,11 +225,13 @@ class LatticeForces(om.ExplicitComponent):
         self.add_output("span_load", shape=n_span - 1, units="m")
         self._wing = self._coefficients()
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Sum the forces on the panels."""
         for name, value in self._wing.evaluate(*self._arguments(inputs)).items():
             outputs[name] = value
 
+    @fails_together
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
         if mode == "fwd":

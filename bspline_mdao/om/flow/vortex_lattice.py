@@ -14,7 +14,7 @@ import openmdao.api as om
 
 from ...errors import InputError
 from ...flow.induced_drag import Wake
-from ..component import SMOOTH_STEP
+from ..component import SMOOTH_STEP, fails_together
 
 STREAM = [("v", "velocity"), ("rho", "density")]
 """OpenAeroStruct's names of the stream and ours."""
@@ -82,6 +82,7 @@ class VortexLattice(om.Group):
         self.options.declare("symmetry", types=bool, default=True, desc="the lattice is one half of the wing")
         self.options.declare("reference_area", default=None, desc="fixed reference area of the whole wing, m**2")
 
+    @fails_together
     def setup(self):
         """Add OpenAeroStruct's components and those of the wake."""
         sizes = {name: self.options[name] for name in ("n_chord", "n_span", "symmetry")}
@@ -172,6 +173,7 @@ class LatticeStates(om.Group):
         self.options.declare("n_span", types=int, lower=2, desc="nodes along the span")
         self.options.declare("symmetry", types=bool, default=True, desc="the lattice is one half of the wing")
 
+    @fails_together
     def setup(self):
         """Add OpenAeroStruct's components."""
         surface = lattice_surface(self.options["n_chord"], self.options["n_span"], self.options["symmetry"])
@@ -225,6 +227,7 @@ class WakeForces(om.ExplicitComponent):
         self.options.declare("n_span", types=int, desc="nodes along the span")
         self.options.declare("symmetry", types=bool, default=True, desc="the lattice is one half of the wing")
 
+    @fails_together
     def setup(self):
         """Declare the variables."""
         n_chord, n_span = self.options["n_chord"], self.options["n_span"]
@@ -238,6 +241,7 @@ class WakeForces(om.ExplicitComponent):
         self.add_output("CD")
         self.add_output("span_load", shape=n_span - 1, units="m")
 
+    @fails_together
     def setup_partials(self):
         """Declare what may differ from zero: the last row of nodes and of rings."""
         n_chord, n_span = self.options["n_chord"], self.options["n_span"]
@@ -253,6 +257,7 @@ class WakeForces(om.ExplicitComponent):
         self.declare_partials(["CL", "CD"], ["Mach_number", "velocity", "S_ref"])
         self.set_check_partial_options("*", method="fd", form="central", step=SMOOTH_STEP)
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Sum lift and drag of the strips."""
         wake, speed, area = self._wake(inputs), inputs["velocity"], inputs["S_ref"]
@@ -260,6 +265,7 @@ class WakeForces(om.ExplicitComponent):
         outputs["CD"] = 2.0 * wake.drag / (speed**2 * area)
         outputs["span_load"] = 2.0 * wake.circulations / speed
 
+    @fails_together
     def compute_partials(self, inputs, partials):
         """Differentiate the sums over the strips."""
         wake, speed, area = self._wake(inputs), inputs["velocity"], inputs["S_ref"]

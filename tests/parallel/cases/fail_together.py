@@ -47,6 +47,20 @@ assert raised(failing([last], Unsendable))[0] == kind
 assert "this and that" in raised(failing([last], Unsendable))[1]
 
 
+def nested(rank):
+    """One within another, of which one rank does not come to the inner one."""
+    with together(comm):
+        if comm.rank == rank:
+            raise InputError(f"rank {rank}, outer")
+        with together(comm):
+            raise InputError(f"rank {comm.rank}, inner")
+
+
+assert raised(lambda: nested(0)) == ("InputError", "rank 0, outer")
+assert raised(lambda: nested(last)) == ("InputError", "rank 0, inner")
+assert raised(failing([0])) == ("InputError", "rank 0")
+
+
 def on_first_alone():
     """A task that must not run elsewhere."""
     assert comm.rank == 0
