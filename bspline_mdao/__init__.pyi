@@ -64,6 +64,7 @@ from .generators.wing import Wing as Wing
 from .generators.wing import cambered_section as cambered_section
 from .generators.wing import flat_section as flat_section
 from .generators.wing import naca_section as naca_section
+from .io.files import open_grid as open_grid
 from .io.files import read_grid as read_grid
 from .io.files import write_grid as write_grid
 from .io.openfoam import CaseField as CaseField

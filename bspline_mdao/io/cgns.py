@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -16,6 +19,8 @@ import numpy as np
 from ..errors import InputError
 from ..topology.detection import find_topology
 from ..topology.grid import Block, Grid, find_fault
+from ..topology.index_space import Window
+from ..topology.stored_grid import StoredBlock, StoredGrid
 from ..topology.topology import Topology
 from .cgns_faces import add_boundaries, add_connections, read_connections, read_patches_of_zones
 from .cgns_nodes import (
@@ -27,6 +32,7 @@ from .cgns_nodes import (
     free_name,
     is_link,
     label,
+    require_stored,
     set_attributes,
     value,
     word,
@@ -34,7 +40,7 @@ from .cgns_nodes import (
 from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
 from .formats import ADF
 
-__all__ = ["CgnsDialect", "read_cgns", "write_cgns"]
+__all__ = ["CgnsDialect", "open_cgns", "read_cgns", "write_cgns"]
 
 LIBRARY_VERSION = 3.4
 """Version written into new files; older tools refuse 4.0."""
@@ -89,20 +95,71 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     InputError
         When the file is not CGNS in HDF5, is damaged, holds an unstructured zone, or a node is not finite.
     """
+    stored = open_cgns(path)
+    blocks = []
+    with _opened(stored.source) as file:
+        for name, base, zone in _find_zones(file, stored.source):
+            blocks.append(Block(_read_nodes(base, zone, name, stored.source), name))
+    fault = find_fault(blocks)
+    if fault:
+        raise InputError(f"{stored.source}: {fault}")
+    return Grid(tuple(blocks), stored.patches, stored.source, stored.dialect, stored.connections)
+
+
+def open_cgns(path: str | os.PathLike) -> StoredGrid:
+    """Open a CGNS/HDF5 file, to read its zones, or windows of them, later.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    StoredGrid
+        As `read_cgns` gives it.
+
+    Raises
+    ------
+    InputError
+        When the file is not CGNS in HDF5, is damaged, or holds an unstructured zone; later, when a node that is read is
+        not finite.
+    """
     source = str(path)
     head = read_raw(path, 64)
     if head.startswith(ADF) or head[4:].startswith(ADF):
         raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
-    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(path, "r") as file:
+    with _opened(source) as file:
         zones = _find_zones(file, source)
-        blocks = tuple(Block(_read_nodes(base, zone, name, source), name) for name, base, zone in zones)
-        shapes = [block.shape for block in blocks]
+        names = [name for name, _, _ in zones]
+        shapes: list[tuple[int, ...]] = [_checked_shape(base, zone, name, source) for name, base, zone in zones]
         patches, ignored = read_patches_of_zones([(base, zone) for _, base, zone in zones], shapes)
-        connections, unfit = read_connections([zone for _, _, zone in zones], [name for name, _, _ in zones], shapes)
-    fault = find_fault(blocks)
+        connections, unfit = read_connections([zone for _, _, zone in zones], names, shapes)
+    blocks = tuple(
+        StoredBlock(shape, name, partial(_read_part, source, number, name))
+        for number, (name, shape) in enumerate(zip(names, shapes))
+    )
+    return StoredGrid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections)
+
+
+@contextmanager
+def _opened(source: str) -> Iterator[h5py.File]:
+    """Open a file for reading; whatever is wrong with it is an `InputError`."""
+    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
+        yield file
+
+
+def _read_part(source: str, number: int, name: str, window: Window | None) -> Block:
+    """Read a window of zone ``number``, from 0."""
+    with _opened(source) as file:
+        zones = _find_zones(file, source)
+        if number >= len(zones) or zones[number][0] != name:
+            raise InputError(f"{source}: has changed since it was opened; read it again")
+        block = Block(_read_nodes(zones[number][1], zones[number][2], name, source, window), name)
+    fault = find_fault([block], number + 1, (0, 0, 0) if window is None else window.lo)
     if fault:
         raise InputError(f"{source}: {fault}")
-    return Grid(blocks, patches, source, CgnsDialect(os.path.abspath(path), ignored + unfit), connections)
+    return block
 
 
 def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
@@ -126,19 +183,29 @@ def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5p
     return zones
 
 
-def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> np.ndarray:
-    """Nodes of a zone, shape (ni, nj, nk, 3)."""
+def _checked_shape(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:
+    """Node counts of a zone whose coordinates are there, of that shape, and reals."""
     shape = _zone_shape(zone, name, source)
-    n_axes = int(value(base)[1])
-    nodes = np.zeros(shape + (3,))
-    for axis, data in enumerate(_coordinates(zone, n_axes, name, source)):
-        array = np.asarray(value(data))
-        if array.T.shape + (1,) * (3 - array.ndim) != shape or array.dtype.kind != "f":
+    for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
+        data = node[" data"]
+        require_stored(node)
+        if data.shape[::-1] + (1,) * (3 - data.ndim) != shape or data.dtype.kind != "f":
             raise InputError(
                 f"{source}: zone '{name}': {_AXES[axis]} is no array of {shape} reals; write it without rind planes"
             )
+    return shape
+
+
+def _read_nodes(base: h5py.Group, zone: h5py.Group, name: str, source: str, window: Window | None = None) -> np.ndarray:
+    """Nodes of a zone, or of a window of it, shape (ni, nj, nk, 3)."""
+    shape = _checked_shape(base, zone, name, source)
+    slices = tuple(map(slice, shape)) if window is None else window.slices
+    nodes = np.zeros((*(part.stop - (part.start or 0) for part in slices), 3))
+    for axis, node in enumerate(_coordinates(zone, int(value(base)[1]), name, source)):
+        data = node[" data"]
+        array = data[slices[: data.ndim][::-1]]
         with np.errstate(invalid="ignore"):  # a NaN is named later
-            nodes[..., axis] = array.T.reshape(shape)
+            nodes[..., axis] = array.T.reshape(nodes.shape[:3])
     return nodes
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "free_name",
     "is_link",
     "label",
+    "require_stored",
     "value",
     "word",
 ]
@@ -98,6 +99,18 @@ def value(group: h5py.Group) -> np.ndarray:
     InputError
         When it claims to be larger than its file can hold.
     """
+    require_stored(group)
+    return group[" data"][()]
+
+
+def require_stored(group: h5py.Group) -> None:
+    """Refuse a node whose value claims to be larger than its file can hold.
+
+    Raises
+    ------
+    InputError
+        When it does.
+    """
     data = group[" data"]
     n_bytes = os.path.getsize(data.file.filename)
     claimed = float(np.prod([float(n) for n in data.shape])) * data.dtype.itemsize
@@ -105,7 +118,6 @@ def value(group: h5py.Group) -> np.ndarray:
         raise InputError(
             f"{data.file.filename}: {group.name} claims {claimed:.3g} bytes, the file holds {n_bytes}; write it again"
         )
-    return data[()]
 
 
 def word(group: h5py.Group) -> str:

@@ -300,6 +300,17 @@ def read_bytes(path: str | os.PathLike) -> tuple[bytes, bool, tuple[str, ...]]:
     return plain, True, (note,) * (n_ignored > 0)
 
 
+def is_compressed(path: str | os.PathLike) -> bool:
+    """Whether the first bytes of a file say gzip.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    return read_raw(path, len(_MAGIC)) == _MAGIC
+
+
 def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
     """Read the first ``size`` bytes of a file as they are, or all of them.
 

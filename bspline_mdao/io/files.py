@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..errors import InputError
+from ..numerics.processes import ONE, on_first
 from ..topology.grid import Grid, require_grid
+from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology
 from .disk import read_raw
 from .formats import FORMATS, GridFormat, format_of_content, format_of_name
 from .patches import read_patches
 from .plot3d import Plot3dDialect
 
-__all__ = ["check_grid_name", "read_grid", "write_grid"]
+__all__ = ["check_grid_name", "open_grid", "read_grid", "write_grid"]
 
 _HEAD = 4096  # bytes in which the signature of a format is looked for
 
@@ -36,7 +38,9 @@ class HasDialect(Protocol):
         """How it was written."""
 
 
-def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None) -> Grid:
+def read_grid(
+    path: str | os.PathLike, patches: str | os.PathLike | None = None, blocks: Iterable[int] | None = None
+) -> Grid:
     """Read a PLOT3D or CGNS grid, and a patches file where there is one.
 
     Parameters
@@ -45,6 +49,8 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
         The grid; its format is found from its content, never from its name.
     patches : path-like, optional
         Patches in TOML or a neutral map file. They replace patches of the same name in a CGNS grid.
+    blocks : iterable of int, optional
+        Numbers, from 0, of the blocks that are wanted, in that order; all by default. The others are passed over.
 
     Returns
     -------
@@ -56,9 +62,51 @@ def read_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None)
     InputError
         When a file cannot be read, in one line.
     """
+    if blocks is not None:
+        return open_grid(path, patches).grid(blocks)
     form = format_of_content(read_raw(path, _HEAD))
     grid = _function(form, form.reader)(path)
     return grid if patches is None else read_patches(patches, grid)
+
+
+def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None, comm: Any = ONE) -> StoredGrid:
+    """Open a PLOT3D or CGNS grid, so that blocks or windows of it can be read without holding the rest.
+
+    Names, shapes and patches are known at once. Raw binary, Fortran records and HDF5 are read where the nodes are; text
+    is passed over once to find them; what is compressed is decompressed whole, by every process that reads from it.
+
+    Parameters
+    ----------
+    path, patches : path-like
+        As for `read_grid`.
+    comm : communicator
+        Processes that open it together: the first looks at the file, and tells the others.
+
+    Returns
+    -------
+    StoredGrid
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read, in one line, on all processes.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from bspline_mdao import flat_plate_grid, open_grid, write_grid
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "plate.xyz")
+    >>> write_grid(path, flat_plate_grid())
+    >>> open_grid(path).grid([1]).shapes == (flat_plate_grid().shapes[1],)
+    True
+    """
+
+    def look() -> StoredGrid:
+        form = format_of_content(read_raw(path, _HEAD))
+        grid = _function(form, form.opener)(path)
+        return grid if patches is None else read_patches(patches, grid)
+
+    return on_first(comm, look)
 
 
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:

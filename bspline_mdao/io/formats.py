@@ -33,6 +33,8 @@ class GridFormat:
         Function of the module that writes a path and a grid.
     reader : str, optional
         Function of the module that reads a path.
+    opener : str, optional
+        Function of the module that opens a path, so that blocks of it can be read later.
     suffixes : tuple of str, optional
         Suffixes of its files; ``""`` for names without one.
     shown : tuple of str, optional
@@ -51,6 +53,7 @@ class GridFormat:
     module: str
     writer: str
     reader: str = ""
+    opener: str = ""
     suffixes: tuple[str, ...] = ()
     shown: tuple[str, ...] = ()
     folder: str = ""
@@ -81,6 +84,7 @@ FORMATS = (
         "plot3d",
         "write_plot3d_as_named",
         "read_plot3d",
+        "open_plot3d",
         suffixes=("", ".xyz", ".x", ".p3d", ".plot3d", ".g", ".grd", ".unf", ".fmt", ".p3dfmt", ".txt"),
         shown=(".xyz", ".fmt"),
         may_be_compressed=True,
@@ -90,6 +94,7 @@ FORMATS = (
         "cgns",
         "write_cgns",
         "read_cgns",
+        "open_cgns",
         suffixes=(".cgns",),
         signatures=((0, HDF5), (512, HDF5), (1024, HDF5), (2048, HDF5), (0, ADF), (4, ADF)),
         takes_topology=True,

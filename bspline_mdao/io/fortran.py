@@ -11,13 +11,17 @@ from __future__ import annotations
 
 import re
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import zip_longest
 
 import numpy as np
 
 from ..errors import InputError
+from .stored_numbers import TEXT_PART, BinaryNumbers, StoredBytes, TextNumbers
 
+_BREAKS = (b" ", b"\t", b"\n", b"\r")
 _SEPARATORS = b" \t\r\n,;\x0b\x0c"
 _NUMBERS = b"0123456789+-.eEdDqQ*" + b"nNaAiIfFtTyY"
 _PLAIN = bytes.maketrans(b",;DdQq*", b"  EEEE ")
@@ -33,7 +37,7 @@ def is_text(data: bytes) -> bool:
     return not data[:1024].translate(None, bytes(range(32, 127)) + b"\t\r\n\x0b\x0c")
 
 
-def parse_numbers(data: bytes, source: str) -> np.ndarray:
+def parse_numbers(data: bytes, source: str, n_lines: int = 0) -> np.ndarray:
     """Read all numbers of a list-directed text.
 
     Blanks, line ends, commas and semicolons separate; ``3*0.5`` repeats; ``1.5D-3``, ``1.5Q-3`` and ``1.5-103`` are
@@ -45,6 +49,8 @@ def parse_numbers(data: bytes, source: str) -> np.ndarray:
         The text.
     source : str
         Its name, for messages.
+    n_lines : int
+        Lines before the text, where it is a part of one.
 
     Returns
     -------
@@ -58,7 +64,7 @@ def parse_numbers(data: bytes, source: str) -> np.ndarray:
     """
     data = data.rstrip(b"\x00\x1a")
     if data.translate(None, _SEPARATORS + _NUMBERS):
-        raise _not_a_number(data, source)
+        raise _not_a_number(data, source, n_lines)
     plain = data.translate(_PLAIN)
     if _has_lost_exponent(plain):
         plain = _LOST_EXPONENT.sub(rb"\1E\2", plain)
@@ -66,8 +72,46 @@ def parse_numbers(data: bytes, source: str) -> np.ndarray:
     starts = _token_starts(plain)
     values = _parse_plain(plain)
     if len(values) != len(starts):
-        raise _not_a_number(data, source)
-    return _repeat(values, starts, data, source) if b"*" in data else values
+        raise _not_a_number(data, source, n_lines)
+    return _repeat(values, starts, data, source, n_lines) if b"*" in data else values
+
+
+def scan_text(data: StoredBytes, source: str) -> TextNumbers:
+    """Pass over a text and count the numbers in each part of it.
+
+    Parameters
+    ----------
+    data : StoredBytes
+        The text.
+    source : str
+        Its name, for messages.
+
+    Raises
+    ------
+    InputError
+        As `parse_numbers`.
+    """
+    parse, start, n_lines, n_numbers = partial(_parse_part, source), 0, 0, 0
+    starts, lines, ends = [0], [], []
+    while start < len(data):
+        part = data[start : start + TEXT_PART]
+        if start + len(part) < len(data):
+            length = 1 + max(map(part.rfind, _BREAKS))  # no number is cut in two
+            if not length:
+                raise InputError(f"{source}: holds text that is not a list of numbers; is this an ASCII PLOT3D grid?")
+            part = part[:length]
+        lines.append(n_lines)
+        n_numbers += len(parse(part, n_lines))
+        n_lines += part.count(b"\n")
+        start += len(part)
+        starts.append(start)
+        ends.append(n_numbers)
+    return TextNumbers(parse, data, *map(np.array, (starts, lines, ends)))
+
+
+def _parse_part(source: str, part: bytes, n_lines: int) -> np.ndarray:
+    """Numbers of a part of a text."""
+    return parse_numbers(part.removeprefix(BOM_UTF8) if n_lines == 0 else part, source, n_lines)
 
 
 def _has_lost_exponent(plain: bytes) -> bool:
@@ -98,7 +142,7 @@ def _parse_plain(plain: bytes) -> np.ndarray:
             return np.empty(0)
 
 
-def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str) -> np.ndarray:
+def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str, n_lines: int) -> np.ndarray:
     """Expand repeats: ``n*value`` stands for a value n times."""
     padded = np.frombuffer(b" " + data + b" ", np.uint8)
     stars = np.flatnonzero(padded == ord("*")) - 1
@@ -112,7 +156,7 @@ def _repeat(values: np.ndarray, starts: np.ndarray, data: bytes, source: str) ->
         is_whole = _is_count(values[counts_at])
         is_whole[1:] &= counts_at[1:] > values_at[:-1]
     if not is_whole.all():
-        line = data.count(b"\n", 0, int(stars[np.argmin(is_whole)])) + 1
+        line = n_lines + data.count(b"\n", 0, int(stars[np.argmin(is_whole)])) + 1
         raise InputError(f"{source}: line {line}: '*' is not a repeat like 3*0.5; write the value out")
     counts = np.ones(len(values))
     counts[values_at] = values[counts_at]
@@ -127,9 +171,9 @@ def _is_count(values: np.ndarray) -> np.ndarray:
     return (values >= 1) & (values < 2**53) & (np.floor(values) == values)
 
 
-def _not_a_number(data: bytes, source: str) -> InputError:
+def _not_a_number(data: bytes, source: str, n_lines: int) -> InputError:
     """Name the first token that Python cannot read either."""
-    for number, line in enumerate(data.splitlines(), 1):
+    for number, line in enumerate(data.splitlines(), 1 + n_lines):
         for token in re.split(rb"[\s,;]+", line):
             if token and not _is_number(token):
                 shown = token[:24].decode("ascii", "backslashreplace")
@@ -173,12 +217,14 @@ MAX_SUBRECORD = 2_147_483_639
 """Longest payload between two 4-byte markers, in bytes."""
 
 
-def split_records(data: bytes, byte_order: str, marker_bytes: int) -> tuple[bytes, list[int]] | None:
-    """Take the records of a file apart.
+def split_records(
+    data: bytes | StoredBytes, byte_order: str, marker_bytes: int
+) -> tuple[BinaryNumbers, list[int]] | None:
+    """Take the records of a file apart; of one on the disk the markers alone are read.
 
     Parameters
     ----------
-    data : bytes
+    data : bytes or StoredBytes
         The whole file.
     byte_order : str
         ``"<"`` or ``">"``.
@@ -187,45 +233,46 @@ def split_records(data: bytes, byte_order: str, marker_bytes: int) -> tuple[byte
 
     Returns
     -------
-    payload : bytes
+    payload : BinaryNumbers
         The payloads of all records, joined.
     lengths : list of int
         Length of every record's payload, in bytes.
         None is returned in place of both where the markers do not match up to the end of the file.
     """
-    view, pieces = memoryview(data), []
+    starts: list[int] = []
+    sizes: list[int] = []
     lengths: list[int] = []
     start, continues = 0, False
     while start < len(data):
-        piece = _subrecord(view, start, byte_order, marker_bytes)
+        piece = _subrecord(data, start, byte_order, marker_bytes)
         if piece is None or (piece[2] != continues):
             return None
-        payload, is_cut, _ = piece
-        pieces.append(payload)
+        n_bytes, is_cut, _ = piece
+        starts.append(start + marker_bytes)
+        sizes.append(n_bytes)
         if continues:
-            lengths[-1] += len(payload)
+            lengths[-1] += n_bytes
         else:
-            lengths.append(len(payload))
-        start += len(payload) + 2 * marker_bytes
+            lengths.append(n_bytes)
+        start += n_bytes + 2 * marker_bytes
         continues = is_cut
-    return None if continues or not lengths else (b"".join(pieces), lengths)
+    return None if continues or not lengths else (BinaryNumbers(data, np.array(starts), np.cumsum(sizes)), lengths)
 
 
-def _subrecord(view: memoryview, start: int, byte_order: str, marker_bytes: int):
-    """Payload at ``start``, whether another follows, and whether one came before; None where it is no record."""
-    before = _marker(view, start, byte_order, marker_bytes)
-    if before is None or before == 0 or abs(before) > len(view):
+def _subrecord(data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes: int):
+    """Bytes of the payload at ``start``, whether another follows, whether one came before; None where it is none."""
+    before = _marker(data, start, byte_order, marker_bytes)
+    if before is None or before == 0 or abs(before) > len(data):
         return None
-    stop = start + marker_bytes + abs(before)
-    after = _marker(view, stop, byte_order, marker_bytes)
+    after = _marker(data, start + marker_bytes + abs(before), byte_order, marker_bytes)
     if after is None or abs(after) != abs(before):
         return None
-    return view[start + marker_bytes : stop], before < 0, after < 0
+    return abs(before), before < 0, after < 0
 
 
-def _marker(view: memoryview, start: int, byte_order: str, marker_bytes: int) -> int | None:
+def _marker(data: bytes | StoredBytes, start: int, byte_order: str, marker_bytes: int) -> int | None:
     """Read a marker; None where the file ends in it."""
-    raw = view[start : start + marker_bytes]
+    raw = data[start : start + marker_bytes]
     if len(raw) < marker_bytes:
         return None
     return int.from_bytes(raw, "little" if byte_order == "<" else "big", signed=True)

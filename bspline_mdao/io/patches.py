@@ -34,7 +34,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import tomlkit
@@ -43,10 +43,13 @@ from tomlkit.exceptions import TOMLKitError
 from ..errors import InputError
 from ..topology.grid import PATCH_KINDS, Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
+from ..topology.stored_grid import StoredGrid
 from .patch_guess import kind_of_name
 
 INTERFACE = "interface"
 """In ``[kinds]``: such a patch is none, the topology finds what lies against it."""
+
+AnyGrid = TypeVar("AnyGrid", Grid, StoredGrid)
 
 MAX_BYTES = 2**22
 """A longer file is no patches file."""
@@ -54,14 +57,14 @@ MAX_BYTES = 2**22
 _DIRECTIONS = "ijk"
 
 
-def read_patches(path: str | os.PathLike, grid: Grid) -> Grid:
+def read_patches(path: str | os.PathLike, grid: AnyGrid) -> AnyGrid:
     """Add the patches of a TOML or NMF file to a grid.
 
     Parameters
     ----------
     path : path-like
         The patches file; what it is shows in its content.
-    grid : Grid
+    grid : Grid or StoredGrid
         The grid, perhaps with patches of its own. One of the same name is replaced.
 
     Returns
@@ -93,7 +96,7 @@ def _read_text(path: str | os.PathLike) -> str:
         raise InputError(f"{path}: is not text; give a patches file (TOML or NMF)") from error
 
 
-def merge_patches(grid: Grid, patches: Sequence[Patch], source: str) -> Grid:
+def merge_patches(grid: AnyGrid, patches: Sequence[Patch], source: str) -> AnyGrid:
     """Add patches to a grid; one of the same name takes the place of the grid's.
 
     Parameters
@@ -136,7 +139,7 @@ def _face_key(window: Window) -> tuple:
     return window.block, tuple(lo if lo == hi else None for lo, hi in zip(window.lo, window.hi))
 
 
-def _add_toml(text: str, grid: Grid, path: Path) -> Grid:
+def _add_toml(text: str, grid: AnyGrid, path: Path) -> AnyGrid:
     """Add the patches of a TOML file to a grid: those that it includes, kinds by names, and those that it declares."""
     source = str(path)
     try:
@@ -159,7 +162,7 @@ def _add_toml(text: str, grid: Grid, path: Path) -> Grid:
     return merge_patches(grid, declared, source)
 
 
-def _include(name: object, grid: Grid, path: Path) -> Grid:
+def _include(name: object, grid: AnyGrid, path: Path) -> AnyGrid:
     """Add the patches of the neutral map file that a TOML file includes."""
     if not isinstance(name, str) or "\0" in name:
         raise InputError(f"{path}: 'include' is not the name of a NMF file")
@@ -170,7 +173,7 @@ def _include(name: object, grid: Grid, path: Path) -> Grid:
     return merge_patches(grid, parse_nmf(text, grid, str(included)), str(included))
 
 
-def _rename_kinds(kinds: object, grid: Grid, source: str) -> Grid:
+def _rename_kinds(kinds: object, grid: AnyGrid, source: str) -> AnyGrid:
     """Apply the table ``[kinds]`` to the patches that the grid has; the first pattern that fits counts."""
     if not isinstance(kinds, Mapping):
         raise InputError(f"{source}: 'kinds' is not a table of name = \"kind\"; write [kinds]")
@@ -189,7 +192,7 @@ def _rename_kinds(kinds: object, grid: Grid, source: str) -> Grid:
     return replace(grid, patches=tuple(patches))
 
 
-def _parse_patch(table: object, number: int, grid: Grid, source: str) -> Patch:
+def _parse_patch(table: object, number: int, grid: Grid | StoredGrid, source: str) -> Patch:
     """Read one table ``[[patch]]``."""
     where = f"{source}: patch {number}"
     if not isinstance(table, Mapping):
@@ -210,7 +213,7 @@ def _parse_patch(table: object, number: int, grid: Grid, source: str) -> Patch:
     return Patch(name, kind, windows)
 
 
-def _parse_face(face: object, grid: Grid, where: str) -> Window:
+def _parse_face(face: object, grid: Grid | StoredGrid, where: str) -> Window:
     """Read one entry of ``faces``."""
     if not isinstance(face, Mapping):
         raise InputError(f'{where} is not a table like {{ block = 1, face = "kmin" }}')
@@ -229,7 +232,7 @@ def _parse_face(face: object, grid: Grid, where: str) -> Window:
     return Window(block, tuple(lo), tuple(hi))
 
 
-def _find_block(key: object, grid: Grid, where: str) -> int:
+def _find_block(key: object, grid: Grid | StoredGrid, where: str) -> int:
     """Return the number, from 0, of a block that is named or numbered from 1."""
     names = [block.name for block in grid.blocks]
     if isinstance(key, str) and names.count(key) == 1:
@@ -266,7 +269,7 @@ def is_nmf(text: str) -> bool:
     return re.fullmatch(r"\d{1,9}", first) is not None
 
 
-def parse_nmf(text: str, grid: Grid, source: str) -> tuple[Patch, ...]:
+def parse_nmf(text: str, grid: Grid | StoredGrid, source: str) -> tuple[Patch, ...]:
     """Read a neutral map file that belongs to a grid.
 
     Lines of the same type make one patch named after it, with the kind that the word begins with (symmetry, wall,
@@ -325,18 +328,18 @@ def _lines(text: str):
             yield number, content
 
 
-def _check_blocks(lines: list[tuple[int, str]], grid: Grid, source: str) -> int:
+def _check_blocks(lines: list[tuple[int, str]], grid: Grid | StoredGrid, source: str) -> int:
     """Return the number of blocks of a map file, refusing one whose blocks are not those of the grid."""
     n_blocks = int(lines[0][1])
     if n_blocks != len(grid.blocks):
         raise InputError(
             f"{source}: describes {n_blocks} blocks, the grid has {len(grid.blocks)}; give the map of this grid"
         )
-    for index, block in enumerate(grid.blocks):
+    for index, shape in enumerate(grid.shapes):
         number, line = lines[1 + index] if 1 + index < len(lines) else (0, "")
-        if line.split() != [str(n) for n in (index + 1, *block.shape)]:
+        if line.split() != [str(n) for n in (index + 1, *shape)]:
             raise InputError(
-                f"{source}: line {number}: '{line[:40]}' is not 'block ni nj nk' = {index + 1} {block.shape}"
+                f"{source}: line {number}: '{line[:40]}' is not 'block ni nj nk' = {index + 1} {shape}"
             )
     return n_blocks
 
@@ -351,7 +354,7 @@ def _split_entry(line: str, where: str) -> tuple[str, list[str]]:
     return name, fields
 
 
-def _parse_rectangle(fields: list[str], grid: Grid, where: str) -> tuple[Window, np.ndarray]:
+def _parse_rectangle(fields: list[str], grid: Grid | StoredGrid, where: str) -> tuple[Window, np.ndarray]:
     """Window of six numbers and its nodes, shape (n1, n2, 3), in the order of the ranges."""
     block, face, *ends = (int(field) for field in fields)
     if not 1 <= block <= len(grid.blocks) or face not in _FACE_DIRECTIONS:
@@ -374,7 +377,7 @@ def _parse_rectangle(fields: list[str], grid: Grid, where: str) -> tuple[Window,
     return window, grid.blocks[block - 1].nodes[tuple(index)]
 
 
-def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid, where: str) -> None:
+def _check_connection(nodes: np.ndarray, fields: list[str], grid: Grid | StoredGrid, where: str) -> None:
     """Refuse a connection whose two sides do not coincide."""
     if len(fields) < 6:
         raise InputError(f"{where}: names one side of a connection; add B2 F2 S1 E1 S2 E2 and swap")

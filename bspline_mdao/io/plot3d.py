@@ -11,22 +11,26 @@ Format: ``docs/theory/grid_files.rst``.
 from __future__ import annotations
 
 import gzip
+import math
 import os
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..topology.grid import Block, Grid, find_fault
+from ..topology.index_space import Window
+from ..topology.stored_grid import StoredBlock, StoredGrid
 from .disk import read_bytes, replaced_file
 from .formats import GZIP
-from .fortran import format_numbers, is_text, join_records, parse_numbers, split_records
+from .fortran import format_numbers, is_text, join_records, parse_numbers, scan_text, split_records
+from .stored_numbers import BinaryNumbers, Numbers, StoredBytes
 
 _ASCII_SUFFIXES = (".fmt", ".p3dfmt", ".txt")
 
@@ -134,23 +138,23 @@ class Reading:
     ----------
     dialect : Plot3dDialect
         How it is read.
-    content : bytes-like
-        The numbers without record markers; for ASCII the array of all numbers.
+    content : Numbers
+        The numbers without record markers; for ASCII all of them as reals.
     shapes : ndarray of int64, shape (n_blocks, 3)
         Node counts of the blocks.
     """
 
     dialect: Plot3dDialect
-    content: Any
+    content: Numbers
     shapes: np.ndarray
 
 
-def exact_readings(data: bytes, source: str) -> list[Reading]:
+def exact_readings(data: bytes | StoredBytes, source: str) -> list[Reading]:
     """Find every reading whose header accounts for each byte of the file.
 
     Parameters
     ----------
-    data : bytes
+    data : bytes or StoredBytes
         The file, decompressed.
     source : str
         Its name, for messages.
@@ -179,11 +183,13 @@ def exact_readings(data: bytes, source: str) -> list[Reading]:
     return exact
 
 
-def _containers(data: bytes, source: str) -> Iterator[tuple[Plot3dDialect, Any, list[int] | None]]:
+def _containers(data: bytes | StoredBytes, source: str) -> Iterator[tuple[Plot3dDialect, Numbers, list[int] | None]]:
     """Ways to get at the plain numbers: dialect so far, content, and lengths of the records where there are any."""
-    text = data.removeprefix(BOM_UTF8)  # which editors on Windows put first
-    if is_text(text):
-        yield Plot3dDialect("ascii"), parse_numbers(text, source), None
+    if is_text(data[:1024].removeprefix(BOM_UTF8)):  # which editors on Windows put first
+        if isinstance(data, StoredBytes):
+            yield Plot3dDialect("ascii"), scan_text(data, source), None
+        else:
+            yield Plot3dDialect("ascii"), BinaryNumbers.whole(parse_numbers(data.removeprefix(BOM_UTF8), source)), None
         return
     found = False
     for byte_order, marker_bytes in product("<>", (4, 8)):
@@ -193,7 +199,7 @@ def _containers(data: bytes, source: str) -> Iterator[tuple[Plot3dDialect, Any, 
             yield Plot3dDialect("fortran", byte_order, marker_bytes=marker_bytes), *records
     if not found:
         for byte_order in "<>":
-            yield Plot3dDialect("raw", byte_order), data, None
+            yield Plot3dDialect("raw", byte_order), BinaryNumbers.whole(data), None
 
 
 def _node_formats(dialect: Plot3dDialect) -> list[Plot3dDialect]:
@@ -202,7 +208,7 @@ def _node_formats(dialect: Plot3dDialect) -> list[Plot3dDialect]:
     return [replace(dialect, real_bytes=size, has_iblank=blank) for size, blank in product(sizes, (False, True))]
 
 
-def _read_header(dialect: Plot3dDialect, content) -> np.ndarray | None:
+def _read_header(dialect: Plot3dDialect, content: Numbers) -> np.ndarray | None:
     """Node counts of the blocks, or None where they make no sense; reads no more than the file holds."""
     n_blocks = 1
     if dialect.has_block_count:
@@ -219,12 +225,12 @@ def _read_header(dialect: Plot3dDialect, content) -> np.ndarray | None:
     return shapes
 
 
-def _integers(dialect: Plot3dDialect, content, start: int, count: int) -> np.ndarray | None:
+def _integers(dialect: Plot3dDialect, content: Numbers, start: int, count: int) -> np.ndarray | None:
     """Positive whole numbers from number ``start`` on, or None where they are not."""
     size = dialect.integer_dtype.itemsize
-    if (start + count) * size > memoryview(content).nbytes:
+    if (start + count) * size > content.nbytes:
         return None
-    values = np.frombuffer(content, dialect.integer_dtype, count, start * size)
+    values = content.take(dialect.integer_dtype, count, start * size)
     is_count = (values >= 1) & (values < 2**31) & (values == np.floor(values))
     return values.astype(np.int64) if is_count.all() else None
 
@@ -234,7 +240,7 @@ def _misfit(reading: Reading) -> float:
     # in float64: the product of three corrupt counts overflows an integer, and sizes below 2**53 are exact
     n_nodes = float(np.prod(reading.shapes.astype(float), axis=1).sum())
     expected = reading.dialect.header_bytes(len(reading.shapes)) + n_nodes * reading.dialect.node_bytes
-    return memoryview(reading.content).nbytes - expected
+    return reading.content.nbytes - expected
 
 
 def _layouts(reading: Reading, lengths: list[int] | None) -> Iterator[Reading]:
@@ -278,7 +284,7 @@ def _no_reading(near: list[Reading], n_bytes: int, source: str) -> InputError:
         return InputError(f"{source}: is not a PLOT3D grid in any known dialect: no header fits its {n_bytes} bytes")
     size = best.dialect.real_dtype.itemsize if best.dialect.encoding == "ascii" else 1
     unit = "numbers" if best.dialect.encoding == "ascii" else "bytes"
-    n_present = memoryview(best.content).nbytes // size
+    n_present = best.content.nbytes // size
     announced = n_present - int(_misfit(best) / size)
     if announced == n_present:
         return InputError(f"{source}: the Fortran records are cut in no known way; write one record per block")
@@ -292,7 +298,7 @@ def _no_reading(near: list[Reading], n_bytes: int, source: str) -> InputError:
 
 def _distance(reading: Reading) -> float:
     """Measure how far a header is from the file's length; unlikely formats count a little more."""
-    n_bytes = memoryview(reading.content).nbytes
+    n_bytes = reading.content.nbytes
     ratio = abs(np.log((n_bytes - _misfit(reading)) / n_bytes))
     return ratio + 0.1 * (not reading.dialect.has_block_count) + 0.05 * reading.dialect.has_iblank
 
@@ -320,35 +326,81 @@ def read_plot3d(path: str | os.PathLike) -> Grid:
         When no dialect, or more than one, makes sense of the file, or a node is not finite.
     """
     data, is_gzipped, ignored = read_bytes(path)
-    readings = exact_readings(data, str(path))
-    dialect, blocks = _most_plausible(readings, str(path))
-    return Grid(blocks, source=str(path), dialect=replace(dialect, is_gzipped=is_gzipped, ignored=ignored))
+    reading, blocks = _most_plausible(exact_readings(data, str(path)), str(path), _read_blocks)
+    dialect = replace(reading.dialect, is_gzipped=is_gzipped, ignored=ignored)
+    return Grid(blocks, source=str(path), dialect=dialect)
 
 
-def _most_plausible(readings: list[Reading], source: str) -> tuple[Plot3dDialect, tuple[Block, ...]]:
-    """Choose the one reading that gives a grid.
+def open_plot3d(path: str | os.PathLike) -> StoredGrid:
+    """Open a PLOT3D grid of any dialect, to read blocks of it, or windows of them, later.
+
+    Of raw binary and Fortran records, what is not asked for is passed over. Text is passed over once to find where its
+    numbers are. What is compressed is decompressed whole, by every process that reads. The dialect is judged from the
+    first blocks; everything else is as for `read_plot3d`, but that a block is judged when it is read.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    StoredGrid
+
+    Raises
+    ------
+    InputError
+        When no dialect, or more than one, makes sense of the file; later, when a node that is read is not finite.
+    """
+    source, data = str(path), StoredBytes(path)
+    reading, _ = _most_plausible(exact_readings(data, source), source, _leading_blocks)
+    sizes = reading.dialect.node_bytes * np.prod(reading.shapes, axis=1)
+    starts = reading.dialect.header_bytes(len(reading.shapes)) + np.cumsum([0, *sizes])
+    blocks = (
+        StoredBlock(tuple(shape), f"block {number}", partial(_read_part, reading, source, number, int(start)))
+        for number, (shape, start) in enumerate(zip(reading.shapes.tolist(), starts), 1)
+    )
+    dialect = replace(reading.dialect, is_gzipped=data.is_gzipped, ignored=data.ignored)
+    return StoredGrid(tuple(blocks), source=source, dialect=dialect)
+
+
+def _read_part(reading: Reading, source: str, number: int, start: int, window: Window | None) -> Block:
+    """Read a window of block ``number``, from 1, whose numbers begin at byte ``start``."""
+    shape = tuple(reading.shapes[number - 1].tolist())
+    window = Window.whole(number - 1, shape) if window is None else window
+    nodes, iblank = _read_block(reading, shape, start, window)
+    block = Block(nodes, f"block {number}", iblank)
+    fault = find_fault([block], number, window.lo)
+    if fault:
+        raise InputError(f"{source}: {fault}; read as PLOT3D ({reading.dialect}); repair it")
+    return block
+
+
+def _most_plausible(
+    readings: list[Reading], source: str, blocks_of: Callable[[Reading], tuple[Block, ...]]
+) -> tuple[Reading, tuple[Block, ...]]:
+    """Choose the one reading that gives a grid, from the blocks that it gives.
 
     1. Drop readings with nodes that are not finite or of no sane size.
     2. Take the one that is clearly smoother than any other.
     3. Else decide what may be IBLANK or z, and prefer the layout ``"whole"``; refuse what is still ambiguous.
     """
-    grids = [(reading, _read_blocks(reading)) for reading in readings]
+    grids = [(reading, blocks_of(reading)) for reading in readings]
     # step 1
     sane = [(reading, blocks) for reading, blocks in grids if find_fault(blocks) is None]
     if not sane:
         raise InputError(f"{source}: {find_fault(grids[0][1])}; read as PLOT3D ({grids[0][0].dialect}); repair it")
     if len(sane) == 1:
-        return sane[0][0].dialect, sane[0][1]
+        return sane[0]
     roughness = [_roughness(blocks) for _, blocks in sane]  # step 2
     order = np.argsort(roughness, kind="stable")
     first, second = order[0], order[1]
     if roughness[first] <= _CLEARLY_SMOOTHER * roughness[second]:
-        return sane[first][0].dialect, sane[first][1]
+        return sane[first]
     # step 3
     rivals = _by_blanking([sane[i] for i in order if roughness[i] * _CLEARLY_SMOOTHER < roughness[first]])
     if len({replace(reading.dialect, layout="whole", records="block") for reading, _ in rivals}) == 1:
-        preferred = min(rivals, key=lambda rival: rival[0].dialect.layout != "whole")
-        return preferred[0].dialect, preferred[1]
+        return min(rivals, key=lambda rival: rival[0].dialect.layout != "whole")
     raise InputError(
         f"{source}: can be read as PLOT3D ({rivals[0][0].dialect}) or ({rivals[1][0].dialect}); "
         "write it again with a block count"
@@ -369,29 +421,57 @@ def _read_blocks(reading: Reading) -> tuple[Block, ...]:
     start = reading.dialect.header_bytes(len(reading.shapes))
     blocks = []
     for number, shape in enumerate(reading.shapes.tolist(), 1):
-        nodes, iblank = _read_block(reading, shape, start)
+        nodes, iblank = _read_block(reading, shape, start, Window.whole(number - 1, shape))
         blocks.append(Block(nodes, f"block {number}", iblank))
-        start += int(np.prod(shape)) * reading.dialect.node_bytes
+        start += math.prod(shape) * reading.dialect.node_bytes
     return tuple(blocks)
 
 
-def _read_block(reading: Reading, shape: tuple[int, ...], start: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """Nodes and IBLANK of the block whose numbers begin at byte ``start``."""
+def _leading_blocks(reading: Reading) -> tuple[Block, ...]:
+    """Read what `_roughness` looks at, and no more."""
+    start, n_judged = reading.dialect.header_bytes(len(reading.shapes)), 0
+    blocks = []
+    for number, shape in enumerate(reading.shapes.tolist(), 1):
+        n_planes = min(_planes_judged(shape), shape[2])
+        window = Window(number - 1, (0, 0, 0), (shape[0] - 1, shape[1] - 1, n_planes - 1))
+        nodes, iblank = _read_block(reading, shape, start, window)
+        blocks.append(Block(nodes, f"block {number}", iblank))
+        start += math.prod(shape) * reading.dialect.node_bytes
+        n_judged += nodes.size
+        if n_judged > 3 * _NODES_JUDGED:
+            break
+    return tuple(blocks)
+
+
+def _read_block(
+    reading: Reading, shape: Sequence[int], start: int, window: Window
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Nodes and IBLANK of a window of the block whose numbers begin at byte ``start``."""
     dialect = reading.dialect
-    ni, nj, nk = shape
-    nodes = np.zeros((ni, nj, nk, 3))
-    iblank = np.empty((ni, nj, nk), np.int32) if dialect.has_iblank else None
+    n_plane, (low, high) = shape[0] * shape[1], (window.lo[2], window.hi[2] + 1)
+    nodes = np.zeros((*window.shape, 3))
+    iblank = np.empty(window.shape, np.int32) if dialect.has_iblank else None
+
+    def planes(dtype: np.dtype, first: int, n_planes: int) -> np.ndarray:
+        """Some planes of numbers from byte ``first`` on, in the order (i, j, k), as far as the window reaches."""
+        numbers = reading.content.take(dtype, n_plane * n_planes, first).reshape(n_planes, shape[1], shape[0])
+        return numbers.transpose(2, 1, 0)[window.slices[:2]]
+
     for lo, hi in dialect.pieces(shape):
-        n_nodes = ni * nj * (hi - lo)
-        real = np.frombuffer(reading.content, dialect.real_dtype, dialect.n_dimensions * n_nodes, start)
-        piece = real.reshape(dialect.n_dimensions, hi - lo, nj, ni)
-        with np.errstate(invalid="ignore"):  # a NaN is named later
-            nodes[:, :, lo:hi, : dialect.n_dimensions] = piece.transpose(3, 2, 1, 0)
-        start += real.nbytes
-        if iblank is not None:
-            blank = np.frombuffer(reading.content, dialect.integer_dtype, n_nodes, start)
-            iblank[:, :, lo:hi] = _as_int32(blank).reshape(hi - lo, nj, ni).transpose(2, 1, 0)
-            start += blank.nbytes
+        first, last = max(lo, low), min(hi, high)
+        if first < last:
+            place, there = slice(first - low, last - low), start
+            for axis in range(dialect.n_dimensions):
+                values = planes(
+                    dialect.real_dtype, there + (first - lo) * n_plane * dialect.real_dtype.itemsize, last - first
+                )
+                with np.errstate(invalid="ignore"):  # a NaN is named later
+                    nodes[:, :, place, axis] = values
+                there += (hi - lo) * n_plane * dialect.real_dtype.itemsize
+            if iblank is not None:
+                there += (first - lo) * n_plane * dialect.integer_dtype.itemsize
+                iblank[:, :, place] = _as_int32(planes(dialect.integer_dtype, there, last - first))
+        start += (hi - lo) * n_plane * dialect.node_bytes
     return nodes, iblank
 
 
@@ -411,14 +491,18 @@ def _roughness(blocks: Iterable[Block]) -> float:
     """
     total, n_judged = 0.0, 0
     for block in blocks:
-        n_planes = max(3, _NODES_JUDGED // (block.shape[0] * block.shape[1]))
-        nodes = block.nodes[:, :, :n_planes]
+        nodes = block.nodes[:, :, : _planes_judged(block.shape)]
         n_judged += nodes.size
         bend = float(np.mean([_bend(nodes, d, e) for d in range(3) for e in range(3)]))
         total += nodes.size * (bend + _SMOOTHEST) / max(_fullness(nodes), _FLATTEST)
         if n_judged > 3 * _NODES_JUDGED:
             break
     return total / n_judged
+
+
+def _planes_judged(shape: Sequence[int]) -> int:
+    """Planes of constant k of a block from which roughness is judged."""
+    return max(3, _NODES_JUDGED // (shape[0] * shape[1]))
 
 
 def _bend(nodes: np.ndarray, d: int, e: int) -> float:

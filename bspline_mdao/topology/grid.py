@@ -170,31 +170,34 @@ def require_grid(grid) -> None:
         raise InputError(f"{grid.source}: has complex nodes; give real ones")
 
 
-def find_fault(blocks: Iterable[Block]) -> str | None:
+def find_fault(blocks: Iterable[Block], first: int = 1, lo: tuple[int, ...] = (0, 0, 0)) -> str | None:
     """Name the first node that is not finite, farther away than any grid reaches, or has an IBLANK that is none.
 
     Parameters
     ----------
     blocks : iterable of Block
         The blocks of a grid.
+    first : int
+        Number of the first of them, from 1.
+    lo : tuple of int
+        Index of their first node in the whole block, where they are windows.
 
     Returns
     -------
     str or None
         Block, indices (from 1) and value; None where all nodes are sound.
     """
-    for number, block in enumerate(blocks, 1):
+    for number, block in enumerate(blocks, first):
         name = f"block {number}" + (f" '{block.name}'" if block.name != f"block {number}" else "")
         is_sound = np.abs(block.nodes) <= MAX_COORDINATE
         if not is_sound.all():
             *index, axis = np.argwhere(~is_sound)[0].tolist()
-            return f"{name}: node {_shown(index)} has {'xyz'[axis]} = {block.nodes[(*index, axis)]:.6g}"
+            return f"{name}: node {_shown(index, lo)} has {'xyz'[axis]} = {block.nodes[(*index, axis)]:.6g}"
         if block.iblank is not None:
             is_sound = np.abs(block.iblank.astype(np.int64)) <= MAX_IBLANK
             if not is_sound.all():
-                return (
-                    f"{name}: node {_shown(np.argwhere(~is_sound)[0].tolist())} has an IBLANK that is no block number"
-                )
+                index = np.argwhere(~is_sound)[0].tolist()
+                return f"{name}: node {_shown(index, lo)} has an IBLANK that is no block number"
     return None
 
 
@@ -206,6 +209,6 @@ MAX_IBLANK = 1_000_000
 """IBLANK is 0, 1 or the negative of a block number."""
 
 
-def _shown(index: list[int]) -> str:
+def _shown(index: list[int], lo: tuple[int, ...]) -> str:
     """Write an index from 1."""
-    return "(" + ", ".join(str(i + 1) for i in index) + ")"
+    return "(" + ", ".join(str(i + start + 1) for i, start in zip(index, lo)) + ")"
