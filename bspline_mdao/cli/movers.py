@@ -42,6 +42,7 @@ SOLVERS = {
     "cg": "bspline_mdao.sparse.conjugate_gradient.ConjugateGradients",
     "cholmod": "bspline_mdao.sparse.cholmod.Cholmod",
     "pardiso": "bspline_mdao.sparse.pardiso.Pardiso",
+    "multigrid": "bspline_mdao.sparse.petsc.PetscMultigrid",
 }
 """Place of the class of each solver."""
 

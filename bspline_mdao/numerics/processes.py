@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ONE", "OneProcess", "on_first", "summed", "together", "world"]
+__all__ = ["ONE", "OneProcess", "on_first", "summed", "summed_number", "together", "world"]
 
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS", "MP_PROCS", "FJMPI_PROCS")
 """Environment variables in which launchers of MPI tell the number of processes."""
@@ -138,6 +138,11 @@ def summed(comm, array: np.ndarray) -> np.ndarray:
     total = np.empty_like(array, order="C")
     comm.Allreduce(np.ascontiguousarray(array), total)
     return total
+
+
+def summed_number(comm, number: float) -> float:
+    """Sum of a number of every process, on every one of them: the same bits everywhere."""
+    return number if comm.size == 1 else comm.allreduce(number)
 
 
 def on_first(comm, task: Callable[[], Any]) -> Any:

@@ -19,6 +19,7 @@ import scipy.sparse
 from numba import njit
 
 from ..errors import InputError
+from ..numerics.processes import ONE, OneProcess
 
 __all__ = [
     "BlockMatrix",
@@ -114,6 +115,16 @@ class BlockMatrix:
             shape = (self.pattern.n_blocks, 3, 3)
             raise InputError(f"block matrix: data of shape {self.data.shape}; give shape {shape} as in the pattern")
 
+    @property
+    def comm(self) -> OneProcess:
+        """Processes that hold it: this one."""
+        return ONE
+
+    @property
+    def n(self) -> int:
+        """Number of block rows."""
+        return self.pattern.n
+
     def dot(self, x: np.ndarray) -> np.ndarray:
         """Product with one vector, shape (n, 3), or with m of them, shape (n, 3, m)."""
         if x.ndim == 3:
@@ -122,6 +133,10 @@ class BlockMatrix:
         if x.shape != (self.pattern.n, 3):
             raise InputError(f"block matrix: vector of shape {x.shape}; give shape ({self.pattern.n}, 3)")
         return _product(self.pattern.indptr, self.pattern.indices, self.data, np.ascontiguousarray(x, np.float64))
+
+    def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
+        """Product of the absolute values of all entries with those of a vector, shape (n, 3)."""
+        return _product_of_sizes(self.pattern.indptr, self.pattern.indices, self.data, np.abs(x))
 
     def to_scipy(self) -> scipy.sparse.csc_array:
         """Lower triangle as a scalar matrix in compressed columns, rows ascending; zeros are kept."""
@@ -248,6 +263,22 @@ def _product(indptr, indices, data, x):
         y[row, 0] += y_0 + block[0, 0] * x_0 + block[0, 1] * x_1 + block[0, 2] * x_2
         y[row, 1] += y_1 + block[1, 0] * x_0 + block[1, 1] * x_1 + block[1, 2] * x_2
         y[row, 2] += y_2 + block[2, 0] * x_0 + block[2, 1] * x_1 + block[2, 2] * x_2
+    return y
+
+
+@njit(cache=True)
+def _product_of_sizes(indptr, indices, data, x):
+    """Symmetric product with the absolute values of all entries, without a copy of them."""
+    y = np.zeros_like(x)
+    for row in range(len(indptr) - 1):
+        for entry in range(indptr[row], indptr[row + 1]):
+            column = indices[entry]
+            for r in range(3):
+                for c in range(3):
+                    size = abs(data[entry, r, c])
+                    y[row, r] += size * x[column, c]
+                    if column != row:
+                        y[column, c] += size * x[row, r]
     return y
 
 

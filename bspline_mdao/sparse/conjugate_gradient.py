@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
 
 from ..errors import MovementError
+from ..numerics.processes import summed_number
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
 
@@ -22,6 +23,8 @@ __all__ = [
     "DirectFactor",
     "PreconditionedMatrix",
     "Preconditioner",
+    "StoredFactor",
+    "System",
     "preconditioned_solve",
     "solve_with_factor",
 ]
@@ -35,12 +38,16 @@ ADVICE = "give more shift or a higher fill, or use a direct solver"
 class Preconditioner(Protocol):
     """A symmetric positive definite approximation of a matrix that can be solved with."""
 
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Solve for a right-hand side, shape (n, 3)."""
+
+
+class StoredFactor(Preconditioner, Protocol):
+    """A preconditioner that knows its memory."""
+
     @property
     def n_bytes(self) -> int:
         """Memory that it takes in bytes."""
-
-    def apply(self, right: np.ndarray) -> np.ndarray:
-        """Solve for a right-hand side, shape (n, 3)."""
 
 
 class DirectFactor(Preconditioner, Protocol):
@@ -49,6 +56,24 @@ class DirectFactor(Preconditioner, Protocol):
     @property
     def matrix(self) -> BlockMatrix:
         """Matrix that was factored."""
+
+
+class System(Protocol):
+    """A symmetric matrix that can be multiplied with: a `BlockMatrix`, or one of several processes."""
+
+    @property
+    def comm(self) -> Any:
+        """Processes that hold it."""
+
+    @property
+    def n(self) -> int:
+        """Number of block rows that this process owns."""
+
+    def dot(self, x: np.ndarray) -> np.ndarray:
+        """Own rows of the product with a vector of which own rows are given."""
+
+    def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
+        """The same with the absolute values of all numbers."""
 
 
 @dataclass(frozen=True)
@@ -116,13 +141,13 @@ class PreconditionedMatrix:
     Parameters
     ----------
     matrix : BlockMatrix
-    preconditioner : Preconditioner
+    preconditioner : StoredFactor
     tolerance : float
     max_iterations : int
     """
 
     matrix: BlockMatrix
-    preconditioner: Preconditioner
+    preconditioner: StoredFactor
     tolerance: float
     max_iterations: int
 
@@ -149,7 +174,7 @@ class PreconditionedMatrix:
 
 
 def preconditioned_solve(
-    matrix: BlockMatrix,
+    matrix: System,
     factor: Preconditioner,
     right: np.ndarray,
     tolerance: float = 1e-12,
@@ -168,8 +193,8 @@ def preconditioned_solve(
 
     Parameters
     ----------
-    matrix : BlockMatrix
-        Symmetric positive definite matrix.
+    matrix : System
+        Symmetric positive definite matrix. Of a distributed one each process gives and gets its own rows.
     factor : Preconditioner
         Factor of any solver, such as that of an earlier increment.
     right : ndarray, shape (n, 3) or (n, 3, m)
@@ -192,8 +217,8 @@ def preconditioned_solve(
         If the residual is not reached, by how much, or if matrix or factor is not positive definite or not finite.
     """
     clock = time.perf_counter()
-    right = check_right(right, matrix.pattern.n)
-    start = np.zeros_like(right) if start is None else check_right(start, matrix.pattern.n)
+    right = check_right(right, matrix.n)
+    start = np.zeros_like(right) if start is None else check_right(start, matrix.n)
     sides = [...] if right.ndim == 2 else [(..., side) for side in range(right.shape[2])]
     x, found = np.empty_like(right), [(0, 0.0)]
     for side in sides:
@@ -235,21 +260,21 @@ def solve_with_factor(
 def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
     """LinearSolution, iterations and true relative residual of one right-hand side."""
     right = np.ascontiguousarray(right)
-    size = np.sqrt(_dot(right, right))
+    size = _norm(matrix, right)
     if size == 0.0:
         return np.zeros_like(right), 0, 0.0
     if not np.isfinite(size):
         raise MovementError("conjugate gradients: the right-hand side is not finite; look for points that are not")
     x = np.array(start, order="C")
     rest = right - matrix.dot(x)
-    iterations, residual = 0, np.sqrt(_dot(rest, rest)) / size
+    iterations, residual = 0, _norm(matrix, rest) / size
     while not residual <= tolerance:  # also where it is not a number, which _iterate then refuses
         # to half the tolerance, so that a little drift of the recurrence does not cost another start
         step, n_steps = _iterate(matrix, factor, rest, 0.5 * tolerance * size, max_iterations - iterations)
         x += step
         iterations += n_steps
         rest = right - matrix.dot(x)
-        before, residual = residual, np.sqrt(_dot(rest, rest)) / size
+        before, residual = residual, _norm(matrix, rest) / size
         if residual > tolerance:
             rounding, stays = _rounding(matrix, x, right) / size, not residual < 0.5 * before
             if residual <= (ROUNDING_MARGIN if stays else 1.0) * rounding:
@@ -264,8 +289,17 @@ def _solve_one(matrix, factor, right, tolerance, start, max_iterations):
 
 def _rounding(matrix, x, right):
     """2-norm of the residual that rounding of a solution and of its product leaves."""
-    sizes = BlockMatrix(matrix.pattern, np.abs(matrix.data)).dot(np.abs(x)) + np.abs(right)
-    return np.finfo(float).eps * np.sqrt(_dot(sizes, sizes))
+    return np.finfo(float).eps * _norm(matrix, matrix.dot_of_sizes(x) + np.abs(right))
+
+
+def _norm(matrix, vector):
+    """2-norm of a vector, of all processes of the matrix together."""
+    return np.sqrt(_inner(matrix, vector, vector))
+
+
+def _inner(matrix, a, b):
+    """Inner product of two vectors, of all processes of the matrix together."""
+    return summed_number(matrix.comm, _dot(a, b))
 
 
 def _iterate(matrix, factor, right, target, max_iterations):
@@ -275,16 +309,17 @@ def _iterate(matrix, factor, right, target, max_iterations):
     """
     x, residual = np.zeros_like(right), right.copy()
     z = factor.apply(residual)
-    direction, energy = z, _dot(residual, z)  # line 1
+    direction, energy = z, _inner(matrix, residual, z)  # line 1
     for iteration in range(1, max_iterations + 1):
         image = matrix.dot(direction)
-        curvature = _dot(direction, image)
+        curvature = _inner(matrix, direction, image)
         _require_positive(energy, curvature, iteration)
-        size = np.sqrt(_advance(x, residual, direction, image, energy / curvature))  # lines 3 to 5
+        square = _advance(x, residual, direction, image, energy / curvature)  # lines 3 to 5
+        size = np.sqrt(summed_number(matrix.comm, square))
         if size <= target:
             return x, iteration
         z = factor.apply(residual)  # line 6
-        before, energy = energy, _dot(residual, z)
+        before, energy = energy, _inner(matrix, residual, z)
         _turn(direction, z, energy / before)  # lines 7 and 8
     raise MovementError(
         f"conjugate gradients: residual {size / target:.1e} times the tolerance after {max_iterations} iterations; "

@@ -1,0 +1,165 @@
+"""Symmetric matrices of 3 x 3 blocks whose rows belong to several processes.
+
+A process stores the rows that it owns as in `.blocks`, and below them the rows of others that couple with them, of
+which only the blocks beside its own are of use::
+
+    own row 0    [d]                     numbered from 0 on every process: its own rows first, in their order in the
+    own row 1    [b d]                   whole matrix, and then the others, ascending. Every block (own, any) is there
+    other row 2  [b   *]                 once, as in a matrix of one process, so that the same kernels add to it and
+    other row 3  [  b * *]               multiply with it. What stands at * is not used.
+
+Theory: ``docs/theory/sparse_iterative.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ..numerics.processes import ONE
+from .blocks import BlockMatrix, BlockPattern
+
+__all__ = ["DistributedMatrix", "DistributedPattern", "FullRows"]
+
+
+@dataclass(frozen=True, eq=False)
+class DistributedPattern(BlockPattern):
+    """What one process holds of a symmetric pattern.
+
+    Parameters
+    ----------
+    indptr, indices : ndarray
+        Pattern in the numbers of this process, see `BlockPattern`.
+    starts : ndarray of int64, shape (comm.size + 1,)
+        First row of every process in the whole matrix, and the number of its rows.
+    others : ndarray of int32, shape (n - n_own,)
+        Rows of the whole matrix, ascending, that follow its own ones here.
+    comm : communicator
+        The processes.
+    """
+
+    starts: np.ndarray
+    others: np.ndarray
+    comm: Any = field(default=ONE, repr=False)
+
+    @classmethod
+    def whole(cls, pattern: BlockPattern) -> DistributedPattern:
+        """Pattern of a single process; one that is distributed already as it is."""
+        if isinstance(pattern, cls):
+            return pattern
+        return cls(pattern.indptr, pattern.indices, np.array([0, pattern.n]), np.zeros(0, np.int32))
+
+    @property
+    def n_own(self) -> int:
+        """Number of rows that this process owns."""
+        return self.n - len(self.others)
+
+    @property
+    def own(self) -> slice:
+        """Its rows in the whole matrix."""
+        return slice(int(self.starts[self.comm.rank]), int(self.starts[self.comm.rank + 1]))
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Row of the whole matrix of every row here, int32, shape (n,)."""
+        own = self.own
+        return np.concatenate([np.arange(own.start, own.stop, dtype=np.int32), self.others])
+
+    def gathered(self, own: np.ndarray) -> np.ndarray:
+        """Values of all rows, on every process, from those of its own rows, shape (n_own, 3) or (n_own, 3, m)."""
+        if self.comm.size == 1:
+            return own
+        whole = np.empty((int(self.starts[-1]), *own.shape[1:]))
+        counts = np.diff(self.starts) * int(np.prod(own.shape[1:]))
+        self.comm.Allgatherv(np.ascontiguousarray(own), (whole, counts))
+        return whole
+
+
+@dataclass(frozen=True, eq=False)
+class FullRows:
+    """Own rows of a pattern with both of their halves, in compressed rows.
+
+    Parameters
+    ----------
+    indptr : ndarray of int64, shape (n_own + 1,)
+        Where each row starts.
+    columns : ndarray of int32, shape (n_entries,)
+        Columns in the whole matrix.
+    places : ndarray of int32, shape (n_entries,)
+        Place of the block in the data of the matrix; ``-1 - place`` where it is the transposed one.
+    """
+
+    indptr: np.ndarray
+    columns: np.ndarray
+    places: np.ndarray
+
+    @classmethod
+    def of(cls, pattern: DistributedPattern) -> FullRows:
+        """Find the full rows of a pattern."""
+        return cls(*_full_rows(pattern.indptr, pattern.indices, pattern.rows, pattern.n_own))
+
+
+@dataclass(frozen=True, eq=False)
+class DistributedMatrix:
+    """Matrix of several processes, each of which multiplies its own rows.
+
+    Parameters
+    ----------
+    pattern : DistributedPattern
+    matrix : BlockMatrix
+        What this process holds, of this pattern.
+    exchange : callable
+        Values of the rows of others, shape (n - n_own, 3), from those of its own ones: collective.
+    """
+
+    pattern: DistributedPattern
+    matrix: BlockMatrix
+    exchange: Callable[[np.ndarray], np.ndarray]
+
+    @property
+    def comm(self) -> Any:
+        """The processes."""
+        return self.pattern.comm
+
+    @property
+    def n(self) -> int:
+        """Number of block rows that this process owns."""
+        return self.pattern.n_own
+
+    def dot(self, x: np.ndarray) -> np.ndarray:
+        """Own rows of the product with a vector, of which each process gives its own rows, shape (n_own, 3)."""
+        return self.matrix.dot(np.concatenate([x, self.exchange(x)]))[: self.n]
+
+    def dot_of_sizes(self, x: np.ndarray) -> np.ndarray:
+        """Own rows of the product of absolute values."""
+        return self.matrix.dot_of_sizes(np.concatenate([x, self.exchange(x)]))[: self.n]
+
+
+@njit(cache=True)
+def _full_rows(indptr, indices, rows, n_own):
+    """Both halves of the first rows: lower blocks come first because rows are taken in their order."""
+    starts = np.zeros(n_own + 1, np.int64)
+    for row in range(len(indptr) - 1):
+        for entry in range(indptr[row], indptr[row + 1]):
+            column = indices[entry]
+            if row < n_own:
+                starts[row + 1] += 1
+            if column < n_own and column != row:
+                starts[column + 1] += 1
+    starts = np.cumsum(starts)
+    columns, places, ends = np.empty(starts[-1], np.int32), np.empty(starts[-1], np.int32), starts[:-1].copy()
+    for row in range(len(indptr) - 1):
+        for entry in range(indptr[row], indptr[row + 1]):
+            column = indices[entry]
+            if row < n_own:
+                columns[ends[row]], places[ends[row]] = rows[column], entry
+                ends[row] += 1
+            if column < n_own and column != row:
+                columns[ends[column]], places[ends[column]] = rows[row], -1 - entry
+                ends[column] += 1
+    return starts, columns, places
