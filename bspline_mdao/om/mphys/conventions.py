@@ -7,6 +7,7 @@ served: each component takes a ``generation``, which is that of the installed MP
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import mphys
 
@@ -66,7 +67,13 @@ GENERATIONS = {
 }
 """Names of MPhys 1.x and of MPhys 2.x."""
 
-INSTALLED = 2 if hasattr(mphys, "MPhysVariables") else 1
+
+def generation_of(module: ModuleType) -> int:
+    """Generation of an MPhys: that of version 2 has a list of its names."""
+    return 2 if hasattr(module, "MPhysVariables") else 1
+
+
+INSTALLED = generation_of(mphys)
 """Generation of the MPhys that is installed."""
 
 

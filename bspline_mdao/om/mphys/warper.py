@@ -28,12 +28,12 @@ class VolumeWarper(om.Group):
     name                 role    shape         meaning
     ===================  ======  ============  ==============================================================
     ``x_aero``           input   (3 n_points)  surface nodes of the solver (m)
-    ``x_aero0``          input   (3 n_points)  the same before an analysis; MPhys connects it, nothing reads it
+    ``x_aero0``          input   (3 n_points)  the same before an analysis; MPhys may connect it, nothing reads it
     ``aero_vol_coords``  output  (3 n_nodes)   volume nodes of the solver (m), under the name ``volume_name``
     ===================  ======  ============  ==============================================================
 
-    On several processes all three are distributed: each process has the nodes of its own part of the solver, any number
-    of them, and evaluates the rows of the grid that it has, and no others.
+    On several processes ``x_aero`` and the volume nodes are distributed: each process has the nodes of its own part of
+    the solver, any number of them.
 
     Options
     -------
@@ -90,7 +90,8 @@ class VolumeWarper(om.Group):
         movement = GridMovement(**options, require_valid=valid, fit=False, quality=False)
         nodes = _SolverNodes(n_nodes=model.n_nodes, rows=self.options["rows"], name=self.options["volume_name"])
         given_nodes = _SolverSurface(surface=surface, numbers=numbers, counts=counts)
-        self.add_subsystem("surface", given_nodes, promotes=["*"])
+        self.add_subsystem("surface", given_nodes, promotes_inputs=[X_AERO], promotes_outputs=[SURFACE])
+        self.promotes("surface", inputs=[X_JIG], **(_FIRST if comm.size > 1 else {}))
         self.add_subsystem("movement", movement, promotes_inputs=[SURFACE], promotes_outputs=[GRID])
         self.add_subsystem("nodes", nodes, promotes=["*"])
 
@@ -98,6 +99,10 @@ class VolumeWarper(om.Group):
     def miss(self) -> SurfaceMiss | None:
         """Distances by which control points alone would have missed the nodes in the last run; None before any."""
         return self.movement.fit_surface.miss
+
+
+_FIRST = {"src_indices": [0], "flat_src_indices": True, "src_shape": (1,)}
+"""Of what MPhys connects and nobody reads, one number: OpenMDAO leaves no distributed input unconnected."""
 
 
 class _SolverSurface(om.ExplicitComponent):
@@ -118,7 +123,7 @@ class _SolverSurface(om.ExplicitComponent):
         self._weights = 1.0 / counts[numbers][:, None]
         nodes = {"val": points[numbers].ravel(), "distributed": self.comm.size > 1}
         self.add_input(X_AERO, **nodes, tags=COUPLING)
-        self.add_input(X_JIG, **nodes, tags=COORDINATES)
+        self.add_input(X_JIG, **(nodes if self.comm.size == 1 else {}), tags=COORDINATES)
         self.add_output(SURFACE, val=points[given].ravel(), units="m")
         check_along_directions(self, LINEAR_STEP)
 
