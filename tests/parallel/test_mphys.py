@@ -9,7 +9,7 @@ pytest.importorskip("mphys", reason="MPhys is not installed")
 @pytest.mark.slow
 @pytest.mark.parametrize(("solver", "generation", "n"), [("ADflow", 2, 3), ("DAFoam", 1, 2)])
 def test_a_solver_on_several_ranks_gets_its_own_nodes_and_the_totals_of_one_process(solver, generation, n):
-    printed = run_ranks("cases/mphys_solver.py", n, solver, str(generation), timeout=120.0)
+    printed = run_ranks("cases/mphys_solver.py", n, solver, str(generation), timeout=240.0)
     n_walls = [int(text.split()[0]) for text in printed]
     assert len(set(n_walls)) > 1
     assert (solver == "DAFoam") == (n_walls[-1] == 0)
