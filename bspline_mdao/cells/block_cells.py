@@ -1,4 +1,4 @@
-"""The cells of one block: what the baseline decides about them, and their measures and derivatives, chunk by chunk.
+"""The cells of one block, or of a piece of it: what the baseline decides about them, their measures and derivatives.
 
 A chunk is some layers of cells along the first direction, few enough for the corner measures to fit the second-level
 cache.
@@ -8,16 +8,19 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..numerics.processes import gathered, together
+from ..topology.index_space import Window
 from .cell_loops import as_points, block_jvp, block_measures, block_vjp
-from .hexahedron import UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, mean_normal, stack_plane
+from .hexahedron import UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, stack_plane
 from .orthogonality import orthogonality, orthogonality_jvp, orthogonality_vjp
+from .pieces import Frame, Pieces, has_cells
 
-__all__ = ["BlockCells", "Chunk", "Measures", "chunk_jvp", "chunk_measures", "chunk_vjp"]
+__all__ = ["BlockCells", "Chunk", "Measures", "block_cells", "chunk_jvp", "chunk_measures", "chunk_vjp"]
 
 CHUNK_CELLS = 8192
 """Cells of a chunk, at most, if it is more than one layer: their corner measures fit the second-level cache."""
@@ -25,18 +28,20 @@ CHUNK_CELLS = 8192
 
 @dataclass(frozen=True, eq=False)
 class BlockCells:
-    """Cells of a block with what stays as it was on the baseline.
+    """Cells of a block, or of a piece of it, with what stays as it was on the baseline.
+
+    Where a process holds some pieces of a grid, "grid" stands for them below.
 
     Parameters
     ----------
     name : str
         Name of the block.
-    shape : tuple of int
-        Nodes of the block in each direction.
+    window : Window
+        The piece of it: all of it as a rule.
     first_node, first_cell : int
-        Where the block starts in the grid vector and among the cells.
+        Where the piece starts in the grid vector and among the cells.
     handedness : int
-        +1 or -1, the sign that most of its cells had.
+        +1 or -1, the sign that most of the block's cells had.
     degenerate_corners : ndarray of uint8
         Bits of the degenerate corners, per cell; of a planar block with its flat direction moved last.
     inverse_volume : ndarray, shape (n_cells,)
@@ -50,7 +55,7 @@ class BlockCells:
     """
 
     name: str
-    shape: tuple[int, int, int]
+    window: Window
     first_node: int
     first_cell: int
     handedness: int
@@ -61,16 +66,28 @@ class BlockCells:
     normal: np.ndarray | None
 
     @classmethod
-    def of_baseline(cls, name: str, nodes: np.ndarray, first_node: int, first_cell: int) -> BlockCells:
-        """Decide about the cells of a block of nodes (ni, nj, nk, 3) on the baseline."""
-        degenerate_corners, flat = collapsed_corners(nodes), flat_direction(nodes.shape)
-        quality = cell_quality(nodes, degenerate_corners)
+    def of_baseline(
+        cls,
+        name: str,
+        window: Window,
+        nodes: np.ndarray,
+        first_node: int,
+        first_cell: int,
+        frame: Frame,
+        handedness: int | None = None,
+    ) -> BlockCells:
+        """Decide about the cells of a piece of a block with nodes (ni, nj, nk, 3) on the baseline.
+
+        ``frame`` is that of the block. Its ``handedness`` is that of most cells of the piece by default.
+        """
+        degenerate_corners, flat = collapsed_corners(nodes, frame.size), flat_direction(nodes.shape)
+        quality = cell_quality(nodes, degenerate_corners, handedness, frame.normal)
         if flat is not None:
             degenerate_corners = np.moveaxis(degenerate_corners, flat, 2) | UPPER_CORNERS
         volume = np.abs(quality.volume).ravel()
         return cls(
             name=name,
-            shape=nodes.shape[:3],
+            window=window,
             first_node=first_node,
             first_cell=first_cell,
             handedness=quality.handedness,
@@ -78,8 +95,18 @@ class BlockCells:
             inverse_volume=np.divide(1.0, volume, out=np.zeros_like(volume), where=volume > np.finfo(float).tiny),
             was_invalid=np.flatnonzero(~quality.is_valid),
             flat=flat,
-            normal=None if flat is None else mean_normal(np.moveaxis(nodes, flat, 2)[:, :, 0]),
+            normal=frame.normal,
         )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Nodes of the piece in each direction."""
+        return self.window.shape
+
+    def number(self, cell: int) -> tuple[int, ...]:
+        """Number (i, j, k) in the whole block, from 1, of a cell."""
+        index = np.unravel_index(cell, self.degenerate_in_block.shape)
+        return tuple(int(n) + low + 1 for n, low in zip(index, self.window.lo))
 
     @property
     def n_cells(self) -> int:
@@ -112,6 +139,55 @@ class BlockCells:
         n_layers = max(1, CHUNK_CELLS // layer)
         for start in range(0, len(self.degenerate_corners), n_layers):
             yield Chunk(self, start, min(start + n_layers, len(self.degenerate_corners)))
+
+
+def block_cells(pieces: Pieces, nodes: np.ndarray, frames: Sequence[Frame]) -> tuple[BlockCells, ...]:
+    """Decide about the cells of all pieces of a process on the baseline; all processes call it.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        The pieces.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of this process (m).
+    frames : sequence of Frame
+        Frame of the block of each of its pieces, see `Pieces.frames`.
+
+    Returns
+    -------
+    tuple of BlockCells
+        One for each piece of this process that has cells.
+    """
+    blocks: list[BlockCells] = []
+    signs = _handedness(pieces, nodes, frames) if pieces.split else {}
+    with together(pieces.comm):
+        for piece, x, first_node, frame in zip(pieces.own, pieces.nodes_of(nodes), pieces.starts, frames):
+            if has_cells(piece.shape):
+                first_cell = blocks[-1].cells.stop if blocks else 0
+                place, sign = (piece, x, first_node, first_cell), signs.get(piece.block)
+                blocks.append(BlockCells.of_baseline(pieces.names[piece.block], *place, frame, sign))
+    return tuple(blocks)
+
+
+def _handedness(pieces, nodes, frames):
+    """Sign that most cells of each split block have; where as many have the other, that of its middle layer."""
+    counts = []
+    with together(pieces.comm):
+        for piece, x, frame in zip(pieces.own, pieces.nodes_of(nodes), frames):
+            if piece.block in pieces.split and has_cells(piece.shape):
+                counts.append((piece.block, *_signs(piece, x, frame, pieces.shapes[piece.block])))
+    every = gathered(pieces.comm, np.array(counts, dtype=int).reshape(-1, 3))
+    totals = {block: every[every[:, 0] == block, 1:].sum(axis=0).tolist() for block in pieces.split}
+    return {block: 1 if tuple(total) >= (0, 0) else -1 for block, total in totals.items()}
+
+
+def _signs(piece, nodes, frame, shape):
+    """Positive minus negative volumes among the cells of a piece, and among those of the middle layer of its block."""
+    volume = np.sign(cell_quality(nodes, collapsed_corners(nodes, frame.size), 1, frame.normal).volume)
+    along = next(d for d in range(3) if shape[d] > 1)
+    layer = (shape[along] - 1) // 2 - piece.lo[along]
+    middle = volume.take(layer, axis=along) if 0 <= layer < volume.shape[along] else volume[:0]
+    return int(np.nansum(volume)), int(np.nansum(middle))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,23 +6,28 @@ them.
 The grid is worked through in chunks whose corner measures fit the cache. Chunks depend on the shapes of the blocks
 alone and their results are joined in order, so that nothing depends on the number of threads.
 
+Processes may hold pieces of the grid. Nodes and cells are then those of a process, and aggregates those of the whole
+grid: all processes make the same calls.
+
 Theory: ``docs/theory/quality.rst``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
+from ..numerics.processes import gathered, summed
 from ..numerics.threads import run_tasks, thread_count
 from ..topology.grid import Grid
-from .aggregates import AGGREGATES, KreisselmeierSteinhauser, PNorm
-from .block_cells import BlockCells, Chunk, Measures, chunk_jvp, chunk_measures, chunk_vjp
+from .aggregates import AGGREGATES, KreisselmeierSteinhauser, Part, PNorm
+from .block_cells import BlockCells, Chunk, Measures, block_cells, chunk_jvp, chunk_measures, chunk_vjp
 from .first_cells import FirstCells
-from .hexahedron import CellQuality, cell_quality
+from .hexahedron import CellQuality, cell_quality, summed_areas, unit_normal
+from .pieces import Pieces
 
 __all__ = ["GridQuality", "GridValues"]
 
@@ -49,10 +54,10 @@ class GridQuality:
 
     Parameters
     ----------
+    pieces : Pieces
+        Pieces of the grid that the processes hold: whole blocks in one process as a rule.
     blocks : tuple of BlockCells
-        The blocks that have cells.
-    n_nodes : int
-        Nodes of all blocks.
+        Those of this process that have cells.
     first_cells : FirstCells
         The first cells at walls.
     rho : float
@@ -70,8 +75,8 @@ class GridQuality:
         If no block has cells, or rho or p cannot be used.
     """
 
+    pieces: Pieces
     blocks: tuple[BlockCells, ...]
-    n_nodes: int
     first_cells: FirstCells
     rho: float = 100.0
     p: int = 64
@@ -79,7 +84,7 @@ class GridQuality:
     n_threads: int | None = None
 
     def __post_init__(self):
-        if not self.blocks:
+        if not self.pieces.n_cells_of_all:
             raise InputError("quality: no block of the grid has cells in two directions; nothing can be measured")
         for name in AGGREGATES:
             self._rule(name)
@@ -104,30 +109,54 @@ class GridQuality:
         InputError
             If all nodes of a block are at one point, or no block has cells.
         """
-        blocks, first_node, first_cell = [], 0, 0
-        for number, block in enumerate(grid.blocks, start=1):
-            if np.ptp(block.nodes.reshape(-1, 3), axis=0).max() == 0.0:
-                raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
-            if sum(n > 1 for n in block.shape) > 1:
-                blocks.append(BlockCells.of_baseline(block.name, block.nodes, first_node, first_cell))
-                first_cell += blocks[-1].n_cells
-            first_node += int(np.prod(block.shape))
-        return cls(tuple(blocks), first_node, FirstCells.of_baseline(grid), **settings)
+        return cls.of_pieces(Pieces.of_grid(grid), grid.to_vector().reshape(-1, 3), **settings)
+
+    @classmethod
+    def of_pieces(cls, pieces: Pieces, nodes: np.ndarray, **settings) -> GridQuality:
+        """Decide about the cells of a baseline grid in pieces; all processes call it.
+
+        Parameters
+        ----------
+        pieces : Pieces
+            The pieces, and the processes that hold them.
+        nodes : ndarray, shape (n_nodes, 3)
+            Nodes of the pieces of this process (m).
+        **settings
+            See `of_baseline`.
+
+        Returns
+        -------
+        GridQuality
+            Decisions are those of the whole blocks.
+
+        Raises
+        ------
+        InputError
+            See `of_baseline`.
+        """
+        frames = pieces.frames(nodes)
+        blocks = block_cells(pieces, nodes, frames)
+        return cls(pieces, blocks, FirstCells.of_pieces(pieces, nodes, frames), **settings)
+
+    @property
+    def n_nodes(self) -> int:
+        """Nodes of this process."""
+        return self.pieces.n_nodes
 
     @property
     def n_cells(self) -> int:
-        """Cells of all blocks."""
-        return self.blocks[-1].cells.stop
+        """Cells of this process."""
+        return self.blocks[-1].cells.stop if self.blocks else 0
 
     @property
     def bytes_per_node(self) -> float:
-        """Memory that the state takes, divided by the number of nodes (B)."""
-        return (sum(block.n_bytes for block in self.blocks) + self.first_cells.n_bytes) / self.n_nodes
+        """Memory that the state takes, divided by the number of nodes (B); of this process."""
+        return (sum(block.n_bytes for block in self.blocks) + self.first_cells.n_bytes) / max(1, self.n_nodes)
 
     @property
     def aggregates(self) -> tuple[str, ...]:
         """Names of the aggregates that the grid has: those of heights only where it has walls."""
-        return tuple(AGGREGATES) if self.first_cells.baseline.size else tuple(_of_cells(AGGREGATES))
+        return tuple(AGGREGATES) if self.first_cells.n_of_all else tuple(_of_cells(AGGREGATES))
 
     def cells(self, nodes: np.ndarray) -> list[CellQuality]:
         """Measure every cell, block by block.
@@ -140,11 +169,27 @@ class GridQuality:
         Returns
         -------
         list of CellQuality
-            One per block that has cells.
+            One for each of ``blocks``.
         """
-        return [
-            cell_quality(block.nodes_of(nodes), block.degenerate_in_block, block.handedness) for block in self.blocks
-        ]
+        return list(self.cells_in_turn(nodes))
+
+    def cells_in_turn(self, nodes: np.ndarray) -> Iterator[CellQuality]:
+        """Measure every cell as `cells` does, one block after another, without keeping them."""
+        normals = self._normals(nodes)
+        places = ((block, block.nodes_of(nodes), normals.get(block.window.block)) for block in self.blocks)
+        return (cell_quality(x, block.degenerate_in_block, block.handedness, normal) for block, x, normal in places)
+
+    def _normals(self, nodes):
+        """Mean normals of planar blocks that are split, now."""
+        if not self.pieces.has_split_planes:
+            return {}
+        planes = [block for block in self.blocks if block.flat is not None]
+        views = [np.moveaxis(block.nodes_of(nodes), block.flat, 2)[:, :, 0] for block in planes]
+        areas = np.zeros((len(self.pieces.shapes), 3))
+        for block, plane in zip(planes, views):
+            areas[block.window.block] += summed_areas(plane)
+        areas = summed(self.pieces.comm, areas)
+        return {block.window.block: unit_normal(areas[block.window.block]) for block in planes}
 
     def require(self, names: Sequence[str]) -> None:
         """Refuse names of aggregates that do not exist, or not on this grid.
@@ -194,11 +239,11 @@ class GridQuality:
                 q[chunk.in_grid] = measures.q
             return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
 
-        found = self._height_bounds(nodes, names)
+        parts = self._height_parts(nodes, names)
         if of_cells or cells:
-            for name, parts in zip(of_cells, zip(*self._over_chunks(work))):
-                found[name] = self._rule(name).value(self._rule(name).join(parts))
-        return GridValues({name: found[name] for name in names}, q)
+            for name, column in zip(of_cells, zip(*self._over_chunks(work))):
+                parts[name] = self._rule(name).join(column)
+        return GridValues(self._joined(names, parts), q)
 
     def jvp(self, nodes: np.ndarray, d_nodes: np.ndarray, values: GridValues) -> GridValues:
         """Change of the quality with the nodes.
@@ -227,8 +272,10 @@ class GridQuality:
 
         found = self._height_changes(nodes, d_nodes, values.aggregates)
         if of_cells or d_q is not None:
-            found |= dict(zip(of_cells, np.sum(self._over_chunks(work), axis=0).tolist()))
-        return GridValues({name: found[name] for name in values.aggregates}, d_q)
+            rows = self._over_chunks(work)
+            found |= dict(zip(of_cells, np.array(rows).reshape(len(rows), len(of_cells)).sum(axis=0).tolist()))
+        changes = summed(self.pieces.comm, np.array([found[name] for name in values.aggregates]))
+        return GridValues(dict(zip(values.aggregates, changes.tolist())), d_q)
 
     def vjp(self, nodes: np.ndarray, values: GridValues, bar: GridValues) -> np.ndarray:
         """Adjoint of the nodes from that of the quality.
@@ -264,13 +311,21 @@ class GridQuality:
         self._add_height_bars(nodes, values.aggregates, bar.aggregates, nodes_bar)
         return nodes_bar
 
-    def _height_bounds(self, nodes, names):
-        """Aggregates of heights among the names; an upper bound is minus the lower one of the negative numbers."""
+    def _height_parts(self, nodes, names):
+        """Parts of the aggregates of heights among the names; an upper bound takes the negative numbers."""
         signs = _height_signs(names)
         ratios = self.first_cells.ratios(nodes) if signs else None
-        return {
-            name: sign * self._rule(name).value(self._rule(name).part(sign * ratios)) for name, sign in signs.items()
-        }
+        return {name: self._rule(name).part(sign * ratios) for name, sign in signs.items()}
+
+    def _joined(self, names, parts):
+        """Aggregates of the whole grid from the parts of this process, and those of the others."""
+        none = {name: self._rule(name).part(np.zeros(0)) for name in names}
+        tables = gathered(self.pieces.comm, np.array([[parts.get(name, none[name]) for name in names]]))
+        signs, found = _height_signs(names), {}
+        for n, name in enumerate(names):
+            whole = self._rule(name).join([Part(*table[n]) for table in tables])
+            found[name] = signs.get(name, 1.0) * self._rule(name).value(whole)
+        return found
 
     def _height_changes(self, nodes, d_nodes, values):
         """Changes of the aggregates of heights that there are values of."""

@@ -35,6 +35,8 @@ __all__ = [
     "flat_direction",
     "mean_normal",
     "stack_plane",
+    "summed_areas",
+    "unit_normal",
 ]
 
 COLLAPSE_TOLERANCE = 1e-12
@@ -81,7 +83,10 @@ class CellQuality:
 
 
 def cell_quality(
-    nodes: np.ndarray, degenerate_corners: np.ndarray | None = None, handedness: int | None = None
+    nodes: np.ndarray,
+    degenerate_corners: np.ndarray | None = None,
+    handedness: int | None = None,
+    normal: np.ndarray | None = None,
 ) -> CellQuality:
     """Measure all cells of a block, or all elements of a control mesh.
 
@@ -94,6 +99,8 @@ def cell_quality(
         baseline while a grid moves, so that the measure stays differentiable.
     handedness : int, optional
         +1 or -1; by default the sign that most cells have. Give that of the baseline while a grid moves.
+    normal : ndarray, shape (3,), optional
+        Third edges of a planar block; the unit mean normal of its cells by default.
 
     Returns
     -------
@@ -111,18 +118,20 @@ def cell_quality(
     if flat is None:
         return CellQuality(*_measure(nodes, degenerate_corners, handedness))
     degenerate_corners = np.moveaxis(degenerate_corners, flat, 2) | UPPER_CORNERS
-    *measures, handedness = _measure(_extrude(nodes, flat), degenerate_corners, handedness)
+    *measures, handedness = _measure(_extrude(nodes, flat, normal), degenerate_corners, handedness)
     q, min_corner, min_jacobian, volume = (np.moveaxis(values, 2, flat) for values in measures)
     return CellQuality(q, min_corner, min_jacobian, volume, handedness)
 
 
-def collapsed_corners(nodes: np.ndarray) -> np.ndarray:
+def collapsed_corners(nodes: np.ndarray, size: float | None = None) -> np.ndarray:
     """Find the corners of cells at which an edge has collapsed.
 
     Parameters
     ----------
     nodes : ndarray, shape (ni, nj, nk, 3)
         Node coordinates (m).
+    size : float, optional
+        Diagonal of the block's box (m), where the nodes are a piece of it.
 
     Returns
     -------
@@ -132,7 +141,8 @@ def collapsed_corners(nodes: np.ndarray) -> np.ndarray:
     """
     flat = flat_direction(nodes.shape)
     points = as_points(nodes if flat is None else _extrude(nodes, flat))
-    size = np.linalg.norm([nodes[..., c].max() - nodes[..., c].min() for c in range(3)])
+    if size is None:
+        size = float(np.linalg.norm([nodes[..., c].max() - nodes[..., c].min() for c in range(3)]))
     shortest = max(COLLAPSE_TOLERANCE * size, 2.0 * np.sqrt(TINY))  # shorter ones would have no unit vector
     if not _has_short_edge(points, shortest):
         bits = np.zeros([n - 1 for n in points.shape], dtype=np.uint8)
@@ -161,9 +171,18 @@ def flat_direction(shape: tuple[int, ...]) -> int | None:
 
 def mean_normal(plane: np.ndarray) -> np.ndarray:
     """Unit mean normal, shape (3,), of the cells of nodes (n, m, 3); the z direction where they have no area."""
-    normal = np.cross(plane[1:, 1:] - plane[:-1, :-1], plane[:-1, 1:] - plane[1:, :-1]).sum(axis=(0, 1))
-    length = np.linalg.norm(normal)
-    return normal / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    return unit_normal(summed_areas(plane))
+
+
+def summed_areas(plane: np.ndarray) -> np.ndarray:
+    """Sum of twice the area vectors (m^2), shape (3,), of the cells of nodes (n, m, 3)."""
+    return np.cross(plane[1:, 1:] - plane[:-1, :-1], plane[:-1, 1:] - plane[1:, :-1]).sum(axis=(0, 1))
+
+
+def unit_normal(area: np.ndarray) -> np.ndarray:
+    """Unit vector along a sum of area vectors; the z direction where they cancel."""
+    length = np.linalg.norm(area)
+    return area / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
 def stack_plane(plane: np.ndarray, normal) -> np.ndarray:
@@ -285,10 +304,10 @@ def _majority(volume):
     return -1 if np.count_nonzero(volume < 0.0) > np.count_nonzero(volume > 0.0) else 1
 
 
-def _extrude(nodes, flat):
-    """Return a planar block with unit depth along its mean normal, its flat direction moved last."""
+def _extrude(nodes, flat, normal=None):
+    """Return a planar block with depth along a normal, its unit mean one by default, its flat direction moved last."""
     plane = np.moveaxis(nodes, flat, 2)[:, :, 0]
-    return stack_plane(plane, mean_normal(plane))
+    return stack_plane(plane, mean_normal(plane) if normal is None else normal)
 
 
 @njit(cache=True, inline="always")

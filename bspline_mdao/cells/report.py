@@ -1,19 +1,23 @@
 """Reports on a grid for people: extremes, a distribution of Q, inverted cells by name, first cells at every wall.
 
+Where processes hold pieces of the grid, all of them call these functions and get the same report, to the last bit that
+of one process.
+
 Theory: ``docs/theory/quality.rst``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
-from ..topology.grid import Grid
+from ..numerics.processes import from_all, on_first, together
+from .block_cells import BlockCells
 from .first_cells import FirstCells, WallNode
 from .grid_quality import GridQuality
 from .hexahedron import CellQuality
@@ -24,14 +28,11 @@ __all__ = [
     "InvertedCell",
     "PatchHeights",
     "QualityReport",
-    "WallSpacing",
     "distribution",
-    "flat_plate_y_plus",
     "inverted_cells",
     "judge_move",
     "report_heights",
     "report_quality",
-    "wall_spacings",
 ]
 
 MOST_NAMED = 50
@@ -144,11 +145,59 @@ def distribution(q: np.ndarray, n_bins: int = 50) -> Distribution:
     >>> distribution(np.array([0.1, 0.7, 0.9, -0.2]), n_bins=2)
     Distribution(edges=array([0. , 0.5, 1. ]), density=array([0.66666667, 1.33333333]), n_negative=1)
     """
+    _require_bins(n_bins)
+    return _distribution(*_counts(q, n_bins))
+
+
+def _require_bins(n_bins):
     if n_bins < 1:
         raise InputError(f"distribution of quality: {n_bins} bins; give at least 1")
+
+
+def _counts(q, n_bins):
+    """Cells in every bin, and those that have none."""
     counted = np.minimum(q[q >= 0.0], 1.0)
-    counts, edges = np.histogram(counted, bins=n_bins, range=(0.0, 1.0))
-    return Distribution(edges, counts * (n_bins / max(1, counted.size)), int(q.size - counted.size))
+    return np.histogram(counted, bins=n_bins, range=(0.0, 1.0))[0], int(q.size - counted.size)
+
+
+def _distribution(counts, n_negative):
+    n_bins = len(counts)
+    return Distribution(np.linspace(0.0, 1.0, n_bins + 1), counts * (n_bins / max(1, counts.sum())), n_negative)
+
+
+class _Summary(NamedTuple):
+    """What the cells of a process add to the report; ``q_sum`` in units of 2**-60, ``least`` of the four measures."""
+
+    n_cells: int
+    q_sum: float
+    least: np.ndarray
+    n_inverted: int
+    counts: np.ndarray
+    n_negative: int
+
+    @classmethod
+    def of(cls, cells: CellQuality, n_bins: int) -> _Summary:
+        """Sum up the cells of a block."""
+        measures = cells.q, cells.min_corner, cells.min_jacobian, cells.volume
+        least, n_inverted = np.array([values.min() for values in measures]), int(np.count_nonzero(~cells.is_valid))
+        return cls(cells.q.size, _exact_sum(cells.q), least, n_inverted, *_counts(cells.q.ravel(), n_bins))
+
+    @classmethod
+    def join(cls, parts: Sequence[_Summary], n_bins: int) -> _Summary:
+        """Sum up parts of a grid, of which there may be none."""
+        n_cells, q_sum, _, n_inverted, _, n_negative = (sum(column) for column in zip(*parts)) if parts else [0] * 6
+        least = np.min([np.full(4, np.inf), *(part.least for part in parts)], axis=0)
+        counts = np.sum([np.zeros(n_bins, dtype=int), *(part.counts for part in parts)], axis=0)
+        return cls(n_cells, q_sum, least, n_inverted, counts, n_negative)
+
+
+def _exact_sum(q):
+    """Sum of numbers of size 1, in whole units of 2**-60: the same in any order. NaN if one of them is none."""
+    if np.isnan(q).any():
+        return np.nan
+    high = np.rint(q * 2.0**30)
+    low = np.rint((q - high * 2.0**-30) * 2.0**60)
+    return (int(high.sum(dtype=np.int64)) << 30) + int(low.sum(dtype=np.int64))
 
 
 def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) -> QualityReport:
@@ -166,19 +215,31 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
     Returns
     -------
     QualityReport
+
+    Raises
+    ------
+    InputError
+        If there is not at least one bin.
     """
-    cells = quality.cells(nodes)
-    q = np.concatenate([block.q.ravel() for block in cells])
+    _require_bins(n_bins)
+    comm, cells = quality.pieces.comm, quality.cells_in_turn(nodes)
+    own, worst = [], []
+    with together(comm):
+        for block, measures in zip(quality.blocks, cells):
+            own.append(_Summary.of(measures, n_bins))
+            worst += _worst(block, measures, newly=False)
+    whole = _Summary.join(from_all(comm, _Summary.join(own, n_bins)), n_bins)
+    q_min, min_corner, min_jacobian, min_volume = whole.least.tolist()
     return QualityReport(
-        n_cells=q.size,
-        q_min=float(q.min()),
-        q_mean=float(q.mean()),
-        min_corner=float(min(block.min_corner.min() for block in cells)),
-        min_jacobian=float(min(block.min_jacobian.min() for block in cells)),
-        min_volume=float(min(block.volume.min() for block in cells)),
-        n_inverted=sum(int(np.count_nonzero(~block.is_valid)) for block in cells),
-        inverted=inverted_cells(quality, cells),
-        histogram=distribution(q, n_bins),
+        n_cells=whole.n_cells,
+        q_min=q_min,
+        q_mean=whole.q_sum / (whole.n_cells << 60),
+        min_corner=min_corner,
+        min_jacobian=min_jacobian,
+        min_volume=min_volume,
+        n_inverted=whole.n_inverted,
+        inverted=_worst_of_all(comm, worst),
+        histogram=_distribution(whole.counts, whole.n_negative),
         heights=report_heights(quality.first_cells, nodes),
     )
 
@@ -215,25 +276,27 @@ def judge_move(quality: GridQuality, nodes: np.ndarray) -> CellsAfterMove:
     -------
     CellsAfterMove
     """
-    n_inverted, q_min, total = 0, np.inf, 0.0
-    for block, measures in zip(quality.blocks, quality.cells(nodes)):
+    n_inverted, q_min, total = 0, np.inf, 0
+    for block, measures in zip(quality.blocks, quality.cells_in_turn(nodes)):
         was_valid = np.ones(measures.q.size, dtype=bool)
         was_valid[block.was_invalid] = False
         n_inverted += int(np.count_nonzero(was_valid & ~measures.is_valid.ravel()))
         q_min = min(q_min, float(np.min(measures.q.ravel(), where=was_valid, initial=np.inf)))
-        total += float(measures.q.sum())
-    return CellsAfterMove(n_inverted, q_min, total / quality.n_cells)
+        total += _exact_sum(measures.q)
+    every = from_all(quality.pieces.comm, (n_inverted, q_min, total))
+    q_mean = sum(part[2] for part in every) / (quality.pieces.n_cells_of_all << 60)
+    return CellsAfterMove(sum(part[0] for part in every), min(part[1] for part in every), q_mean)
 
 
-def inverted_cells(quality: GridQuality, cells: Sequence[CellQuality], newly: bool = False) -> tuple[InvertedCell, ...]:
+def inverted_cells(quality: GridQuality, cells: Iterable[CellQuality], newly: bool = False) -> tuple[InvertedCell, ...]:
     """Name the inverted cells, the worst first and at most `MOST_NAMED` of them.
 
     Parameters
     ----------
     quality : GridQuality
         The cells, and what the baseline decided about them.
-    cells : sequence of CellQuality
-        Their measures, from `GridQuality.cells`.
+    cells : iterable of CellQuality
+        Their measures, from `GridQuality.cells` or `GridQuality.cells_in_turn`.
     newly : bool
         Only those that were valid on the baseline.
 
@@ -241,16 +304,35 @@ def inverted_cells(quality: GridQuality, cells: Sequence[CellQuality], newly: bo
     -------
     tuple of InvertedCell
     """
+    worst = []
+    with together(quality.pieces.comm):
+        for block, measures in zip(quality.blocks, cells):
+            worst += _worst(block, measures, newly)
+    return _worst_of_all(quality.pieces.comm, worst)
+
+
+def _worst(block: BlockCells, measures: CellQuality, newly: bool) -> list[tuple]:
+    """Worst inverted cells of a block, each with what sorts it: its corner measure, its block and its number there."""
+    ids = np.flatnonzero(~measures.is_valid)
+    if newly:
+        ids = np.setdiff1d(ids, block.was_invalid, assume_unique=True)
+    corners = measures.min_corner.ravel()[ids]
     found = []
-    for block, measures in zip(quality.blocks, cells):
-        ids = np.flatnonzero(~measures.is_valid)
-        if newly:
-            ids = np.setdiff1d(ids, block.was_invalid, assume_unique=True)
-        corners = measures.min_corner.ravel()[ids]
-        for n in np.argsort(corners, kind="stable")[:MOST_NAMED]:
-            i, j, k = (int(m) + 1 for m in np.unravel_index(ids[n], measures.q.shape))
-            found.append(InvertedCell(block.name, i, j, k, float(corners[n])))
-    return tuple(sorted(found, key=lambda cell: cell.corner)[:MOST_NAMED])
+    for n in np.argsort(corners, kind="stable")[:MOST_NAMED]:
+        corner, (i, j, k) = float(corners[n]), block.number(ids[n])
+        order = np.inf if math.isnan(corner) else corner
+        found.append((order, block.window.block, (i, j, k), InvertedCell(block.name, i, j, k, corner)))
+    return found
+
+
+def _worst_of_all(comm, worst: Sequence[tuple]) -> tuple[InvertedCell, ...]:
+    """Join the worst cells of the blocks of all processes."""
+    every = (cell for part in from_all(comm, sorted(worst, key=_order)[:MOST_NAMED]) for cell in part)
+    return tuple(cell for *_, cell in sorted(every, key=_order)[:MOST_NAMED])
+
+
+def _order(cell: tuple) -> tuple:
+    return cell[:3]
 
 
 @dataclass(frozen=True)
@@ -300,39 +382,6 @@ class PatchHeights:
         return (self.ratio_min, self.lowest) if is_low else (self.ratio_max, self.highest)
 
 
-@dataclass(frozen=True)
-class WallSpacing:
-    """Spacings at one wall, as a user of turbulence models looks at them.
-
-    Parameters
-    ----------
-    patch : str
-        The wall.
-    n_nodes : int
-        Nodes that have a height.
-    height_min, height_median, height_max : float
-        Heights of the first cells (m).
-    growth_median, growth_max : float
-        Lengths of the second cells off the wall over those of the first; not a number where no block has second ones.
-    aspect_median, aspect_max : float
-        Longest edges in the wall at a node over the height there; those across a grid that is one cell deep do not
-        count.
-    extents : tuple of float
-        Sides of the wall's box (m), ascending.
-    """
-
-    patch: str
-    n_nodes: int
-    height_min: float
-    height_median: float
-    height_max: float
-    growth_median: float
-    growth_max: float
-    aspect_median: float
-    aspect_max: float
-    extents: tuple[float, float, float]
-
-
 def report_heights(cells: FirstCells, nodes: np.ndarray) -> tuple[PatchHeights, ...]:
     """Report on the first cells of a grid, wall by wall.
 
@@ -348,16 +397,32 @@ def report_heights(cells: FirstCells, nodes: np.ndarray) -> tuple[PatchHeights, 
     tuple of PatchHeights
         One for each wall that has heights.
     """
+    comm = cells.pieces.comm
     heights = cells.heights(nodes)
-    return tuple(_patch_heights(cells, number, ids, heights[ids]) for number, ids in _by_patch(cells))
+    own = (cells.keys[cells.at], cells.patch_ids, heights, heights / cells.baseline, cells.places)
+    every = [own] if comm.size == 1 else comm.gather(own, root=0)
+    return on_first(comm, lambda: _reports_by_patch(cells, every))
 
 
-def _patch_heights(cells, number, ids, heights):
-    ratios = heights / cells.baseline[ids]
+def _reports_by_patch(cells, every):
+    """Reports on the walls from numbers, patches, heights, their ratios and places of the entries of all processes."""
+    keys, patch_ids, heights, ratios, places = (np.concatenate(column) for column in zip(*every))
+    in_order = np.argsort(keys)
+    ids_of = (in_order[patch_ids[in_order] == number] for number in range(len(cells.patches)))
+    columns = heights, ratios, places
+    return tuple(
+        _patch_heights(cells, number, *(column[ids] for column in columns))
+        for number, ids in enumerate(ids_of)
+        if ids.size
+    )
+
+
+def _patch_heights(cells, number, heights, ratios, places):
     low, median, high = np.quantile(ratios, [0.01, 0.5, 0.99])
+    lowest, highest = (places[at].tolist() for at in (ratios.argmin(), ratios.argmax()))
     return PatchHeights(
         patch=cells.patches[number],
-        n_nodes=ids.size,
+        n_nodes=heights.size,
         n_left_out=int(cells.n_left_out[number]),
         height_min=float(heights.min()),
         height_median=float(np.median(heights)),
@@ -368,112 +433,6 @@ def _patch_heights(cells, number, ids, heights):
         ratio_p99=float(high),
         ratio_max=float(ratios.max()),
         n_off=int(np.count_nonzero((ratios < KEPT[0]) | (ratios > KEPT[1]))),
-        lowest=cells.place(ids[ratios.argmin()]),
-        highest=cells.place(ids[ratios.argmax()]),
+        lowest=WallNode(cells.pieces.names[lowest[0]], *lowest[1:]),
+        highest=WallNode(cells.pieces.names[highest[0]], *highest[1:]),
     )
-
-
-def wall_spacings(grid: Grid) -> tuple[WallSpacing, ...]:
-    """Measure the spacings at the walls of a grid.
-
-    Parameters
-    ----------
-    grid : Grid
-        The grid. Its walls are its patches of kind ``"wall"``.
-
-    Returns
-    -------
-    tuple of WallSpacing
-        One for each wall that has heights.
-    """
-    cells, nodes = FirstCells.of_baseline(grid), grid.to_vector().reshape(-1, 3)
-    growth, aspect = _growth(cells, nodes), _longest_edges(cells, nodes) / cells.baseline
-    wall = nodes[cells.rows[cells.at]]
-    spacings = []
-    for number, ids in _by_patch(cells):
-        heights, growths = cells.baseline[ids], growth[ids][np.isfinite(growth[ids])]
-        spacings.append(
-            WallSpacing(
-                patch=cells.patches[number],
-                n_nodes=ids.size,
-                height_min=float(heights.min()),
-                height_median=float(np.median(heights)),
-                height_max=float(heights.max()),
-                growth_median=float(np.median(growths)) if growths.size else np.nan,
-                growth_max=float(growths.max(initial=-np.inf)) if growths.size else np.nan,
-                aspect_median=float(np.median(aspect[ids])),
-                aspect_max=float(aspect[ids].max()),
-                extents=tuple(np.sort(np.ptp(wall[ids], axis=0)).tolist()),
-            )
-        )
-    return tuple(spacings)
-
-
-def flat_plate_y_plus(height: float, reynolds: float, length: float) -> float:
-    """Estimate y+ at a height above a flat plate with a turbulent boundary layer.
-
-    Parameters
-    ----------
-    height : float
-        Distance from the wall (m).
-    reynolds : float
-        Reynolds number per metre, ``U / nu`` (1/m).
-    length : float
-        Distance from the leading edge (m).
-
-    Returns
-    -------
-    float
-        ``y+ = u_tau y / nu`` with ``u_tau = U sqrt(c_f / 2)`` and the one-seventh power law
-        ``c_f = 0.027 / Re_x^(1/7)``.
-
-    References
-    ----------
-    F. M. White, *Fluid Mechanics*, 7th ed., McGraw-Hill, 2011, section 7.4.
-
-    Examples
-    --------
-    >>> round(flat_plate_y_plus(1e-5, reynolds=1e7, length=1.0), 1)
-    3.7
-    """
-    friction = 0.027 / (reynolds * length) ** (1.0 / 7.0)
-    return height * reynolds * math.sqrt(0.5 * friction)
-
-
-def _by_patch(cells: FirstCells) -> Iterator[tuple[int, np.ndarray]]:
-    """Number, and numbers of the entries, of every wall that has heights."""
-    for number in range(len(cells.patches)):
-        ids = np.flatnonzero(cells.patch_ids == number)
-        if ids.size:
-            yield number, ids
-
-
-def _growth(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
-    """Length of the second edge off the wall over that of the first, shape (n,); not a number where there is none."""
-    rows, next_rows = cells.rows[cells.at], cells.next_rows
-    has_second = _nodes_along(cells, rows, next_rows) > 2
-    far_rows = np.where(has_second, 2 * next_rows - rows, next_rows)
-    first, second = (np.linalg.norm(nodes[b] - nodes[a], axis=1) for a, b in ((rows, next_rows), (next_rows, far_rows)))
-    return np.where(has_second, second / first, np.nan)
-
-
-def _longest_edges(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
-    """Longest edge in the wall at every entry (m), shape (n,), but for those across a grid that is one cell deep."""
-    rows = cells.rows[cells.quads]
-    next_rows = np.roll(rows, -1, axis=1)
-    lengths = np.linalg.norm(nodes[next_rows] - nodes[rows], axis=2)
-    is_long = _nodes_along(cells, rows, next_rows) > 2
-    lengths = np.where(is_long | ~is_long.any(axis=1, keepdims=True), lengths, 0.0)
-    longest = np.zeros(cells.rows.size)
-    for ends in (cells.quads, np.roll(cells.quads, -1, axis=1)):
-        np.maximum.at(longest, ends, lengths)
-    return longest[cells.at]
-
-
-def _nodes_along(cells: FirstCells, rows: np.ndarray, next_rows: np.ndarray) -> np.ndarray:
-    """Nodes of a block along the direction from a node to its neighbour, of their shape; 0 for no direction."""
-    shapes = np.array(cells.shapes)
-    block = np.searchsorted(np.cumsum(shapes.prod(axis=1)), rows, side="right")
-    strides = np.stack([shapes[:, 1] * shapes[:, 2], shapes[:, 2], np.ones(len(shapes), dtype=int)], axis=1)
-    is_along = strides[block] == np.abs(next_rows - rows)[..., None]
-    return np.max(shapes[block], axis=-1, where=is_along, initial=0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from ..cells.report import wall_spacings
+from ..cells.wall_spacing import wall_spacings
 from ..io.disk import replaced_file
 from ..io.patch_guess import draft_patches, guess_patches
 from ..topology.detection import find_topology

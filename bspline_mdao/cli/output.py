@@ -17,7 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from ..cells.first_cells import WallNode
-from ..cells.report import KEPT, PatchHeights, WallSpacing, flat_plate_y_plus
+from ..cells.report import KEPT, PatchHeights
+from ..cells.wall_spacing import WallSpacing, flat_plate_y_plus
 from ..errors import InputError
 from ..io.disk import replaced_file
 from ..io.formats import format_of_name

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ONE", "OneProcess", "on_first", "summed", "summed_number", "together", "world"]
+__all__ = ["ONE", "OneProcess", "from_all", "gathered", "on_first", "summed", "summed_number", "together", "world"]
 
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS", "MP_PROCS", "FJMPI_PROCS")
 """Environment variables in which launchers of MPI tell the number of processes."""
@@ -101,11 +101,10 @@ _INSIDE: ContextVar[bool] = ContextVar("inside together", default=False)
 
 def _first_that(comm, is_so: bool) -> int:
     """Lowest rank of which something is true; the number of processes where it is true of none."""
-    from mpi4py import MPI
-
-    rank, first = np.array([comm.rank if is_so else comm.size]), np.empty(1, dtype=int)
-    comm.Allreduce(rank, first, op=MPI.MIN)
-    return int(first[0])
+    told = np.zeros(comm.size, dtype=np.int8)
+    told[comm.rank] = is_so
+    told = summed(comm, told)
+    return int(told.argmax()) if told.any() else comm.size
 
 
 def _packed(failure: Exception | None) -> bytes:
@@ -143,6 +142,28 @@ def summed(comm, array: np.ndarray) -> np.ndarray:
 def summed_number(comm, number: float) -> float:
     """Sum of a number of every process, on every one of them: the same bits everywhere."""
     return number if comm.size == 1 else comm.allreduce(number)
+
+
+def gathered(comm, array: np.ndarray) -> np.ndarray:
+    """Rows of the arrays of all processes one after another, on every one of them.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    array : ndarray, shape (n, ...)
+        n may differ between them.
+
+    Returns
+    -------
+    ndarray, shape (sum of n, ...)
+    """
+    return np.concatenate(from_all(comm, array))
+
+
+def from_all(comm, item) -> list:
+    """What every process gives, in the order of their ranks, on every one of them."""
+    return [item] if comm.size == 1 else comm.allgather(item)
 
 
 def on_first(comm, task: Callable[[], Any]) -> Any:

@@ -83,6 +83,14 @@ def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray) -> np.ndarr
     ndarray of int, shape (ni, nj) or (nj, ni)
         The face, transposed where it looks the other way.
     """
+    return layer if volume_behind(layer, inner, points) > 0.0 else layer.T
+
+
+def volume_behind(layer: np.ndarray, inner: np.ndarray, points: np.ndarray) -> float:
+    """Twice the volume (m^3) between a face and the layer next to it, by its quads; negative where i x j points away.
+
+    Parameters are those of `facing`.
+    """
     x = points[layer]
     area = np.cross(x[1:, 1:] - x[:-1, :-1], x[:-1, 1:] - x[1:, :-1])
-    return layer if np.sum(area * (points[inner] - x)[:-1, :-1]) > 0.0 else layer.T
+    return float(np.sum(area * (points[inner] - x)[:-1, :-1]))

@@ -5,7 +5,8 @@ import pytest
 
 from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.first_cells import FirstCells
-from bspline_mdao.cells.report import flat_plate_y_plus, report_heights, wall_spacings
+from bspline_mdao.cells.report import report_heights
+from bspline_mdao.cells.wall_spacing import flat_plate_y_plus, wall_spacings
 from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
@@ -72,7 +73,7 @@ def test_the_height_is_the_distance_along_the_mean_normal_of_the_quads_of_the_wi
     expected = (x[(*at, 1)] - x[(*at, 0)]) @ normal / np.linalg.norm(normal)
     entry = at[0] * x.shape[1] + at[1]
     assert cells.heights(x.reshape(-1, 3))[entry] == pytest.approx(expected, rel=1e-12)
-    assert str(cells.place(entry)) == "node (3, 4, 1) of block 1"
+    assert cells.places[entry].tolist() == [0, 3, 4, 1]
     assert expected > 0.0
 
 
@@ -133,7 +134,7 @@ def test_lines_that_have_collapsed_or_start_into_the_wall_are_left_out_and_count
     x[2, 3, 1] = 2.0 * x[2, 3, 0] - x[2, 3, 1]
     cells = FirstCells.of_baseline(walled(x))
     assert cells.n_left_out.tolist() == [1]
-    assert "node (3, 4, 1) of block 1" not in {str(cells.place(n)) for n in range(len(cells.baseline))}
+    assert [0, 3, 4, 1] not in cells.places.tolist()
 
 
 def test_a_wall_that_is_folded_flat_has_no_normal_along_the_fold():

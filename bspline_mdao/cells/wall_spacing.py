@@ -1,0 +1,147 @@
+"""Spacings at the walls of a grid, as a user of turbulence models looks at them: heights, growth, aspect ratios, y+.
+
+Theory: ``docs/theory/quality.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..topology.grid import Grid
+from .first_cells import FirstCells
+
+__all__ = ["WallSpacing", "flat_plate_y_plus", "wall_spacings"]
+
+
+@dataclass(frozen=True)
+class WallSpacing:
+    """Spacings at one wall, as a user of turbulence models looks at them.
+
+    Parameters
+    ----------
+    patch : str
+        The wall.
+    n_nodes : int
+        Nodes that have a height.
+    height_min, height_median, height_max : float
+        Heights of the first cells (m).
+    growth_median, growth_max : float
+        Lengths of the second cells off the wall over those of the first; not a number where no block has second ones.
+    aspect_median, aspect_max : float
+        Longest edges in the wall at a node over the height there; those across a grid that is one cell deep do not
+        count.
+    extents : tuple of float
+        Sides of the wall's box (m), ascending.
+    """
+
+    patch: str
+    n_nodes: int
+    height_min: float
+    height_median: float
+    height_max: float
+    growth_median: float
+    growth_max: float
+    aspect_median: float
+    aspect_max: float
+    extents: tuple[float, float, float]
+
+
+def wall_spacings(grid: Grid) -> tuple[WallSpacing, ...]:
+    """Measure the spacings at the walls of a grid.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid. Its walls are its patches of kind ``"wall"``.
+
+    Returns
+    -------
+    tuple of WallSpacing
+        One for each wall that has heights.
+    """
+    cells, nodes = FirstCells.of_baseline(grid), grid.to_vector().reshape(-1, 3)
+    growth, aspect = _growth(cells, nodes), _longest_edges(cells, nodes) / cells.baseline
+    wall = nodes[cells.rows[cells.at]]
+    spacings = []
+    for number, ids in cells.by_patch():
+        heights, growths = cells.baseline[ids], growth[ids][np.isfinite(growth[ids])]
+        spacings.append(
+            WallSpacing(
+                patch=cells.patches[number],
+                n_nodes=ids.size,
+                height_min=float(heights.min()),
+                height_median=float(np.median(heights)),
+                height_max=float(heights.max()),
+                growth_median=float(np.median(growths)) if growths.size else np.nan,
+                growth_max=float(growths.max(initial=-np.inf)) if growths.size else np.nan,
+                aspect_median=float(np.median(aspect[ids])),
+                aspect_max=float(aspect[ids].max()),
+                extents=tuple(np.sort(np.ptp(wall[ids], axis=0)).tolist()),
+            )
+        )
+    return tuple(spacings)
+
+
+def flat_plate_y_plus(height: float, reynolds: float, length: float) -> float:
+    """Estimate y+ at a height above a flat plate with a turbulent boundary layer.
+
+    Parameters
+    ----------
+    height : float
+        Distance from the wall (m).
+    reynolds : float
+        Reynolds number per metre, ``U / nu`` (1/m).
+    length : float
+        Distance from the leading edge (m).
+
+    Returns
+    -------
+    float
+        ``y+ = u_tau y / nu`` with ``u_tau = U sqrt(c_f / 2)`` and the one-seventh power law
+        ``c_f = 0.027 / Re_x^(1/7)``.
+
+    References
+    ----------
+    F. M. White, *Fluid Mechanics*, 7th ed., McGraw-Hill, 2011, section 7.4.
+
+    Examples
+    --------
+    >>> round(flat_plate_y_plus(1e-5, reynolds=1e7, length=1.0), 1)
+    3.7
+    """
+    friction = 0.027 / (reynolds * length) ** (1.0 / 7.0)
+    return height * reynolds * math.sqrt(0.5 * friction)
+
+
+def _growth(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
+    """Length of the second edge off the wall over that of the first, shape (n,); not a number where there is none."""
+    rows, next_rows = cells.rows[cells.at], cells.next_rows
+    has_second = _nodes_along(cells, rows, next_rows) > 2
+    far_rows = np.where(has_second, 2 * next_rows - rows, next_rows)
+    first, second = (np.linalg.norm(nodes[b] - nodes[a], axis=1) for a, b in ((rows, next_rows), (next_rows, far_rows)))
+    return np.where(has_second, second / first, np.nan)
+
+
+def _longest_edges(cells: FirstCells, nodes: np.ndarray) -> np.ndarray:
+    """Longest edge in the wall at every entry (m), shape (n,), but for those across a grid that is one cell deep."""
+    rows = cells.rows[cells.quads]
+    next_rows = np.roll(rows, -1, axis=1)
+    lengths = np.linalg.norm(nodes[next_rows] - nodes[rows], axis=2)
+    is_long = _nodes_along(cells, rows, next_rows) > 2
+    lengths = np.where(is_long | ~is_long.any(axis=1, keepdims=True), lengths, 0.0)
+    longest = np.zeros(cells.rows.size)
+    for ends in (cells.quads, np.roll(cells.quads, -1, axis=1)):
+        np.maximum.at(longest, ends, lengths)
+    return longest[cells.at]
+
+
+def _nodes_along(cells: FirstCells, rows: np.ndarray, next_rows: np.ndarray) -> np.ndarray:
+    """Nodes of a block along the direction from a node to its neighbour, of their shape; 0 for no direction."""
+    shapes = np.array(cells.pieces.shapes)
+    block = np.searchsorted(np.cumsum(shapes.prod(axis=1)), rows, side="right")
+    strides = np.stack([shapes[:, 1] * shapes[:, 2], shapes[:, 2], np.ones(len(shapes), dtype=int)], axis=1)
+    is_along = strides[block] == np.abs(next_rows - rows)[..., None]
+    return np.max(shapes[block], axis=-1, where=is_along, initial=0)
