@@ -19,7 +19,7 @@ from numba import njit
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
 from ..splines.mesh import BSplineMesh
-from ..topology.sharing import node_sharing
+from ..topology.held_nodes import HeldNodes
 from ..topology.topology import Topology
 from .kernels import assemble, forward_kernel, reverse_kernel, turned_forward_kernel, turned_reverse_kernel
 from .nodes_by_span import NodesBySpan, sort_nodes
@@ -149,10 +149,28 @@ class Evaluator:
         n_threads : int, optional
             Number of threads; by default ``NUMBA_NUM_THREADS``.
         """
-        sharing = node_sharing(topology)
-        own_parameters = [x[own] for x, own in zip(parameters, sharing.is_evaluated)]
-        own_rows = [rows[own] for rows, own in zip(sharing.rows, sharing.is_evaluated)]
-        return cls.build(mesh, own_parameters, own_rows, topology.n_nodes, sharing.copies, n_threads)
+        held = HeldNodes.of_grid(topology)
+        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, held.places)]
+        return cls.of_nodes(held, mesh, own, n_threads)
+
+    @classmethod
+    def of_nodes(
+        cls, held: HeldNodes, mesh: BSplineMesh, parameters: Sequence[np.ndarray], n_threads: int | None = None
+    ) -> Evaluator:
+        """Operator to some nodes of a grid, with the bits that they have in all of it.
+
+        Parameters
+        ----------
+        held : HeldNodes
+            The nodes.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each segment evaluates, ``held.numbers``.
+        n_threads : int, optional
+            Number of threads; by default ``NUMBA_NUM_THREADS``.
+        """
+        return cls.build(mesh, parameters, held.numbers, held.n_nodes, held.copies, n_threads)
 
     def with_threads(self, n_threads: int | None) -> Evaluator:
         """Return the same map on another number of threads."""

@@ -13,10 +13,13 @@ from ..evaluation.family import IndexScaling, refine
 from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
 from ..topology.grid import Grid, Patch
+from ..topology.held_nodes import HeldNodes
+from ..topology.partition import Share
 from ..topology.topology import Topology
 from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
 from .model_file import read_model, write_model
+from .model_share import ModelShare
 from .records import FitReport, FitSettings, GridHeader
 
 
@@ -87,6 +90,33 @@ class FittedModel:
     def _grid_map(self) -> GridMap:
         places = self.topology, self.mesh, self.parameters
         return GridMap.of(*places, self.control_points, self.residual, self.settings.wall_layer, self.evaluator())
+
+    def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
+        """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
+        return [x.reshape(-1, 3)[places] for x, places in zip(self.parameters, held.places)]
+
+    def residual_at(self, rows: np.ndarray) -> np.ndarray | None:
+        """Residual of nodes by their rows, shape (n, 3); None where there is none."""
+        return None if self.residual is None else self.residual[rows]
+
+    def share(self, share: Share) -> ModelShare:
+        """Take what one of several processes needs of the model.
+
+        Parameters
+        ----------
+        share : Share
+            Nodes of the process, by ``Partition.of(model.topology, n_ranks).share(rank)`` or ``Share.of_rows(...)``.
+
+        Raises
+        ------
+        InputError
+            If the share is that of another grid.
+        """
+        names = ("mesh", "control_points", "header", "report", "settings", "candidate_weights")
+        others = {name: getattr(self, name) for name in names}
+        flat = [x.reshape(-1, 3) for x in self.parameters]
+        residual = None if self.residual is None else self.residual.__getitem__
+        return ModelShare.of(share, self.topology, lambda segment, places: flat[segment][places], residual, **others)
 
     def __getstate__(self) -> dict:
         return {name: value for name, value in self.__dict__.items() if name not in ("_evaluator", "_grid_map")}
@@ -172,6 +202,10 @@ class FittedModel:
     def load(cls, path) -> FittedModel:
         """Read a model from a file, see `bspline_mdao.model.model_file.read_model`."""
         return read_model(path, cls)
+
+
+MODELS = FittedModel, ModelShare
+"""What components take for a model."""
 
 
 def family_member(model: FittedModel, factor: float, control_points: np.ndarray | None = None) -> Grid:

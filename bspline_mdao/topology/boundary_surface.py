@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .index_space import block_rows, face_layers
-from .sharing import node_sharing
+from .held_nodes import NodesByRow, face_layer_rows, node_copies, source_rows
 from .topology import BoundaryFace, Topology
 
 
@@ -34,17 +33,21 @@ class BoundarySurface:
     heights: np.ndarray
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray, faces: Sequence[BoundaryFace]) -> BoundarySurface:
-        """Take faces of a grid by its nodes, shape (n_nodes, 3)."""
-        blocks, source = block_rows(topology.shapes), node_sharing(topology).source_rows()
-        layers = [face_layers(blocks[face.window.block], face.window) for face in faces]
-        rows = np.unique(np.concatenate([source[layer].ravel() for layer, _ in layers]))
+    def of(cls, topology: Topology, nodes: np.ndarray | NodesByRow, faces: Sequence[BoundaryFace]) -> BoundarySurface:
+        """Take faces of a grid by its nodes, shape (n_nodes, 3), or by those of the faces and the layers next to them.
+
+        Nothing is made that is of the size of the grid.
+        """
+        copies = node_copies(topology)
+        layers = [face_layer_rows(topology, face.window) for face in faces]
+        sources = [source_rows(copies, layer) for layer, _ in layers]
+        rows = np.unique(np.concatenate([source.ravel() for source in sources]))
         oriented = (facing(layer, inner, nodes) for layer, inner in layers)
-        ids = tuple(np.searchsorted(rows, source[layer]) for layer in oriented)
+        ids = tuple(np.searchsorted(rows, source_rows(copies, layer)) for layer in oriented)
         heights = np.full(len(rows), np.inf)
-        for layer, inner in layers:
+        for (layer, inner), source in zip(layers, sources):
             lengths = np.linalg.norm(nodes[inner] - nodes[layer], axis=-1).ravel()
-            np.minimum.at(heights, np.searchsorted(rows, source[layer].ravel()), np.where(lengths > 0, lengths, np.inf))
+            np.minimum.at(heights, np.searchsorted(rows, source.ravel()), np.where(lengths > 0, lengths, np.inf))
         return cls(rows, ids, np.where(np.isfinite(heights), heights, 0.0))
 
     @property
@@ -68,14 +71,14 @@ def corners_in_turn(ids: np.ndarray) -> np.ndarray:
     return np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
 
 
-def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray) -> np.ndarray:
+def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray | NodesByRow) -> np.ndarray:
     """Turn a face so that i x j points to the layer next to it, whatever the handedness of the block.
 
     Parameters
     ----------
     layer, inner : ndarray of int, shape (ni, nj)
         Points of the face, and those next to them in the block.
-    points : ndarray, shape (n, 3)
+    points : ndarray, shape (n, 3), or NodesByRow
         Coordinates (m).
 
     Returns

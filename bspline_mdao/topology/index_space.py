@@ -194,6 +194,12 @@ def section_rows(shape: tuple[int, ...], section: Section, start: int = 0) -> np
     return start + i * strides[0] + j * strides[1] + k * strides[2]
 
 
+def window_rows(window: Window, shape: Sequence[int], start: int = 0) -> np.ndarray:
+    """Give the nodes of a window of a block their rows, from ``start``: an array of the window's shape."""
+    i, j, k = np.ix_(*[np.arange(lo, hi + 1) for lo, hi in zip(window.lo, window.hi)])
+    return start + (i * shape[1] + j) * shape[2] + k
+
+
 def block_rows(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
     """Give the nodes of all blocks their rows, blocks in order, each in C order: arrays of the blocks' shapes."""
     sizes = [int(np.prod(shape)) for shape in shapes]

@@ -20,7 +20,7 @@ from heapq import heapify, heapreplace
 import numpy as np
 
 from ..errors import InputError
-from .index_space import Window
+from .index_space import Window, window_rows
 from .topology import Topology
 
 __all__ = ["Partition", "Share"]
@@ -51,7 +51,7 @@ class Share:
     def of_windows(cls, shapes: Sequence[tuple[int, ...]], windows: Sequence[Window]) -> Share:
         """Make the share of some pieces of blocks of given shapes."""
         starts = np.cumsum([0, *map(math.prod, shapes)])
-        rows = [_window_rows(window, shapes[window.block], int(starts[window.block])) for window in windows]
+        rows = [window_rows(window, shapes[window.block], int(starts[window.block])).ravel() for window in windows]
         return cls(int(starts[-1]), np.concatenate([np.zeros(0, dtype=np.int64), *rows]), tuple(windows), tuple(shapes))
 
     @classmethod
@@ -252,12 +252,6 @@ def _cut(window: Window, n_parts: int) -> list[Window]:
     return _cut(first, n_first) + _cut(second, n_parts - n_first)
 
 
-def _window_rows(window: Window, shape: Sequence[int], start: int) -> np.ndarray:
-    """Rows of the nodes of a window of a block whose first node has a given row, in C order."""
-    axes = [np.arange(lo, hi + 1) for lo, hi in zip(window.lo, window.hi)]
-    return start + _numbers(axes, shape)
-
-
 def _n_cells(shape: Sequence[int]) -> tuple[int, ...]:
     """Cells of a block in each direction: one where there is one node, none in all of a line."""
     return tuple(max(n - 1, 1) for n in shape) if sum(n > 1 for n in shape) > 1 else (0,) * len(shape)
@@ -265,11 +259,5 @@ def _n_cells(shape: Sequence[int]) -> tuple[int, ...]:
 
 def _cells_of(window: Window, shape: Sequence[int], start: int) -> np.ndarray:
     """Numbers of the cells of a window of a block whose first cell has a given number, in C order."""
-    axes = [np.arange(lo, max(hi, lo + 1)) for lo, hi in zip(window.lo, window.hi)]
-    return start + _numbers(axes, _n_cells(shape))
-
-
-def _numbers(axes: Sequence[np.ndarray], shape: Sequence[int]) -> np.ndarray:
-    """Numbers, in the C order of a shape, of what has some indices along each direction."""
-    i, j, k = np.ix_(*axes)
-    return ((i * shape[1] + j) * shape[2] + k).ravel()
+    last = tuple(max(hi - 1, lo) for lo, hi in zip(window.lo, window.hi))
+    return window_rows(Window(window.block, window.lo, last), _n_cells(shape), start).ravel()

@@ -102,9 +102,7 @@ def directed_classes(topology: Topology) -> np.ndarray:
 
 
 def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Iterator[tuple[BoundaryFace, np.ndarray]]:
-    """Yield boundary faces, each with every face of a segment that is on it.
-
-    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """Yield boundary faces, each with every face of a segment that is on it, see `boundary_sides`.
 
     Parameters
     ----------
@@ -119,11 +117,20 @@ def boundary_sections(topology: Topology, points: Sequence[np.ndarray]) -> Itera
     ids : ndarray of int, shape (ni, nj)
         Numbers of the points of the segment's face.
     """
+    for face, number, side in boundary_sides(topology):
+        yield face, np.take(points[number], -(side % 2), axis=side // 2)
+
+
+def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]]:
+    """Yield boundary faces, each with the number of every segment that has a face on it, and the number of this one.
+
+    Declared patches cover whole faces of segments. What nobody declared may end inside one, and counts for all of it.
+    """
     for face in topology.boundary:
         for number, segment in enumerate(topology.segments):
             for side in range(6) if segment.block == face.window.block else ():
                 if segment.face(side).overlaps(face.window):
-                    yield face, np.take(points[number], -(side % 2), axis=side // 2)
+                    yield face, number, side
 
 
 def rows_of_points(grid: Grid, topology: Topology, points: np.ndarray, what: str = "volume") -> np.ndarray:

@@ -199,12 +199,25 @@ def shared_ids(
         If two linked sections disagree in their number of points.
     """
     starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
-    pairs = [_link_pairs(shapes, starts, link, names) for link in links]
-    pairs += [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
-    first = first_joined(int(starts[-1]), pairs)
+    first = first_joined(int(starts[-1]), joined_pairs(shapes, links, collapses, names))
     is_first = first == np.arange(len(first))
     ids = (np.cumsum(is_first) - 1).astype(np.int32)[first]
     return [ids[start:end].reshape(shape) for start, end, shape in zip(starts, starts[1:], shapes)]
+
+
+def joined_pairs(
+    shapes: Sequence[tuple[int, ...]],
+    links: Sequence[Link],
+    collapses: Sequence[Collapse] = (),
+    names: Sequence[str] | None = None,
+) -> list[np.ndarray]:
+    """Pairs of points, each array of shape (2, n), that links and collapses make one; arguments as of `shared_ids`.
+
+    Points are counted through, segments in order, each in C order. All of them lie on faces of segments.
+    """
+    starts = np.concatenate(([0], np.cumsum([np.prod(shape) for shape in shapes], dtype=np.int64)))
+    pairs = [_link_pairs(shapes, starts, link, names) for link in links]
+    return pairs + [_collapse_pairs(shapes, starts, collapse) for collapse in collapses]
 
 
 def _link_pairs(shapes, starts, link: Link, names) -> np.ndarray:
@@ -237,15 +250,16 @@ def _collapse_pairs(shapes, starts, collapse: Collapse) -> np.ndarray:
 def first_joined(n: int, pairs: Sequence[np.ndarray]) -> np.ndarray:
     """Return the first point that each of n points is joined to through any chain of pairs, each of shape (2, m)."""
     first = np.arange(n)
-    if not pairs:
-        return first
-    a, b = np.concatenate(pairs, axis=1)
-    is_joined = np.zeros(n, dtype=bool)
-    is_joined[a] = is_joined[b] = True
-    joined = np.flatnonzero(is_joined)
-    place = np.cumsum(is_joined) - 1
-    graph = coo_array((np.ones(len(a), dtype=bool), (place[a], place[b])), shape=(len(joined), len(joined)))
+    points, firsts = joined_points(pairs)
+    first[points] = firsts
+    return first
+
+
+def joined_points(pairs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points in pairs, each of shape (2, m), ascending, and the first that each of them is joined to."""
+    a, b = np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1)
+    points, places = np.unique(np.concatenate([a, b]), return_inverse=True)
+    graph = coo_array((np.ones(len(a), dtype=bool), np.split(places, [len(a)])), shape=(len(points), len(points)))
     _, labels = connected_components(graph.tocsr(), directed=False)
     _, firsts = np.unique(labels, return_index=True)
-    first[joined] = joined[firsts[labels]]
-    return first
+    return points, points[firsts[labels]]

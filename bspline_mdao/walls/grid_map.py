@@ -19,17 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..evaluation.evaluator import Evaluator
-from ..numerics.vectors import is_line, nearest_plane
 from ..splines.mesh import BSplineMesh
-from ..topology.boundary_surface import BoundarySurface
-from ..topology.index_space import Window, block_rows
-from ..topology.sharing import node_sharing
+from ..topology.held_nodes import HeldNodes
 from ..topology.topology import Topology
+from .grid_walls import GridWalls
 from .layer import Layered, WallLayer
 from .node_vectors import Vectors
 from .planes import PlaneNormal
 from .turning import Turn, Turning
-from .wall import Wall
 from .wall_correction import WallCorrection
 
 __all__ = ["GridMap", "GridState"]
@@ -43,20 +40,22 @@ class GridMap:
     ----------
     evaluator : Evaluator
         A.
-    nodes : ndarray, shape (n_nodes, 3)
-        The baseline (m).
+    nodes : ndarray, shape (n, 3)
+        The nodes on the baseline (m): those asked for, and after them what they need.
     turning : Turning or None
         How the residual turns; None where there is none, or where it stays as it is.
-    residual : Vectors, ndarray of shape (n_nodes, 3) or None
+    residual : Vectors, ndarray of shape (n, 3) or None
         The residual of the fit, ready to be turned, or to be added.
     layer : WallLayer or None
         Nodes that follow walls.
     wall_rows : ndarray of int, shape (n_wall,)
-        Rows of the nodes of all walls, each shared one once.
+        Numbers of the nodes of all walls, each shared one once.
     plane_rows : ndarray of int, shape (n_plane,)
-        Rows of the nodes on the outlines of planes that walls end on.
+        Numbers of the nodes on the outlines of planes that walls end on.
     planes : tuple of PlaneNormal
         Normals of these planes, as functions of those nodes.
+    held : HeldNodes
+        Which nodes of the grid they are; in the map of all of it every number is that of its row.
     """
 
     evaluator: Evaluator
@@ -67,6 +66,7 @@ class GridMap:
     wall_rows: np.ndarray
     plane_rows: np.ndarray
     planes: tuple[PlaneNormal, ...]
+    held: HeldNodes
 
     @classmethod
     def of(
@@ -102,24 +102,57 @@ class GridMap:
         -------
         GridMap
         """
-        nodes = evaluator.forward(control_points)
-        if residual is not None:
-            nodes += residual
-        rows = plane_rows = np.zeros(0, dtype=int)
-        turning = layer = None
+        nodes = _baseline(evaluator, control_points, residual)
+        walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
+        held = HeldNodes.of_grid(topology)
+        own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, held.places)]
+        return cls.of_nodes(held, mesh, own, control_points, residual, wall_layer, walls, evaluator)
+
+    @classmethod
+    def of_nodes(
+        cls,
+        held: HeldNodes,
+        mesh: BSplineMesh,
+        parameters: Sequence[np.ndarray],
+        control_points: np.ndarray,
+        residual: np.ndarray | None,
+        wall_layer: bool,
+        walls: GridWalls | None,
+        evaluator: Evaluator,
+    ) -> GridMap:
+        """Prepare the map to some nodes of a fitted grid: they get the bits that they have in all of it.
+
+        Parameters
+        ----------
+        held : HeldNodes
+            The nodes, with those that walls need.
+        mesh : BSplineMesh
+            One volume per segment.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each segment evaluates.
+        control_points, residual, wall_layer
+            As of `of`, the residual of the nodes alone, shape (n, 3).
+        walls : GridWalls or None
+            The walls of the grid; None where there are none, or nothing follows them.
+        evaluator : Evaluator
+            Evaluation of the nodes, by `Evaluator.of_nodes`.
+
+        Returns
+        -------
+        GridMap
+        """
+        nodes = _baseline(evaluator, control_points, residual)
+        turning, layer = None, None
         vectors: Vectors | np.ndarray | None = residual
-        planes: tuple[PlaneNormal, ...] = ()
-        if not wall_layer:
-            return cls(evaluator, nodes, turning, vectors, layer, rows, plane_rows, planes)
-        if residual is not None:
-            turning = Turning.of(topology, mesh, parameters, control_points, evaluator, node_sharing(topology))
+        if wall_layer and residual is not None:
+            turning = Turning.of(held, mesh, parameters, control_points, evaluator)
             vectors = turning.vectors(residual)
-        walls = [face for face in topology.boundary if face.kind == "wall"]
-        if walls:
-            surface = BoundarySurface.of(topology, nodes, walls)
-            layer, plane_rows, planes = _wall_layer(topology, nodes, surface, evaluator.n_threads)
-            rows = surface.rows
-        return cls(evaluator, nodes, turning, vectors, layer, rows, plane_rows, planes)
+        rows = plane_rows = np.zeros(0, dtype=int)
+        planes: tuple[PlaneNormal, ...] = ()
+        if walls is not None:
+            layer, planes = walls.layer(held, nodes, evaluator.n_threads), walls.normals
+            rows, plane_rows = map(held.numbers_of, walls.needed)
+        return cls(evaluator, nodes, turning, vectors, layer, rows, plane_rows, planes, held)
 
     @property
     def is_linear(self) -> bool:
@@ -271,44 +304,9 @@ class GridState:
         return of.evaluator.adjoint(bar), given_bar
 
 
-def _wall_layer(
-    topology: Topology, nodes: np.ndarray, surface: BoundarySurface, n_threads: int | None
-) -> tuple[WallLayer, np.ndarray, tuple[PlaneNormal, ...]]:
-    """Nodes that follow the walls of a grid: those in planar faces stay in them, those on other faces do not follow.
-
-    Planes are told apart to five digits of their normals and places: faces of one plane, whose corners leave it by
-    round-off of the file, are one.
-    """
-    sharing, blocks = node_sharing(topology), block_rows(topology.shapes)
-    source, number, size = sharing.source_rows(), np.full(topology.n_nodes, -1), np.linalg.norm(np.ptp(nodes, axis=0))
-    number[surface.rows] = np.arange(len(surface.rows))
-    planes: dict[tuple, tuple[np.ndarray, list[np.ndarray]]] = {}
-    fixed = [np.zeros(0, dtype=int)]
-    for face in topology.boundary:
-        if face.kind != "wall":
-            rows = source[blocks[face.window.block][face.window.slices].reshape(_face_shape(face.window))]
-            normal, distances, near = nearest_plane(nodes[rows.ravel()])
-            area = PlaneNormal.of_outline([rows]).area_vector(nodes)
-            if distances.max() > near:
-                fixed.append(rows.ravel())
-            elif area.any() and not is_line(nodes[rows.ravel()]):
-                normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
-                key = tuple(np.round([*normal, normal @ nodes[rows.flat[0]] / size], 5))
-                planes.setdefault(key, (normal, []))[1].append(rows if area @ normal > 0.0 else rows.T)
-    found = [(np.unique(np.concatenate([f.ravel() for f in faces])), normal) for normal, faces in planes.values()]
-    on_wall = [k for k, (rows, _) in enumerate(found) if (number[rows] >= 0).any()]
-    of_wall = [(number[rows[number[rows] >= 0]], normal) for rows, normal in (found[k] for k in on_wall)]
-    faces = surface.quad_faces
-    wall = Wall.of(nodes[surface.rows], surface.quads, surface.heights, of_wall, faces=faces, n_threads=n_threads)
-    rows, outlines = np.concatenate(fixed), [PlaneNormal.of_outline(faces) for _, faces in planes.values()]
-    layer = WallLayer.of(wall, nodes, surface.rows, found, rows[number[rows] < 0], sharing.copies, n_threads)
-    outlines = [outlines[k] for k in on_wall]
-    plane_rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(outline.ids for outline in outlines)]))
-    return layer, plane_rows, tuple(outline.among(plane_rows) for outline in outlines)
-
-
-def _face_shape(window: Window) -> tuple[int, int]:
-    """Nodes of a face window in its two directions."""
-    direction = window.shape.index(1)
-    first, second = (n for d, n in enumerate(window.shape) if d != direction)
-    return first, second
+def _baseline(evaluator: Evaluator, control_points: np.ndarray, residual: np.ndarray | None) -> np.ndarray:
+    """Nodes at the fitted control points."""
+    nodes = evaluator.forward(control_points)
+    if residual is not None:
+        nodes += residual
+    return nodes

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..topology.held_nodes import NodesByRow
 
 __all__ = ["MirrorMeans", "PlaneNormal"]
 
@@ -58,8 +59,8 @@ class PlaneNormal:
         """Return the same with points numbered by their places among ascending numbers."""
         return PlaneNormal(np.searchsorted(ids, self.first), np.searchsorted(ids, self.second))
 
-    def area_vector(self, points: np.ndarray) -> np.ndarray:
-        """Integral of the normal over the part, shape (3,), for points of shape (n_points, 3)."""
+    def area_vector(self, points: np.ndarray | NodesByRow) -> np.ndarray:
+        """Integral of the normal over the part, shape (3,), for points of shape (n_points, 3), or those looked at."""
         return 0.5 * np.cross(*self._arms(points)).sum(axis=0)
 
     def normal_and_area(self, points: np.ndarray) -> tuple[np.ndarray, float]:
@@ -88,7 +89,7 @@ class PlaneNormal:
         for at, part in zip((*self.first, *self.second), (-u_bar, u_bar, -v_bar, v_bar)):
             np.add.at(points_bar, at, part)
 
-    def _arms(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _arms(self, points: np.ndarray | NodesByRow) -> tuple[np.ndarray, np.ndarray]:
         (a, c), (b, d) = self.first, self.second
         return points[c] - points[a], points[d] - points[b]
 

@@ -30,8 +30,9 @@ from ..evaluation.evaluator import Evaluator
 from ..splines.greville import span_corners
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import quads_in_turn
-from ..topology.sharing import NodeSharing, boundary_sections
-from ..topology.topology import Topology, shared_ids
+from ..topology.held_nodes import HeldNodes, face_rows
+from ..topology.sharing import boundary_sides
+from ..topology.topology import shared_ids
 from .node_vectors import FaceNodes, SpanNodes, Vectors, transposed
 from .planes import PlaneNormal
 from .rotations import LocalRotations, Rotations
@@ -120,45 +121,43 @@ class Turning:
     @classmethod
     def of(
         cls,
-        topology: Topology,
+        held: HeldNodes,
         mesh: BSplineMesh,
         parameters: Sequence[np.ndarray],
         control_points: np.ndarray,
         evaluator: Evaluator,
-        sharing: NodeSharing,
     ) -> Turning:
-        """Find the corners, groups and planes that the vectors of all nodes turn with.
+        """Find the corners, groups and planes that the vectors of nodes turn with.
 
         Parameters
         ----------
-        topology : Topology
-            Segments, links, and the kinds of boundary faces.
+        held : HeldNodes
+            The nodes; their topology has segments, links, and the kinds of boundary faces.
         mesh : BSplineMesh
             One volume per segment.
-        parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
-            Parameters of the nodes of every segment.
+        parameters : sequence of ndarray, each of shape (n_v, 3)
+            Parameters of the nodes that each segment evaluates.
         control_points : ndarray, shape (n_control_points, 3)
             Control points of the baseline (m).
         evaluator : Evaluator
-            Evaluation of the nodes, by `Evaluator.of_grid`.
-        sharing : NodeSharing
-            Of the nodes of the grid.
+            Evaluation of the nodes, by `Evaluator.of_nodes`.
         """
+        topology = held.topology
         places = [span_corners(volume) for volume in mesh.volumes]
         ids = shared_ids([x.shape[:3] for x in places], topology.links, topology.collapses, topology.segment_names)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
-        faces = _boundary_faces(topology, ids, points, sharing)
+        faces = _boundary_faces(held, ids, points)
         groups, plane = _groups(faces, ids, points)
         planes = [face for face in faces if face.plane is not None]
         quads = [
             np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
         ]
-        cells = _cells(mesh, ids, evaluator, parameters, sharing)
+        cells = _cells(mesh, ids, evaluator, parameters, held)
         rows = np.unique(np.concatenate([np.zeros(0, dtype=int), *(face.rows for face in planes)]))
         flat = _face_nodes(rows, cells, planes, plane)
         flat = flat.part(np.flatnonzero((flat.planes >= 0).any(axis=1)))
-        copies = sharing.copies[np.isin(sharing.copies[:, 1], flat.rows)]
+        copies = held.copies[np.isin(held.copies[:, 1], flat.rows)]
         normals = tuple(map(PlaneNormal.of_quads, quads))
         return cls(corners, points, groups, normals, tuple(planes), plane, cells, evaluator, flat, copies)
 
@@ -365,7 +364,7 @@ def _corner_evaluator(mesh: BSplineMesh, places, ids, n_threads) -> Evaluator:
 
 @dataclass(frozen=True, eq=False)
 class _BoundaryFace:
-    """A boundary face of a segment: quads of corners and rows of nodes; which corners see it, and its plane."""
+    """A boundary face of a segment: quads of corners, and nodes that are held; which corners see it, and its plane."""
 
     quads: np.ndarray
     rows: np.ndarray
@@ -373,12 +372,14 @@ class _BoundaryFace:
     plane: int | None
 
 
-def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSharing) -> list[_BoundaryFace]:
+def _boundary_faces(held: HeldNodes, ids, points: np.ndarray) -> list[_BoundaryFace]:
     """Gather the boundary faces; those of one plane have quads whose areas point to one side."""
     numbers: dict[tuple, int] = {}
-    source, faces = sharing.source_rows(), []
+    topology, faces = held.topology, []
     size = np.linalg.norm(np.ptp(points, axis=0))
-    for (face, corners), (_, rows) in zip(boundary_sections(topology, ids), boundary_sections(topology, sharing.rows)):
+    for face, number, side in boundary_sides(topology):
+        corners = np.take(ids[number], -(side % 2), axis=side // 2)
+        rows = held.numbers_of(face_rows(topology, topology.segments[number].face(side)).ravel())
         quads, plane = quads_in_turn(corners), None
         normal, area = PlaneNormal.of_quads(quads).normal_and_area(points)
         offsets = points[corners.ravel()] @ normal
@@ -387,7 +388,7 @@ def _boundary_faces(topology: Topology, ids, points: np.ndarray, sharing: NodeSh
             key = tuple(np.round([*(sign * normal), sign * offsets.mean() / size], 5))
             plane, quads = numbers.setdefault(key, len(numbers)), quads if sign > 0.0 else quads[:, ::-1]
         rank = {"wall": 0, "symmetry": 2}.get(face.kind or "", 1)
-        faces.append(_BoundaryFace(quads, source[rows].ravel(), rank, plane))
+        faces.append(_BoundaryFace(quads, rows[rows >= 0], rank, plane))
     on_wall = np.unique(np.concatenate([np.zeros(0, int), *(face.quads.ravel() for face in faces if face.rank == 0)]))
     sliding = {face.plane for face in faces if np.isin(face.quads, on_wall).any()} - {None}
     return [replace(face, rank=2) if face.plane in sliding else face for face in faces]
@@ -437,14 +438,12 @@ def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[
     return tuple(groups), plane
 
 
-def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, sharing: NodeSharing) -> tuple[SpanNodes, ...]:
+def _cells(mesh: BSplineMesh, ids, evaluator: Evaluator, parameters, held: HeldNodes) -> tuple[SpanNodes, ...]:
     """Place the nodes of all volumes in their spans."""
     cells, place = [], np.empty(evaluator.n_rows, dtype=np.int64)
-    for volume, numbers, nodes, x, rows, own in zip(
-        mesh.volumes, ids, evaluator.nodes, parameters, sharing.rows, sharing.is_evaluated
-    ):
-        place[rows[own]] = np.flatnonzero(own)
-        cells.append(SpanNodes.of(volume, numbers, nodes, x.reshape(-1, 3)[place[nodes.rows[: nodes.n_nodes]]]))
+    for volume, corners, nodes, x, numbers in zip(mesh.volumes, ids, evaluator.nodes, parameters, held.numbers):
+        place[numbers] = np.arange(len(numbers))
+        cells.append(SpanNodes.of(volume, corners, nodes, x[place[nodes.rows[: nodes.n_nodes]]]))
     return tuple(cells)
 
 
