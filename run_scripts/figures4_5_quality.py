@@ -1,14 +1,15 @@
 """Figures 4 and 5: orthogonality of the cells before and after the changes of shape of section IV, by both movers.
 
 The ONERA M6 becomes a rectangular NACA 0012 wing, and a flat plate becomes a blended-wing body with winglets, by the
-control mesh and node by node, with five increments of linear elasticity each. It takes half a minute, and half an hour
-at the paper's size. What comes out are the distributions of Q by both movers, inverted cells, CPU times, and the
-pictures of the figures.
+control mesh and node by node, with five increments of linear elasticity each. It takes half a minute, and an hour at
+the paper's size, where all nodes are moved only if petsc4py is installed. What comes out are the distributions of Q by
+both movers, inverted cells, CPU times, and the pictures of the figures.
 """
 
 from __future__ import annotations
 
 import time
+from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
@@ -32,6 +33,7 @@ SIZES = {
 }
 """Nodes and control points of each of the twelve blocks, at the paper's size (True) and small."""
 
+HAS_MULTIGRID = find_spec("petsc4py") is not None
 N_BINS = 50
 PROMINENCE = 0.25
 """A peak of a distribution rises this much over the valleys beside it."""
@@ -47,8 +49,8 @@ def main(paper: bool = False, figures=None, node_based: Literal["full", "coarse"
     figures : path-like, optional
         Folder for ``figure4_m6.png`` and ``figure5_bwb.png``.
     node_based : {"full", "coarse", "none"}, optional
-        Size of the grid that is moved node by node: the full one (the default but at the paper's size, where it takes
-        hours), one of half the cells per direction, or none.
+        Size of the grid that is moved node by node: the full one (the default, but at the paper's size only with
+        petsc4py, as a Cholesky factor does not fit), one of half the cells per direction, or none.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def main(paper: bool = False, figures=None, node_based: Literal["full", "coarse"
         For each figure what `study` returns.
     """
     study("figure4_m6", (5, 5, 5), (4, 4, 4), "full")  # compiles what is timed
-    node_based = node_based or ("coarse" if paper else "full")
+    node_based = node_based or ("coarse" if paper and not HAS_MULTIGRID else "full")
     numbers = {name: study(name, *sizes[paper], node_based) for name, sizes in SIZES.items()}
     for name, found in numbers.items() if figures else ():
         with figure(figures, name, size=(5.2, 3.6)) as canvas:
@@ -71,7 +73,8 @@ def study(name: str, shape, n_control, node_based: str) -> dict:
     model = bm.fit_grid(grid, n_control=n_control, keep_residual=False)  # Eq. (3) alone, as in the paper
     mesh = bm.moving_mesh(model)
     model.grid_map()  # what the nodes depend on is found once per model
-    points, after, cost = move(mesh, bm.fit_shape(model, mesh.surface_ids, make_shape()), model.regenerate)
+    surface, cholesky = bm.fit_shape(model, mesh.surface_ids, make_shape()), Cholesky(n_threads=1)
+    points, after, cost = move(mesh, surface, cholesky, model.regenerate)
     numbers = {"initial": measure(grid, grid), "b_spline": cost | measure(model.regenerate(), after)}
     if node_based != "none":
         factor = 0.5 if node_based == "coarse" else 1.0
@@ -79,16 +82,17 @@ def study(name: str, shape, n_control, node_based: str) -> dict:
         nodes, ids = bm.moving_grid(bm.find_topology(start), start.to_vector().reshape(-1, 3))
         wanted = np.empty((nodes.n_points, 3))
         wanted[ids] = target.to_vector().reshape(-1, 3)
-        _, after, cost = move(nodes, wanted[nodes.surface_ids], lambda x: start.with_vector(x[ids].ravel()))
+        solver = bm.PetscMultigrid() if HAS_MULTIGRID else cholesky
+        _, after, cost = move(nodes, wanted[nodes.surface_ids], solver, lambda x: start.with_vector(x[ids].ravel()))
         numbers |= {"node_based": cost | measure(start, after), "b_spline_same_size": measure(start, target)}
     return numbers
 
 
-def move(mesh, surface: np.ndarray, finish) -> tuple[np.ndarray, bm.Grid, dict]:
+def move(mesh, surface: np.ndarray, solver, finish) -> tuple[np.ndarray, bm.Grid, dict]:
     """Move a mesh as the paper does, on one thread, and make the grid of it: moved points, grid and what it took."""
     with threadpool_limits(1):
         start = time.process_time()
-        mover = bm.LinearElasticity(mesh, n_increments=5, solver=Cholesky(n_threads=1), keep_factors=False)
+        mover = bm.LinearElasticity(mesh, n_increments=5, solver=solver, keep_factors=False)
         movement = mover.move(mesh.points, surface)
         grid = finish(movement.points)
         seconds = time.process_time() - start

@@ -11,7 +11,7 @@ import pytest
 SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
 ALLOWED = {"bspline_mdao", "openmdao", "numpy", "matplotlib", "scipy", "threadpoolctl"}
 STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "time", "typing"} | {
-    *("collections.abc", "dataclasses"),
+    *("collections.abc", "dataclasses", "importlib.util"),
 }
 LONGEST = 130
 """Lines of code that a script may have: those with more than a comment or a part of a docstring."""

@@ -80,14 +80,16 @@ def test_section4_cpu_of_the_b_spline_mover_is_smaller_and_the_gap_grows(script,
     for name, paper_ratio in (("onera_m6", 441), ("blended_wing_body", 911)):
         case = numbers[name]
         assert case["ratio"]["paper"] == pytest.approx(paper_ratio, rel=2e-3)
-        for kind in ("same_algorithm", "best_solvers"):
-            ratio = case["ratio"][kind]
-            assert 1.0 < ratio["measured"] < ratio["full_grid_at_least"] <= ratio["full_grid"]
-        for times in case["node_based"].values():
+        has_multigrid = "multigrid" in case["node_based"]
+        ratio = case["ratio"]["same_algorithm"]
+        assert 1.0 < ratio["measured"] < ratio["full_grid_at_least"] <= ratio["full_grid"]
+        best = case["ratio"]["best_solvers"]
+        assert 1.0 < best["measured"] <= best["full_grid"]
+        for solver, times in case["node_based"].items():
             assert times["n_points"] == sorted(times["n_points"])
-            assert times["exponent"] > 1.0
-            assert case["full_grid"]["n_points"] > 2 * times["n_points"][-1]
-        assert case["full_grid"]["is_extrapolated"]
+            is_full = case["full_grid"]["n_points"] == times["n_points"][-1]
+            assert is_full if solver == "multigrid" else case["full_grid"]["n_points"] > 2 * times["n_points"][-1]
+        assert case["full_grid"]["is_extrapolated"] is not has_multigrid
         assert case["ratio"]["same_algorithm"]["full_grid"] > 2 * case["ratio"]["same_algorithm"]["measured"]
         assert min(case["node_based"]["conjugate_gradients"]["iterations"][-1]) > 100
     assert (tmp_path / "section4_cpu.png").stat().st_size > 20_000
@@ -99,5 +101,5 @@ def test_section4_cpu_stops_at_the_mesh_that_the_time_allows_and_extrapolates(sc
     assert series.exponent == pytest.approx(2.0)
     assert series.at(800) == pytest.approx(64.0)
     found = section4_cpu.study("blended_wing_body", (9, 9, 9), (5, 5, 5), (0.5, 0.75), seconds=0.0)
-    assert [len(times["n_points"]) for times in found["node_based"].values()] == [1, 1]  # the first is always tried
-    assert [len(times["n_points"]) for times in found["b_spline"].values()] == [2, 2]
+    assert {len(times["n_points"]) for times in found["node_based"].values()} == {1}  # the first is always tried
+    assert {len(times["n_points"]) for times in found["b_spline"].values()} == {2}
