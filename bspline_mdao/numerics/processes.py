@@ -24,7 +24,18 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ONE", "OneProcess", "from_all", "gathered", "on_first", "summed", "summed_number", "together", "world"]
+__all__ = [
+    "ONE",
+    "OneProcess",
+    "from_all",
+    "from_first",
+    "gathered",
+    "on_first",
+    "summed",
+    "summed_number",
+    "together",
+    "world",
+]
 
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS", "MP_PROCS", "FJMPI_PROCS")
 """Environment variables in which launchers of MPI tell the number of processes."""
@@ -166,6 +177,11 @@ def from_all(comm, item) -> list:
     return [item] if comm.size == 1 else comm.allgather(item)
 
 
+def from_first(comm, value: Any) -> Any:
+    """What the first process has, on all of them."""
+    return value if comm.size == 1 else comm.bcast(value, root=0)
+
+
 def on_first(comm, task: Callable[[], Any]) -> Any:
     """Result of a task that the first process does for all; what it raises, all raise."""
     if comm.size == 1:
@@ -174,4 +190,4 @@ def on_first(comm, task: Callable[[], Any]) -> Any:
     with together(comm):
         if comm.rank == 0:
             result = task()
-    return comm.bcast(result, root=0)
+    return from_first(comm, result)

@@ -10,6 +10,8 @@ import numpy as np
 from openmdao.core.driver import Driver
 
 from ...errors import InputError
+from ...numerics.processes import from_first
+from .led_model import LedModel, led
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
 from .nlopt_functions import Functions
 from .nlopt_optimizer import ENDS, Criteria, Outcome, Settings, minimise
@@ -122,21 +124,37 @@ class NLoptDriver(Driver):
         designs, constraints = model.design_limits(), model.constraint_limits()
         settings = make_settings(self.options, _needs(model, designs, constraints))
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
+
+        def optimise(model):
+            return self._optimise(model, statement, settings)
+
+        comm = self._problem().comm
+        try:
+            self.outcome, self.best, self.n_failed_analyses = led(comm, model, optimise)
+        except Exception:
+            self.best, self.n_failed_analyses = from_first(comm, (self.best, self.n_failed_analyses))
+            raise
+        fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
+        if comm.rank == 0:
+            self._report(fail, self.best)
+        return fail
+
+    def _optimise(
+        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings
+    ) -> tuple[Outcome, Point, int]:
+        """End of the run, the best point, at which the model is left, and the number of failed analyses."""
         functions = self._functions(model, statement, settings)
         try:
-            self.outcome = _minimise(settings, functions)
+            outcome = _minimise(settings, functions)
             functions.restore_best()
         except BaseException as error:
             self.outcome, self.best = None, functions.best
             model.place(functions.best.x)
             self._report_exception(error, functions.best)
             raise
-        self.best, self.n_failed_analyses = functions.best, functions.n_failed
-        fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
-        self._report(fail, functions.best)
-        return fail
+        return outcome, functions.best, functions.n_failed
 
-    def _functions(self, model: ScaledModel, statement: Statement, settings: Settings) -> Functions:
+    def _functions(self, model: ScaledModel | LedModel, statement: Statement, settings: Settings) -> Functions:
         """The functions for NLopt, after the first run of the model."""
         x, *responses = model.start()
         within = np.clip(x, statement.lower, statement.upper)

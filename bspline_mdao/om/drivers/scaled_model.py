@@ -12,6 +12,7 @@ import openmdao.api as om
 from openmdao.core.driver import Driver, RecordingDebugging
 from openmdao.core.group import Group
 
+from ...numerics.processes import together
 from .nlopt_problem import AnalysisFailed, Limits
 
 __all__ = ["ScaledModel"]
@@ -61,12 +62,6 @@ def _flat(values) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(value) for value in values)])
 
 
-def _require_numbers(what: str, *arrays: float | np.ndarray) -> None:
-    """Treat what is not finite as a failed analysis."""
-    if not all(np.isfinite(array).all() for array in arrays):
-        raise AnalysisFailed(f"{what} is not a finite number")
-
-
 class ScaledModel:
     """The model of a driver's problem as a function of one scaled vector of all design variables.
 
@@ -106,7 +101,7 @@ class ScaledModel:
         self._solve()
         self._good_states = self._states().copy()
         try:
-            _require_numbers("the objective or a constraint at the start", *self._responses())
+            self._require_numbers("the objective or a constraint at the start", *self._responses())
         except AnalysisFailed as error:
             raise om.AnalysisError(str(error)) from None
         return self.present()
@@ -128,7 +123,7 @@ class ScaledModel:
         try:
             self._solve()
             objective, constraints = self._responses()
-            _require_numbers("the objective or a constraint", objective, constraints)
+            self._require_numbers("the objective or a constraint", objective, constraints)
         except (om.AnalysisError, AnalysisFailed) as error:
             self._states()[:] = self._good_states
             raise AnalysisFailed(str(error)) from error
@@ -153,7 +148,7 @@ class ScaledModel:
             self._prepare_derivatives()
         try:
             totals = self._totals(self._driver._get_ordered_nl_responses())
-            _require_numbers("a derivative", totals)
+            self._require_numbers("a derivative", totals)
         except om.AnalysisError as error:
             raise AnalysisFailed(str(error)) from error
         if is_first:
@@ -202,6 +197,12 @@ class ScaledModel:
         (objective,) = self._driver.get_objective_values().values()
         values = self._driver.get_constraint_values()
         return float(np.ravel(objective)[0]), _flat(values[name] for name in self._constraints)
+
+    def _require_numbers(self, what: str, *arrays: float | np.ndarray) -> None:
+        """Treat what is not finite on any process as a failed analysis."""
+        with together(self._model.comm):
+            if not all(np.isfinite(array).all() for array in arrays):
+                raise AnalysisFailed(f"{what} is not a finite number")
 
     def _totals(self, names: list[str]) -> np.ndarray:
         """Totals of some responses with respect to all design variables."""

@@ -34,6 +34,7 @@ from ..component import (
     central_step,
     check_along_directions,
     direction_in,
+    fails_together,
     finite_points,
     finite_values,
     refuse_complex_step,
@@ -213,6 +214,7 @@ class EulerState(om.ImplicitComponent):
         stream = free_stream(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], flow.axes)
         return flow.areas(inputs[GRID].reshape(-1, 3)), stream
 
+    @fails_together
     def _check(self, inputs):
         """Refuse what is no flow."""
         refuse_complex_step(self)
