@@ -39,6 +39,7 @@ from .evaluation.inversion import invert_points as invert_points
 from .evaluation.inversion import require_inside as require_inside
 from .fit.fitting import fit_grid as fit_grid
 from .fit.surface_fit import fit_surface as fit_surface
+from .flow.rigid_links import RigidLinks as RigidLinks
 from .generators.blended_wing_body import BlendedWingBody as BlendedWingBody
 from .generators.blended_wing_body import Rib as Rib
 from .generators.blended_wing_body import generic_blended_wing_body as generic_blended_wing_body
@@ -112,10 +113,12 @@ from .om.grid_evaluate import GridEvaluate as GridEvaluate
 from .om.grid_movement import GridMovement as GridMovement
 from .om.live_grid_evaluate import LiveGridEvaluate as LiveGridEvaluate
 from .om.monotonic import Monotonic as Monotonic
+from .om.mphys.beam import BeamBuilder as BeamBuilder
 from .om.mphys.builders import EulerBuilder as EulerBuilder
 from .om.mphys.builders import FlowBuilder as FlowBuilder
 from .om.mphys.builders import GeometryBuilder as GeometryBuilder
 from .om.mphys.geometry import SurfaceGeometry as SurfaceGeometry
+from .om.mphys.rigid_links import RigidLinkBuilder as RigidLinkBuilder
 from .om.mphys.warper import VolumeWarper as VolumeWarper
 from .om.quality import Quality as Quality
 from .om.surface_control import SurfaceControl as SurfaceControl

@@ -338,9 +338,7 @@ def _check_blocks(lines: list[tuple[int, str]], grid: Grid | StoredGrid, source:
     for index, shape in enumerate(grid.shapes):
         number, line = lines[1 + index] if 1 + index < len(lines) else (0, "")
         if line.split() != [str(n) for n in (index + 1, *shape)]:
-            raise InputError(
-                f"{source}: line {number}: '{line[:40]}' is not 'block ni nj nk' = {index + 1} {shape}"
-            )
+            raise InputError(f"{source}: line {number}: '{line[:40]}' is not 'block ni nj nk' = {index + 1} {shape}")
     return n_blocks
 
 

@@ -19,6 +19,7 @@ from bspline_mdao.cells.aggregates import AGGREGATES
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.rigid_links import RigidLinks
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.fixed_interior import FixedInterior
@@ -45,7 +46,8 @@ from bspline_mdao.testing import assert_partials, central_difference
 pytest.importorskip("mphys", reason="MPhys is not installed")
 
 from bspline_mdao.om.mphys import builders as flow_group
-from bspline_mdao.om.mphys import geometry, warper
+from bspline_mdao.om.mphys import geometry, renamed, rigid_links, solver_loads, warper
+from bspline_mdao.om.mphys.conventions import names_of
 
 pytestmark = pytest.mark.slow
 
@@ -71,6 +73,12 @@ def surface():
 def some_nodes(n=17):
     """Numbers of some nodes of a surface or grid, some of them twice."""
     return np.random.default_rng(0).integers(0, len(surface().points), n)
+
+
+def links():
+    """Points that hang on three nodes of a beam."""
+    points = np.random.default_rng(0).uniform(0.0, 2.0, (7, 3))
+    return RigidLinks.to_beam(points, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
 
 
 def flow_of(kind, **options):
@@ -115,7 +123,10 @@ COMPONENTS = {
     "SurfaceControlFit": lambda: SurfaceControlFit(model=model(), mesh=moving_mesh(model()), surface=surface()),
     "SolverSurface": lambda: warper._SolverSurface(surface=surface(), numbers=some_nodes()),
     "SolverNodes": lambda: warper._SolverNodes(n_nodes=len(surface().points), rows=some_nodes(), name="nodes"),
-    "Renamed": lambda: flow_group._Renamed(pairs=flow_group._conditions(12)),
+    "SolverLoads": lambda: solver_loads.SolverLoads(n_points=9),
+    "LinkedDisplacements": lambda: rigid_links.LinkedDisplacements(links=links()),
+    "LinkedLoads": lambda: rigid_links.LinkedLoads(links=links()),
+    "Renamed": lambda: renamed.Renamed(pairs=flow_group._conditions(12, names_of(None, "renamed"))),
 }
 """All components of the package, in their modes."""
 

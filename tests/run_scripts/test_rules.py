@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
-ALLOWED = {"bspline_mdao", "openmdao", "numpy", "matplotlib", "scipy", "threadpoolctl"}
+ALLOWED = {"bspline_mdao", "openmdao", "mphys", "numpy", "matplotlib", "scipy", "threadpoolctl"}
 STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "time", "typing"} | {
     *("collections.abc", "dataclasses", "importlib.util"),
 }

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import openmdao.api as om
 from mphys import Builder
 
+from ...errors import InputError
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...movement.mover import Mover
 from ...names import GRID
-from ..component import LINEAR_STEP, check_along_directions
 from ..flow.euler_flow import EulerFlow
 from .conventions import COORDINATES, COUPLING, INPUT, RESULT, VOLUME, Names, names_of
 from .geometry import SurfaceGeometry
+from .renamed import Renamed, Renaming
+from .solver_loads import WALL_FORCES, SolverLoads
 from .warper import VolumeWarper
 
 __all__ = ["EulerBuilder", "FlowBuilder", "FlowGroup", "GeometryBuilder"]
@@ -26,6 +27,10 @@ FLOW_RESULTS = {"CL": None, "CD": None, "CM": None, "CD_induced": None, "span_lo
 
 EULER_RESULTS = {**FLOW_RESULTS, "CD_entropy": None, "Cp": None}
 """Units of the outputs of `EulerFlow`, but for its states."""
+
+
+SCENARIOS = ("aerodynamic", "aerostructural")
+"""Scenarios that flows are built for: the second moves the grid inside the coupling, and hands out loads."""
 
 
 class GeometryBuilder(Builder):
@@ -62,8 +67,17 @@ class FlowBuilder(Builder):
         Units of its outputs that a scenario is to have, by name; `FLOW_RESULTS` by default.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
+    scenario : str
+        "aerodynamic": the grid is moved once, before the flow is solved. "aerostructural": it is moved inside the
+        coupling, after the structure, and the loads ``f_aero`` (N) go to the structure; the flow then has an input
+        ``dynamic_pressure`` (Pa) and an output ``wall_forces`` (N) on the nodes of the surface, as `EulerFlow` has.
     **movement
         Further options of `VolumeWarper`: ``mover``, ``require_valid``.
+
+    Raises
+    ------
+    InputError
+        If there is no such scenario; in a run, if an "aerodynamic" one finds itself before a coupling with a structure.
 
     Examples
     --------
@@ -81,10 +95,13 @@ class FlowBuilder(Builder):
         surface: SurfaceGrid | None = None,
         results: Mapping[str, str | None] | None = None,
         generation: int | None = None,
+        scenario: str = "aerodynamic",
         **movement,
     ):
+        if scenario not in SCENARIOS:
+            raise InputError(f"{type(self).__name__}: there is no scenario {scenario!r}; give one of {SCENARIOS}")
         self._model, self._flow, self._movement = model, flow, movement
-        self._generation = generation
+        self._generation, self._is_coupled = generation, scenario == "aerostructural"
         self._results = FLOW_RESULTS if results is None else results
         self._surface = surface or SurfaceGrid.of(model)
 
@@ -95,13 +112,18 @@ class FlowBuilder(Builder):
         mesh.add_output(name, val=self._surface.points.ravel(), tags=COORDINATES)
         return mesh
 
-    def get_pre_coupling_subsystem(self, scenario_name: str | None = None) -> VolumeWarper:
-        """Make the group between ``x_aero`` and ``aero_vol_coords``."""
+    def get_pre_coupling_subsystem(self, scenario_name: str | None = None) -> VolumeWarper | None:
+        """Make the group between ``x_aero`` and ``aero_vol_coords``, unless it belongs into the coupling."""
+        return None if self._is_coupled else self._warper()
+
+    def _warper(self) -> VolumeWarper:
         return VolumeWarper(model=self._model, surface=self._surface, **self._movement)
 
     def get_coupling_group_subsystem(self, scenario_name: str | None = None) -> FlowGroup:
-        """Make the group that solves the flow."""
+        """Make the group that solves the flow; in the coupling with a structure, also moves the grid and has loads."""
         options = {"n_nodes": self._model.n_nodes, "results": self._results, "generation": self._generation}
+        if self._is_coupled:
+            options |= {"warper": self._warper(), "n_loaded": self._surface.n_points}
         return FlowGroup(flow=self._flow, **options)
 
     def get_number_of_nodes(self) -> int:
@@ -124,6 +146,8 @@ class EulerBuilder(FlowBuilder):
         Refuse control meshes with inverted elements.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
+    scenario : str
+        "aerodynamic" or "aerostructural", see `FlowBuilder`.
     **options
         Those of `EulerFlow`, such as ``reference_area``.
     """
@@ -136,13 +160,20 @@ class EulerBuilder(FlowBuilder):
         mover: Mover | None = None,
         require_valid: bool = True,
         generation: int | None = None,
+        scenario: str = "aerodynamic",
         **options,
     ):
+        surface = surface or SurfaceGrid.of(model)
+        if scenario == "aerostructural":
+            options["loaded"] = surface
+
         def flow():
             return EulerFlow(model=model, **options)
 
         movement = {"mover": mover, "require_valid": require_valid}
-        super().__init__(model, flow, surface=surface, results=EULER_RESULTS, generation=generation, **movement)
+        super().__init__(
+            model, flow, surface=surface, results=EULER_RESULTS, generation=generation, scenario=scenario, **movement
+        )
 
 
 class FlowGroup(om.Group):
@@ -157,7 +188,16 @@ class FlowGroup(om.Group):
     name of each result    output  the flow's own         coefficients and whatever else was named
     =====================  ======  ==============  =====  =========================================
 
-    In MPhys 1.x the conditions are called ``aoa`` and ``mach``.
+    In the coupling with a structure, with a ``warper`` and ``n_loaded``, the nodes of the grid are an output, and
+    there are also
+
+    =====================  ======  ==============  =====  =========================================
+    ``x_aero``             input   (3 n_loaded)           nodes of the surface (m)
+    ``dynamic_pressure``   input   (1,)            Pa     of the free stream; to be given
+    ``f_aero``             output  (3 n_loaded)           forces on the nodes of the surface (N)
+    =====================  ======  ==============  =====  =========================================
+
+    In MPhys 1.x the conditions are called ``aoa``, ``mach`` and ``q_inf``.
 
     Options
     -------
@@ -169,6 +209,15 @@ class FlowGroup(om.Group):
         Units of its outputs to hand on, None where there are none, by name.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
+    warper : VolumeWarper, optional
+        What moves the grid before the flow is solved.
+    n_loaded : int, optional
+        Nodes of the surface that get forces; None for no forces.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, if forces are wanted of a flow that has none.
     """
 
     def initialize(self):
@@ -177,71 +226,65 @@ class FlowGroup(om.Group):
         self.options.declare("n_nodes", types=int, desc="number of nodes of the grid")
         self.options.declare("results", types=Mapping, desc="units of its outputs to hand on, by name")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
+        self.options.declare("warper", default=None, recordable=False, desc="moves the grid before the flow is solved")
+        self.options.declare("n_loaded", default=None, desc="nodes of the surface that get forces")
 
     def setup(self):
-        """Put the flow between two components that translate."""
-        names = names_of(self.options["generation"], self.msginfo)
+        """Put the flow between two components that translate; in a coupling, with its movement and its loads."""
+        names, n_loaded = names_of(self.options["generation"], self.msginfo), self.options["n_loaded"]
         conditions = _conditions(3 * self.options["n_nodes"], names)
         results = _results(self.options["results"])
-        self.add_subsystem("conditions", _Renamed(pairs=conditions), promotes_inputs=["*"])
+        targets = [pair.target for pair in conditions]
+        if n_loaded is not None:
+            conditions.append(_pressure(names))
+            targets.append("dynamic_pressure")
+        if self.options["warper"] is not None:
+            self.add_subsystem("warper", self.options["warper"], promotes=["*"])
+        self.add_subsystem("conditions", Renamed(pairs=conditions), promotes_inputs=["*"])
         self.add_subsystem("flow", self.options["flow"]())
-        self.add_subsystem("results", _Renamed(pairs=results), promotes_outputs=["*"])
-        for pair in conditions:
-            self.connect(f"conditions.{pair.target}", f"flow.{pair.target}")
+        self.add_subsystem("results", Renamed(pairs=results), promotes_outputs=["*"])
+        for pair, target in zip(conditions, targets):
+            self.connect(f"conditions.{pair.target}", f"flow.{target}")
         for pair in results:
             self.connect(f"flow.{pair.target}", f"results.{pair.source}")
+        if n_loaded is not None:
+            self.add_subsystem("loads", SolverLoads(n_points=n_loaded), promotes_outputs=["*"])
+            self.connect(f"flow.{WALL_FORCES}", f"loads.{WALL_FORCES}")
+
+    def configure(self):
+        """Refuse a flow without forces where a structure wants them."""
+        outputs = {meta["prom_name"] for meta in self.flow.get_io_metadata("output").values()}
+        if self.options["n_loaded"] is not None and WALL_FORCES not in outputs:
+            raise InputError(
+                f"{self.msginfo}: the flow has no output '{WALL_FORCES}', which an aerostructural scenario needs; take "
+                f"EulerBuilder, or add forces (N) on the nodes of the surface to the flow"
+            )
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """A variable under two names, and how each is declared."""
-
-    source: str
-    target: str
-    as_input: dict
-    as_output: dict
-
-
-def _conditions(size: int, names: Names) -> list[_Pair]:
+def _conditions(size: int, names: Names) -> list[Renaming]:
     """Names of MPhys for the inputs of a flow group."""
     degrees = {"val": 2.0, "units": "deg"}
     return [
-        _Pair(VOLUME, GRID, {"shape": size, "tags": COUPLING}, {"shape": size, "units": "m"}),
-        _Pair(names.angle_of_attack, "alpha", {**degrees, "tags": INPUT}, degrees),
-        _Pair(names.mach_number, "Mach_number", {"val": 0.3, "tags": INPUT}, {"val": 0.3}),
+        Renaming(VOLUME, GRID, {"shape": size, "tags": COUPLING}, {"shape": size, "units": "m"}),
+        Renaming(names.angle_of_attack, "alpha", {**degrees, "tags": INPUT}, degrees),
+        Renaming(names.mach_number, "Mach_number", {"val": 0.3, "tags": INPUT}, {"val": 0.3}),
     ]
 
 
-def _results(units: Mapping[str, str | None]) -> list[_Pair]:
+def _pressure(names: Names) -> Renaming:
+    """Name of MPhys for the dynamic pressure; that of the flow may be the same.
+
+    It has to be given, so that the input is no number. The output is one: solvers look at what outputs were before.
+    """
+    as_input = {"val": float("nan"), "units": "Pa", "tags": INPUT}
+    return Renaming(names.dynamic_pressure, "pressure_of_stream", as_input, {"val": 0.0, "units": "Pa"})
+
+
+def _results(units: Mapping[str, str | None]) -> list[Renaming]:
     """Outputs of a flow group, which are to keep their names."""
     pairs = []
     for name, unit in units.items():
         source = f"{name}_of_flow"
         as_output = {"copy_shape": source, "units": unit, "tags": RESULT}
-        pairs.append(_Pair(source, name, {"shape_by_conn": True, "units": unit}, as_output))
+        pairs.append(Renaming(source, name, {"shape_by_conn": True, "units": unit}, as_output))
     return pairs
-
-
-class _Renamed(om.ExplicitComponent):
-    """Copy variables to other names, with the tags by which MPhys promotes them."""
-
-    def initialize(self):
-        self.options.declare("pairs", recordable=False)
-
-    def setup(self):
-        for pair in self.options["pairs"]:
-            self.add_input(pair.source, **pair.as_input)
-            self.add_output(pair.target, **pair.as_output)
-        check_along_directions(self, LINEAR_STEP)
-
-    def compute(self, inputs, outputs):
-        for pair in self.options["pairs"]:
-            outputs[pair.target] = inputs[pair.source]
-
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        for pair in self.options["pairs"]:
-            if pair.target in d_outputs and pair.source in d_inputs:
-                if mode == "fwd":
-                    d_outputs[pair.target] += d_inputs[pair.source]
-                else:
-                    d_inputs[pair.source] += d_outputs[pair.target]

@@ -22,6 +22,12 @@ VOLUME = "aero_vol_coords"
 X_AERO, X_JIG = "x_aero", "x_aero0"
 """Surface nodes that the flow sees, and those at the start of an analysis: alike in both generations."""
 
+F_AERO, U_AERO = "f_aero", "u_aero"
+"""Forces on the surface nodes (N) and their displacements (m): alike in both generations."""
+
+X_STRUCT, U_STRUCT = "x_struct0", "u_struct"
+"""Nodes of a structure at the start of an analysis and their displacements (m): alike in both generations."""
+
 
 @dataclass(frozen=True)
 class Names:
@@ -35,8 +41,10 @@ class Names:
         The same before and after the geometry.
     input_tags : tuple of str
         Tags of ``geometry_input``: MPhys connects it either where its groups promote it, or in the geometry itself.
-    angle_of_attack, mach_number : str
+    angle_of_attack, mach_number, dynamic_pressure : str
         Conditions of a flow.
+    struct_mesh, struct_loads : str
+        Nodes of a structure as its solver read them, and the loads on them.
     """
 
     mesh: str
@@ -45,6 +53,9 @@ class Names:
     input_tags: tuple[str, ...]
     angle_of_attack: str
     mach_number: str
+    dynamic_pressure: str
+    struct_mesh: str
+    struct_loads: str
 
 
 GENERATIONS = {
@@ -55,6 +66,9 @@ GENERATIONS = {
         input_tags=(),
         angle_of_attack="aoa",
         mach_number="mach",
+        dynamic_pressure="q_inf",
+        struct_mesh="x_struct0",
+        struct_loads="f_struct",
     ),
     2: Names(
         mesh="x_aero0_mesh",
@@ -63,6 +77,9 @@ GENERATIONS = {
         input_tags=(COORDINATES,),
         angle_of_attack="angle_of_attack",
         mach_number="mach_number",
+        dynamic_pressure="dynamic_pressure",
+        struct_mesh="x_struct0_mesh",
+        struct_loads="f_aero_struct",
     ),
 }
 """Names of MPhys 1.x and of MPhys 2.x."""

@@ -14,8 +14,16 @@ from ..component import LINEAR_STEP, check_along_directions, finite_points
 from ..grid_movement import GridMovement
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
 from .distribution import nodes_of_rank
+from .wiring import require_source_before
 
 __all__ = ["VolumeWarper"]
+
+
+INSIDE = (
+    'the grid has to be moved inside the coupling: give the builder scenario="aerostructural", or let it return this '
+    "group from get_coupling_group_subsystem instead of get_pre_coupling_subsystem"
+)
+"""What to do where the nodes of the surface come from a coupling that has not run yet."""
 
 
 class VolumeWarper(om.Group):
@@ -59,7 +67,7 @@ class VolumeWarper(om.Group):
     ------
     InputError
         In ``setup``, if a number or a row does not exist, if the nodes do not determine the control points, or if the
-        mover is that of another model.
+        mover is that of another model. In a run, if the nodes of the surface come from what runs later.
 
     Notes
     -----
@@ -120,7 +128,7 @@ class _SolverSurface(om.ExplicitComponent):
         numbers, counts = self.options["numbers"], self.options["counts"]
         points, given = self.options["surface"].points, np.flatnonzero(counts)
         self._places = np.searchsorted(given, numbers)
-        self._weights = 1.0 / counts[numbers][:, None]
+        self._weights, self._is_wired = 1.0 / counts[numbers][:, None], False
         nodes = {"val": points[numbers].ravel(), "distributed": self.comm.size > 1}
         self.add_input(X_AERO, **nodes, tags=COUPLING)
         self.add_input(X_JIG, **(nodes if self.comm.size == 1 else {}), tags=COORDINATES)
@@ -133,6 +141,9 @@ class _SolverSurface(om.ExplicitComponent):
         return summed(self.comm, means)
 
     def compute(self, inputs, outputs):
+        if not self._is_wired:
+            require_source_before(self, X_AERO, INSIDE)
+            self._is_wired = True
         outputs[SURFACE] = self._means(finite_points(inputs[X_AERO], X_AERO, self.msginfo)).ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
