@@ -20,6 +20,7 @@ from ..splines.volume import Volume
 from ..topology.index_space import FACE_NAMES
 from ..topology.sharing import directed_classes
 from ..topology.topology import Link, Topology
+from .fit_nodes import FitNodes
 
 LARGEST_DIFFERENCE = 1e-6
 """Knots may differ by so much, as those do that follow the 4-byte coordinates of two blocks."""
@@ -105,7 +106,7 @@ def _is_narrow(breaks: np.ndarray) -> bool:
 
 
 def knots_of_segments(
-    topology: Topology, parameters, n_control, orders, kind: str = "curved"
+    topology: Topology, parameters, n_control, orders, kind: str = "curved", sharing: FitNodes | None = None
 ) -> list[tuple[Knots, ...]]:
     """Knots of all segments, the same on both sides of every interface.
 
@@ -119,6 +120,8 @@ def knots_of_segments(
         Number of control points and order in each direction.
     kind : str
         One of `KNOT_KINDS`.
+    sharing : FitNodes, optional
+        Which segments this process has parameters of; all by default.
 
     Returns
     -------
@@ -129,7 +132,10 @@ def knots_of_segments(
     InputError
         If the kind is unknown.
     """
-    knots = [knots_of_segment(*segment, kind) for segment in zip(parameters, n_control, orders)]
+    here = range(len(topology.segments)) if sharing is None else sharing.here
+    knots = [knots_of_segment(parameters[s], n_control[s], orders[s], kind) for s in here]
+    if sharing is not None:
+        knots = sharing.of_all_segments(knots)
     if kind == "curved":
         return knots
     means = [[edge_corners(k)[:1, :1] for k in triple] for triple in knots]  # the same on all four edges

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..topology.index_space import FACE_NAMES, Section, inner_slices, sections_of, whole_slices
-from ..topology.sharing import NodeSharing
+from ..topology.topology import Topology, shared_ids
+from .fit_nodes import FitNodes
 
 _KINDS = ("corner", "edge", "face", "interior")
 
@@ -30,7 +31,7 @@ class Entity:
     section : tuple of (int or None)
         Ends at which it lies; None in its free directions.
     rows : ndarray of int, shape (n,)
-        Rows of its inner nodes in the grid vector, in C order.
+        Numbers of its inner nodes, in C order; none where another process holds the segment.
     control_ids : ndarray of int, shape (M0, M1, M2)
         Ids of all control points of the section, its boundary included; ``M = 1`` in a direction that is not free.
     unknown_ids : ndarray of int, shape (n_columns,)
@@ -71,15 +72,15 @@ class Entity:
         return " ".join([names[self.segment], self.kind, *ends])
 
 
-def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) -> Iterator[Entity]:
-    """Corners, then edges, faces and interiors, each with what belongs to no earlier entity.
+def entities_in_order(control_ids, sharing: FitNodes, n_control_points: int) -> Iterator[Entity]:
+    """Corners, then edges, faces and interiors of all segments, each with what belongs to no earlier entity.
 
     Parameters
     ----------
     control_ids : sequence of ndarray of int
         Control point ids of every segment.
-    sharing : NodeSharing
-        Which nodes are one.
+    sharing : FitNodes
+        Nodes of this process, and which of them are one.
     n_control_points : int
         Number of unique control points.
 
@@ -87,19 +88,28 @@ def entities_in_order(control_ids, sharing: NodeSharing, n_control_points: int) 
     ------
     Entity
     """
-    source = sharing.source_rows()
-    is_solved, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(len(source), dtype=bool)
+    source, points = sharing.source_rows(), _sample_points(sharing.topology)
+    is_solved, is_seen = np.zeros(n_control_points, dtype=bool), np.zeros(1 + max(map(np.max, points)), dtype=bool)
     for n_free in range(4):
-        for segment, (ids, rows) in enumerate(zip(control_ids, sharing.rows)):
-            for section in sections_of(rows.shape, n_free):
-                inner_rows = source[rows[inner_slices(section)].ravel()]
-                own_ids = ids[whole_slices(section)]
-                if is_seen[inner_rows].all() and is_solved[own_ids].all():
+        for segment, (ids, rows, sample) in enumerate(zip(control_ids, sharing.rows, points)):
+            for section in sections_of(sample.shape, n_free):
+                own_ids, inner = ids[whole_slices(section)], sample[inner_slices(section)]
+                if is_seen[inner].all() and is_solved[own_ids].all():
                     continue
                 unknown_ids, columns = _number_unknowns(own_ids, is_solved)
-                is_seen[inner_rows] = True
+                is_seen[inner] = True
                 is_solved[unknown_ids] = True
+                inner_rows = source[rows[inner_slices(section)].ravel()] if rows.size else rows.ravel()
                 yield Entity(segment, section, inner_rows, own_ids, unknown_ids, columns)
+
+
+def _sample_points(topology: Topology) -> list[np.ndarray]:
+    """Number points that stand for the nodes of each section: up to three a direction, those that are one alike.
+
+    Links and collapses join whole sections, so that one inner node tells of all.
+    """
+    shapes = [tuple(min(n, 3) for n in segment.shape) for segment in topology.segments]
+    return shared_ids(shapes, topology.links, topology.collapses, topology.segment_names)
 
 
 def _number_unknowns(control_ids: np.ndarray, is_solved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import chain
+from operator import attrgetter, itemgetter
 
 import numpy as np
 from numba import njit
 
 from ..model.records import CANDIDATES, BlockError, Fallback, FitReport, InvalidElement, WorstNode
+from ..numerics.processes import ONE, summed
 from ..splines.volume import Volume
 from .control_counts import LONG, sound_order
+from .fit_nodes import FitNodes
 from .problem import FitProblem, FitSolution
 from .quasi_interpolant import parametric_places
 from .validity import corner_measures, first_marked, folded_cells
@@ -39,8 +43,8 @@ def report_errors(
         Name of every block.
     parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
         Parameters of the nodes of every segment.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
+    nodes : ndarray, shape (n_rows, 3)
+        The nodes of this process (m); the report is of the nodes of all.
     solution : FitSolution
         The fit.
 
@@ -49,15 +53,20 @@ def report_errors(
     FitReport
         Its warnings are those of the solution and one, the last, where the control mesh is invalid.
     """
-    topology, residual = problem.topology, nodes - solution.fitted
+    topology, sharing = problem.topology, problem.sharing
+    nodes, fitted = nodes[: sharing.n_own], solution.fitted[: sharing.n_own]
+    residual = nodes - fitted
     squares = residual**2
     distances = squares.sum(axis=1)
-    starts = np.concatenate([[0], np.cumsum([np.prod(shape) for shape in topology.shapes])])
-    blocks = []
-    for name, start, stop in zip(block_names, starts, starts[1:]):
+    shapes = [topology.shapes[block] for block in sharing.blocks]
+    starts = np.concatenate([[0], np.cumsum([np.prod(shape) for shape in shapes], dtype=int)])
+    found = []
+    for block, start, stop in zip(sharing.blocks, starts, starts[1:]):
         rms, largest = np.sqrt(squares[start:stop].mean(axis=0)), np.abs(residual[start:stop]).max(axis=0)
-        blocks.append(BlockError(name, tuple(rms.tolist()), tuple(largest.tolist())))
-    rms, edge = float(np.sqrt(distances.mean())), mean_edge(topology.shapes, nodes)
+        found.append((block, BlockError(block_names[block], tuple(rms.tolist()), tuple(largest.tolist()))))
+    blocks = [error for _, error in sorted(_gathered(sharing.comm, found), key=itemgetter(0))]
+    rms = float(np.sqrt(_mean(sharing.comm, distances)))
+    edge = mean_edge(shapes, nodes, sharing.comm)
     n_invalid, invalid = _find_invalid(problem, parameters, nodes, solution.control_points)
     return FitReport(
         rms=rms,
@@ -65,8 +74,8 @@ def report_errors(
         mean_edge=edge,
         max_error=tuple(np.max([block.max_error for block in blocks], axis=0).tolist()),
         blocks=tuple(blocks),
-        worst=_worst_node(topology.shapes, starts, distances),
-        n_nodes=len(nodes),
+        worst=_worst_node(sharing, starts, distances),
+        n_nodes=topology.n_nodes,
         n_control_points=len(solution.control_points),
         n_invalid=n_invalid,
         invalid=invalid,
@@ -83,13 +92,28 @@ def _compare(problem: FitProblem, nodes, weights: np.ndarray | None, least_squar
     n_moved = int((weights[:, 0] < 1.0).sum())
     if least_squares is None:
         return Fallback(tuple(n_points), n_moved)
-    squares = ((nodes - least_squares.fitted) ** 2).sum(axis=1)
+    comm = problem.sharing.comm
+    squares = ((nodes - least_squares.fitted[: len(nodes)]) ** 2).sum(axis=1)
     measures = corner_measures(problem.mesh.nets(least_squares.control_points))
     n_invalid = sum(int((measure <= 0.0).sum()) for measure in measures)
-    return Fallback(tuple(n_points), n_moved, n_invalid, float(np.sqrt(squares.mean())), float(np.sqrt(squares.max())))
+    largest = max(_gathered(comm, [squares.max(initial=0.0)]))
+    return Fallback(tuple(n_points), n_moved, n_invalid, float(np.sqrt(_mean(comm, squares))), float(np.sqrt(largest)))
 
 
-def mean_edge(shapes, nodes: np.ndarray) -> float:
+def _gathered(comm, items: list) -> list:
+    """Items of all processes, those of the first one first."""
+    return items if comm.size == 1 else [*chain.from_iterable(comm.allgather(items))]
+
+
+def _mean(comm, values: np.ndarray) -> float:
+    """Mean of the values of all processes."""
+    if comm.size == 1:
+        return float(values.mean())
+    total, count = summed(comm, np.array([values.sum(), len(values)], dtype=float))
+    return float(total / count)
+
+
+def mean_edge(shapes, nodes: np.ndarray, comm=ONE) -> float:
     """Mean length of the cell edges of a grid that have a length.
 
     Parameters
@@ -98,6 +122,8 @@ def mean_edge(shapes, nodes: np.ndarray) -> float:
         Shapes of the blocks.
     nodes : ndarray, shape (n_nodes, 3)
         Nodes of all blocks (m).
+    comm : communicator
+        Processes that have some blocks each.
 
     Returns
     -------
@@ -109,6 +135,7 @@ def mean_edge(shapes, nodes: np.ndarray) -> float:
         size = int(np.prod(shape))
         length, n_edges = _edge_sum(nodes[start : start + size].reshape(*shape, 3))
         total, count, start = total + length, count + n_edges, start + size
+    total, count = summed(comm, np.array([total, count], dtype=float)).tolist()
     return total / count if count else 0.0
 
 
@@ -131,11 +158,17 @@ def _edge_sum(nodes):
     return total, count
 
 
-def _worst_node(shapes, starts, distances: np.ndarray) -> WorstNode:
-    row = int(np.argmax(distances))
-    block = int(np.searchsorted(starts, row, side="right")) - 1
-    i, j, k = (int(n) + 1 for n in np.unravel_index(row - starts[block], shapes[block]))
-    return WorstNode(block + 1, i, j, k, float(np.sqrt(distances[row])))
+def _worst_node(sharing: FitNodes, starts, distances: np.ndarray) -> WorstNode:
+    """Find the node with the largest error, the first one of those that are equally bad."""
+    worst = []
+    if len(distances):
+        row = int(np.argmax(distances))
+        place = int(np.searchsorted(starts, row, side="right")) - 1
+        block = sharing.blocks[place]
+        index = np.unravel_index(row - starts[place], sharing.topology.shapes[block])
+        worst.append((-distances[row], block, *(int(n) for n in index)))
+    square, block, i, j, k = min(_gathered(sharing.comm, worst))
+    return WorstNode(block + 1, i + 1, j + 1, k + 1, float(np.sqrt(-square)))
 
 
 def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tuple[int, tuple[InvalidElement, ...]]:
@@ -144,20 +177,22 @@ def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tup
     count = sum(int((~(measure > 0.0)).sum()) for measure in measures)
     if not count:
         return 0, ()
-    places = [parametric_places(volume, x) for volume, x in zip(problem.mesh.volumes, parameters)]
+    sharing = problem.sharing
     found = []
-    for s, (measure, cells) in enumerate(zip(measures, folded_cells(problem, nodes))):
+    for s, cells in zip(sharing.here, folded_cells(problem, nodes)):
+        measure, places = measures[s], parametric_places(problem.mesh.volumes[s], parameters[s])
         numbers = np.argwhere(~(measure > 0.0))
         numbers = numbers[np.argsort(measure[tuple(numbers.T)], kind="stable")[:MOST_NAMED]]
         window = problem.topology.segments[s]
         for number in numbers:
             box = tuple(slice(n, n + 2) for n in number)
-            marked = first_marked(places[s][box], cells)
+            marked = first_marked(places[box], cells)
             cell = None if marked is None else tuple(n + lo + 1 for n, lo in zip(marked, window.lo))
             i, j, k = (int(n) + 1 for n in number)
             name = problem.topology.segment_names[s]
-            found.append(InvalidElement(name, i, j, k, float(measure[tuple(number)]), cell))
-    return count, tuple(sorted(found, key=lambda element: element.measure)[:MOST_NAMED])
+            found.append((s, InvalidElement(name, i, j, k, float(measure[tuple(number)]), cell)))
+    in_order = sorted(_gathered(sharing.comm, found), key=itemgetter(0))
+    return count, tuple(sorted((element for _, element in in_order), key=attrgetter("measure"))[:MOST_NAMED])
 
 
 def _warn_of_invalid(problem: FitProblem, solution: FitSolution, n_invalid: int, invalid) -> Iterator[str]:

@@ -7,24 +7,28 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..errors import FitWarning, InputError
+from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import FitSettings, GridHeader
+from ..numerics.processes import ONE, on_first, together
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from ..topology.detection import find_topology
-from ..topology.grid import Grid
-from ..topology.sharing import node_sharing
+from ..topology.grid import Block, Grid
+from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology, shared_ids
 from .control_counts import choose_affordable_counts, predict_factor_bytes
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments, require_agreement
 from .errors import report_errors
+from .fit_nodes import FitNodes
 from .parameters import EXPONENTS, as_parameters, chord_length_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
 from .validity import make_valid
@@ -45,7 +49,7 @@ METHODS = tuple(_SOLVERS)
 
 
 def fit_grid(
-    grid: Grid,
+    grid: Grid | StoredGrid,
     *,
     topology: Topology | None = None,
     n_control=None,
@@ -62,7 +66,7 @@ def fit_grid(
 
     Parameters
     ----------
-    grid : Grid
+    grid : Grid or StoredGrid
         The baseline grid. Where blocks meet, all of them get the nodes of the first: what is joined over a gap, or up
         to round-off, has equal bits in every grid that is regenerated.
     topology : Topology, optional
@@ -110,60 +114,157 @@ def fit_grid(
         If control elements are invalid: once, at the caller's line, with what mends it. If faces of blocks nearly meet
         and are not joined: once as well, with the worst place.
     """
+    options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
+    options |= {"wall_layer": wall_layer, "parametrization": parametrization, "progress": progress}
+    _, parameters, residual, whole = _fit(grid, ONE, topology, **options)
+    _warn(grid, whole)
+    return FittedModel(parameters=tuple(parameters), residual=residual if keep_residual else None, **whole)
+
+
+def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool = True, **options) -> FittedBlocks:
+    """Fit a grid on several processes, all of which call this; each reads and fits whole blocks.
+
+    A corner, edge or face that blocks share is fitted by one process, and its control points are sent to all. The
+    control points are those of `fit_grid`: to the last bit by least squares, and but for the order of sums (1e-15 of
+    the grid's size) where they fall back on a quasi-interpolant. Of a grid that is stored in a file, no process holds
+    the nodes of all blocks, but the first one while it looks for the topology; parameters and residual stay where they
+    are made.
+
+    Parameters
+    ----------
+    grid : Grid or StoredGrid
+        The baseline grid, see `bspline_mdao.open_grid`.
+    comm : communicator
+        The processes, such as ``mpi4py.MPI.COMM_WORLD``.
+    keep_residual : bool
+        Keep what the spline misses of the grid, so that the baseline is reproduced.
+    **options
+        As for `fit_grid`; no parameter correction and no parameters of the user's own where there are several
+        processes.
+
+    Returns
+    -------
+    FittedBlocks
+        The model, of which this process holds some blocks: it is saved from there, and each process gets its
+        `bspline_mdao.model.model_share.ModelShare`.
+
+    Raises
+    ------
+    InputError
+        As for `fit_grid`, on all processes.
+
+    Warns
+    -----
+    FitWarning
+        As `fit_grid`, from the first process.
+    """
+    sharing, parameters, residual, whole = _fit(grid, comm, **options)
+    if comm.rank == 0:
+        _warn(grid, whole)
+    return FittedBlocks(
+        comm=comm,
+        homes=sharing.homes,
+        parameters={s: parameters[s] for s in sharing.here},
+        residual=sharing.by_blocks(residual) if keep_residual else None,
+        **whole,
+    )
+
+
+def _warn(grid: Grid | StoredGrid, whole: dict[str, Any]) -> None:
+    """Warn of invalid control elements and of faces that nearly meet, at the line of the caller's caller."""
+    topology, report = whole["topology"], whole["report"]
+    if topology.near_misses:
+        warnings.warn(f"{grid.source}: {topology.warnings[0]}", FitWarning, stacklevel=3)
+    if report.n_invalid:
+        warnings.warn(f"{grid.source}: {report.warnings[-1]}", FitWarning, stacklevel=3)
+
+
+def _fit(
+    grid: Grid | StoredGrid,
+    comm: Any,
+    topology: Topology | None = None,
+    n_control=None,
+    order=None,
+    knots="curved",
+    corrections: int = 0,
+    wall_layer: bool = True,
+    parametrization="chord_length",
+    method: str = "valid",
+    progress: Progress | None = None,
+) -> tuple[FitNodes, list[np.ndarray], np.ndarray, dict[str, Any]]:
+    """Fit a grid: the nodes of this process, their parameters and residual, and the rest of the model."""
     start, progress = time.perf_counter(), progress or no_progress
     _check_options(corrections, method)
+    if comm.size > 1 and (corrections or not isinstance(parametrization, str)):
+        what = "parameter correction" if corrections else "parameters of your own"
+        raise InputError(f"{grid.source}: a fit on {comm.size} processes has no {what}; fit without, or on one process")
     progress(0.0, "topology")
-    topology = find_topology(grid) if topology is None else topology
+    if topology is None:
+        topology = on_first(comm, lambda: find_topology(_in_memory(grid)))
     if topology.shapes != grid.shapes:
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
-    grid = _joined(grid, topology)
-    nodes = grid.to_vector().reshape(-1, 3)
-    parameters = segment_parameters(grid, topology, parametrization)
-    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots)
+    sharing = FitNodes.of(topology, comm)
+    with together(comm):
+        blocks = {number: _block(grid, number) for number in sharing.blocks}
+    iblanks = tuple(blocks[n].iblank if n in blocks else None for n in range(len(topology.shapes)))
+    nodes = _joined([block.nodes for block in blocks.values()], sharing)
+    del blocks
+    with together(comm):
+        parameters = _parameters_here(sharing, nodes, parametrization)
+    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots, sharing)
     fraction = 1 / (1 + CYCLE_COST * corrections)
     solution = _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, fraction))
     if corrections:
         rest = part_of(progress, fraction, 1)
         arguments = problem, parameters, nodes, solution, corrections, rest, _SOLVERS[method]
         parameters, solution = correct_parameters(*arguments)
-    names = [block.name for block in grid.blocks]
+    names = tuple(block.name for block in grid.blocks)
     report = report_errors(problem, names, parameters, nodes, solution)
-    said = (*topology.warnings, *size_warnings, *report.warnings)
-    report = replace(report, seconds=time.perf_counter() - start, warnings=said, factor_bytes=factor_bytes)
-    if topology.near_misses:
-        warnings.warn(f"{grid.source}: {topology.warnings[0]}", FitWarning, stacklevel=2)
-    if report.n_invalid:
-        warnings.warn(f"{grid.source}: {report.warnings[-1]}", FitWarning, stacklevel=2)
+    said, seconds = (*topology.warnings, *size_warnings, *report.warnings), time.perf_counter() - start
+    report = replace(report, seconds=seconds, warnings=said, factor_bytes=factor_bytes)
     progress(1.0, "done")
-    return FittedModel(
-        topology=topology,
-        mesh=problem.mesh,
-        parameters=tuple(parameters),
-        control_points=solution.control_points,
-        residual=nodes - solution.fitted if keep_residual else None,
-        header=GridHeader.of(grid),
-        report=report,
-        settings=FitSettings(_kind(knots), corrections, _kind(parametrization), method, wall_layer),
-        candidate_weights=solution.weights,
-    )
+    whole = {
+        "topology": topology,
+        "mesh": problem.mesh,
+        "control_points": solution.control_points,
+        "header": GridHeader(names, grid.patches, grid.source, grid.dialect, iblanks),
+        "report": report,
+        "settings": FitSettings(_kind(knots), corrections, _kind(parametrization), method, wall_layer),
+        "candidate_weights": solution.weights,
+    }
+    return sharing, parameters, nodes - solution.fitted, whole
 
 
-def _joined(grid: Grid, topology: Topology) -> Grid:
-    """Give nodes that are one point the place of the first of them."""
-    nodes, copies = grid.to_vector().reshape(-1, 3), node_sharing(topology).copies
-    if np.array_equal(nodes[copies[:, 0]], nodes[copies[:, 1]]):
-        return grid
-    nodes[copies[:, 0]] = nodes[copies[:, 1]]
-    return grid.with_vector(nodes.ravel())
+def _in_memory(grid: Grid | StoredGrid) -> Grid:
+    """Read a grid that is stored in a file."""
+    return grid.grid() if isinstance(grid, StoredGrid) else grid
 
 
-def _sized_problem(topology: Topology, parameters, n_control, order, knots):
+def _block(grid: Grid | StoredGrid, number: int) -> Block:
+    """Take a block of a grid, or read it."""
+    return grid.blocks[number].read(None) if isinstance(grid, StoredGrid) else grid.blocks[number]
+
+
+def _joined(blocks: Sequence[np.ndarray], sharing: FitNodes) -> np.ndarray:
+    """Nodes of blocks, shape (n_rows, 3), of which those that are one point have the place of the first of them."""
+    own = [np.zeros((0, 3)), *(block.reshape(-1, 3) for block in blocks)]
+    return sharing.copy_shared(sharing.with_places(np.concatenate(own)))
+
+
+def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization) -> list[np.ndarray]:
+    """Parameters of the nodes of every segment of this process; none of the others."""
+    shapes = sharing.topology.shapes
+    blocks = {number: part.reshape(*shapes[number], 3) for number, part in sharing.by_blocks(nodes).items()}
+    return _parameters_of_blocks(blocks, sharing.topology, parametrization)
+
+
+def _sized_problem(topology: Topology, parameters, n_control, order, knots, sharing: FitNodes):
     """Set up a fit; also what to say about its size, and the memory of a factor of its mover."""
     if isinstance(knots, str):
         counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
-        problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots)
+        problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, sharing)
         return problem, counts.warnings, factor_bytes
-    problem = set_up_fit(topology, parameters, None, None, knots)
+    problem = set_up_fit(topology, parameters, None, None, knots, sharing)
     return problem, (), predict_factor_bytes(topology, np.array([v.n_control for v in problem.mesh.volumes]))
 
 
@@ -180,18 +281,29 @@ def segment_parameters(grid: Grid, topology: Topology, parametrization="chord_le
     InputError
         If the parametrization is unknown, or the user's own does not fit the grid.
     """
+    blocks = {number: block.nodes for number, block in enumerate(grid.blocks)}
+    return _parameters_of_blocks(blocks, topology, parametrization)
+
+
+def _parameters_of_blocks(blocks: Mapping[int, np.ndarray], topology: Topology, parametrization) -> list[np.ndarray]:
+    """Parameters of the nodes of every segment of some blocks; none, shape (0, 0, 0, 3), of the others."""
     if not isinstance(parametrization, str):
         return as_parameters(topology, parametrization)
     if parametrization not in EXPONENTS:
         raise InputError(
-            f'{grid.source}: parametrization "{parametrization}" is unknown; use one of {", ".join(EXPONENTS)}, or '
+            f'{topology.source}: parametrization "{parametrization}" is unknown; use one of {", ".join(EXPONENTS)}, or '
             f"give parameters for every block"
         )
-    exponent = EXPONENTS[parametrization]
-    return [chord_length_parameters(grid.blocks[w.block].nodes[w.slices], exponent) for w in topology.segments]
+    exponent, nothing = EXPONENTS[parametrization], np.empty((0, 0, 0, 3))
+    return [
+        chord_length_parameters(blocks[w.block][w.slices], exponent) if w.block in blocks else nothing
+        for w in topology.segments
+    ]
 
 
-def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved") -> FitProblem:
+def set_up_fit(
+    topology: Topology, parameters, n_control, orders, knots="curved", sharing: FitNodes | None = None
+) -> FitProblem:
     """Make volumes, shared control points and entities.
 
     Parameters
@@ -204,6 +316,8 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
         Control points and orders; not looked at where ``knots`` has them.
     knots
         As for `fit_grid`.
+    sharing : FitNodes, optional
+        Nodes of this process; all by default.
 
     Returns
     -------
@@ -216,7 +330,7 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     """
     is_given = not isinstance(knots, str)
     if not is_given:
-        knots = knots_of_segments(topology, parameters, n_control, orders, knots)
+        knots = knots_of_segments(topology, parameters, n_control, orders, knots, sharing)
     if not isinstance(knots, Sequence):
         raise InputError(f'{topology.source}: knots = {knots}; use "curved", "constant" or three objects per segment')
     if len(knots) != len(topology.segments):
@@ -224,7 +338,7 @@ def set_up_fit(topology: Topology, parameters, n_control, orders, knots="curved"
     volumes = [Volume(tuple(triple)) for triple in knots]
     if is_given:
         require_agreement(topology, volumes)
-    return problem_of_mesh(topology, _share_mesh(topology, volumes))
+    return problem_of_mesh(topology, _share_mesh(topology, volumes), sharing)
 
 
 def _share_mesh(topology: Topology, volumes: Sequence[Volume]) -> BSplineMesh:

@@ -8,15 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..numerics.processes import together
 from ..numerics.threads import map_tasks, thread_count
 from ..splines.mesh import BSplineMesh
-from ..topology.sharing import NodeSharing, node_sharing
 from ..topology.topology import Topology
 from .entities import Entity, entities_in_order
+from .fit_nodes import FitNodes
 from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step, places_on_edges
 from .quasi_interpolant import Mixture
 
@@ -32,8 +34,8 @@ class FitProblem:
     ----------
     topology : Topology
         Segments and links.
-    sharing : NodeSharing
-        Rows of the nodes of every segment.
+    sharing : FitNodes
+        Nodes of the segments of this process.
     mesh : BSplineMesh
         One volume per segment.
     entities : tuple of Entity
@@ -43,7 +45,7 @@ class FitProblem:
     """
 
     topology: Topology
-    sharing: NodeSharing
+    sharing: FitNodes
     mesh: BSplineMesh
     entities: tuple[Entity, ...]
     edge_places: tuple[tuple[np.ndarray, ...], ...]
@@ -52,7 +54,13 @@ class FitProblem:
         """Least squares of an entity, factored, for parameters of every segment."""
         s, name = entity.segment, f"{self.topology.source}: {entity.describe(self.topology.segment_names)}"
         segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.edge_places[s]
-        return build_step(entity, *segment, self.topology.n_nodes, name)
+        return build_step(entity, *segment, self.sharing.n_rows, name)
+
+    @property
+    def own_entities(self) -> tuple[Entity, ...]:
+        """Those of the segments of this process."""
+        here = set(self.sharing.here)
+        return tuple(entity for entity in self.entities if entity.segment in here)
 
     def rounds(self) -> list[list[Entity]]:
         """Entities in sets that follow each other: those of a set do not depend on each other's control points."""
@@ -97,7 +105,7 @@ class FitProblem:
             entities = self.entities if entities is None else entities
             with threadpool_limits(1, "blas"):
                 steps = tuple(map_tasks(partial(self.step, parameters), entities, self.n_threads))
-        return FitOperator(steps, self.topology.n_nodes, self.mesh.n_control_points, mixture)
+        return FitOperator(steps, self.sharing.n_rows, self.mesh.n_control_points, mixture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +133,19 @@ class FitSolution:
     least_squares: FitSolution | None = None
 
 
-def problem_of_mesh(topology: Topology, mesh: BSplineMesh) -> FitProblem:
-    """Set up the fit of a mesh that exists already, for example that of a fitted model."""
-    sharing = node_sharing(topology)
+def problem_of_mesh(topology: Topology, mesh: BSplineMesh, sharing: FitNodes | None = None) -> FitProblem:
+    """Set up the fit of a mesh that exists already, for example that of a fitted model.
+
+    Parameters
+    ----------
+    topology : Topology
+        Segments and links.
+    mesh : BSplineMesh
+        One volume per segment.
+    sharing : FitNodes, optional
+        Nodes of this process; all by default.
+    """
+    sharing = FitNodes.of(topology) if sharing is None else sharing
     entities = tuple(entities_in_order(mesh.control_ids, sharing, mesh.n_control_points))
     edge_places = tuple(places_on_edges(volume) for volume in mesh.volumes)
     return FitProblem(topology, sharing, mesh, entities, edge_places)
@@ -144,8 +162,8 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
         The fit.
     parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
         Parameters of the nodes of every segment.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
+    nodes : ndarray, shape (n_rows, 3)
+        The nodes of this process (m), those of others that it needs as well.
     progress : callable, optional
         As for `fit_grid`.
 
@@ -153,26 +171,36 @@ def solve_fit(problem: FitProblem, parameters, nodes: np.ndarray, progress: Prog
     -------
     FitSolution
     """
-    progress = progress or no_progress
+    progress, sharing = progress or no_progress, problem.sharing
     control_points, fitted = np.zeros((problem.mesh.n_control_points, 3)), np.empty_like(nodes)
-    singular: list[Entity] = []
-    n_done = 0
+    is_fitted, here = np.zeros(len(nodes), dtype=bool), set(sharing.here)
+    singular: list[tuple[int, int]] = []
+    rounds, n_done = problem.rounds(), 0
 
     def solve(entity: Entity) -> bool:
         step = problem.step(parameters, entity)
         step.solve(nodes, control_points)
         fitted[entity.rows] = step.evaluate(control_points)
+        is_fitted[entity.rows] = True
         return step.factor is not None and step.factor.is_singular
 
     with threadpool_limits(1, "blas"):
-        for entities in problem.rounds():
-            for entity, is_singular in zip(entities, map_tasks(solve, entities, problem.n_threads)):
-                singular.extend([entity] * is_singular)
-                n_done += len(entity.rows)
-                progress(n_done / problem.topology.n_nodes, "least squares")
-    copies = problem.sharing.copies
-    fitted[copies[:, 0]] = fitted[copies[:, 1]]
-    return FitSolution(control_points, fitted, _warn_of_singular(problem.topology, singular))
+        for number, entities in enumerate(rounds):
+            own = [place for place, entity in enumerate(entities) if entity.segment in here]
+            with together(sharing.comm):
+                results = map_tasks(solve, [entities[place] for place in own], problem.n_threads)
+                for place, is_singular in zip(own, results):
+                    singular.extend([(number, place)] * is_singular)
+                    n_done += len(entities[place].rows)
+                    progress(n_done / max(sharing.n_own, 1), "least squares")
+            found = [entities[place].unknown_ids for place in own]
+            sharing.from_owners(np.concatenate([np.zeros(0, dtype=np.int64), *found]), control_points)
+    sharing.put(fitted, is_fitted)
+    sharing.copy_shared(fitted)
+    if sharing.comm.size > 1:
+        singular = sorted(chain.from_iterable(sharing.comm.allgather(singular)))
+    names = [rounds[number][place] for number, place in singular]
+    return FitSolution(control_points, fitted, _warn_of_singular(problem.topology, names))
 
 
 def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[str, ...]:

@@ -25,10 +25,11 @@ from scipy.sparse import csr_array
 
 from ..evaluation.evaluator import Evaluator
 from ..model.records import ITERATIONS
+from ..numerics.processes import summed
 from ..splines.greville import greville_abscissae
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
-from ..topology.sharing import NodeSharing
+from .fit_nodes import FitNodes
 
 CONVERGED = 1e-10
 """Largest change, in cells, of a place in its last round."""
@@ -49,13 +50,18 @@ class QuasiInterpolant:
     sampling : csr_array, shape (n_control_points, n_sampled)
         Q, as weights of the nodes that it needs.
     sampled : ndarray of int, shape (n_sampled,)
-        Rows of these nodes in the grid vector.
+        Numbers of these nodes.
     coarse : csr_array, shape (n_control_points, n_nodes)
         Weights of the nodes next to the Greville nodes.
     evaluator : Evaluator
-        A of the sampled nodes.
+        A of the nodes of this process that any process samples.
     places : tuple of ndarray, each of shape (N0, N1, N2, 3)
-        Real node numbers, from 0, of the Greville parameters of the control points of every segment.
+        Real node numbers, from 0, of the Greville parameters of the control points of every segment of this process; of
+        others, of shape (0, 0, 0, 3).
+    sharing : FitNodes
+        The nodes: of several processes, each has the rows of the maps that its own segments give.
+    evaluated : ndarray of int
+        Numbers of the nodes that the evaluator evaluates.
     """
 
     sampling: csr_array
@@ -63,32 +69,41 @@ class QuasiInterpolant:
     coarse: csr_array
     evaluator: Evaluator
     places: tuple[np.ndarray, ...]
+    sharing: FitNodes
+    evaluated: np.ndarray
 
     @classmethod
-    def of(cls, mesh: BSplineMesh, sharing: NodeSharing, parameters: Sequence[np.ndarray]) -> QuasiInterpolant:
+    def of(cls, mesh: BSplineMesh, sharing: FitNodes, parameters: Sequence[np.ndarray]) -> QuasiInterpolant:
         """Find the places of all control points.
 
         Parameters
         ----------
         mesh : BSplineMesh
             Knots, and the control points that volumes share.
-        sharing : NodeSharing
-            Rows of the nodes of every segment.
+        sharing : FitNodes
+            The nodes of this process.
         parameters : sequence of ndarray, each of shape (L0, L1, L2, 3)
             Parameters of the nodes of every segment.
         """
-        greville = tuple(parametric_places(*segment) for segment in zip(mesh.volumes, parameters))
-        nodal = [nodal_places(volume, x.shape[:3]) for volume, x in zip(mesh.volumes, parameters)]
+        greville, nodal = ([np.empty((0, 0, 0, 3))] * len(mesh.volumes) for _ in range(2))
+        for s in sharing.here:
+            greville[s] = parametric_places(mesh.volumes[s], parameters[s])
+            nodal[s] = nodal_places(mesh.volumes[s], parameters[s].shape[:3])
         weights = sampling_matrix(mesh, sharing, greville)
         sampled, columns = np.unique(weights.indices, return_inverse=True)
         sampling = csr_array((weights.data, columns, weights.indptr), shape=(weights.shape[0], len(sampled)))
-        number = np.full(weights.shape[1], -1)
-        number[sampled] = np.arange(len(sampled))
+        is_sampled = np.zeros(sharing.n_rows, dtype=bool)
+        is_sampled[sampled] = True
+        sharing.put(is_sampled, is_sampled.copy())
+        evaluated = np.flatnonzero(is_sampled[: sharing.n_own])
+        number = np.full(sharing.n_rows, -1)
+        number[evaluated] = np.arange(len(evaluated))
         is_own = [own & (number[rows] >= 0) for own, rows in zip(sharing.is_evaluated, sharing.rows)]
         own_parameters = [x[own] for x, own in zip(parameters, is_own)]
         own_numbers = [number[rows[own]] for rows, own in zip(sharing.rows, is_own)]
-        evaluator = Evaluator.build(mesh, own_parameters, own_numbers, len(sampled))
-        return cls(sampling, sampled, sampling_matrix(mesh, sharing, nodal), evaluator, greville)
+        evaluator = Evaluator.build(mesh, own_parameters, own_numbers, len(evaluated))
+        coarse = sampling_matrix(mesh, sharing, nodal)
+        return cls(sampling, sampled, coarse, evaluator, tuple(greville), sharing, evaluated)
 
     def forward(self, nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Control points that mix the candidates.
@@ -105,13 +120,35 @@ class QuasiInterpolant:
         -------
         ndarray, shape (n_control_points, 3)
         """
-        result = weights[:, -1:] * (self.coarse @ nodes)
-        samples = points = self.sampling @ nodes[self.sampled]
+        result = weights[:, -1:] * self._joined(self.coarse @ nodes)
+        samples = points = self._joined(self.sampling @ nodes[self.sampled])
         for number in range(ITERATIONS[0] + 1):
             if number in ITERATIONS:
                 result += weights[:, 1 + ITERATIONS.index(number), None] * points
-            points = points + samples - self.sampling @ self.evaluator.forward(points)
+            points = points + samples - self._resampled(points)
         return result
+
+    def _joined(self, points: np.ndarray) -> np.ndarray:
+        """Control points of all processes, of which each has made those that its segments hold first."""
+        return summed(self.sharing.comm, points)
+
+    def _resampled(self, points: np.ndarray) -> np.ndarray:
+        """Apply Q A to control points."""
+        values = self.evaluator.forward(points)
+        if self.sharing.comm.size > 1:
+            at_nodes = np.zeros((self.sharing.n_rows, 3), values.dtype)
+            at_nodes[self.evaluated] = values
+            values = self.sharing.fetch(at_nodes)[self.sampled]
+        return self._joined(self.sampling @ values)
+
+    def _resampled_transpose(self, bar: np.ndarray) -> np.ndarray:
+        """Apply the transpose of Q A."""
+        values = self.sampling.T @ bar
+        if self.sharing.comm.size > 1:
+            at_nodes = np.zeros((self.sharing.n_rows, 3), values.dtype)
+            at_nodes[self.sampled] = values
+            values = self.sharing.add_back(at_nodes)[self.evaluated]
+        return self._joined(self.evaluator.adjoint(values))
 
     def adjoint(self, bar: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Transpose of `forward`: cotangent of the nodes, shape (n_nodes, 3), of that of the control points."""
@@ -120,7 +157,7 @@ class QuasiInterpolant:
         for number in range(ITERATIONS[0], -1, -1):
             if number < ITERATIONS[0]:
                 samples_bar = samples_bar + points_bar
-                points_bar = points_bar - self.evaluator.adjoint(self.sampling.T @ points_bar)
+                points_bar = points_bar - self._resampled_transpose(points_bar)
             if number in ITERATIONS:
                 points_bar = points_bar + weights[:, 1 + ITERATIONS.index(number), None] * bar
         nodes_bar[self.sampled] += self.sampling.T @ (samples_bar + points_bar)
@@ -128,12 +165,12 @@ class QuasiInterpolant:
 
     def candidates(self, nodes: np.ndarray) -> np.ndarray:
         """All candidates but least squares, shape (5, n_control_points, 3), for a grid (m)."""
-        samples = points = self.sampling @ nodes[self.sampled]
+        samples = points = self._joined(self.sampling @ nodes[self.sampled])
         iterated = [points]
         for _ in range(ITERATIONS[0]):
-            points = points + samples - self.sampling @ self.evaluator.forward(points)
+            points = points + samples - self._resampled(points)
             iterated.append(points)
-        return np.stack([*(iterated[number] for number in ITERATIONS), self.coarse @ nodes])
+        return np.stack([*(iterated[number] for number in ITERATIONS), self._joined(self.coarse @ nodes)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +189,7 @@ class Mixture:
     quasi: QuasiInterpolant | None = None
 
     @classmethod
-    def of(cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: NodeSharing, parameters) -> Mixture:
+    def of(cls, weights: np.ndarray | None, mesh: BSplineMesh, sharing: FitNodes, parameters) -> Mixture:
         """Set up the candidates where there are weights; the other arguments are those of `QuasiInterpolant.of`."""
         return cls() if weights is None else cls(weights, QuasiInterpolant.of(mesh, sharing, parameters))
 
@@ -226,28 +263,30 @@ def nodal_places(volume: Volume, shape: Sequence[int]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def sampling_matrix(mesh: BSplineMesh, sharing: NodeSharing, places: Sequence[np.ndarray]) -> csr_array:
+def sampling_matrix(mesh: BSplineMesh, sharing: FitNodes, places: Sequence[np.ndarray]) -> csr_array:
     """Trilinear interpolation of the grid at one place for each control point.
 
     Parameters
     ----------
     mesh : BSplineMesh
         A control point that segments share is sampled in the first of them.
-    sharing : NodeSharing
+    sharing : FitNodes
         A node that several rows hold is taken from the first of them.
     places : sequence of ndarray, each of shape (N0, N1, N2, 3)
-        Real node numbers, from 0, of the control points of every segment.
+        Real node numbers, from 0, of the control points of every segment of this process.
 
     Returns
     -------
     csr_array, shape (n_control_points, n_rows)
+        Rows of control points that segments of other processes hold first are zero.
     """
     source = sharing.source_rows()
     ids = np.concatenate([a.ravel() for a in mesh.control_ids])
     _, first = np.unique(ids, return_index=True)
     starts = np.cumsum([0, *(a.size for a in mesh.control_ids)])
     columns, values, numbers = [], [], []
-    for rows, place, start, end in zip(sharing.rows, places, starts, starts[1:]):
+    for s in sharing.here:
+        rows, place, start, end = sharing.rows[s], places[s], starts[s], starts[s + 1]
         own = first[(first >= start) & (first < end)]
         last = np.array(rows.shape) - 1
         place = place.reshape(-1, 3)[own - start]
@@ -258,9 +297,10 @@ def sampling_matrix(mesh: BSplineMesh, sharing: NodeSharing, places: Sequence[np
             columns.append(source[rows[i, j, k]])
             values.append(np.prod(np.where(corner, fraction, 1 - fraction), axis=1))
             numbers.append(ids[own])
-    all_values = np.concatenate(values)
-    is_used = all_values != 0
-    entries = all_values[is_used], (np.concatenate(numbers)[is_used], np.concatenate(columns)[is_used])
+    all_values = np.concatenate([np.zeros(0), *values])
+    is_used, none = all_values != 0, np.zeros(0, dtype=np.int64)
+    places_used = (np.concatenate([none, *parts])[is_used] for parts in (numbers, columns))
+    entries = all_values[is_used], tuple(places_used)
     return csr_array(entries, shape=(mesh.n_control_points, len(source)))
 
 

@@ -88,8 +88,16 @@ def make_valid(problem: FitProblem, parameters, nodes: np.ndarray, least_squares
     quasi = QuasiInterpolant.of(problem.mesh, problem.sharing, parameters)
     weights = choose_weights(problem, quasi, nodes, points)
     mixed = Mixture(weights, quasi).forward(np.zeros((len(weights), 3)) if points is None else points, nodes)
-    fitted = Evaluator.of_grid(problem.topology, problem.mesh, parameters).forward(mixed)
-    return FitSolution(mixed, fitted, said, weights, least_squares)
+    return FitSolution(mixed, _evaluated(problem, parameters, mixed), said, weights, least_squares)
+
+
+def _evaluated(problem: FitProblem, parameters, control_points: np.ndarray) -> np.ndarray:
+    """Points of the spline at the nodes of this process, shape (n_rows, 3)."""
+    sharing = problem.sharing
+    own_parameters = [x[own] for x, own in zip(parameters, sharing.is_evaluated)]
+    own_rows = [rows[own] for rows, own in zip(sharing.rows, sharing.is_evaluated)]
+    evaluator = Evaluator.build(problem.mesh, own_parameters, own_rows, sharing.n_rows)
+    return sharing.copy_shared(evaluator.forward(control_points))
 
 
 def is_valid(nets: Sequence[np.ndarray]) -> bool:
@@ -132,7 +140,9 @@ def choose_weights(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_sq
         margin = LEAST_MARGIN if number == len(CANDIDATES) - 2 else MARGIN if number else LARGEST_MARGIN
         least = [np.where(m > 0.0, margin * m, m - MARGIN) for m in corner_measures(mesh.nets(base))]
         if number == len(CANDIDATES) - 2:  # step 3
-            for bound, is_folded in zip(least, elements_with(quasi.places, folded_cells(problem, nodes))):
+            folded = folded_cells(problem, nodes)
+            covered = elements_with([quasi.places[s] for s in problem.sharing.here], folded)
+            for bound, is_folded in zip(least, problem.sharing.of_all_segments(covered)):
                 bound[is_folded] = -np.inf
         # step 4
         towards = _retreat(mesh, candidates[number], base, least)
@@ -144,8 +154,9 @@ def choose_weights(problem: FitProblem, quasi: QuasiInterpolant, nodes, least_sq
 
 
 def folded_cells(problem: FitProblem, nodes: np.ndarray) -> list[np.ndarray]:
-    """Mark the folded and flat cells of a grid, shape (n_nodes, 3), in every segment."""
-    return [measure <= FLAT for measure in corner_measures([nodes[rows] for rows in problem.sharing.rows])]
+    """Mark the folded and flat cells of a grid, shape (n_rows, 3), in every segment of this process."""
+    here = [problem.sharing.rows[s] for s in problem.sharing.here]
+    return [measure <= FLAT for measure in corner_measures([nodes[rows] for rows in here])]
 
 
 def elements_with(places: Sequence[np.ndarray], is_marked: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -20,7 +20,8 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -52,6 +53,9 @@ from .records import (
 
 FORMAT = "bspline_mdao fitted model"
 VERSION = 3
+
+CHECKED_BYTES = 2**24
+"""Bytes of a dataset that are read at a time for the checksum, about."""
 
 _LARGEST_RATIO = 2000
 """More bytes in memory than this for each byte of the file are a sign of damage (gzip reaches about 1000)."""
@@ -85,11 +89,9 @@ def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, 
     InputError
         If the file cannot be written, or the model has knots that are functions of the user's.
     """
-    arrays = _arrays_of(**fields_of_model)
-    document = json.dumps(_encode(_document_of(**fields_of_model))).encode()
-    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
+    arrays, document, options = arrays_of(**fields_of_model), document_of(**fields_of_model), dataset_options(compress)
     with replaced_hdf5_file(path) as file:
-        attributes = {"format": FORMAT, "version": VERSION, "checksum": _checksum(document, arrays)}
+        attributes = {"format": FORMAT, "version": VERSION, "checksum": checksum_of(document, arrays)}
         with deferred_interrupts():
             file.attrs.update(attributes)
             file["document"] = np.frombuffer(document, np.uint8)
@@ -118,13 +120,62 @@ def read_model(path: str | os.PathLike, make: Callable[..., Model]) -> Model:
     InputError
         If the file is missing, foreign, damaged or of a newer version.
     """
-    if not Path(path).is_file():
-        raise InputError(f"{path}: there is no such file; give a fitted model")
+    with damaged_is_input_error(path), opened_model(path) as file:
+        arrays = datasets_of(path, file)
+        document = checked_document(path, file, arrays)
+        held = {name: item[()] for name, item in arrays.items()}
+        _bring_up_to_date(path, document, held)
+        document = _decode(document)
+        fields_of_model = _fields_of(document, held)
+        parameters = tuple(held[f"parameters/{s}"] for s in range(len(document["orders"])))
+        for s, array in enumerate(parameters):
+            check_parameters(document["topology"], s, array.shape, array)
+        iblanks = tuple(held.get(f"iblank/{b}") for b in range(len(document["header"].names)))
+        header = replace(document["header"], iblanks=iblanks)
+        rest = {"parameters": parameters, "residual": held.get("residual"), "header": header}
+        return make(**fields_of_model | rest)
+
+
+def read_fields(path: str | os.PathLike) -> dict[str, object]:
+    """Read and check all fields of a model but what is of the size of the grid: parameters, residual and blanking.
+
+    The whole file is passed over once, a piece at a time, for its checksum.
+
+    Returns
+    -------
+    dict
+        Fields by name; also ``has_residual``, whether the file has one.
+
+    Raises
+    ------
+    InputError
+        As `read_model`.
+    """
+    with damaged_is_input_error(path), opened_model(path) as file:
+        arrays = datasets_of(path, file)
+        document = checked_document(path, file, arrays)
+        held = {name: item[()] for name, item in arrays.items() if not is_of_grid(name)}
+        _bring_up_to_date(path, document, held)
+        document = _decode(document)
+        found = _fields_of(document, held)
+        for s in range(len(document["orders"])):
+            check_parameters(document["topology"], s, arrays[f"parameters/{s}"].shape)
+        has_residual = "residual" in arrays
+        if has_residual and arrays["residual"].shape != (document["topology"].n_nodes, 3):
+            raise ValueError("residual")
+        return found | {"has_residual": has_residual}
+
+
+def is_of_grid(name: str) -> bool:
+    """Whether a dataset is of the size of the grid or one of its blocks."""
+    return name.split("/")[0] in ("parameters", "residual", "iblank")
+
+
+@contextmanager
+def damaged_is_input_error(path: str | os.PathLike) -> Iterator[None]:
+    """Turn whatever a damaged file leads to into an `InputError` of one line that names it."""
     try:
-        content, arrays = _read_arrays(path)
-        document = json.loads(content)
-        _bring_up_to_date(path, document, arrays)
-        return make(**_fields_of(_decode(document), arrays))
+        yield
     except InputError as error:
         raise error if str(error).startswith(str(path)) else _damaged(path) from error
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, IndexError, MemoryError) as error:
@@ -135,11 +186,13 @@ def _damaged(path) -> InputError:
     return InputError(f"{path}: the fitted model is damaged; fit the grid again")
 
 
-def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
-    """Document and arrays of a file whose format, version and checksum are right."""
+@contextmanager
+def opened_model(path: str | os.PathLike) -> Iterator[h5py.File]:
+    """Open the file of a model whose format and version are right, for reading."""
+    if not Path(path).is_file():
+        raise InputError(f"{path}: there is no such file; give a fitted model")
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
-    limit = _LARGEST_RATIO * os.path.getsize(path)
     with deferred_interrupts(), h5py.File(path, "r") as file:
         if file.attrs.get("format") != FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
@@ -148,29 +201,43 @@ def _read_arrays(path) -> tuple[bytes, dict[str, np.ndarray]]:
                 f"{path}: is of version {file.attrs['version']}, newer than {VERSION}, the newest known here; "
                 f"update the program"
             )
-        arrays: dict[str, np.ndarray] = {}
-        file.visititems(lambda name, item: _read_into(arrays, name, item, limit))
-        checksum = file.attrs["checksum"]
-    document = arrays.pop("document").tobytes()
-    if checksum != _checksum(document, arrays):
+        yield file
+
+
+def datasets_of(path: str | os.PathLike, file: h5py.File) -> dict[str, h5py.Dataset]:
+    """All datasets of a file by their names; ValueError if one claims more than the file can hold."""
+    found: dict[str, h5py.Dataset] = {}
+    limit = _LARGEST_RATIO * os.path.getsize(path)
+
+    def take(name: str, item) -> None:
+        if isinstance(item, h5py.Dataset):
+            if item.nbytes > limit:
+                raise ValueError(name)
+            found[name] = item
+
+    file.visititems(take)
+    return found
+
+
+def checked_document(path: str | os.PathLike, file: h5py.File, arrays: dict[str, h5py.Dataset]) -> dict:
+    """Take the document out of the datasets of a file whose checksum is right, and read it."""
+    content = arrays.pop("document")[()].tobytes()
+    if file.attrs["checksum"] != checksum_of(content, arrays):
         raise _damaged(path)
-    return document, arrays
+    return json.loads(content)
 
 
-def _read_into(arrays: dict, name: str, item, limit: int) -> None:
-    if isinstance(item, h5py.Dataset):
-        if item.nbytes > limit:
-            raise ValueError(name)
-        arrays[name] = item[()]
-
-
-def _checksum(document: bytes, arrays: dict[str, np.ndarray]) -> str:
-    """Checksum of everything in the file, the same on all machines."""
+def checksum_of(document: bytes, arrays: Mapping[str, np.ndarray | h5py.Dataset]) -> str:
+    """Checksum of everything in a file, the same on all machines; datasets are read a piece at a time."""
     digest = hashlib.blake2b(document, digest_size=16)
     for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        digest.update(f"{name} {array.shape} {array.dtype.newbyteorder('<').str}".encode())
-        digest.update(array.astype(array.dtype.newbyteorder("<"), copy=False).data)
+        array = arrays[name]
+        little = array.dtype.newbyteorder("<")
+        digest.update(f"{name} {array.shape} {little.str}".encode())
+        n_lines = max(1, CHECKED_BYTES * array.shape[0] // max(array.nbytes, 1)) if array.ndim else 1
+        for start in range(0, array.shape[0] if array.ndim else 1, n_lines):
+            piece = array[start : start + n_lines] if array.ndim else array[()]
+            digest.update(np.ascontiguousarray(piece, little).data)
     return digest.hexdigest()
 
 
@@ -187,7 +254,12 @@ def _bring_up_to_date(path, document: dict, arrays: dict[str, np.ndarray]) -> No
         arrays["shares"] = np.eye(len(CANDIDATES))[np.full(len(arrays["control_points"]), len(CANDIDATES) - 1)]
 
 
-def _arrays_of(mesh, parameters, control_points, residual, header, candidate_weights, **_) -> dict[str, np.ndarray]:
+def dataset_options(compress: bool) -> dict[str, object]:
+    """Options of all datasets."""
+    return {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
+
+
+def arrays_of(mesh, parameters, control_points, residual, header, candidate_weights, **_) -> dict[str, np.ndarray]:
     """Arrays of a model's fields by their names in the file."""
     arrays = {"control_points": control_points, "residual": residual, "shares": candidate_weights}
     for s, (volume, ids, x) in enumerate(zip(mesh.volumes, mesh.control_ids, parameters)):
@@ -197,19 +269,20 @@ def _arrays_of(mesh, parameters, control_points, residual, header, candidate_wei
     return {name: array for name, array in arrays.items() if array is not None}
 
 
-def _document_of(topology, mesh, header, report, settings, **_) -> dict:
-    """All of a model's fields that are no arrays."""
-    return {
+def document_of(topology, mesh, header, report, settings, **_) -> bytes:
+    """All of a model's fields that are no arrays, as JSON."""
+    fields_of_document = {
         "topology": topology,
         "header": replace(header, iblanks=()),
         "report": report,
         "settings": settings,
         "orders": tuple(volume.orders for volume in mesh.volumes),
     }
+    return json.dumps(_encode(fields_of_document)).encode()
 
 
 def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, object]:
-    """Fields of a model from its document and its arrays; ValueError where they do not fit each other."""
+    """Fields of a model but those of the grid's size, from document and arrays; ValueError where they do not fit."""
     volumes = [
         Volume(tuple(knots_from_array(arrays[f"knots/{s}/{d}"], order) for d, order in enumerate(orders)))
         for s, orders in enumerate(document["orders"])
@@ -217,14 +290,13 @@ def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, objec
     ids, control_points = [arrays[f"control_ids/{s}"] for s in range(len(volumes))], arrays["control_points"]
     header, topology = document["header"], document["topology"]
     _check_topology(topology, header)
-    _check_parameters(topology, volumes, arrays)
+    if len(volumes) != len(topology.segments):
+        raise ValueError("volumes")
     return {
         "topology": topology,
         "mesh": BSplineMesh(tuple(volumes), tuple(ids), len(control_points)),
-        "parameters": tuple(arrays[f"parameters/{s}"] for s in range(len(volumes))),
         "control_points": control_points,
-        "residual": arrays.get("residual"),
-        "header": replace(header, iblanks=tuple(arrays.get(f"iblank/{b}") for b in range(len(header.names)))),
+        "header": header,
         "report": document["report"],
         "settings": document["settings"],
         "candidate_weights": _checked_weights(arrays),
@@ -305,14 +377,12 @@ def _check_numbers(numbers, least: int, most: int) -> None:
         raise ValueError("index")
 
 
-def _check_parameters(topology: Topology, volumes: list[Volume], arrays: dict[str, np.ndarray]) -> None:
-    """Raise ValueError unless each segment has one volume, and parameters of its nodes from 0 to 1."""
-    if len(volumes) != len(topology.segments):
-        raise ValueError("volumes")
-    for s, segment in enumerate(topology.segments):
-        parameters = arrays[f"parameters/{s}"]
-        if parameters.shape != (*segment.shape, 3) or not (np.abs(parameters - 0.5) <= 0.5 + 1e-9).all():
-            raise ValueError("parameters")
+def check_parameters(topology: Topology, number: int, shape, values: np.ndarray | None = None) -> None:
+    """Raise ValueError unless parameters are those of the nodes of a segment, and values of them from 0 to 1."""
+    if tuple(shape) != (*topology.segments[number].shape, 3):
+        raise ValueError("parameters")
+    if values is not None and not (np.abs(values - 0.5) <= 0.5 + 1e-9).all():
+        raise ValueError("parameters")
 
 
 def _encode(value):

@@ -11,22 +11,26 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..checks import as_finite_points
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
+from ..numerics.processes import ONE, on_first, together
 from ..splines.mesh import BSplineMesh
 from ..topology.held_nodes import HeldNodes, NodesByRow, face_layer_rows
-from ..topology.partition import Share
+from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
 from ..walls.grid_map import GridMap
 from ..walls.grid_walls import GridWalls
+from .model_file import read_fields
+from .model_parts import opened_parts
 from .records import FitReport, FitSettings, GridHeader
 
 __all__ = ["ModelShare", "NodeSource", "nodes_at", "rows_of_share"]
@@ -144,6 +148,45 @@ class ModelShare:
         parameters[held.copies[:, 0]] = parameters[held.copies[:, 1]]
         residual = None if residual_at is None else residual_at(held.rows)
         return cls(share=share, topology=topology, rows=held.rows, parameters=parameters, residual=residual, **others)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike, comm: Any = ONE, share: Share | None = None) -> ModelShare:
+        """Read the share of a process from the file of a model; all processes call this.
+
+        The first passes over the file once, a piece at a time, to check it; each reads the slices that it needs.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, on a disk that all processes see.
+        comm : communicator
+            The processes, such as ``mpi4py.MPI.COMM_WORLD``.
+        share : Share, optional
+            Nodes of this process; by default those that `Partition.of` gives it.
+
+        Returns
+        -------
+        ModelShare
+
+        Raises
+        ------
+        InputError
+            If the file is missing, foreign, damaged or of a newer version, or the share is that of another grid; on all
+            processes.
+        """
+        fields = on_first(comm, lambda: read_fields(path))
+        topology, header, has_residual = fields["topology"], fields["header"], fields.pop("has_residual")
+        with together(comm):
+            if share is None:
+                share = Partition.of(topology, comm.size).share(comm.rank)
+            with opened_parts(path, topology) as parts:
+                held = {window.block for window in share.windows or ()}
+                iblanks = (parts.iblank_of(block) if block in held else None for block in range(len(header.names)))
+                fields["header"] = replace(header, iblanks=tuple(iblanks))
+                fields["parameters_at"] = parts.parameters_at
+                fields["residual_at"] = parts.residual_at if has_residual else None
+                loaded = cls.of(share, **fields)
+        return loaded
 
     @property
     def n_nodes(self) -> int:

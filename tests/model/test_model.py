@@ -117,7 +117,7 @@ def as_version(path, version, change):
         del file["document"]
         old = json.dumps(document).encode()
         file["document"] = np.frombuffer(old, np.uint8)
-        file.attrs.update(version=version, checksum=model_file._checksum(old, arrays))
+        file.attrs.update(version=version, checksum=model_file.checksum_of(old, arrays))
 
 
 def smoothed(document, smoothing):

@@ -1,0 +1,11 @@
+"""Fits, model files and shares of them on several ranks."""
+
+import pytest
+from parallel_cases import run_ranks
+
+
+@pytest.mark.parametrize(
+    ("n", "grids"), [(2, ["two blocks", "a fold"]), pytest.param(3, [], marks=pytest.mark.slow)], ids=str
+)
+def test_a_fit_and_its_file_are_those_of_one_process(n, grids):
+    assert all("done" in text for text in run_ranks("cases/fit.py", n, *grids, timeout=120.0))
