@@ -18,6 +18,7 @@ from bspline_mdao.om.mphys.geometry import SurfaceGeometry
 from bspline_mdao.om.mphys.warper import VolumeWarper
 from bspline_mdao.topology.partition import Partition
 from bspline_mdao.topology.sharing import node_sharing, numbers_of_points, rows_of_points
+from bspline_mdao.topology.stored_grid import StoredGrid
 
 try:
     from mphys.scenarios import ScenarioAerodynamic
@@ -46,7 +47,7 @@ class Solver:
 
     def __init__(self, wing, comm, volume, walls):
         self.comm, self.volume, self.walls = comm, np.float64(np.float32(volume)), np.float64(np.float32(walls))
-        self.rows = rows_of_points(wing.grid, wing.model.topology, self.volume)
+        self.rows = rows_of_points(StoredGrid.of(wing.grid), wing.model.topology, self.volume, comm=comm)
         copies = summed(comm, np.bincount(self.rows, minlength=len(wing.points)))[self.rows, None]
         waves = wing.points[self.rows] @ [[11.0, 3.0, 5.0], [7.0, 9.0, 2.0], [4.0, 8.0, 13.0]]
         self.weights = (np.sin(waves) / copies).ravel()
@@ -182,7 +183,7 @@ class ADflow(Builder):
             model=wing.model,
             mover=wing.mover,
             numbers=numbers_of_points(wing.surface.points, solver.walls, "surface"),
-            rows=rows_of_points(wing.grid, wing.model.topology, solver.volume),
+            rows=solver.rows,
             volume_name=self.volume_name,
         )
 

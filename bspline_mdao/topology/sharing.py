@@ -5,6 +5,7 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,9 +13,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
+from ..numerics.processes import ONE, summed, together
 from ..numerics.threads import thread_count
 from .grid import Grid
+from .held_nodes import node_copies
 from .index_space import block_rows
+from .stored_grid import StoredGrid
 from .topology import BoundaryFace, Topology, first_joined
 
 
@@ -133,19 +137,28 @@ def boundary_sides(topology: Topology) -> Iterator[tuple[BoundaryFace, int, int]
                     yield face, number, side
 
 
-def rows_of_points(grid: Grid, topology: Topology, points: np.ndarray, what: str = "volume") -> np.ndarray:
+def rows_of_points(
+    grid: Grid | StoredGrid, topology: Topology, points: np.ndarray, what: str = "volume", comm=ONE
+) -> np.ndarray:
     """Find the rows in the grid vector of points that another program holds.
+
+    Blocks are searched one after another, and only those that points may be in: of a grid that stays in its file, see
+    `bspline_mdao.open_grid`, one block is in memory at a time.
 
     Parameters
     ----------
-    grid : Grid
+    grid : Grid or StoredGrid
         The grid.
     topology : Topology
         Its topology: nodes that blocks share are one.
     points : ndarray, shape (m, 3) or (3 m,)
-        Points (m), each a node of the grid, in any order and as often as the program likes.
+        Points (m), each a node of the grid, in any order and as often as the program likes: those of this process,
+        which may be none.
     what : str
         What the points are, for messages.
+    comm : communicator, optional
+        Of several processes that each look for their own points: all come here, share the reading of all blocks, and
+        raise what one of them raises.
 
     Returns
     -------
@@ -157,8 +170,40 @@ def rows_of_points(grid: Grid, topology: Topology, points: np.ndarray, what: str
     InputError
         As `numbers_of_points`.
     """
-    rows = np.delete(np.arange(topology.n_nodes), node_sharing(topology).copies[:, 0])
-    return rows[numbers_of_points(grid.to_vector().reshape(-1, 3)[rows], points, what)]
+    points = np.reshape(points, (-1, 3))
+    starts, copies = np.cumsum([0, *map(math.prod, topology.shapes)]), node_copies(topology)[:, 0]
+    boxes = _boxes(grid, comm)
+    rows = np.full(len(points), -1)
+    near, far, elsewhere = np.full((3, len(points)), np.inf)
+    with together(comm):
+        for block, (low, high) in enumerate(boxes):
+            outside = np.linalg.norm(points - np.clip(points, low, high), axis=1)
+            is_near = outside <= _MARGIN * np.linalg.norm(high - low)
+            elsewhere[~is_near] = np.minimum(elsewhere, outside)[~is_near]
+            if is_near.any():
+                at = np.flatnonzero(is_near)
+                in_block = np.setdiff1d(np.arange(starts[block], starts[block + 1]), copies, assume_unique=True)
+                nodes = grid.blocks[block].nodes.reshape(-1, 3)[in_block - starts[block]]
+                distance, number = _two_nearest(nodes, points[at])
+                is_first = distance[:, 0] < near[at]
+                rows[at[is_first]] = in_block[number[is_first]]
+                near[at], far[at] = np.sort(np.column_stack([near[at], far[at], distance]), axis=1)[:, :2].T
+        _require_found(near, np.minimum(far, elsewhere), what)
+    return rows
+
+
+_MARGIN = 0.05
+"""How far outside the box of a block, as a part of its diagonal, points are still looked for among its nodes."""
+
+
+def _boxes(grid: Grid | StoredGrid, comm) -> np.ndarray:
+    """Lowest and highest coordinates of every block (m), shape (n_blocks, 2, 3), each read by one process."""
+    boxes = np.zeros((len(grid.blocks), 2, 3))
+    with together(comm):
+        for block in range(comm.rank, len(boxes), comm.size):
+            nodes = grid.blocks[block].nodes.reshape(-1, 3)
+            boxes[block] = nodes.min(axis=0), nodes.max(axis=0)
+    return summed(comm, boxes)
 
 
 _NEARER = 0.1
@@ -189,14 +234,25 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.nd
     InputError
         If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
     """
-    points = np.reshape(points, (-1, 3))
+    distance, number = _two_nearest(nodes, np.reshape(points, (-1, 3)))
+    _require_found(*distance.T, what)
+    return number
+
+
+def _two_nearest(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (m) of points to the two nearest nodes, shape (m, 2), infinite where there is none, and the nearest."""
+    if not len(nodes):
+        return np.full((len(points), 2), np.inf), np.zeros(len(points), dtype=int)
     distance, number = cKDTree(nodes).query(points, k=2, workers=thread_count(None))
-    is_found = distance[:, 0] < _NEARER * distance[:, 1]
+    return distance, number[:, 0]
+
+
+def _require_found(near: np.ndarray, far: np.ndarray, what: str) -> None:
+    """Refuse points that are no node, by the distances (m) to the two nearest ones."""
+    is_found = near < _NEARER * far
     if not is_found.all():
         point = int(np.argmin(is_found))
-        near, far = distance[point]
         raise InputError(
-            f"{what}: point {point + 1} is {near:.2g} m from one node and {far:.2g} m from another; give nodes of the "
-            f"same grid, or, where two lie at one place, their numbers yourself"
+            f"{what}: point {point + 1} is {near[point]:.2g} m from one node and {far[point]:.2g} m from another; give "
+            f"nodes of the same grid, or, where two lie at one place, their numbers yourself"
         )
-    return number[:, 0]

@@ -9,7 +9,7 @@ from ...fit.surface_fit import SurfaceMiss
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
-from ...numerics.processes import summed
+from ...numerics.processes import summed, together
 from ..component import LINEAR_STEP, check_along_directions, finite_points
 from ..grid_movement import GridMovement
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
@@ -141,10 +141,12 @@ class _SolverSurface(om.ExplicitComponent):
         return summed(self.comm, means)
 
     def compute(self, inputs, outputs):
-        if not self._is_wired:
-            require_source_before(self, X_AERO, INSIDE)
-            self._is_wired = True
-        outputs[SURFACE] = self._means(finite_points(inputs[X_AERO], X_AERO, self.msginfo)).ravel()
+        with together(self.comm):
+            if not self._is_wired:
+                require_source_before(self, X_AERO, INSIDE)
+            nodes = finite_points(inputs[X_AERO], X_AERO, self.msginfo)
+        self._is_wired = True
+        outputs[SURFACE] = self._means(nodes).ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         if SURFACE in d_outputs and X_AERO in d_inputs:
