@@ -235,7 +235,7 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.nd
         If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
     """
     distance, number = _two_nearest(nodes, np.reshape(points, (-1, 3)))
-    _require_found(*distance.T, what)
+    _require_found(distance[:, 0], distance[:, 1], what)
     return number
 
 
