@@ -11,6 +11,7 @@ from io import TextIOWrapper
 import click
 
 from ..errors import InputError, MovementError
+from ..numerics.processes import from_first, world
 from .commands import PROGRAM, bspline_mdao
 
 FAILED, INTERRUPTED = 2, 130
@@ -34,6 +35,8 @@ def main() -> None:
 def run(arguments: Sequence[str]) -> int:
     """Run a command and return its exit status.
 
+    Of several processes the first one does what the command does, and all end with its status.
+
     Parameters
     ----------
     arguments : sequence of str
@@ -44,6 +47,16 @@ def run(arguments: Sequence[str]) -> int:
     int
         Exit status, see `main`.
     """
+    try:
+        processes = world()
+    except ImportError as error:
+        _say(str(error))
+        return FAILED
+    return from_first(processes, _run(arguments) if processes.rank == 0 else None)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    """Run a command on this process and return its exit status."""
     try:
         bspline_mdao.main(args=list(arguments), prog_name=PROGRAM, standalone_mode=False)
         sys.stdout.flush()

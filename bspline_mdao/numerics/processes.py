@@ -20,9 +20,10 @@ import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:  # help of the command line, which asks how many processes there are, does not wait for NumPy
+    import numpy as np
 
 __all__ = [
     "ONE",
@@ -112,6 +113,8 @@ _INSIDE: ContextVar[bool] = ContextVar("inside together", default=False)
 
 def _first_that(comm, is_so: bool) -> int:
     """Lowest rank of which something is true; the number of processes where it is true of none."""
+    import numpy as np
+
     told = np.zeros(comm.size, dtype=np.int8)
     told[comm.rank] = is_so
     told = summed(comm, told)
@@ -145,6 +148,8 @@ def summed(comm, array: np.ndarray) -> np.ndarray:
     """
     if comm.size == 1:
         return array
+    import numpy as np
+
     total = np.empty_like(array, order="C")
     comm.Allreduce(np.ascontiguousarray(array), total)
     return total
@@ -169,6 +174,8 @@ def gathered(comm, array: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (sum of n, ...)
     """
+    import numpy as np
+
     return np.concatenate(from_all(comm, array))
 
 
