@@ -130,6 +130,7 @@ from .sparse.cholesky import Cholesky as Cholesky
 from .sparse.cholmod import Cholmod as Cholmod
 from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients
 from .sparse.pardiso import Pardiso as Pardiso
+from .sparse.petsc import PetscCholesky as PetscCholesky
 from .sparse.petsc import PetscMultigrid as PetscMultigrid
 from .splines.knots import BilinearKnots as BilinearKnots
 from .splines.knots import ConstantKnots as ConstantKnots

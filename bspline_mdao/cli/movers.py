@@ -43,6 +43,7 @@ SOLVERS = {
     "cholmod": "bspline_mdao.sparse.cholmod.Cholmod",
     "pardiso": "bspline_mdao.sparse.pardiso.Pardiso",
     "multigrid": "bspline_mdao.sparse.petsc.PetscMultigrid",
+    "mumps": "bspline_mdao.sparse.petsc.PetscCholesky",
 }
 """Place of the class of each solver."""
 

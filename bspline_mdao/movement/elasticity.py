@@ -30,7 +30,7 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add, dot, scaled
 from ..sparse.cholesky import Cholesky
-from .equilibrium import EquilibriumMover
+from .equilibrium import ALL, EquilibriumMover
 from .increments import AUTO
 from .trilinear import (
     FAST,
@@ -113,11 +113,15 @@ class ElasticElements:
 
     @property
     def _arguments(self):
-        return self.points, self.mesh.elements, self.mesh.handedness, self.modulus, self.lame
+        return self._arguments_of(ALL)
 
-    def add_stiffness(self, element_rows, slots, data):
-        """Add the stiffness to blocks."""
-        add_stiffness(*self._arguments, element_rows, slots, data)
+    def _arguments_of(self, ids):
+        mesh = self.mesh
+        return self.points, mesh.elements[ids], mesh.handedness[ids], self.modulus[ids], self.lame
+
+    def add_stiffness(self, element_rows, slots, data, element_ids=ALL):
+        """Add the stiffness of all elements, or of some, to blocks."""
+        add_stiffness(*self._arguments_of(element_ids), element_rows, slots, data)
 
     def force(self, displacement):
         """Force on all points."""

@@ -29,7 +29,9 @@ import numpy as np
 
 from ..errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.processes import ONE, together
 from ..sparse.blocks import BlockMatrix, BlockPattern, slots
+from ..sparse.distributed import DistributedPattern
 from .increments import NUMBERS, IncrementalMovement, IncrementalMover, in_increments
 from .mover import SolveReport, digits_of
 
@@ -62,11 +64,20 @@ LEAST_GAIN = 0.5
 """A correction that is not smaller than the last one by this factor is rounding, and the end."""
 
 
+ALL = slice(None)
+"""Ids of all elements, for an array without a copy of it."""
+
+
 class Elements(Protocol):
     """Elements at given points: their force is linear in the displacement, their stiffness is symmetric."""
 
-    def add_stiffness(self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray) -> None:
-        """Add the stiffness to blocks, see `bspline_mdao.movement.elasticity.add_stiffness`."""
+    def add_stiffness(
+        self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: np.ndarray | slice = ALL
+    ) -> None:
+        """Add the stiffness of all elements, or of some, to blocks.
+
+        See `bspline_mdao.movement.elasticity.add_stiffness`; rows and slots are those of these elements.
+        """
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
@@ -228,9 +239,15 @@ class Equilibrium:
 
     @classmethod
     def of(cls, mesh: MovingMesh, solver: Any) -> Equilibrium:
-        """Number the unknowns of a mesh, and let a solver find its order of elimination."""
-        unknowns = Unknowns(mesh)
-        return cls(mesh, unknowns, solver.analyze(unknowns.pattern, mesh.points[unknowns.point_ids]))
+        """Number the unknowns of a mesh, and let a solver find its order of elimination.
+
+        Where the solver has a communicator, each of its processes assembles the rows that it owns, and all come here.
+        """
+        comm = getattr(solver, "comm", None) or ONE
+        unknowns = Unknowns(mesh, comm)
+        with together(comm):
+            pattern = unknowns.pattern
+        return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.point_ids[unknowns.rows]]))
 
     def balance(
         self, elements: Elements, factored: Factored, prescribed: np.ndarray, load: np.ndarray, above: float
@@ -284,7 +301,8 @@ class Equilibrium:
 
     def factorized(self, elements: Elements) -> Factored:
         """Assemble and factorise the stiffness of elements."""
-        matrix = self.unknowns.matrix(elements.add_stiffness)
+        with together(self.unknowns.comm):
+            matrix = self.unknowns.matrix(elements.add_stiffness)
         return Factored(matrix, self.analysis.factorize(matrix))
 
 
@@ -312,15 +330,18 @@ class Balance:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Numbering of the points that may move.
+    """Numbering of the points that may move, and the matrix of those that this process owns.
 
     Parameters
     ----------
     mesh : MovingMesh
         What is moved.
+    comm : communicator
+        Processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
     """
 
     mesh: MovingMesh
+    comm: Any = ONE
 
     @cached_property
     def point_ids(self) -> np.ndarray:
@@ -328,33 +349,47 @@ class Unknowns:
         return np.flatnonzero(self.mesh.is_free.any(axis=1)).astype(np.int32)
 
     @cached_property
-    def element_rows(self) -> np.ndarray:
-        """Block row of every corner of every element, -1 where there is none, shape (n_elements, 8)."""
+    def _assembly(self) -> tuple[BlockPattern, np.ndarray | slice, np.ndarray]:
+        """Pattern, elements to assemble, and the row here of each of their corners, -1 where there is none."""
         rows = np.full(self.mesh.n_points, -1, dtype=np.int32)
         rows[self.point_ids] = np.arange(len(self.point_ids), dtype=np.int32)
-        return rows[self.mesh.elements]
+        if self.comm.size > 1:
+            return DistributedPattern.of_own_elements(rows[self.mesh.elements], len(self.point_ids), self.comm)
+        element_rows = rows[self.mesh.elements]
+        return BlockPattern.of_elements(element_rows, len(self.point_ids)), ALL, element_rows
 
-    @cached_property
+    @property
     def pattern(self) -> BlockPattern:
-        """Pattern of the stiffness."""
-        return BlockPattern.of_elements(self.element_rows, len(self.point_ids))
+        """Pattern of the stiffness; a `DistributedPattern` where there are several processes."""
+        return self._assembly[0]
+
+    @property
+    def element_rows(self) -> np.ndarray:
+        """Block row of every corner of the elements of the matrix, -1 where there is none, shape (n_elements, 8)."""
+        return self._assembly[2]
+
+    @property
+    def rows(self) -> np.ndarray | slice:
+        """Rows of the whole matrix that the pattern has."""
+        return self.pattern.rows if isinstance(self.pattern, DistributedPattern) else ALL
 
     @cached_property
     def slots(self) -> np.ndarray:
         """Place of every pair of corners, see `bspline_mdao.sparse.blocks.slots`."""
         return slots(self.pattern, self.element_rows)
 
-    def matrix(self, add_stiffness: Callable[[np.ndarray, np.ndarray, np.ndarray], None]) -> BlockMatrix:
+    def matrix(self, add_stiffness: Callable[..., None]) -> BlockMatrix:
         """Stiffness of the unknowns.
 
         Parameters
         ----------
         add_stiffness : callable
-            ``add_stiffness(element_rows, slots, data)`` adds the stiffness of all elements to the blocks, shape
-            (n_blocks, 3, 3).
+            ``add_stiffness(element_rows, slots, data, element_ids)`` adds the stiffness of elements to the blocks,
+            shape (n_blocks, 3, 3).
         """
-        data = np.zeros((self.pattern.n_blocks, 3, 3))
-        add_stiffness(self.element_rows, self.slots, data)
+        pattern, element_ids, element_rows = self._assembly
+        data = np.zeros((pattern.n_blocks, 3, 3))
+        add_stiffness(element_rows, self.slots, data, element_ids)
         self._restrain(data)
         return BlockMatrix(self.pattern, data)
 
@@ -385,9 +420,9 @@ class Unknowns:
     @cached_property
     def _restrained(self):
         """Entries, with rows and columns, that meet a point with a frame of its own or a fixed direction."""
-        is_special = ~self._is_free.all(axis=1)
+        is_special = ~self._is_free[self.rows].all(axis=1)
         if self._frames is not None:
-            is_special |= (self._frames != np.eye(3)).any(axis=(1, 2))
+            is_special |= (self._frames[self.rows] != np.eye(3)).any(axis=(1, 2))
         rows = np.repeat(np.arange(self.pattern.n, dtype=np.int32), np.diff(self.pattern.indptr))
         entries = np.flatnonzero(is_special[rows] | is_special[self.pattern.indices])
         return entries, rows[entries], self.pattern.indices[entries]
@@ -395,12 +430,13 @@ class Unknowns:
     def _restrain(self, data):
         """Turn blocks into the frames of their points, and put the identity where a direction is fixed."""
         entries, rows, columns = self._restrained
-        blocks = data[entries]
+        blocks, is_free = data[entries], self._is_free[self.rows]
         if self._frames is not None:
-            blocks = self._frames[rows] @ blocks @ self._frames[columns].transpose(0, 2, 1)
-        blocks *= self._is_free[rows][:, :, None] & self._is_free[columns][:, None, :]
+            frames = self._frames[self.rows]
+            blocks = frames[rows] @ blocks @ frames[columns].transpose(0, 2, 1)
+        blocks *= is_free[rows][:, :, None] & is_free[columns][:, None, :]
         is_diagonal = rows == columns
-        blocks[is_diagonal] += ~self._is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
+        blocks[is_diagonal] += ~is_free[rows[is_diagonal]][:, :, None] * np.eye(3)
         data[entries] = blocks
 
 

@@ -25,7 +25,7 @@ from numba import njit
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add_to, dot, row, scaled
 from ..sparse.cholesky import Cholesky
-from .equilibrium import EquilibriumMover
+from .equilibrium import ALL, EquilibriumMover
 from .increments import AUTO
 from .spring_gradients import COUNTS, N_LINEAL, N_SPRINGS, POINTS, gradient, gradient_change
 from .trilinear import add_element, add_exactly
@@ -114,12 +114,16 @@ class SpringElements:
 
     @property
     def _arguments(self):
-        mesh = self.mesh
-        return self.points, mesh.elements, mesh.handedness, mesh.degenerate_corners, self.n_springs, self.settings
+        return self._arguments_of(ALL)
 
-    def add_stiffness(self, element_rows, slots, data):
-        """Add the stiffness to blocks."""
-        add_stiffness(*self._arguments, element_rows, slots, data)
+    def _arguments_of(self, ids):
+        mesh = self.mesh
+        of_elements = mesh.elements[ids], mesh.handedness[ids], mesh.degenerate_corners[ids]
+        return self.points, *of_elements, self.n_springs, self.settings
+
+    def add_stiffness(self, element_rows, slots, data, element_ids=ALL):
+        """Add the stiffness of all elements, or of some, to blocks."""
+        add_stiffness(*self._arguments_of(element_ids), element_rows, slots, data)
 
     def force(self, displacement):
         """Force on all points."""

@@ -54,6 +54,42 @@ class DistributedPattern(BlockPattern):
             return pattern
         return cls(pattern.indptr, pattern.indices, np.array([0, pattern.n]), np.zeros(0, np.int32))
 
+    @classmethod
+    def of_own_elements(
+        cls, element_rows: np.ndarray, n: int, comm
+    ) -> tuple[DistributedPattern, np.ndarray, np.ndarray]:
+        """Pattern of the rows that a process owns, of a matrix that couples all points of an element with each other.
+
+        Rows are dealt out in their order, so many to each process as to any other.
+
+        Parameters
+        ----------
+        element_rows : ndarray of int32, shape (n_elements, m)
+            Row of the whole matrix of every corner of all elements; -1 where a point is fixed.
+        n : int
+            Rows of the whole matrix.
+        comm : communicator
+            Its rank and size count; nothing is sent.
+
+        Returns
+        -------
+        pattern : DistributedPattern
+        element_ids : ndarray of int, shape (n_own_elements,)
+            Elements that touch an own row.
+        rows : ndarray of int32, shape (n_own_elements, m)
+            Row here of each of their corners.
+        """
+        starts = np.arange(comm.size + 1) * n // comm.size
+        first, end = starts[comm.rank], starts[comm.rank + 1]
+        element_ids = np.flatnonzero(((element_rows >= first) & (element_rows < end)).any(axis=1))
+        touched = element_rows[element_ids]
+        others = np.unique(touched[(touched >= 0) & ((touched < first) | (touched >= end))])
+        here = np.full(n + 1, -1, np.int32)  # the last one is that of -1
+        here[first:end], here[others] = np.arange(end - first), end - first + np.arange(len(others))
+        rows = here[touched]
+        local = BlockPattern.of_elements(rows, int(end - first) + len(others))
+        return cls(local.indptr, local.indices, starts, others, comm), element_ids, rows
+
     @property
     def n_own(self) -> int:
         """Number of rows that this process owns."""

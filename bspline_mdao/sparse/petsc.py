@@ -19,11 +19,18 @@ from numba import njit
 
 from ..errors import InputError, MovementError
 from ..numerics.processes import together
-from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right
+from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, relative_residual
 from .conjugate_gradient import System, preconditioned_solve
 from .distributed import DistributedMatrix, DistributedPattern, FullRows
 
-__all__ = ["PetscMultigrid", "PetscMultigridAnalysis", "PetscMultigridFactor"]
+__all__ = [
+    "PetscCholesky",
+    "PetscCholeskyAnalysis",
+    "PetscCholeskyFactor",
+    "PetscMultigrid",
+    "PetscMultigridAnalysis",
+    "PetscMultigridFactor",
+]
 
 MULTIGRID = {
     "pc_type": "hypre",
@@ -35,6 +42,18 @@ MULTIGRID = {
     "pc_hypre_boomeramg_relax_type_up": "backward-l1-Gauss-Seidel",
 }
 """Options of BoomerAMG: of those that were tried, the least time on grids with boundary layers."""
+
+STRONG_THRESHOLD = "pc_hypre_boomeramg_strong_threshold"
+"""Name of an option of BoomerAMG."""
+
+CHOLESKY = {"pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": 50}
+"""Options of MUMPS: half as much memory again as it estimates, for pivots that it delays."""
+
+NOT_DEFINITE = (-10, -40)
+"""Errors of MUMPS for a pivot that is zero, or negative where it is not counted."""
+
+N_NEGATIVE, TOTAL_MEGABYTES = 12, 22
+"""Places, from 1, of negative pivots and of the memory of all processes in MUMPS's list of global information."""
 
 PREFIX = "bspline_mdao_"
 """Of options in PETSc's database, which come before those above, such as ``-bspline_mdao_pc_hypre_boomeramg_P_max 6``
@@ -100,23 +119,48 @@ class PetscMultigridAnalysis:
 
     def factorize(self, matrix: BlockMatrix) -> PetscMultigridFactor:
         """Set up the multigrid of a matrix of the pattern; `MovementError` if its diagonal is not positive."""
-        petsc, settings, share = _petsc(), self.settings, self.share
+        settings, share = self.settings, self.share
         if matrix.pattern is not self.pattern:
             raise InputError("multigrid: the matrix has another pattern; analyze its own")
-        comm = _petsc_comm(share.comm)
-        petsc.garbage_cleanup(comm)  # what is no more of earlier ones: where there are several processes, PETSc waits
+        comm, options = _clean_comm(share.comm), {STRONG_THRESHOLD: settings.strong_threshold, **MULTIGRID}
         operator = _operator(FullRows.of(share), share, matrix, comm)
-        multigrid = petsc.PC().create(comm)
-        multigrid.setOptionsPrefix(PREFIX)
-        _set_options({**MULTIGRID, "pc_hypre_boomeramg_strong_threshold": settings.strong_threshold})
-        multigrid.setOperators(operator)
-        multigrid.setFromOptions()
-        multigrid.setUp()
-        return PetscMultigridFactor(settings, share, matrix, multigrid)
+        return PetscMultigridFactor(settings, share, matrix, _preconditioner(operator, comm, options))
+
+
+class _Factor:
+    """What factors and multigrids share: one right-hand side of own rows goes through PETSc's preconditioner.
+
+    A leaf has the fields ``share``, ``matrix`` and ``inner``, a petsc4py.PETSc.PC.
+    """
+
+    share: DistributedPattern
+    matrix: BlockMatrix
+    inner: Any
+
+    def apply(self, right: np.ndarray) -> np.ndarray:
+        """Apply it to own rows of a right-hand side, shape (n_own, 3)."""
+        right, x = np.ascontiguousarray(right), np.empty(right.shape)
+        self.inner.apply(_vector(self.share, right), _vector(self.share, x))
+        return x
+
+    def _iterated(self, right: np.ndarray, matrix: BlockMatrix, **settings) -> LinearSolution:
+        """Solve for a right-hand side of all rows by conjugate gradients: the whole solution, on every process."""
+        began, share = time.perf_counter(), self.share
+        right = check_right(right, int(share.starts[-1]))
+        found = preconditioned_solve(self._system(matrix), self, right[share.own], **settings)
+        seconds = time.perf_counter() - began
+        return LinearSolution(share.gathered(found.x), found.iterations, found.residual, seconds)
+
+    def _system(self, matrix: BlockMatrix) -> System:
+        return matrix if self.share.comm.size == 1 else DistributedMatrix(self.share, matrix, self._exchange)
+
+    @cached_property
+    def _exchange(self):
+        return _Exchange.of(self.share)
 
 
 @dataclass(frozen=True, eq=False)
-class PetscMultigridFactor:
+class PetscMultigridFactor(_Factor):
     """The multigrid of a matrix.
 
     Parameters
@@ -124,44 +168,149 @@ class PetscMultigridFactor:
     settings : PetscMultigrid
     share : DistributedPattern
     matrix : BlockMatrix
-    multigrid : petsc4py.PETSc.PC
+    inner : petsc4py.PETSc.PC
     """
 
     settings: PetscMultigrid
     share: DistributedPattern
     matrix: BlockMatrix
-    multigrid: Any
+    inner: Any
 
     @property
     def cancellation(self) -> float:
         """Counterpart of `CholeskyFactor.cancellation`, from the tolerance: more digits take a smaller one."""
         return self.settings.tolerance / np.finfo(float).eps
 
-    def apply(self, right: np.ndarray) -> np.ndarray:
-        """Apply one cycle to own rows of a right-hand side, shape (n_own, 3)."""
-        x = np.empty_like(right)
-        vectors = (_vector(self.share, values) for values in (right, x))
-        self.multigrid.apply(*vectors)
-        return x
-
     def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
         """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m); with ``matrix`` instead, if given.
 
         Every process gives the same and gets the whole solution.
         """
-        began, share, settings = time.perf_counter(), self.share, self.settings
-        right = check_right(right, int(share.starts[-1]))
-        matrix = self.matrix if matrix is None else matrix
-        system: System = matrix if share.comm.size == 1 else DistributedMatrix(share, matrix, self._exchange)
-        found = preconditioned_solve(
-            system, self, right[share.own], settings.tolerance, max_iterations=settings.max_iterations
-        )
-        seconds = time.perf_counter() - began
-        return LinearSolution(share.gathered(found.x), found.iterations, found.residual, seconds)
+        settings, matrix = self.settings, self.matrix if matrix is None else matrix
+        return self._iterated(right, matrix, tolerance=settings.tolerance, max_iterations=settings.max_iterations)
 
-    @cached_property
-    def _exchange(self):
-        return _Exchange.of(self.share)
+
+@dataclass(frozen=True)
+class PetscCholesky:
+    """Cholesky factor by MUMPS, spread over the processes of a communicator; needs the package petsc4py.
+
+    On one process `Cholesky` takes no more time and less memory; this one is for factors that are too large for one.
+    It tells nothing of its accuracy, so that movers refine what it solves.
+
+    Parameters
+    ----------
+    comm : communicator of mpi4py, optional
+        Processes that share rows and work; by default this one alone.
+    """
+
+    comm: Any = None
+
+    @property
+    def name(self) -> str:
+        """Name of the solver in reports."""
+        return "MUMPS" + _on(self.comm)
+
+    def analyze(self, pattern: BlockPattern, points: np.ndarray) -> PetscCholeskyAnalysis:
+        """Find the full rows of a pattern; the points are not used. `InputError` where petsc4py is not installed.
+
+        MUMPS itself analyses the pattern again with every matrix.
+        """
+        _petsc()
+        share = DistributedPattern.whole(pattern)
+        return PetscCholeskyAnalysis(pattern, share, FullRows.of(share))
+
+
+@dataclass(frozen=True, eq=False)
+class PetscCholeskyAnalysis:
+    """A pattern, of which MUMPS keeps nothing.
+
+    Parameters
+    ----------
+    pattern : BlockPattern
+        What was given.
+    share : DistributedPattern
+        The same, as what a process holds.
+    full : FullRows
+        Its rows.
+    """
+
+    pattern: BlockPattern
+    share: DistributedPattern
+    full: FullRows
+
+    def factorize(self, matrix: BlockMatrix) -> PetscCholeskyFactor:
+        """Factor a matrix of the pattern.
+
+        Raises
+        ------
+        MovementError
+            If it is not positive definite, or memory does not suffice.
+        """
+        share = self.share
+        if matrix.pattern is not self.pattern:
+            raise InputError("MUMPS: the matrix has another pattern; analyze its own")
+        comm = _clean_comm(share.comm)
+        factor = _preconditioner(_upper_rows_matrix(self.full, share, matrix, comm), comm, CHOLESKY)
+        code, detail, n_negative = map(factor.getFactorMatrix().getMumpsInfog, (1, 2, N_NEGATIVE))
+        if code in NOT_DEFINITE or n_negative > 0:
+            raise MovementError(
+                "MUMPS: the matrix is not positive definite; look for an inverted or collapsed element, or for a point "
+                "that nothing holds"
+            )
+        if code < 0:
+            raise MovementError(
+                f"MUMPS: error {code} ({detail}), which is mostly a lack of memory; take more processes, or "
+                "PetscMultigrid()"
+            )
+        return PetscCholeskyFactor(share, matrix, factor)
+
+
+@dataclass(frozen=True, eq=False)
+class PetscCholeskyFactor(_Factor):
+    """The part of a factor by MUMPS that is on this process.
+
+    Parameters
+    ----------
+    share : DistributedPattern
+    matrix : BlockMatrix
+    inner : petsc4py.PETSc.PC
+    """
+
+    share: DistributedPattern
+    matrix: BlockMatrix
+    inner: Any
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory that MUMPS takes on all processes together (bytes), in whole megabytes."""
+        return 1_000_000 * int(self.inner.getFactorMatrix().getMumpsInfog(TOTAL_MEGABYTES))
+
+    @property
+    def cancellation(self) -> float:
+        """Infinite: this engine does not tell; see `CholeskyFactor.cancellation`."""
+        return np.inf
+
+    def solve(self, right: np.ndarray, matrix: BlockMatrix | None = None) -> LinearSolution:
+        """Solve for a right-hand side of all rows, shape (n, 3) or (n, 3, m).
+
+        With another matrix by conjugate gradients, with this factor as the preconditioner. Every process gives the
+        same and gets the whole solution.
+        """
+        if matrix is not None and matrix is not self.matrix:
+            return self._iterated(right, matrix)
+        began, share = time.perf_counter(), self.share
+        right = check_right(right, int(share.starts[-1]))
+        sides = right.reshape(len(right), 3, -1)
+        x = np.stack([share.gathered(self.apply(side[share.own])) for side in np.moveaxis(sides, 2, 0)], axis=-1)
+        x = x.reshape(right.shape)
+        rest = right[share.own] - self._product(x)
+        residual = share.gathered(rest)
+        return LinearSolution(x, 0, relative_residual(residual, right), time.perf_counter() - began)
+
+    def _product(self, x):
+        """Own rows of the product of the matrix with all rows of x, without a message."""
+        share = self.share
+        return self.matrix.dot(x[share.rows])[: share.n_own]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,9 +322,8 @@ class _Exchange:
 
     @classmethod
     def of(cls, share: DistributedPattern) -> _Exchange:
-        size = (3 * share.n_own, 3 * int(share.starts[-1]))
-        ghosts = np.asarray(share.others, _petsc().IntType)
-        return cls(_petsc().Vec().createGhost(ghosts, size, bsize=3, comm=_petsc_comm(share.comm)), share.n_own)
+        ghosts, comm = np.asarray(share.others, _petsc().IntType), _petsc_comm(share.comm)
+        return cls(_petsc().Vec().createGhost(ghosts, _sizes(share)[0], bsize=3, comm=comm), share.n_own)
 
     def __call__(self, own: np.ndarray) -> np.ndarray:
         """Values of the rows of others, shape (n - n_own, 3): collective."""
@@ -199,23 +347,36 @@ def _petsc_comm(comm):
     return _petsc().COMM_SELF if comm is None or comm.size == 1 else comm
 
 
+def _clean_comm(comm):
+    """Communicator for PETSc, after it has freed what is no more: for several processes, PETSc waits to be told."""
+    comm = _petsc_comm(comm)
+    _petsc().garbage_cleanup(comm)
+    return comm
+
+
+def _preconditioner(operator, comm, options: dict):
+    """Preconditioner of PETSc of an operator; options of the user's come before those given."""
+    preconditioner, database = _petsc().PC().create(comm), _petsc().Options(PREFIX)
+    ours = {name: value for name, value in options.items() if not database.hasName(name)}
+    for name, value in ours.items():
+        database[name] = value
+    preconditioner.setOptionsPrefix(PREFIX)
+    preconditioner.setOperators(operator)
+    preconditioner.setFromOptions()
+    preconditioner.setUp()
+    for name in ours:
+        del database[name]
+    return preconditioner
+
+
 def _on(comm) -> str:
     """What a solver's name says of its processes."""
     return "" if comm is None or comm.size == 1 else f" on {comm.size} processes"
 
 
-def _set_options(options: dict) -> None:
-    """Put options into PETSc's database, but for those that the user has put there."""
-    database = _petsc().Options(PREFIX)
-    for name, value in options.items():
-        if not database.hasName(name):
-            database[name] = value
-
-
 def _vector(share: DistributedPattern, values: np.ndarray):
     """Vector of PETSc in the memory of own values, shape (n_own, 3)."""
-    size = (3 * share.n_own, 3 * int(share.starts[-1]))
-    return _petsc().Vec().createWithArray(values.reshape(-1), size=size, comm=_petsc_comm(share.comm))
+    return _petsc().Vec().createWithArray(values.reshape(-1), size=_sizes(share)[0], comm=_petsc_comm(share.comm))
 
 
 def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm):
@@ -225,13 +386,31 @@ def _operator(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, co
         _require_room(3 * len(full.columns), "multigrid")
         rows = _component_rows(full.indptr, full.columns, full.places, matrix.data)
         _require_definite(share, matrix, rows[2], "multigrid")
-    size = (3 * share.n_own, 3 * int(share.starts[-1]))
     csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
-    scalar = petsc.Mat().createAIJWithArrays((size, size), csr, comm=comm)
+    scalar = petsc.Mat().createAIJWithArrays(_sizes(share), csr, comm=comm)
     operator = scalar.convert("hypre", petsc.Mat())
     scalar.destroy()
     operator.setBlockSize(3)
     return operator
+
+
+def _upper_rows_matrix(full: FullRows, share: DistributedPattern, matrix: BlockMatrix, comm):
+    """The upper triangle, by rows, as PETSc and MUMPS want it of a symmetric matrix."""
+    petsc = _petsc()
+    with together(share.comm):
+        _require_room(9 * len(full.columns), "MUMPS")
+        rows = _upper_rows(full.indptr, full.columns, full.places, matrix.data, share.own.start)
+        _require_definite(share, matrix, rows[2], "MUMPS")
+    csr = tuple(np.asarray(part, kind) for part, kind in zip(rows, (petsc.IntType, petsc.IntType, float)))
+    upper = petsc.Mat().createSBAIJ(_sizes(share), 1, csr=csr, comm=comm)
+    upper.setOption(petsc.Mat.Option.SPD, True)
+    return upper
+
+
+def _sizes(share: DistributedPattern):
+    """Sizes of a matrix for PETSc: own rows and all, and the same of columns."""
+    size = (3 * share.n_own, 3 * int(share.starts[-1]))
+    return size, size
 
 
 def _require_room(n_entries: int, what: str) -> None:
@@ -268,5 +447,26 @@ def _component_rows(indptr, columns, places, data):
                 place = places[entry]
                 of[end], values[end] = 3 * columns[entry] + r, data[place if place >= 0 else -1 - place, r, r]
                 end += 1
+            starts[3 * row + r + 1] = end
+    return starts, of, values
+
+
+@njit(cache=True)
+def _upper_rows(indptr, columns, places, data, first):
+    """Scalar rows of the upper triangle, of own block rows from ``first``: starts, columns and values."""
+    n, size = len(indptr) - 1, 0
+    for row in range(n):
+        for entry in range(indptr[row], indptr[row + 1]):
+            size += 0 if columns[entry] < first + row else 6 if columns[entry] == first + row else 9
+    starts, of, values, end = np.empty(3 * n + 1, np.int32), np.empty(size, np.int32), np.empty(size), 0
+    starts[0] = 0
+    for row in range(n):
+        for r in range(3):
+            for entry in range(indptr[row], indptr[row + 1]):
+                column, place = columns[entry], places[entry]
+                for c in range(3 if column < first + row else r if column == first + row else 0, 3):
+                    of[end] = 3 * column + c
+                    values[end] = data[place, r, c] if place >= 0 else data[-1 - place, c, r]
+                    end += 1
             starts[3 * row + r + 1] = end
     return starts, of, values

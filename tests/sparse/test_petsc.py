@@ -9,13 +9,14 @@ from mover_cases import assert_derivative_is_transposed, bent_surface, channel
 from sparse_cases import box_elements, definite_matrix, dense
 from sparse_iterative_cases import stiffness
 
-from bspline_mdao import LinearElasticity, PetscMultigrid
+from bspline_mdao import LinearElasticity, PetscCholesky, PetscMultigrid
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.sparse.blocks import BlockMatrix, BlockPattern
 from bspline_mdao.sparse.distributed import DistributedPattern, FullRows
 
 needs_petsc = pytest.mark.skipif(not importlib.util.find_spec("petsc4py"), reason="no petsc4py")
 SHAPE = (5, 6, 7)
+SOLVERS = (PetscCholesky(), PetscMultigrid())
 
 
 @pytest.fixture(scope="module")
@@ -54,40 +55,79 @@ def test_multigrid_solves(matrix, n_sides):
 
 
 @needs_petsc
-def test_multigrid_of_another_matrix_preconditions(matrix):
+@pytest.mark.parametrize("n_sides", [None, 2])
+def test_mumps_solves(matrix, n_sides):
+    right = np.random.default_rng(3).normal(size=(matrix.pattern.n, 3) + ((n_sides,) if n_sides else ()))
+    factor = factor_of(PetscCholesky(), matrix)
+    solution = factor.solve(right)
+    error = dense(matrix) @ solution.x.reshape(3 * matrix.pattern.n, -1) - right.reshape(3 * matrix.pattern.n, -1)
+    assert np.linalg.norm(error) < 1e-13 * np.linalg.norm(right)
+    assert solution.residual < 1e-13
+    assert factor.n_bytes > matrix.data.nbytes
+
+
+@needs_petsc
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_factor_of_another_matrix_preconditions(matrix, solver):
     other = BlockMatrix(matrix.pattern, 1.5 * matrix.data)
-    factor, right = factor_of(PetscMultigrid(), matrix), points_of(matrix)
+    factor, right = factor_of(solver, matrix), points_of(matrix)
     np.testing.assert_allclose(1.5 * factor.solve(right, other).x, factor.solve(right).x, rtol=1e-9)
 
 
 @needs_petsc
-def test_moves_by_multigrid_are_those_by_cholesky():
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_moves_are_those_by_cholesky(solver):
     mesh = channel()
     initial, surface = bent_surface(mesh, 0.05)
     expected = LinearElasticity(mesh, n_increments=2).move(initial, surface)
-    movement = LinearElasticity(mesh, n_increments=2, solver=PetscMultigrid()).move(initial, surface)
+    movement = LinearElasticity(mesh, n_increments=2, solver=solver).move(initial, surface)
     np.testing.assert_allclose(movement.points, expected.points, rtol=0.0, atol=1e-11 * mesh.size)
-    assert movement.report.increments[0].solve.solver == "CG, BoomerAMG"
+    assert movement.report.increments[0].solve.solver == solver.name
     assert_derivative_is_transposed(movement)
 
 
 @needs_petsc
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
 @pytest.mark.parametrize("value", [-1.0, np.nan])
-def test_what_is_not_positive_definite_is_named(value):
+def test_what_is_not_positive_definite_is_named(solver, value):
     elements, points = box_elements((4, 5, 6))
     matrix = definite_matrix(BlockPattern.of_elements(elements, len(points)), np.random.default_rng(0))
     matrix.data[matrix.pattern.indptr[18] - 1, 1, 1] *= value
     with pytest.raises(MovementError, match="block row 18"):
-        factor_of(PetscMultigrid(), matrix)
+        factor_of(solver, matrix)
 
 
 @needs_petsc
-def test_matrix_of_another_pattern_is_refused(matrix):
+def test_matrix_that_only_elimination_shows_not_to_be_definite_is_refused(matrix):
+    bad = BlockMatrix(matrix.pattern, matrix.data.copy())
+    bad.data[matrix.pattern.indptr[1] - 1] *= 1e-3
+    with pytest.raises(MovementError, match="MUMPS: the matrix is not positive definite; look for"):
+        factor_of(PetscCholesky(), bad)
+
+
+@needs_petsc
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_matrix_of_another_pattern_is_refused(matrix, solver):
     with pytest.raises(InputError, match="another pattern"):
-        PetscMultigrid().analyze(stiffness((3, 3, 3), 0).pattern, None).factorize(matrix)
+        solver.analyze(stiffness((3, 3, 3), 0).pattern, None).factorize(matrix)
 
 
-def test_without_petsc4py_one_line_says_what_to_install(matrix, monkeypatch):
+@needs_petsc
+def test_options_of_the_user_come_first_and_nothing_stays_behind(matrix):
+    from petsc4py import PETSc
+
+    database = PETSc.Options("bspline_mdao_")
+    database["pc_hypre_boomeramg_max_levels"] = 2
+    try:
+        poor = factor_of(PetscMultigrid(), matrix).solve(points_of(matrix))
+        assert set(database.getAll()) == {"pc_hypre_boomeramg_max_levels"}
+    finally:
+        del database["pc_hypre_boomeramg_max_levels"]
+    assert poor.iterations != factor_of(PetscMultigrid(), matrix).solve(points_of(matrix)).iterations
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_without_petsc4py_one_line_says_what_to_install(matrix, monkeypatch, solver):
     monkeypatch.setitem(sys.modules, "petsc4py", None)
     with pytest.raises(InputError, match="petsc4py is not installed; install it"):
-        PetscMultigrid().analyze(matrix.pattern, points_of(matrix))
+        solver.analyze(matrix.pattern, points_of(matrix))

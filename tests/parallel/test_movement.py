@@ -1,0 +1,15 @@
+"""Movement on several ranks."""
+
+import importlib.util
+
+import pytest
+from parallel_cases import run_ranks
+
+needs_petsc = pytest.mark.skipif(not importlib.util.find_spec("petsc4py"), reason="no petsc4py")
+
+
+@needs_petsc
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [2, 3])
+def test_solvers_of_petsc_share_rows(n):
+    assert run_ranks("cases/petsc_solvers.py", n, timeout=100.0) == [f"done {rank}\n" for rank in range(n)]
