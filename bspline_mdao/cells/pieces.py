@@ -8,6 +8,7 @@ Theory: ``docs/parallel.rst``.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -58,6 +59,11 @@ class Pieces:
         Where the grid came from, for messages.
     comm : communicator
         The processes, see `bspline_mdao.numerics.processes`.
+
+    Raises
+    ------
+    InputError
+        If the pieces are those of another number of processes, or have not all cells of the grid, each once.
     """
 
     partition: Partition
@@ -65,6 +71,14 @@ class Pieces:
     patches: tuple[Patch, ...]
     source: str = "grid"
     comm: Any = ONE
+
+    def __post_init__(self):
+        n_cells = sum(_n_cells(piece.shape) for pieces in self.partition.pieces for piece in pieces)
+        if self.partition.n_ranks != self.comm.size or n_cells != self.n_cells_of_all:
+            raise InputError(
+                f"{self.source}: pieces of {self.partition.n_ranks} processes with {n_cells} cells, of a grid with "
+                f"{self.n_cells_of_all} on {self.comm.size}; make them by Partition.of(topology, {self.comm.size})"
+            )
 
     @classmethod
     def of_grid(cls, grid: Grid) -> Pieces:
@@ -107,7 +121,7 @@ class Pieces:
     @property
     def n_cells_of_all(self) -> int:
         """Cells of all blocks of the grid."""
-        return sum(int(np.prod([max(1, n - 1) for n in shape])) for shape in self.shapes if has_cells(shape))
+        return sum(map(_n_cells, self.shapes))
 
     def nodes_of(self, nodes: np.ndarray) -> list[np.ndarray]:
         """View nodes (n_nodes, 3) of this process piece by piece, as (ni, nj, nk, 3)."""
@@ -147,6 +161,11 @@ class Pieces:
 def has_cells(shape: tuple[int, ...]) -> bool:
     """Whether a block of ``shape`` nodes has cells: in three directions, or in two."""
     return sum(n > 1 for n in shape) > 1
+
+
+def _n_cells(shape):
+    """Cells of a block, or a piece, of ``shape`` nodes."""
+    return math.prod(max(1, n - 1) for n in shape) if has_cells(shape) else 0
 
 
 def _extent(x: np.ndarray) -> list[float]:

@@ -33,7 +33,7 @@ import openmdao.api as om
 from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
-from ..numerics.processes import together
+from ..numerics.processes import ONE, from_all, gathered, together
 
 LINEAR_STEP = 1.0
 """Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
@@ -265,6 +265,9 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
     OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
     ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
 
+    On several processes that default stays: along a direction OpenMDAO would compare sums over the entries of each
+    process alone, with seeds of its own for the same serial output.
+
     Parameters
     ----------
     component : Component
@@ -277,13 +280,14 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
         Take complex steps in the place of differences where the problem has room for them, after
         ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
     """
+    is_alone = component.comm.size == 1
     if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
-        component.set_check_partial_options(wrt, method="cs", directional=True)
+        component.set_check_partial_options(wrt, method="cs", directional=is_alone)
     else:
-        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
+        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=is_alone)
 
 
-def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> float:
+def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0, comm=ONE) -> float:
     """Find the step (m) at which central differences with respect to all points of a grid are most accurate.
 
     See `central_step`; the length is that of the shortest edge, divided by the sharpness of the function.
@@ -294,16 +298,19 @@ def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0) -> floa
         Points (m) of every block or face; neighbours along any direction are joined by edges.
     sharpness : float
         Lengths of the edges divided by those over which the function changes.
+    comm : communicator
+        Processes that hold other blocks of the grid; all of them come here.
 
     Returns
     -------
     float
     """
     lines = list(lines)
-    corners = np.array([(points.reshape(-1, 3).min(axis=0), points.reshape(-1, 3).max(axis=0)) for points in lines])
+    boxes = [(points.reshape(-1, 3).min(axis=0), points.reshape(-1, 3).max(axis=0)) for points in lines]
+    corners = gathered(comm, np.array(boxes).reshape(-1, 2, 3))
     size = float(np.linalg.norm(corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)))
     shortest = min((_shortest_edge(points, TOUCHING * size) for points in lines), default=size)
-    return central_step(size, min(shortest, size) / sharpness)
+    return central_step(size, min(*from_all(comm, shortest), size) / sharpness)
 
 
 def central_step(size: float, length: float) -> float:

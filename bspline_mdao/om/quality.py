@@ -6,18 +6,22 @@ import openmdao.api as om
 
 from ..cells.aggregates import AGGREGATES
 from ..cells.grid_quality import GridQuality, GridValues
+from ..cells.pieces import Pieces
 from ..cells.report import QualityReport, inverted_cells, report_quality
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare, nodes_at
 from ..names import GRID
+from ..numerics.processes import from_all, together
+from ..topology.partition import Partition
 from .component import (
     check_along_directions,
     difference_step,
-    fails_together,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
 )
+from .shares import declare_partition, share_of
 
 CELL_QUALITY = "cell_quality"
 
@@ -39,10 +43,16 @@ class Quality(om.ExplicitComponent):
     ``cell_quality``    output  (n_cells,)          Q of every cell: blocks in order, each in C order of its cells
     ==================  ======  ===========  =====  ================================================================
 
+    On several processes ``grid`` and ``cell_quality`` are distributed: each has those of its share of the grid. The
+    aggregates and the report are those of the whole grid, the same on all of them.
+
     Options
     -------
-    model : FittedModel
+    model : FittedModel or ModelShare
         The fitted grid. Its baseline decides which sign is right-handed and which corners have collapsed.
+    partition : Partition or Share, optional
+        Blocks that each process holds; by default those of the model if it is a share of one, or else
+        ``Partition.of(model.topology, n_processes)``.
     aggregates : sequence of str
         Which bounds are outputs. Those of heights, which need patches of kind wall, are none by default.
     cells : bool
@@ -72,7 +82,8 @@ class Quality(om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("model", types=(FittedModel, ModelShare), recordable=False, desc="the fitted grid")
+        declare_partition(self)
         default = tuple(name for name, aggregate in AGGREGATES.items() if aggregate.is_default)
         self.options.declare("aggregates", default=default, desc="bounds that are outputs")
         self.options.declare("cells", types=bool, default=False, desc="output Q of every cell")
@@ -82,33 +93,51 @@ class Quality(om.ExplicitComponent):
         self.options.declare("n_bins", types=int, default=50, desc="bins of the distribution of Q")
         self.options.declare("require_valid", types=bool, default=False, desc="refuse inverted cells")
 
-    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
-        baseline = self.options["model"].regenerate()
+        pieces, nodes = self._baseline()
         settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
-        self._quality = GridQuality.of_baseline(baseline, **settings)
+        self._quality = GridQuality.of_pieces(pieces, nodes, **settings)
         try:
             self._quality.require(self.options["aggregates"])
         except InputError as error:
             raise InputError(f"{self.msginfo}: {error}") from error
-        self.add_input(GRID, val=baseline.to_vector(), units="m")
+        is_shared = self.comm.size > 1
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
         for name in self.options["aggregates"]:
             self.add_output(name, desc=AGGREGATES[name].meaning)
         if self.options["cells"]:
-            self.add_output(CELL_QUALITY, shape=self._quality.n_cells)
+            self.add_output(CELL_QUALITY, shape=self._quality.n_cells, distributed=is_shared)
         sharpness = 10.0 * max(self.options["rho"], self.options["p"])  # bounds follow the worst of all corners
         if any(AGGREGATES[name].is_of_heights for name in self.options["aggregates"]):
             sharpness = max(sharpness, 10.0 * self.options["rho_height"])
-        check_along_directions(self, difference_step((block.nodes for block in baseline.blocks), sharpness))
+        check_along_directions(self, difference_step(pieces.nodes_of(nodes), sharpness, self.comm))
+
+    def _baseline(self):
+        """Pieces of the grid that the processes hold, and the nodes (n, 3) of those of this one on the baseline."""
+        model = self.options["model"]
+        with together(self.comm):
+            share = share_of(self)
+            if share is None:
+                baseline = model.regenerate()
+                return Pieces.of_grid(baseline), baseline.to_vector().reshape(-1, 3)
+            windows = share.windows
+            if windows is None:
+                raise InputError(
+                    f"{self.msginfo}: a share of rows has no cells; give the partition by "
+                    f"Partition.of(model.topology, {self.comm.size})"
+                )
+            nodes = nodes_at(model, share.rows)
+        partition = Partition(share.shapes_of_grid, tuple(from_all(self.comm, windows)))
+        return Pieces(partition, model.header.names, model.header.patches, model.header.source, self.comm), nodes
 
     def compute(self, inputs, outputs):
         """Measure the cells."""
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
             nodes = finite_points(inputs[GRID], GRID, self.msginfo)
-            if self.options["require_valid"]:
-                self._refuse_inverted(nodes)
+        if self.options["require_valid"]:
+            self._refuse_inverted(nodes)
         values = self._values(nodes)
         for name, value in values.aggregates.items():
             outputs[name] = value
@@ -132,14 +161,17 @@ class Quality(om.ExplicitComponent):
             d_inputs[GRID] += self._quality.vjp(nodes, values, GridValues(seeds, q_bar)).ravel()
 
     def report(self) -> QualityReport:
-        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells, heights at walls."""
+        """Report on the grid that the input holds: extremes, distribution of Q, inverted cells, heights at walls.
+
+        All processes call it.
+        """
         return report_quality(self._quality, self.get_val(GRID).reshape(-1, 3), self.options["n_bins"])
 
     def _values(self, nodes):
         return self._quality.evaluate(nodes, self.options["aggregates"], self.options["cells"])
 
     def _refuse_inverted(self, nodes):
-        inverted = inverted_cells(self._quality, self._quality.cells(nodes), newly=True)
+        inverted = inverted_cells(self._quality, self._quality.cells_in_turn(nodes), newly=True)
         if inverted:
             raise om.AnalysisError(
                 f"{self.msginfo}: {inverted[0]} is inverted, with corner triple product {inverted[0].corner:.2g}; "

@@ -89,7 +89,7 @@ def facing(layer: np.ndarray, inner: np.ndarray, points: np.ndarray | NodesByRow
     return layer if volume_behind(layer, inner, points) > 0.0 else layer.T
 
 
-def volume_behind(layer: np.ndarray, inner: np.ndarray, points: np.ndarray) -> float:
+def volume_behind(layer: np.ndarray, inner: np.ndarray, points: np.ndarray | NodesByRow) -> float:
     """Twice the volume (m^3) between a face and the layer next to it, by its quads; negative where i x j points away.
 
     Parameters are those of `facing`.
