@@ -12,10 +12,12 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import IndexScaling, refine
 from ..io.cgns import CgnsDialect
 from ..splines.mesh import BSplineMesh
+from ..topology.boundary_surface import BoundarySurface
 from ..topology.grid import Grid, Patch
 from ..topology.held_nodes import HeldNodes
 from ..topology.partition import Share
 from ..topology.topology import Topology
+from ..walls.body_points import Body
 from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
 from .model_file import read_model, write_model
@@ -149,7 +151,7 @@ class FittedModel:
         return self.header.grid(self.topology.shapes, nodes if self.residual is None else nodes + self.residual)
 
     def embed_points(self, points: np.ndarray, tolerance: float | None = None) -> EmbeddedPoints:
-        """Find what moves points that were not fitted: the volumes, and near walls the layer there.
+        """Find what moves points that were not fitted: volumes, near walls the layer, and inside a body its walls.
 
         Parameters
         ----------
@@ -165,9 +167,12 @@ class FittedModel:
         Raises
         ------
         InputError
-            If the points cannot be used, or one is outside all volumes.
+            If the points cannot be used, or one is outside all volumes and not inside the walls.
         """
-        return EmbeddedPoints.of(self.grid_map(), self.mesh, self.control_points, points, tolerance)
+        grid_map, walls = self.grid_map(), [face for face in self.topology.boundary if face.kind == "wall"]
+        surface = BoundarySurface.of(self.topology, grid_map.nodes, walls) if walls else None
+        body = surface and (Body(grid_map.nodes[surface.rows], surface.quads), surface.rows)
+        return EmbeddedPoints.of(grid_map, self.mesh, self.control_points, points, tolerance, body)
 
     def member(self, factor: float) -> FittedModel:
         """Model of a finer or coarser member of the grid family, section II.E, with the same control points.

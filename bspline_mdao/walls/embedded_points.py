@@ -8,18 +8,23 @@ point inside. Near a wall it then follows the wall as the nodes of the grid do,
 with the wall nodes w of the grid, so that embedded points and grid move alike there. Points on planes that walls end on
 stay in them. The parameters of a point, and the wall that it is near, are those of the baseline and stay.
 
+Points inside the body, where there are no volumes, ride on the walls (`.body_points`).
+
 Theory: ``docs/theory/inversion.rst``, ``docs/theory/wall_layer.rst``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ..checks import as_finite_points
+from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
-from ..evaluation.inversion import embed_points, invert_points, require_inside
+from ..evaluation.inversion import PointInversion, embed_points, invert_points
 from ..splines.mesh import BSplineMesh
+from .body_points import Body, BodyPoints
 from .grid_map import GridMap, GridState
 from .layer import Layered, WallLayer
 
@@ -27,6 +32,10 @@ __all__ = ["EmbeddedPoints", "EmbeddedState"]
 
 ON_PLANE = 1e-9
 """A point nearer to a plane than this part of the size of the grid lies in it: coordinates are rounded in files."""
+
+BETWEEN = 0.1
+"""Distance to the volumes, by the edges of the wall's quads, up to which a point rides on the wall though not inside:
+between the quads and the splines there is room for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +50,29 @@ class EmbeddedPoints:
         A of the points.
     points : ndarray, shape (n, 3)
         The points on the baseline (m).
-    offsets : ndarray, shape (n, 3)
+    in_volume : ndarray of int, shape (n_in_volume,)
+        Numbers of those in the volumes.
+    offsets : ndarray, shape (n_in_volume, 3)
         Their offsets from the mesh there (m).
     layer : WallLayer or None
-        Those that follow walls.
+        Those of them that follow walls.
+    in_body : ndarray of int, shape (n_in_body,)
+        Numbers of the others, inside the body.
+    body : BodyPoints or None
+        What these ride on.
+    wall_rows : ndarray of int, shape (n_wall,)
+        Rows of the nodes of the walls in the grid.
     """
 
     grid_map: GridMap
     evaluator: Evaluator
     points: np.ndarray
+    in_volume: np.ndarray
     offsets: np.ndarray
     layer: WallLayer | None
+    in_body: np.ndarray
+    body: BodyPoints | None
+    wall_rows: np.ndarray
 
     @classmethod
     def of(
@@ -61,8 +82,9 @@ class EmbeddedPoints:
         control_points: np.ndarray,
         points: np.ndarray,
         tolerance: float | None = None,
+        walls: tuple[Body, np.ndarray] | None = None,
     ) -> EmbeddedPoints:
-        """Find volumes and parameters of points.
+        """Find volumes and parameters of points, and the weights of those inside the body.
 
         Parameters
         ----------
@@ -76,6 +98,8 @@ class EmbeddedPoints:
             The points on the baseline (m).
         tolerance : float, optional
             Distance (m) up to which a point counts as inside the volumes, see `.inversion.invert_points`.
+        walls : tuple of (Body, ndarray of int), optional
+            The walls of the grid on the baseline, and the rows of their nodes.
 
         Returns
         -------
@@ -84,14 +108,24 @@ class EmbeddedPoints:
         Raises
         ------
         InputError
-            If an array cannot be used, or a point is outside all volumes.
+            If an array cannot be used, or a point is outside all volumes and not inside the body.
         """
-        inversion = require_inside(invert_points(mesh, control_points, points, tolerance), "embedded points")
-        points = np.array(points, dtype=float)
-        evaluator, layer = embed_points(mesh, inversion), None
+        points = as_finite_points(points, len(points), "embedded points")
+        inversion, in_body = invert_points(mesh, control_points, points, tolerance), np.zeros(len(points), dtype=bool)
+        if walls is not None:
+            in_body = _rides(walls[0], points, inversion)
+        in_volume, layer, body = np.flatnonzero(~in_body), None, None
+        inversion = PointInversion(*(getattr(inversion, part.name)[in_volume] for part in fields(PointInversion)))
+        _require_found(inversion, in_volume, len(points))
+        evaluator = embed_points(mesh, inversion)
+        offsets = points[in_volume] - evaluator.forward(control_points)
         if grid_map.layer is not None:
-            layer = WallLayer.of(grid_map.layer.wall, points, planes=_planes(grid_map, points))
-        return cls(grid_map, evaluator, points, points - evaluator.forward(control_points), layer)
+            planes = _planes(grid_map, points[in_volume])
+            layer = WallLayer.of(grid_map.layer.wall, points[in_volume], planes=planes)
+        rows = np.zeros(0, dtype=int)
+        if walls is not None and in_body.any():
+            body, rows = BodyPoints.of(walls[0], points[in_body]), walls[1]
+        return cls(grid_map, evaluator, points, in_volume, offsets, layer, np.flatnonzero(in_body), body, rows)
 
     def at(self, control_points: np.ndarray, state: GridState) -> EmbeddedState:
         """Return the points beside a grid.
@@ -110,8 +144,12 @@ class EmbeddedPoints:
         places, layered, of = self.evaluator.forward(control_points) + self.offsets, None, self.grid_map
         if self.layer is not None:
             wall, normals = state.nodes[of.wall_rows], of.normals(state.nodes[of.plane_rows])
-            layered = self.layer.at(self.points, places, of.nodes[of.wall_rows], wall, normals)
-        return EmbeddedState(self, state, places, layered)
+            layered = self.layer.at(self.points[self.in_volume], places, of.nodes[of.wall_rows], wall, normals)
+        points = np.empty_like(self.points)
+        points[self.in_volume] = places
+        if self.body is not None:
+            points[self.in_body] = self.body.at(state.nodes[self.wall_rows])
+        return EmbeddedState(self, state, points, layered)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,10 +183,14 @@ class EmbeddedState:
         d_nodes : ndarray, shape (n_nodes, 3)
             That of the grid with them, by `GridState.jvp`.
         """
-        change, of = self.of.evaluator.forward(d_control_points), self.of.grid_map
+        places, of = self.of.evaluator.forward(d_control_points), self.of.grid_map
         if self.layered is not None:
             d_normals = of.normals_jvp(self.grid.nodes[of.plane_rows], d_nodes[of.plane_rows])
-            self.layered.jvp(None, change, None, d_nodes[of.wall_rows], d_normals)
+            self.layered.jvp(None, places, None, d_nodes[of.wall_rows], d_normals)
+        change = np.empty_like(self.points)
+        change[self.of.in_volume] = places
+        if self.of.body is not None:
+            change[self.of.in_body] = self.of.body.jvp(d_nodes[self.of.wall_rows])
         return change
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -165,12 +207,36 @@ class EmbeddedState:
         nodes_bar : ndarray, shape (n_nodes, 3)
             With respect to the nodes of the grid: `GridState.vjp` takes it to the control points.
         """
-        bar, of, nodes_bar = np.array(bar, dtype=float), self.of.grid_map, np.zeros_like(self.grid.nodes)
+        of, nodes_bar = self.of.grid_map, np.zeros_like(self.grid.nodes)
+        if self.of.body is not None:
+            nodes_bar[self.of.wall_rows] += self.of.body.vjp(bar[self.of.in_body])
+        bar = np.array(bar[self.of.in_volume], dtype=float)
         if self.layered is not None:
             bar, wall_bar, normals_bar = self.layered.frozen_vjp(bar)
             nodes_bar[of.wall_rows] += wall_bar
             nodes_bar[of.plane_rows] += of.normals_vjp(self.grid.nodes[of.plane_rows], normals_bar)
         return self.of.evaluator.adjoint(bar), nodes_bar
+
+
+def _rides(body: Body, points: np.ndarray, inversion: PointInversion) -> np.ndarray:
+    """Whether points ride on the walls: those that are nodes of them, and those outside the volumes and inside them."""
+    distances, lengths = body.nearest(points)
+    rides = distances <= ON_PLANE * np.linalg.norm(np.ptp(body.points, axis=0))
+    outside = np.flatnonzero(~inversion.is_inside & ~rides)
+    rides[outside] = body.surrounds(points[outside])
+    return rides | (~inversion.is_inside & (inversion.distance <= BETWEEN * lengths))
+
+
+def _require_found(inversion: PointInversion, numbers: np.ndarray, n_points: int) -> None:
+    """Refuse points that are neither in a volume nor in the body, by their numbers, from 1."""
+    lost = np.flatnonzero(~inversion.is_inside)
+    if len(lost):
+        first = ", ".join(f"point {numbers[q] + 1} at distance {inversion.distance[q]:.3g}" for q in lost[:3])
+        more = ", ..." if len(lost) > 3 else ""
+        raise InputError(
+            f"embedded points: {len(lost)} of {n_points} points lie outside all volumes and not inside the walls: "
+            f"{first}{more}; remove them or raise the tolerance (largest distance {inversion.distance[lost].max():.3g})"
+        )
 
 
 def _planes(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
