@@ -1,10 +1,13 @@
 """Stand-ins for ADflow and DAFoam in MPhys: their names, shapes, tags and distributed variables, and a made-up flow.
 
-What they take over, of `adflow/mphys/mphys_adflow.py` 2.12 and `dafoam/mphys/mphys_dafoam.py` 4: the builders' methods,
-the subsystems that scenarios get from them, the variables of these with their tags, which of them are distributed, and
-that DAFoam has no forward derivatives. The flow is a sum of a function of all coordinates, each with a weight by its
-place, so that every node out of order is noticed; a node that several processes hold counts once.
+What they take over, of ``adflow/mphys/mphys_adflow.py`` 2.12 and ``dafoam/mphys/mphys_dafoam.py`` 4: the builders, what
+scripts call of the solvers, the subsystems that scenarios get and the variables of these with their tags, which of
+them are distributed, and that DAFoam has no forward derivatives. The flow is a sum of a function of all coordinates,
+each with a weight by its place, so that every node out of order is noticed; a node that several processes hold counts
+once. Nodes come in an order of their own, and in single precision.
 """
+
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import openmdao.api as om
@@ -16,8 +19,10 @@ from bspline_mdao.numerics.processes import summed
 from bspline_mdao.om.mphys.conventions import GENERATIONS, INSTALLED
 from bspline_mdao.om.mphys.geometry import SurfaceGeometry
 from bspline_mdao.om.mphys.warper import VolumeWarper
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.held_nodes import boundary_rows
 from bspline_mdao.topology.partition import Partition
-from bspline_mdao.topology.sharing import node_sharing, numbers_of_points, rows_of_points
+from bspline_mdao.topology.sharing import numbers_of_points, rows_of_points
 from bspline_mdao.topology.stored_grid import StoredGrid
 
 try:
@@ -25,60 +30,63 @@ try:
 except ImportError:  # MPhys 1.x
     from mphys.scenario_aerodynamic import ScenarioAerodynamic
 
-DESIGN = {"twist": [1.0, -2.0, 3.0], "span": [1.1]}
-FLOW = {"aoa": 3.0, "patchV": [10.0, 2.0]}
-
-
-class Wing:
-    """A small wing, its variables and its mover."""
-
-    def __init__(self, shape=(7, 6, 5)):
-        self.model = fit_grid(onera_m6_grid(shape))
-        mesh = moving_mesh(self.model)
-        axis = ReferenceAxis.of(mesh)
-        self.surface, self.mover = SurfaceGrid.of(self.model), InverseDistance(mesh)
-        self.parametrization = Parametrization(mesh, [Twist("twist", axis, stations=3), Span("span", axis)])
-        self.grid = self.model.regenerate()
-        self.points = self.grid.to_vector().reshape(-1, 3)
+WAVES = np.array([[11.0, 3.0, 5.0], [7.0, 9.0, 2.0], [4.0, 8.0, 13.0]])
 
 
 class Solver:
-    """What a process of a solver knows: its nodes. None of them are ours: single precision, an order of its own."""
+    """What scripts call of both solvers, and what the made-up flow has to know."""
 
-    def __init__(self, wing, comm, volume, walls):
-        self.comm, self.volume, self.walls = comm, np.float64(np.float32(volume)), np.float64(np.float32(walls))
-        self.rows = rows_of_points(StoredGrid.of(wing.grid), wing.model.topology, self.volume, comm=comm)
-        copies = summed(comm, np.bincount(self.rows, minlength=len(wing.points)))[self.rows, None]
-        waves = wing.points[self.rows] @ [[11.0, 3.0, 5.0], [7.0, 9.0, 2.0], [4.0, 8.0, 13.0]]
-        self.weights = (np.sin(waves) / copies).ravel()
+    meshFamilyGroup, designSurfacesGroup = "allSurfaces", "designSurfaces"
+
+    def __init__(self, comm, volume, walls):
+        self.volume, self.walls = np.float64(volume), np.float64(walls)
+        self.weights = (np.sin(self.volume @ WAVES) / copies_of(self.volume, comm)[:, None]).ravel()
+        self.mesh = SimpleNamespace(getSolverGrid=self.volume.ravel().copy)
+
+    def getSurfaceCoordinates(self, groupName=None, includeZipper=False):
+        return self.walls.copy()
 
 
-def adflow_nodes(wing, rank, size):
+def copies_of(points, comm):
+    """How often all processes together hold each point."""
+    everywhere = [points] if comm.size == 1 else comm.allgather(points)
+    _, place, counts = np.unique(np.concatenate(everywhere), axis=0, return_inverse=True, return_counts=True)
+    start = sum(map(len, everywhere[: comm.rank]))
+    return counts[place.ravel()[start : start + len(points)]]
+
+
+def nodes_and_walls(grid):
+    """Nodes of a grid, in single precision, which of them are on walls, and its topology."""
+    topology, points = find_topology(grid), np.float32(grid.to_vector().reshape(-1, 3))
+    is_wall = np.zeros(len(points), dtype=bool)
+    is_wall[boundary_rows(topology, [face for face in topology.boundary if face.kind == "wall"])] = True
+    return points, is_wall, topology
+
+
+def adflow_nodes(grid, comm):
     """Nodes of ADflow's process: pieces of blocks, i fastest, those on interfaces in every piece; walls likewise."""
-    share = Partition.of(wing.model.topology, size).share(rank)
-    pieces = np.split(np.arange(share.n_nodes), share.starts[1:-1])
-    order = [piece.reshape(shape).T.ravel() for piece, shape in zip(pieces, share.shapes)]
-    volume = wing.points[share.rows[np.concatenate(order)]] if order else np.zeros((0, 3))
-    sources = node_sharing(wing.model.topology).source_rows()
-    is_wall = np.isin(sources[share.rows], sources[wing.surface.rows])
-    return volume, wing.points[share.rows[is_wall]]
+    points, is_wall, topology = nodes_and_walls(grid)
+    share = Partition.of(topology, comm.size).share(comm.rank)
+    pieces = zip(np.split(share.rows, share.starts[1:-1]), share.shapes)
+    rows = np.concatenate([np.zeros(0, dtype=int), *(piece.reshape(shape).T.ravel() for piece, shape in pieces)])
+    return points[rows], points[rows[is_wall[rows]]]
 
 
-def dafoam_nodes(wing, rank, size):
+def dafoam_nodes(grid, comm):
     """Nodes of DAFoam's process: a slab of them, each once, in no order; those between slabs in both.
 
     The last of several processes holds no wall, and some nodes of the wall are there twice.
     """
-    unique = np.unique(node_sharing(wing.model.topology).source_rows())
-    x = wing.points[unique, 0]
-    low, high = np.quantile(x, [rank / size, (rank + 1) / size])
-    volume = np.random.default_rng(rank).permutation(unique[(x >= low - 0.05) & (x <= high + 0.05)])
-    holders = max(size - 1, 1)
-    walls = [wing.surface.points[rank::holders], wing.surface.points[5:9]]
-    return wing.points[volume], np.concatenate(walls) if rank < holders else np.zeros((0, 3))
+    points, is_wall, _ = nodes_and_walls(grid)
+    walls, points = np.unique(points[is_wall], axis=0), np.unique(points, axis=0)
+    low, high = np.quantile(points[:, 0], [comm.rank / comm.size, (comm.rank + 1) / comm.size])
+    volume = points[(points[:, 0] >= low - 0.05) & (points[:, 0] <= high + 0.05)]
+    holders = max(comm.size - 1, 1)
+    mine = np.concatenate([walls[comm.rank :: holders], walls[5:9]]) if comm.rank < holders else walls[:0]
+    return np.random.default_rng(comm.rank).permutation(volume), mine
 
 
-class MeshOf(om.ExplicitComponent):
+class SurfaceMesh(om.ExplicitComponent):
     """ADflowMesh, DAFoamMesh: the surface nodes of the process."""
 
     def initialize(self):
@@ -102,34 +110,43 @@ class States(om.ExplicitComponent):
     def setup(self):
         builder = self.options["builder"]
         self.weights, size = builder.solver.weights, builder.solver.volume.size
-        self.names = builder.volume_name, builder.states_name, builder.flow_name
-        volume, states, flow = self.names
-        shape, tag = ({"shape_by_conn": True}, "input") if flow == "aoa" else ({"shape": size}, "coupling")
-        self.add_input(volume, **shape, distributed=True, tags=["mphys_coupling"])
-        self.add_input(flow, val=FLOW[flow], tags=[f"mphys_{tag}"])
-        self.add_output(states, shape=size, distributed=True, tags=["mphys_coupling"])
+        shape = {"shape_by_conn": True} if builder.flow_name is None else {"shape": size}
+        self.volume, self.states, self.flow = builder.volume_name, builder.states_name, None
+        self.add_input(self.volume, **shape, distributed=True, tags=["mphys_coupling"])
+        self.add_output(self.states, shape=size, distributed=True, tags=["mphys_coupling"])
+        if builder.flow_name is not None:
+            self.add_flow(builder.flow_name, [10.0, 2.0], "mphys_coupling")
+
+    def add_flow(self, name, value, tag, **options):
+        self.flow = name
+        self.add_input(name, val=value, tags=[tag], **options)
+
+    def mphys_set_ap(self, problem):
+        value, options = problem.variables["aoa"]
+        self.add_flow("aoa", value, "mphys_input", **options)
+
+    def slope(self, inputs, wave):
+        return self.weights * wave(inputs[self.volume] + 0.1 * inputs[self.flow].sum())
 
     def compute(self, inputs, outputs):
-        volume, states, flow = self.names
-        outputs[states] = self.weights * np.sin(inputs[volume] + 0.1 * inputs[flow].sum())
+        outputs[self.states] = self.slope(inputs, np.sin)
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        volume, states, flow = self.names
-        slope = self.weights * np.cos(inputs[volume] + 0.1 * inputs[flow].sum())
+        slope = self.slope(inputs, np.cos)
         if mode == "fwd" and mode in self.options["builder"].modes:
-            if volume in d_inputs:
-                d_outputs[states] += slope * d_inputs[volume]
-            if flow in d_inputs:
-                d_outputs[states] += 0.1 * slope * d_inputs[flow].sum()
+            if self.volume in d_inputs:
+                d_outputs[self.states] += slope * d_inputs[self.volume]
+            if self.flow in d_inputs:
+                d_outputs[self.states] += 0.1 * slope * d_inputs[self.flow].sum()
         elif mode == "rev":
-            if volume in d_inputs:
-                d_inputs[volume] += slope * d_outputs[states]
-            if flow in d_inputs:
-                d_inputs[flow] += summed(self.comm, np.array([0.1 * slope @ d_outputs[states]]))
+            if self.volume in d_inputs:
+                d_inputs[self.volume] += slope * d_outputs[self.states]
+            if self.flow in d_inputs:
+                d_inputs[self.flow] += summed(self.comm, np.array([0.1 * slope @ d_outputs[self.states]]))
 
 
 class Functions(om.ExplicitComponent):
-    """ADflowFunctions, DAFoamFunctions: a number of the whole flow, from states and nodes of all processes."""
+    """ADflowFunctions, DAFoamFunctions: numbers of the whole flow, from states and nodes of all processes."""
 
     def initialize(self):
         self.options.declare("builder", recordable=False)
@@ -137,55 +154,55 @@ class Functions(om.ExplicitComponent):
     def setup(self):
         builder = self.options["builder"]
         self.weights, self.names = builder.solver.weights, (builder.states_name, builder.volume_name)
-        self.of = builder.of.split(".")[-1]
         for name in self.names:
             self.add_input(name, distributed=True, shape_by_conn=True, tags=["mphys_coupling"])
-        self.add_output(self.of, shape=1, tags=["mphys_result"] if self.of == "cl" else [])
+        self.functions = list(builder.functions)
+        for name in self.functions:
+            self.add_output(name, shape=1)
 
-    def slopes(self, inputs):
+    def mphys_set_ap(self, problem):
+        value, options = problem.variables["aoa"]
+        self.add_input("aoa", val=value, tags=["mphys_input"], **options)
+        self.functions = list(problem.evalFuncs)
+        for name in self.functions:
+            self.add_output(name, shape=1, tags=["mphys_result"])
+
+    def slopes(self, inputs, number):
         states, volume = self.names
-        return {states: np.ones(len(inputs[states])), volume: 2.0 * self.weights * inputs[volume]}
+        return {states: np.full(len(inputs[states]), number + 1.0), volume: 2.0 * self.weights * inputs[volume]}
 
     def compute(self, inputs, outputs):
         states, volume = self.names
-        local = inputs[states].sum() + self.weights @ inputs[volume] ** 2
-        outputs[self.of] = summed(self.comm, np.array([local]))
+        for number, name in enumerate(self.functions):
+            local = (number + 1.0) * inputs[states].sum() + self.weights @ inputs[volume] ** 2
+            outputs[name] = summed(self.comm, np.array([local]))
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        slopes = {name: slope for name, slope in self.slopes(inputs).items() if name in d_inputs}
-        if mode == "fwd":
-            local = sum(slope @ d_inputs[name] for name, slope in slopes.items())
-            d_outputs[self.of] += summed(self.comm, np.array([local]))
-        else:
-            for name, slope in slopes.items():
-                d_inputs[name] += slope * d_outputs[self.of]
+        for number, of in enumerate(self.functions):
+            slopes = {name: slope for name, slope in self.slopes(inputs, number).items() if name in d_inputs}
+            if of in d_outputs and mode == "fwd":
+                local = sum(slope @ d_inputs[name] for name, slope in slopes.items())
+                d_outputs[of] += summed(self.comm, np.array([local]))
+            elif of in d_outputs:
+                for name, slope in slopes.items():
+                    d_inputs[name] += slope * d_outputs[of]
 
 
-class ADflow(Builder):
-    """ADflowBuilder with our grid movement: all that there is to write is the method of the warper."""
+class ADflowBuilder(Builder):
+    """ADflow's builder; the aerodynamic problem of a scenario adds its inputs and outputs."""
 
     mesh_names = {1: "x_aero0", 2: "x_aero0_mesh"}
-    of, flow_name, volume_name, states_name = "cruise.cl", "aoa", "adflow_vol_coords", "adflow_states"
-    modes = ("rev", "fwd")
+    volume_name, states_name, flow_name, functions = "adflow_vol_coords", "adflow_states", None, ()
+    modes, generation, nodes_of, grid = ("rev", "fwd"), INSTALLED, staticmethod(adflow_nodes), None
 
-    def __init__(self, wing, generation=None):
-        self.wing, self.generation = wing, generation or INSTALLED
+    def __init__(self, options, mesh_options=None, scenario="aerodynamic"):
+        self.options, self.mesh_options = options, mesh_options
 
     def initialize(self, comm):
-        self.solver = Solver(self.wing, comm, *adflow_nodes(self.wing, comm.rank, comm.size))
+        self.solver = Solver(comm, *self.nodes_of(self.grid, comm))
 
     def get_mesh_coordinate_subsystem(self, scenario_name=None):
-        return MeshOf(solver=self.solver, name=self.mesh_names[self.generation])
-
-    def get_pre_coupling_subsystem(self, scenario_name=None):
-        wing, solver = self.wing, self.solver
-        return VolumeWarper(
-            model=wing.model,
-            mover=wing.mover,
-            numbers=numbers_of_points(wing.surface.points, solver.walls, "surface"),
-            rows=solver.rows,
-            volume_name=self.volume_name,
-        )
+        return SurfaceMesh(solver=self.solver, name=self.mesh_names[self.generation])
 
     def get_coupling_group_subsystem(self, scenario_name=None):
         return States(builder=self)
@@ -197,49 +214,111 @@ class ADflow(Builder):
         return len(self.solver.walls)
 
 
-class DAFoam(ADflow):
-    """DAFoamBuilder with our grid movement. Its mesh gives ``x_aero0`` beside MPhys 2 as well."""
+class DAFoamBuilder(ADflowBuilder):
+    """DAFoam's builder. Its mesh gives ``x_aero0`` beside MPhys 2 as well."""
 
     mesh_names = {1: "x_aero0", 2: "x_aero0"}
-    of, flow_name, volume_name, states_name = "cruise.aero_post.CL", "patchV", "aero_vol_coords", "aero_states"
-    modes = ("rev",)
+    volume_name, states_name, flow_name, functions = "aero_vol_coords", "aero_states", "patchV", ("CL", "CD")
+    modes, nodes_of = ("rev",), staticmethod(dafoam_nodes)
 
     def initialize(self, comm):
-        self.solver = Solver(self.wing, comm, *dafoam_nodes(self.wing, comm.rank, comm.size))
+        super().initialize(comm)
+        self.DASolver = self.solver
 
 
-SOLVERS = {"ADflow": ADflow, "DAFoam": DAFoam}
+class AeroProblem:
+    """The aerodynamic problem of ADflow."""
+
+    def __init__(self, name, evalFuncs, **conditions):
+        self.evalFuncs, self.variables = evalFuncs, {}
+
+    def addDV(self, key, value, name, units=None):
+        self.variables[name] = value, {"units": units}
+
+
+def stand_ins(grid):
+    """Modules that scripts import, by name, of solvers that read a grid."""
+    modules = {name: ModuleType(name) for name in ("adflow", "adflow.mphys", "baseclasses", "dafoam", "dafoam.mphys")}
+    modules["adflow.mphys"].ADflowBuilder = type("ADflowBuilder", (ADflowBuilder,), {"grid": grid})
+    modules["dafoam.mphys"].DAFoamBuilder = type("DAFoamBuilder", (DAFoamBuilder,), {"grid": grid})
+    modules["baseclasses"].AeroProblem = AeroProblem
+    return modules
+
+
+BUILDERS = {"ADflow": ADflowBuilder, "DAFoam": DAFoamBuilder}
+DESIGN = {"twist": [1.0, -2.0, 3.0], "span": [1.1]}
+FLOW = {"ADflow": {"cruise.coupling.aoa": 3.0}, "DAFoam": {"cruise.patchV": [10.0, 2.0]}}
+FUNCTION = {"ADflow": "cruise.aero_post.cl", "DAFoam": "cruise.aero_post.CL"}
+
+
+class Wing:
+    """A small wing, its variables and its mover."""
+
+    def __init__(self, shape=(7, 6, 5)):
+        self.grid = onera_m6_grid(shape)
+        self.model = fit_grid(self.grid)
+        mesh = moving_mesh(self.model)
+        axis = ReferenceAxis.of(mesh)
+        self.surface, self.mover = SurfaceGrid.of(self.model), InverseDistance(mesh)
+        self.parametrization = Parametrization(mesh, [Twist("twist", axis, stations=3), Span("span", axis)])
+
+    def builder(self, solver, generation):
+        """Builder of a solver with our grid movement: all that there is to write."""
+        wing, parent = self, BUILDERS[solver]
+
+        class Warped(parent):
+            grid = wing.grid
+
+            def initialize(self, comm):
+                super().initialize(comm)
+                self.numbers = numbers_of_points(wing.surface.points, self.solver.walls, "surface", comm)
+                stored = StoredGrid.of(wing.grid)
+                self.rows = rows_of_points(stored, wing.model.topology, self.solver.volume, comm=comm)
+
+            def get_pre_coupling_subsystem(self, scenario_name=None):
+                nodes = {"numbers": self.numbers, "rows": self.rows, "volume_name": self.volume_name}
+                return VolumeWarper(model=wing.model, mover=wing.mover, **nodes)
+
+        builder = Warped({})
+        builder.generation = generation
+        return builder
 
 
 class Study(Multipoint):
     """Mesh, geometry and scenario, connected as the documentations of MPhys, ADflow and DAFoam have it."""
 
     def initialize(self):
-        self.options.declare("builder", recordable=False)
+        self.options.declare("wing", recordable=False)
+        self.options.declare("solver")
+        self.options.declare("generation")
 
     def setup(self):
-        builder = self.options["builder"]
+        wing, generation = self.options["wing"], self.options["generation"]
+        builder, names = wing.builder(self.options["solver"], generation), GENERATIONS[generation]
         builder.initialize(self.comm)
-        wing, names = builder.wing, GENERATIONS[builder.generation]
-        geometry = SurfaceGeometry(
-            model=wing.model,
-            parametrization=wing.parametrization,
-            surface=wing.surface,
-            numbers=numbers_of_points(wing.surface.points, builder.solver.walls, "surface"),
-            generation=builder.generation,
-        )
+        self.builder = builder
+        design = {"model": wing.model, "parametrization": wing.parametrization, "surface": wing.surface}
+        geometry = SurfaceGeometry(**design, numbers=builder.numbers, generation=generation)
         self.add_subsystem("mesh", builder.get_mesh_coordinate_subsystem())
         self.add_subsystem("geometry", geometry, promotes_inputs=list(DESIGN))
         self.mphys_add_scenario("cruise", ScenarioAerodynamic(aero_builder=builder))
-        self.connect(f"mesh.{builder.mesh_names[builder.generation]}", f"geometry.{names.geometry_input}")
+        self.connect(f"mesh.{builder.mesh_names[generation]}", f"geometry.{names.geometry_input}")
         self.connect(f"geometry.{names.geometry_output}", "cruise.x_aero")
 
+    def configure(self):
+        super().configure()
+        if self.options["solver"] == "ADflow":
+            problem = AeroProblem("cruise", evalFuncs=["cl", "cd"])
+            problem.addDV("alpha", value=1.0, name="aoa", units="deg")
+            self.cruise.coupling.mphys_set_ap(problem)
+            self.cruise.aero_post.mphys_set_ap(problem)
 
-def flown(builder, comm=None, mode="rev"):
+
+def flown(wing, solver, generation, comm=None, mode="rev"):
     """A study, run."""
-    problem = om.Problem(Study(builder=builder), comm=comm, reports=False)
+    problem = om.Problem(Study(wing=wing, solver=solver, generation=generation), comm=comm, reports=False)
     problem.setup(mode=mode)
-    for name, value in {**DESIGN, f"cruise.{builder.flow_name}": FLOW[builder.flow_name]}.items():
+    for name, value in {**DESIGN, **FLOW[solver]}.items():
         problem.set_val(name, value)
     problem.run_model()
     return problem
@@ -247,5 +326,5 @@ def flown(builder, comm=None, mode="rev"):
 
 def totals(problem):
     """The total derivatives of a study, of its number of the flow in all variables."""
-    builder = problem.model.options["builder"]
-    return problem.compute_totals([builder.of], [*DESIGN, f"cruise.{builder.flow_name}"], return_format="array")
+    solver = problem.model.options["solver"]
+    return problem.compute_totals([FUNCTION[solver]], [*DESIGN, *FLOW[solver]], return_format="array")

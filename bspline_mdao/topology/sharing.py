@@ -210,7 +210,7 @@ _NEARER = 0.1
 """A point is a node if it is nearer to it than this part of its distance to the next one."""
 
 
-def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.ndarray:
+def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str, comm=ONE) -> np.ndarray:
     """Find every point among nodes that are there once each.
 
     The precision of the points does not matter as long as they can be distinguished.
@@ -223,6 +223,8 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.nd
         Points (m), such as a solver's surface.
     what : str
         What the points are, for messages.
+    comm : communicator, optional
+        Of several processes that each look for their own points: all come here, and raise what one of them raises.
 
     Returns
     -------
@@ -234,8 +236,9 @@ def numbers_of_points(nodes: np.ndarray, points: np.ndarray, what: str) -> np.nd
     InputError
         If a point is no node, or is two that lie at one place, such as those on both sides of a plate.
     """
-    distance, number = _two_nearest(nodes, np.reshape(points, (-1, 3)))
-    _require_found(distance[:, 0], distance[:, 1], what)
+    with together(comm):
+        distance, number = _two_nearest(nodes, np.reshape(points, (-1, 3)))
+        _require_found(distance[:, 0], distance[:, 1], what)
     return number
 
 

@@ -7,7 +7,7 @@ import pytest
 
 mphys = pytest.importorskip("mphys", reason="MPhys is not installed")
 
-from mphys_cases import DESIGN, FLOW, SOLVERS, Wing, flown, totals  # noqa: E402
+from mphys_cases import DESIGN, FLOW, FUNCTION, Wing, flown, totals  # noqa: E402
 
 from bspline_mdao import InputError  # noqa: E402
 from bspline_mdao.numerics.processes import ONE  # noqa: E402
@@ -26,16 +26,15 @@ def wing():
 @pytest.mark.parametrize("generation", [1, 2])
 @pytest.mark.parametrize("solver", ["ADflow", "DAFoam"])
 def test_totals_of_a_solver_are_those_of_differences(wing, solver, generation):
-    problem = flown(SOLVERS[solver](wing, generation))
-    builder, rng, h = problem.model.options["builder"], np.random.default_rng(3), 1e-3
-    values = {**DESIGN, f"cruise.{builder.flow_name}": FLOW[builder.flow_name]}
+    problem, rng, h = flown(wing, solver, generation), np.random.default_rng(3), 1e-3
+    values = {**DESIGN, **FLOW[solver]}
     directions = {name: rng.normal(size=np.size(value)) for name, value in values.items()}
 
     def value(step):
         for name, at in values.items():
             problem.set_val(name, at + step * directions[name])
         problem.run_model()
-        return problem.get_val(builder.of).item()
+        return problem.get_val(FUNCTION[solver]).item()
 
     exact = (totals(problem) @ np.concatenate(list(directions.values()))).item()
     coarse, fine = ((value(step) - value(-step)) / (2.0 * step) for step in (h, 0.5 * h))
@@ -44,7 +43,7 @@ def test_totals_of_a_solver_are_those_of_differences(wing, solver, generation):
 
 @pytest.mark.slow
 def test_both_generations_give_the_same_totals(wing):
-    first, second = (totals(flown(SOLVERS["ADflow"](wing, generation))) for generation in (1, 2))
+    first, second = (totals(flown(wing, "ADflow", generation)) for generation in (1, 2))
     np.testing.assert_array_equal(first, second)
 
 

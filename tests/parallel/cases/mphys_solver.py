@@ -3,21 +3,22 @@
 import sys
 
 import numpy as np
-from mphys_cases import SOLVERS, Wing, flown, totals
+from mphys_cases import Wing, flown, totals
 from mpi4py import MPI
 
-solver, generation = SOLVERS[sys.argv[1]], int(sys.argv[2])
-comm, wing = MPI.COMM_WORLD, Wing()
+solver, generation = sys.argv[1], int(sys.argv[2])
+wing = Wing()
 
-alone = flown(solver(wing, generation), MPI.COMM_SELF)
+alone = flown(wing, solver, generation, MPI.COMM_SELF)
 expected = totals(alone)
-for mode in solver.modes:
-    problem = flown(solver(wing, generation), comm, mode)
+for mode in alone.model.builder.modes:
+    problem = flown(wing, solver, generation, MPI.COMM_WORLD, mode)
     np.testing.assert_allclose(totals(problem), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
-nodes = problem.model.options["builder"].solver
-moved = alone.model.cruise.aero_pre.movement.get_val("grid").reshape(-1, 3)
-handed = problem.model.cruise.get_val(solver.volume_name, get_remote=False).reshape(-1, 3)
-np.testing.assert_allclose(handed, moved[nodes.rows], rtol=0, atol=1e-14)
-assert np.abs(handed - nodes.volume).max() > 0.05
-print(len(nodes.walls), len(nodes.volume))
+builder = problem.model.builder
+moved = np.empty((wing.model.n_nodes, 3))
+moved[alone.model.builder.rows] = alone.get_val(f"cruise.{builder.volume_name}").reshape(-1, 3)
+handed = problem.get_val(f"cruise.{builder.volume_name}", get_remote=False).reshape(-1, 3)
+np.testing.assert_allclose(handed, moved[builder.rows], rtol=0, atol=1e-14)
+assert np.abs(handed - builder.solver.volume).max() > 0.05
+print(len(builder.numbers), len(builder.rows))
