@@ -355,7 +355,8 @@ class SparseComponent(om.ExplicitComponent):
         declared, is_matrix_free = self._subjacs_info, self.matrix_free
         self._subjacs_info, self.matrix_free = {}, True
         try:
-            return super().check_partials(*arguments, **options)
+            with each_for_itself(self):
+                return super().check_partials(*arguments, **options)
         finally:
             self._subjacs_info, self.matrix_free = declared, is_matrix_free
 
@@ -407,6 +408,22 @@ def failures_as_analysis_errors(
             yield
         except kinds as error:
             raise om.AnalysisError(f"{component.msginfo}: {error}") from error
+
+
+@contextmanager
+def each_for_itself(component: om.ExplicitComponent) -> Iterator[None]:
+    """Let every process of a component run it as if it were alone, with its own part of distributed variables.
+
+    OpenMDAO's check along directions takes dot products on every process by itself. Of a map from an input that all
+    processes have to an output that they share, these are right where each differentiates its own part, and wrong with
+    the sum over all processes that the reverse product is otherwise.
+    """
+    comm = component.comm
+    component.comm = ONE
+    try:
+        yield
+    finally:
+        component.comm = comm
 
 
 Method = TypeVar("Method", bound=Callable)

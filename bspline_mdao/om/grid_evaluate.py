@@ -7,8 +7,9 @@ from scipy.sparse import identity, kron
 
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import FittedModel
+from ..model.fitted_model import MODELS
 from ..names import CONTROL_POINTS, GRID, SURFACE
+from ..numerics.processes import summed
 from ..walls.grid_map import GridState
 from ..walls.wall_correction import WallCorrection
 from .component import (
@@ -18,11 +19,11 @@ from .component import (
     add_product,
     as_node_numbers,
     check_along_directions,
-    difference_step,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
+from .shares import check_step, declare_partition, part_of_model
 
 
 class GridEvaluate(SparseComponent):
@@ -42,10 +43,15 @@ class GridEvaluate(SparseComponent):
     ``grid``            output  (3 n_nodes)           m      nodes, blocks in file order, each in C order of (i, j, k)
     ==================  ======  ====================  =====  =======================================================
 
+    On several processes ``grid`` is distributed: each evaluates the nodes of its `Share`, to the bits that they have on
+    one process. Forwards no message is sent; in reverse one sum of all processes, of the size of the inputs.
+
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or ModelShare
+        The fitted grid, or what this process needs of it.
+    partition : Partition or Share, optional
+        Which nodes each process holds; by default `Partition.of` deals out the blocks. A `Share` is this process's.
     surface : SurfaceGrid, optional
         Surface whose nodes are to be exactly where ``surface`` says. What control points miss of them fades over the
         blocks, see :doc:`/theory/asked_walls`.
@@ -59,14 +65,16 @@ class GridEvaluate(SparseComponent):
     ------
     InputError
         In ``setup``, if a matrix is asked of a map that is not linear, or with a ``surface``; if the surface is of
-        another model, or ``numbers`` are not those of its nodes, each once.
+        another model, or ``numbers`` are not those of its nodes, each once; if the partition does not fit the model or
+        the number of processes.
     om.AnalysisError
         In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
     """
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid, or a share of it")
+        declare_partition(self)
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
         self.options.declare("assembled", types=bool, default=False, desc="declare the sparse Jacobian")
@@ -74,16 +82,18 @@ class GridEvaluate(SparseComponent):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely, with a residual) on the inputs."""
-        return self.options["model"].grid_map().is_linear
+        model = self.options["model"]
+        has_walls = any(face.kind == "wall" for face in model.topology.boundary)
+        return not model.settings.wall_layer or (model.residual is None and not has_walls)
 
     @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
-        model, surface = self.options["model"], self.options["surface"]
+        model, surface = part_of_model(self), self.options["surface"]
         self._map, self._correction, self._last = model.grid_map(), None, LastState()
         if self.options["assembled"] and surface is not None:
             raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
-        if self.options["assembled"] and not self._map.is_linear:
+        if self.options["assembled"] and not self.is_linear:
             raise InputError(
                 f"{self.msginfo}: assembled=True needs a linear map; fit the grid with wall_layer=False, or leave "
                 f"assembled out"
@@ -94,9 +104,8 @@ class GridEvaluate(SparseComponent):
             numbers = self._numbers(surface)
             self._correction = WallCorrection.of(model.topology, self._map.nodes, surface.rows[numbers])
             self.add_input(SURFACE, val=surface.points[numbers].ravel(), units="m")
-        self.add_output(GRID, shape=3 * model.n_nodes, units="m")
-        blocks = (block.nodes for block in model.regenerate().blocks)
-        check_along_directions(self, LINEAR_STEP if self._map.is_linear else difference_step(blocks))
+        self.add_output(GRID, shape=3 * self._map.n_asked, units="m", distributed=self.comm.size > 1)
+        check_along_directions(self, LINEAR_STEP if self.is_linear else check_step(model))
 
     @fails_together
     def setup_partials(self):
@@ -108,18 +117,25 @@ class GridEvaluate(SparseComponent):
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
         state = self._state_at(inputs)
-        outputs[GRID] = state.nodes.ravel()
+        outputs[GRID] = state.nodes[: self._map.n_asked].ravel()
         if self.under_complex_step:
-            outputs[GRID] += 1j * state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._names)).ravel()
+            change = state.jvp(*(inputs[name].imag.reshape(-1, 3) for name in self._names))
+            outputs[GRID] += 1j * change[: self._map.n_asked].ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
         if self.options["assembled"]:
             super().compute_jacvec_product(inputs, d_inputs, d_outputs, mode)
             return
-        state = self._state_at(inputs)
-        products = {"jvp": state.jvp, "vjp": state.full_vjp}
-        add_product(inputs, d_inputs, d_outputs, mode, **products, of=GRID, wrt=self._names)
+        state, grid_map = self._state_at(inputs), self._map
+
+        def jvp(*directions):
+            return state.jvp(*directions)[: grid_map.n_asked]
+
+        def vjp(bar):
+            return [None if part is None else summed(self.comm, part) for part in state.full_vjp(grid_map.padded(bar))]
+
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=self._names)
 
     @property
     def _names(self) -> tuple[str, ...]:

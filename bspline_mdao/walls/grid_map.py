@@ -160,6 +160,17 @@ class GridMap:
         return self.turning is None and self.layer is None
 
     @property
+    def n_asked(self) -> int:
+        """Number of the nodes that were asked for, the first ones."""
+        return self.held.n_asked
+
+    def padded(self, bar: np.ndarray) -> np.ndarray:
+        """Return derivatives with respect to the nodes asked for, shape (n_asked, 3), with zeros for the others."""
+        if self.n_asked == len(self.nodes):
+            return bar
+        return np.concatenate([bar, np.zeros((len(self.nodes) - self.n_asked, 3), dtype=bar.dtype)])
+
+    @property
     def n_bytes(self) -> int:
         """Memory besides the evaluator's and the model's (B)."""
         packed = self.residual.n_bytes if isinstance(self.residual, Vectors) else 0
