@@ -38,7 +38,7 @@ def launcher() -> list[str]:
     return [program, "-n"]
 
 
-def run_ranks(script: str, n: int, *arguments: str, timeout: float = 60.0, fails: bool = False) -> list[str]:
+def run_ranks(script: str, n: int, *arguments: str, timeout: float = 240.0, fails: bool = False) -> list[str]:
     """Run a script on ``n`` ranks and return what each of them printed.
 
     Parameters

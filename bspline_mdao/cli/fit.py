@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
+from typing import Any
 
 from ..errors import FitWarning, InputError
-from ..fit.fitting import fit_grid
+from ..fit.fitting import fit_blocks, fit_grid
+from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import CANDIDATES, Fallback, FitReport
+from ..numerics.processes import world
 from .output import (
     check_outputs,
     counts_text,
@@ -20,7 +23,7 @@ from .output import (
     progress_bar,
     written_json,
 )
-from .sources import file_of, load_grid
+from .sources import file_of, load_grid, stored_grid
 
 
 def fit_model(
@@ -38,6 +41,8 @@ def fit_model(
     no_wall_layer: bool = False,
 ) -> None:
     """Fit a grid, write the model and show how good it is.
+
+    Several processes read, fit and write whole blocks each.
 
     Parameters
     ----------
@@ -63,29 +68,33 @@ def fit_model(
     InputError
         If the grid cannot be used or a file cannot be written.
     """
-    check_outputs([output, json], [file_of(grid_name), patches])
+    comm = world()
+    check_outputs([output, json], [file_of(grid_name), patches], comm)
     if output.suffix != ".h5":
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
+    options: dict[str, Any] = {
+        "n_control": n_control,
+        "order": order,
+        "corrections": correct,
+        "keep_residual": not no_residual,
+        "wall_layer": not no_wall_layer,
+        "method": method,
+        "parametrization": parametrization,
+    }
     with progress_bar() as progress, warnings.catch_warnings():
         warnings.simplefilter("ignore", FitWarning)  # it is in the report
         progress(0.0, "reading")
-        model = fit_grid(
-            load_grid(grid_name, patches),
-            n_control=n_control,
-            order=order,
-            corrections=correct,
-            keep_residual=not no_residual,
-            wall_layer=not no_wall_layer,
-            method=method,
-            parametrization=parametrization,
-            progress=progress,
-        )
-    with written_json(json, fit_numbers(model)):
+        model: FittedModel | FittedBlocks
+        if comm.size == 1:
+            model = fit_grid(load_grid(grid_name, patches), progress=progress, **options)
+        else:
+            model = fit_blocks(stored_grid(grid_name, patches, comm), comm, progress=progress, **options)
+    with written_json(json, fit_numbers(model), comm):
         model.save(output)
     show_fit(model, output)
 
 
-def fit_numbers(model: FittedModel) -> dict:
+def fit_numbers(model: FittedModel | FittedBlocks) -> dict:
     """Collect the numbers of a fit for JSON."""
     report, fallback = model.report, model.report.fallback
     return {
@@ -110,7 +119,7 @@ def fit_numbers(model: FittedModel) -> dict:
     }
 
 
-def show_fit(model: FittedModel, output: Path) -> None:
+def show_fit(model: FittedModel | FittedBlocks, output: Path) -> None:
     """Print the report of a fit."""
     report, worst = model.report, model.report.worst
     print_title(f"{model.header.source}: {report.n_nodes:,} nodes, {report.n_control_points:,} control points")
@@ -148,7 +157,7 @@ def _fallback_lines(report: FitReport, fallback: Fallback) -> list[str]:
     return lines
 
 
-def _counts(model: FittedModel) -> list[list[tuple[int, int, int]]]:
+def _counts(model: FittedModel | FittedBlocks) -> list[list[tuple[int, int, int]]]:
     """Control points per direction of the segments of each block."""
     counts: list[list] = [[] for _ in model.topology.shapes]
     for segment, volume in zip(model.topology.segments, model.mesh.volumes):

@@ -6,6 +6,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from io import TextIOWrapper
 
 import click
@@ -15,6 +16,12 @@ from ..numerics.processes import from_first, world
 from .commands import PROGRAM, bspline_mdao
 
 FAILED, INTERRUPTED = 2, 130
+
+SHARED = {"fit", "quality"}
+"""Commands that know of several processes."""
+
+EXPECTED = (click.ClickException, InputError, MovementError, OSError)
+"""What commands raise on all processes alike."""
 
 
 def main() -> None:
@@ -35,7 +42,8 @@ def main() -> None:
 def run(arguments: Sequence[str]) -> int:
     """Run a command and return its exit status.
 
-    Of several processes the first one does what the command does, and all end with its status.
+    Several processes share the work of the commands in `SHARED`; others are done by the first one. It alone prints, and
+    all end with one status.
 
     Parameters
     ----------
@@ -52,10 +60,15 @@ def run(arguments: Sequence[str]) -> int:
     except ImportError as error:
         _say(str(error))
         return FAILED
-    return from_first(processes, _run(arguments) if processes.rank == 0 else None)
+    if processes.rank > 0 and SHARED.isdisjoint(arguments[:1]):
+        return from_first(processes, None)
+    if processes.rank > 0:
+        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+            return from_first(processes, _run(arguments, processes))
+    return from_first(processes, _run(arguments, processes))
 
 
-def _run(arguments: Sequence[str]) -> int:
+def _run(arguments: Sequence[str], processes) -> int:
     """Run a command on this process and return its exit status."""
     try:
         bspline_mdao.main(args=list(arguments), prog_name=PROGRAM, standalone_mode=False)
@@ -69,6 +82,9 @@ def _run(arguments: Sequence[str]) -> int:
         if os.environ.get("BSPLINE_MDAO_TRACEBACK"):
             traceback.print_exc()
         _say(describe(error))
+        if processes.size > 1 and not isinstance(error, EXPECTED):
+            print(f"{PROGRAM}: process {processes.rank}: {describe(error)}", file=sys.__stderr__, flush=True)
+            processes.Abort(FAILED)  # it may be alone with it, and the others would wait for ever
         return FAILED
     return 0
 

@@ -6,9 +6,10 @@ import json
 import math
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from numbers import Integral, Real
 from pathlib import Path
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -22,13 +23,14 @@ from ..cells.wall_spacing import WallSpacing, flat_plate_y_plus
 from ..errors import InputError
 from ..io.disk import replaced_file
 from ..io.formats import format_of_name
+from ..numerics.processes import ONE, on_first, together
 
 COMPILING = "compiling, once"
 """Shown while numba compiles kernels, which it does when they are first needed on a machine."""
 
 
-def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = ()) -> None:
-    """Refuse files that cannot be written, before any work is done.
+def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = (), comm: Any = ONE) -> None:
+    """Refuse files that cannot be written, before any work is done; of several processes the first one looks.
 
     Parameters
     ----------
@@ -36,12 +38,18 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
         Files to write.
     inputs : sequence of path-like or None
         Files that are read.
+    comm : communicator
+        The processes.
 
     Raises
     ------
     InputError
         If a folder is missing or closed, or if an output would replace an input or another output.
     """
+    on_first(comm, lambda: _check_outputs(outputs, inputs))
+
+
+def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None]) -> None:
     taken = {os.path.realpath(path): "is read by this command" for path in inputs if path is not None}
     for path in (path for path in outputs if path is not None):
         folder = Path(os.path.realpath(path)).parent
@@ -63,7 +71,7 @@ def _is_folder_of_grid(path: Path) -> bool:
 
 
 @contextmanager
-def written_json(path: Path | None, numbers: dict) -> Iterator[None]:
+def written_json(path: Path | None, numbers: dict, comm: Any = ONE) -> Iterator[None]:
     """Write numbers as JSON beside their file, if one is named, which they replace when the block ends well.
 
     Parameters
@@ -72,6 +80,8 @@ def written_json(path: Path | None, numbers: dict) -> Iterator[None]:
         File to make or to replace.
     numbers : dict
         Numbers, text, and tuples, lists and dicts of them; a number that is not finite becomes null.
+    comm : communicator
+        The processes, of which the first one writes.
 
     Raises
     ------
@@ -81,9 +91,14 @@ def written_json(path: Path | None, numbers: dict) -> Iterator[None]:
     if path is None:
         yield
         return
-    with replaced_file(path) as part:
-        part.write_text(json.dumps(_plain(numbers), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with ExitStack() as stack:
+        with together(comm):
+            if comm.rank == 0:
+                part = stack.enter_context(replaced_file(path))
+                part.write_text(json.dumps(_plain(numbers), indent=2, allow_nan=False) + "\n", encoding="utf-8")
         yield
+        with together(comm):
+            stack.close()
 
 
 def _plain(value):

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..cells.grid_quality import GridQuality
+from ..cells.pieces import Pieces
 from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from ..errors import InputError
 from ..io.patches import merge_patches, read_patches
 from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
+from ..numerics.processes import on_first, together, world
 from ..topology.detection import find_topology
 from ..topology.grid import Grid
+from ..topology.partition import Partition
+from ..topology.stored_grid import StoredBlock, StoredGrid
 from .output import (
     check_outputs,
     counts_text,
@@ -26,7 +34,7 @@ from .output import (
     show_heights,
     written_json,
 )
-from .sources import file_of, load_grid
+from .sources import file_of, load_grid, stored_grid
 
 MOST_SHOWN = 10
 """Inverted cells that are printed."""
@@ -36,6 +44,8 @@ def measure_quality(
     grid_name: str, bins: int, json: Path | None, patches: Path | None = None, baseline: str | None = None
 ) -> None:
     """Measure the cells of a grid and show what they are like.
+
+    Several processes read and measure a part each.
 
     Parameters
     ----------
@@ -56,45 +66,93 @@ def measure_quality(
     InputError
         If a grid cannot be used, the two have other blocks, or a file cannot be written.
     """
-    check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)])
+    comm = world()
+    check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)], comm)
     with progress_bar() as progress:
         progress(0.0, "reading")
-        grid, warnings = _grid_of(grid_name, patches)
-        before = grid if baseline is None else _baseline_of(baseline, grid, grid_name)
+        grid = _read(grid_name, patches, comm)
+        before = grid if baseline is None else _baseline_of(baseline, grid, grid_name, comm)
         progress(0.5, "cells")
-        quality, nodes = GridQuality.of_baseline(before), grid.to_vector().reshape(-1, 3)
-        report = report_quality(quality, nodes, bins)
-        newly = () if baseline is None else inverted_cells(quality, quality.cells(nodes), newly=True)
-    with written_json(json, _numbers(grid_name, baseline, report, newly)):
+        quality = GridQuality.of_pieces(before.pieces, before.nodes)
+        report = report_quality(quality, grid.nodes, bins)
+        newly = () if baseline is None else inverted_cells(quality, quality.cells(grid.nodes), newly=True)
+    with written_json(json, _numbers(grid_name, baseline, report, newly), comm):
         pass
     _show(grid_name, baseline, report, newly)
-    print_warnings(warnings)
+    print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
 
 
-def _grid_of(grid_name: str, patches: Path | None) -> tuple[Grid, tuple[str, ...]]:
-    """The grid of a file, or the one that a fitted model regenerates, and what is wrong with its topology."""
-    if Path(grid_name).suffix == ".h5":
+class _Read(NamedTuple):
+    """What a process has read of a grid: all but nodes, those of its pieces, and what is wrong with it."""
+
+    header: Any
+    partition: Partition
+    nodes: np.ndarray
+    warnings: tuple[str, ...]
+    comm: Any
+
+    @property
+    def pieces(self) -> Pieces:
+        header = self.header
+        names = tuple(block.name for block in header.blocks)
+        return Pieces(self.partition, names, header.patches, header.source, self.comm)
+
+
+def _read(grid_name: str, patches: Path | None, comm: Any) -> _Read:
+    """The grid of a file, or the one that a fitted model regenerates."""
+    is_model = Path(grid_name).suffix == ".h5"
+    if comm.size > 1:
+        return (_model_in_parts if is_model else _grid_in_parts)(grid_name, patches, comm)
+    if is_model:
         model = FittedModel.load(grid_name)
-        grid = model.regenerate()
-        return (read_patches(patches, grid) if patches else grid), model.topology.warnings
-    grid = load_grid(grid_name, patches)
-    return grid, find_topology(grid).warnings
+        grid, topology = model.regenerate(), model.topology
+        grid = read_patches(patches, grid) if patches else grid
+    else:
+        grid = load_grid(grid_name, patches)
+        topology = find_topology(grid)
+    return _Read(grid, Pieces.of_grid(grid).partition, grid.to_vector().reshape(-1, 3), topology.warnings, comm)
 
 
-def _baseline_of(name: str, grid: Grid, grid_name: str) -> Grid:
+def _model_in_parts(file: str, patches: Path | None, comm: Any) -> _Read:
+    """What a fitted model regenerates of the pieces of this process."""
+    share = ModelShare.load(file, comm)
+    header, shapes = share.header, share.topology.shapes
+
+    def no_nodes(window):
+        raise InputError(f"{patches}: its connections need the nodes of a grid; give patches as TOML, or one process")
+
+    blocks = (StoredBlock(shape, name, no_nodes) for shape, name in zip(shapes, header.names))
+    grid = StoredGrid(tuple(blocks), header.patches, header.source)
+    with together(comm):
+        grid, nodes = read_patches(patches, grid) if patches else grid, share.regenerate()
+    return _Read(grid, Partition.of(share.topology, comm.size), nodes, share.topology.warnings, comm)
+
+
+def _grid_in_parts(grid_name: str, patches: Path | None, comm: Any) -> _Read:
+    """The nodes of the pieces of this process; the first one sees all of them once, to find what joins them."""
+    grid = stored_grid(grid_name, patches, comm)
+    topology = on_first(comm, lambda: find_topology(grid.grid()))
+    partition = Partition.of(topology, comm.size)
+    with together(comm):
+        parts = [grid.read(piece).nodes.reshape(-1, 3) for piece in partition.pieces[comm.rank]]
+    return _Read(grid, partition, np.concatenate([np.zeros((0, 3)), *parts]), topology.warnings, comm)
+
+
+def _baseline_of(name: str, moved: _Read, grid_name: str, comm: Any) -> _Read:
     """The grid before it was moved, with the patches of both."""
-    baseline, _ = _grid_of(name, None)
-    if baseline.shapes != grid.shapes:
+    baseline = _read(name, None, comm)
+    grid, header = moved.header, baseline.header
+    if header.shapes != grid.shapes:
         raise InputError(
             f"{grid_name}: its blocks have {_shapes_text(grid)} nodes, those of the baseline {name} "
-            f"{_shapes_text(baseline)}; give the grid that was moved"
+            f"{_shapes_text(header)}; give the grid that was moved"
         )
-    return merge_patches(baseline, grid.patches, grid_name)
+    return baseline._replace(header=merge_patches(header, grid.patches, grid_name))
 
 
-def _shapes_text(grid: Grid) -> str:
+def _shapes_text(grid: Grid | StoredGrid) -> str:
     """Write the nodes of the first blocks."""
     shapes = [counts_text(shape) for shape in grid.shapes]
     return ", ".join(shapes[:3]) + (", ..." if len(shapes) > 3 else "")

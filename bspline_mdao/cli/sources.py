@@ -9,12 +9,13 @@ import math
 import re
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 
 if TYPE_CHECKING:
     from ..topology.grid import Grid
+    from ..topology.stored_grid import StoredGrid
 
 BUILT_IN = {
     "onera_m6": ("bspline_mdao.generators.canonical.onera_m6_grid", (23, 33, 17)),
@@ -57,6 +58,35 @@ def load_grid(grid_name: str, patches: Path | None = None) -> Grid:
         return read_grid(grid_name, patches)
     grid = _generate(grid_name)
     return read_patches(patches, grid) if patches else grid
+
+
+def stored_grid(grid_name: str, patches: Path | None, comm: Any) -> StoredGrid:
+    """Open a grid for several processes, which read what they need of a file; a built-in grid each of them makes.
+
+    Parameters
+    ----------
+    grid_name, patches
+        See `load_grid`.
+    comm : communicator
+        The processes, all of which call this.
+
+    Returns
+    -------
+    StoredGrid
+
+    Raises
+    ------
+    InputError
+        See `load_grid`.
+    """
+    from ..io.files import open_grid
+    from ..numerics.processes import together
+    from ..topology.stored_grid import StoredGrid
+
+    if file_of(grid_name):
+        return open_grid(grid_name, patches, comm)
+    with together(comm):
+        return StoredGrid.of(load_grid(grid_name, patches))
 
 
 def _generate(grid_name: str) -> Grid:

@@ -2,41 +2,62 @@
 
 import json
 
+import numpy as np
 import pytest
 from parallel_cases import run_ranks
+
+from bspline_mdao.model.fitted_model import FittedModel
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def wing(tmp_path_factory):
-    """Folder of a fitted wing, made by two ranks."""
-    folder = tmp_path_factory.mktemp("wing")
-    first, second = run_ranks("cases/command.py", 2, "fit", "@onera_m6:9x9x7", "-o", str(folder / "m6.h5"))
-    assert "m6.h5 written" in first
-    assert first.endswith("\n0\n")
-    assert second == "0\n"
-    return folder
-
-
 def numbers_of(n, file, *arguments):
     """What a command writes as JSON on some ranks."""
-    texts = run_ranks("cases/command.py", n, *arguments, "--json", str(file))
-    assert all(text == "0\n" for text in texts[1:])
+    first, *others = run_ranks("cases/command.py", n, *map(str, arguments), "--json", str(file))
+    assert first.endswith("\n0\n")
+    assert all(text == "0\n" for text in others)
     return json.loads(file.read_text())
 
 
-def test_quality_of_two_and_three_ranks_is_that_of_one(wing):
-    one, two, three = (numbers_of(n, wing / f"q{n}.json", "quality", str(wing / "m6.h5")) for n in (1, 2, 3))
-    assert one == two == three
+def fitted(n, folder):
+    return numbers_of(n, folder / f"fit{n}.json", "fit", "@onera_m6:9x9x7", "-o", folder / f"{n}.h5")
+
+
+def moved(n, folder):
+    return numbers_of(
+        n, folder / f"move{n}.json", "move", folder / "3.h5", "--deform", "twist=5deg", "-o", folder / f"{n}.xyz"
+    )
+
+
+@pytest.fixture(scope="module")
+def wing(tmp_path_factory):
+    """Folder of a wing that was fitted by three ranks and twisted by two."""
+    folder = tmp_path_factory.mktemp("wing")
+    fitted(3, folder)
+    moved(2, folder)
+    return folder
+
+
+def test_a_fit_on_three_ranks_is_that_on_one(wing):
+    one, three = fitted(1, wing), json.loads((wing / "fit3.json").read_text())
+    for name in ("rms", "max_error", "blocks", "worst_node", "n_invalid_control_elements", "warnings"):
+        assert three[name] == pytest.approx(one[name], rel=1e-12) if name == "rms" else three[name] == one[name]
+    models = [FittedModel.load(wing / f"{n}.h5") for n in (1, 3)]
+    np.testing.assert_array_equal(models[0].control_points, models[1].control_points)
 
 
 def test_a_move_on_two_ranks_is_that_on_one(wing):
-    for n in (1, 2):
-        numbers_of(
-            n, wing / f"{n}.json", "move", str(wing / "m6.h5"), "--deform", "twist=5deg", "-o", str(wing / f"{n}.xyz")
-        )
+    moved(1, wing)
     assert (wing / "1.xyz").read_bytes() == (wing / "2.xyz").read_bytes()
+
+
+@pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.parametrize("name", ["3.h5", "2.xyz"])
+def test_quality_of_several_ranks_is_that_of_one(wing, name, n):
+    files = [wing / f"{name}_{ranks}.json" for ranks in (1, n)]
+    for ranks, file in zip((1, n), files):
+        numbers_of(ranks, file, "quality", wing / name, "--baseline", wing / "3.h5")
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_what_is_wrong_is_said_once_and_all_ranks_end_alike(wing):

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 def optimum(driver, n, cases):
     """Numbers of an optimisation on some ranks, which are those of every rank."""
-    texts = run_ranks("cases/optimisation.py", n, driver, str(cases), timeout=120.0)
+    texts = run_ranks("cases/optimisation.py", n, driver, str(cases))
     numbers = [json.loads(text.splitlines()[-1]) for text in texts]
     assert all(each == numbers[0] for each in numbers)
     assert not any(text.splitlines()[1:] for text in texts[1:]), texts[1]
