@@ -17,7 +17,7 @@ from ..errors import FitWarning, InputError
 from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import FitSettings, GridHeader
-from ..numerics.processes import ONE, on_first, together
+from ..numerics.processes import ONE, together
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from ..topology.detection import find_topology
@@ -127,8 +127,8 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     A corner, edge or face that blocks share is fitted by one process, and its control points are sent to all. The
     control points are those of `fit_grid`: to the last bit by least squares, and but for the order of sums (1e-15 of
     the grid's size) where they fall back on a quasi-interpolant. Of a grid that is stored in a file, no process holds
-    the nodes of all blocks, but the first one while it looks for the topology; parameters and residual stay where they
-    are made.
+    the nodes of all blocks: the topology is found from their faces, and parameters and residual stay where they are
+    made.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def _fit(
         raise InputError(f"{grid.source}: a fit on {comm.size} processes has no {what}; fit without, or on one process")
     progress(0.0, "topology")
     if topology is None:
-        topology = on_first(comm, lambda: find_topology(_in_memory(grid)))
+        topology = find_topology(grid, comm)
     if topology.shapes != grid.shapes:
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
     sharing = FitNodes.of(topology, comm)
@@ -233,11 +233,6 @@ def _fit(
         "candidate_weights": solution.weights,
     }
     return sharing, parameters, nodes - solution.fitted, whole
-
-
-def _in_memory(grid: Grid | StoredGrid) -> Grid:
-    """Read a grid that is stored in a file."""
-    return grid.grid() if isinstance(grid, StoredGrid) else grid
 
 
 def _block(grid: Grid | StoredGrid, number: int) -> Block:

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..numerics.threads import thread_count
+from .shell import OnFaces, Shell
 
 SPACING_TOLERANCE = 1e-4
 """Nodes closer than this part of the local spacing coincide."""
@@ -46,9 +47,9 @@ class Coincidence:
 
     Parameters
     ----------
-    ids, near_ids : tuple of ndarray of int32, each of the block's shape
+    ids, near_ids : tuple of OnFaces of int32
         Number of the point at each face node, -1 inside the block; ``near_ids`` also takes near misses as one.
-    spacing : tuple of ndarray, each of the block's shape
+    spacing : tuple of OnFaces
         Shortest edge of non-zero length at each face node, in metres; infinite inside the block.
     round_off : float
         Relative precision of the coordinates as stored.
@@ -58,9 +59,9 @@ class Coincidence:
         Whether cells are so thin somewhere that round-off had to be left out of the tolerance.
     """
 
-    ids: tuple[np.ndarray, ...]
-    near_ids: tuple[np.ndarray, ...]
-    spacing: tuple[np.ndarray, ...]
+    ids: tuple[OnFaces, ...]
+    near_ids: tuple[OnFaces, ...]
+    spacing: tuple[OnFaces, ...]
     round_off: float
     unit: float
     is_coarse: bool
@@ -70,30 +71,31 @@ class Coincidence:
         return _rounding(points, self.round_off, self.unit)
 
 
-def find_coincidence(blocks: Sequence[np.ndarray]) -> Coincidence:
+def find_coincidence(blocks: Sequence[Shell]) -> Coincidence:
     """Find the points on which the face nodes of all blocks lie, and number them.
 
     Parameters
     ----------
-    blocks : sequence of ndarray, shape (ni, nj, nk, 3)
-        Nodes of each block, in metres.
+    blocks : sequence of Shell
+        Nodes on the faces of each block, and next to them.
     """
     round_off, unit = data_round_off(blocks), data_unit(blocks)
-    masks = [_face_mask(nodes.shape[:3]) for nodes in blocks]
-    spacing, *edges = zip(*(_face_edges(nodes, round_off) for nodes in blocks))
-    points = np.concatenate([nodes[mask] for nodes, mask in zip(blocks, masks)])
-    length = np.concatenate([s[mask] for s, mask in zip(spacing, masks)])
+    spacing, *edges = zip(*(_face_edges(shell, round_off) for shell in blocks))
+    points = np.concatenate([shell.points for shell in blocks])
+    length = np.concatenate(spacing)
     length[np.isinf(length)] = 0.0
     rounding = _rounding(points, round_off, unit)
     is_coarse = bool(np.any(rounding > THIN_CELL_LIMIT * length))
     tolerance = np.maximum(SPACING_TOLERANCE * length, np.minimum(rounding, THIN_CELL_LIMIT * length))
-    collapsed, real = (_compress(part, masks) for part in edges)
+    starts = np.cumsum([0, *map(len, spacing)])
+    collapsed, real = (np.concatenate([pairs + start for pairs, start in zip(part, starts)], axis=1) for part in edges)
     ids = _merge_close(points, tolerance, _join(_equal_points(points), collapsed), real)
     near_ids = _merge_close(points, np.maximum(tolerance, NEAR_MISS_TOLERANCE * length), ids, real)
-    return Coincidence(_spread(ids, masks), _spread(near_ids, masks), spacing, round_off, unit, is_coarse)
+    spread = tuple(OnFaces(shell.nodes, lengths, np.inf) for shell, lengths in zip(blocks, spacing))
+    return Coincidence(_spread(ids, blocks), _spread(near_ids, blocks), spread, round_off, unit, is_coarse)
 
 
-def data_round_off(blocks: Sequence[np.ndarray]) -> float:
+def data_round_off(blocks: Sequence[Shell]) -> float:
     """Relative precision with which coordinates are stored: 4-byte reals, decimals of 5 to 12 digits, or 8-byte reals.
 
     Judged from numbers spread over the blocks. Less than 7 digits are believed only of many different numbers.
@@ -109,7 +111,7 @@ def data_round_off(blocks: Sequence[np.ndarray]) -> float:
     return float(np.finfo(np.float64).eps)
 
 
-def data_unit(blocks: Sequence[np.ndarray]) -> float:
+def data_unit(blocks: Sequence[Shell]) -> float:
     """Unit (m) of coordinates stored with 4 to 10 decimals, many of which use the last; 0 for others."""
     values = _samples(blocks)
     if _are_single(values) or len(np.unique(values)) <= MANY_NUMBERS:
@@ -121,10 +123,9 @@ def data_unit(blocks: Sequence[np.ndarray]) -> float:
     return 0.0
 
 
-def _samples(blocks: Sequence[np.ndarray], n_samples: int = 3000) -> np.ndarray:
-    """Absolute values of about ``n_samples`` numbers of each block, spread over it; those that are zero left out."""
-    samples = [nodes.reshape(-1, 3)[:: max(1, nodes.size // n_samples)] for nodes in blocks]
-    values = np.abs(np.concatenate(samples).ravel())
+def _samples(blocks: Sequence[Shell]) -> np.ndarray:
+    """Absolute values of the samples of each block; those that are zero left out."""
+    values = np.abs(np.concatenate([shell.samples for shell in blocks]))
     return values[values > 1e-12 * values.max(initial=0.0)]
 
 
@@ -138,37 +139,30 @@ def _rounding(points: np.ndarray, round_off: float, unit: float) -> np.ndarray:
     return ROUND_OFF_UNITS * np.maximum(round_off * np.abs(points).max(axis=-1), unit)
 
 
-def _face_mask(shape) -> np.ndarray:
-    """Mark the nodes on the faces of a block."""
-    mask = np.zeros(shape, dtype=bool)
-    for d in range(3):
-        if shape[d] > 1:
-            np.moveaxis(mask, d, 0)[[0, -1]] = True
-    return mask
-
-
-def _face_edges(nodes: np.ndarray, round_off: float):
+def _face_edges(shell: Shell, round_off: float):
     """Spacing at the face nodes of a block, and the pairs of nodes of its collapsed and of its real face edges."""
-    shape = nodes.shape[:3]
-    spacing = np.full(shape, np.inf)
-    numbers = np.arange(spacing.size).reshape(shape)
-    shortest = COLLAPSED_EDGE * np.ptp(nodes.reshape(-1, 3), axis=0).max()
-    rounding = ROUND_OFF_UNITS * round_off * np.abs(nodes).max()
+    spacing = np.full(len(shell.points), np.inf)
+    shortest = COLLAPSED_EDGE * shell.extent
+    rounding = ROUND_OFF_UNITS * round_off * shell.largest
     collapsed, real = [np.empty((2, 0), dtype=int)], [np.empty((2, 0), dtype=int)]
-    for d, side in ((d, side) for d in range(3) if shape[d] > 1 for side in (0, -1)):
-        layers, at, face_numbers = (np.moveaxis(a, d, 0)[:: 1 + 2 * side] for a in (nodes, spacing, numbers))
-        _shorten(at[0], _norm(layers[0] - layers[1]), shortest)
+    for face, beside in enumerate(shell.beside):
+        if beside is None:
+            continue
+        places = shell.nodes.face(face)
+        layer, at = shell.points[places], spacing[places]
+        _shorten(at, _norm(layer - beside), shortest)
         for t in range(2):
-            lines, inner = np.moveaxis(layers[0], t, 0), np.moveaxis(layers[1], t, 0)
+            lines, inner = np.moveaxis(layer, t, 0), np.moveaxis(beside, t, 0)
             length = _norm(lines[1:] - lines[:-1])
             length[(length <= shortest) | _are_points(lines, inner, rounding)] = 0.0
-            near = np.moveaxis(at[0], t, 0)
+            near = np.moveaxis(at, t, 0)
             _shorten(near[1:], length, shortest)
             _shorten(near[:-1], length, shortest)
-            ends = np.moveaxis(face_numbers[0], t, 0)
+            ends = np.moveaxis(places, t, 0)
             ends = np.stack([ends[:-1], ends[1:]])
             collapsed.append(ends[:, length == 0.0])
             real.append(ends[:, length > 0.0])
+        spacing[places] = at
     return spacing, np.concatenate(collapsed, axis=1), np.concatenate(real, axis=1)
 
 
@@ -189,23 +183,10 @@ def _norm(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
 
 
-def _compress(pairs: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
-    """Pairs of flat node numbers of each block as pairs of places in the list of all face nodes."""
-    start, placed = 0, []
-    for block_pairs, mask in zip(pairs, masks):
-        place = np.cumsum(mask) - 1 + start
-        placed.append(place[block_pairs])
-        start += int(mask.sum())
-    return np.concatenate(placed, axis=1)
-
-
-def _spread(ids: np.ndarray, masks: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Ids of all face nodes as one array per block, -1 inside."""
-    spread = [np.full(mask.shape, -1, dtype=np.int32) for mask in masks]
-    ends = np.cumsum([int(mask.sum()) for mask in masks])[:-1]
-    for array, mask, part in zip(spread, masks, np.split(ids, ends)):
-        array[mask] = part
-    return tuple(spread)
+def _spread(ids: np.ndarray, blocks: Sequence[Shell]) -> tuple[OnFaces, ...]:
+    """Ids of all face nodes block by block, -1 inside."""
+    parts = np.split(ids.astype(np.int32), np.cumsum([len(shell.points) for shell in blocks])[:-1])
+    return tuple(OnFaces(shell.nodes, part, np.int32(-1)) for shell, part in zip(blocks, parts))
 
 
 def _equal_points(points: np.ndarray) -> np.ndarray:

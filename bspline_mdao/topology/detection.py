@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..numerics.processes import ONE, on_first, together
 from ..numerics.vectors import unit_vectors
 from .coincidence import SPACING_TOLERANCE, Coincidence, find_coincidence
 from .faces import TINY, Face, Rectangle, block_faces, collapsed_windows, decompose, inward_directions
@@ -23,6 +25,8 @@ from .grid import Grid, Patch, require_grid
 from .index_space import Interface, Window, by_blocks
 from .matching import Meeting, Quads, find_interfaces, find_regions, match_quads
 from .segments import junction_links, segment_blocks
+from .shell import Shell
+from .stored_grid import StoredGrid
 from .topology import BoundaryFace, NearMiss, Topology, describe
 
 SMALLEST_SIZE = 1e-100
@@ -32,8 +36,11 @@ MAX_WARNINGS = 20
 """Warnings kept word for word; the rest is counted."""
 
 
-def find_topology(grid: Grid) -> Topology:
+def find_topology(grid: Grid | StoredGrid, comm: Any = ONE) -> Topology:
     """Find the topology of a grid.
+
+    Only the faces of blocks are looked at, and the layers of nodes next to them. Of a grid that is stored in a file, a
+    block at a time is read; of several processes each reads some, and the first gets all faces.
 
     1. Find the points on which the nodes of faces lie (`find_coincidence`).
     2. Match the quads of faces on the same points, those of declared patches apart (`match_quads`).
@@ -44,20 +51,60 @@ def find_topology(grid: Grid) -> Topology:
 
     Parameters
     ----------
-    grid : Grid
+    grid : Grid or StoredGrid
         The grid; its patches count as declared.
+    comm : communicator
+        Processes that look at the blocks, all of which call this; this one alone by default.
 
     Returns
     -------
     Topology
+        The same on all processes.
 
     Raises
     ------
     InputError
-        If a node is not finite, a block has no extent, or a patch does not lie on a face of a block of the grid.
+        If a node is not finite, a block has no extent, or a patch does not lie on a face of a block of the grid; on all
+        processes.
     """
-    _check(grid)
-    blocks = [block.nodes for block in grid.blocks]
+    shells = _shells(grid, comm)
+    return on_first(comm, lambda: _topology_of(grid, shells))
+
+
+def _shells(grid: Grid | StoredGrid, comm: Any) -> list[Shell]:
+    """Faces of all blocks, on the first process; each looks at some of the blocks."""
+    with together(comm):
+        if not isinstance(grid, StoredGrid):
+            require_grid(grid)
+        order = sorted(range(len(grid.shapes)), key=lambda block: -math.prod(grid.shapes[block]))
+        found = {block: _shell(grid, block) for block in sorted(order[comm.rank :: comm.size])}
+    if comm.size > 1:
+        found = {block: shell for part in comm.gather(found) or () for block, shell in part.items()}
+    return [found[block] for block in sorted(found)]
+
+
+def _shell(grid: Grid | StoredGrid, block: int) -> Shell:
+    """Take the shell of a block; refuse one that is a point or has nodes that are not finite."""
+    number = block + 1
+    if max(grid.shapes[block]) == 1:
+        raise InputError(f"{grid.source}: block {number} is a single node; leave it out")
+    nodes = grid.blocks[block].nodes
+    if not np.isfinite(nodes).all():
+        i, j, k = np.argwhere(~np.isfinite(nodes).all(axis=-1))[0] + 1
+        raise InputError(
+            f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k}); repair the file"
+        )
+    shell = Shell.of(nodes)
+    if shell.extent < SMALLEST_SIZE:
+        raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
+    return shell
+
+
+def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
+    """Find the topology of a grid from the faces of its blocks."""
+    for patch in grid.patches:
+        for window in patch.windows:
+            _check_patch(grid, patch.name, window)
     coincidence = find_coincidence(blocks)  # step 1
     faces = block_faces(coincidence.ids)
     quads = Quads.of(faces)
@@ -78,8 +125,8 @@ def find_topology(grid: Grid) -> Topology:
     # step 6
     uncut = [side for item in segmentation.uncut if isinstance(item, Interface) for side in (item.a, item.b)]
     is_reported = is_closed | _covered(faces, uncut)
-    near_misses = _near_misses(grid, coincidence, is_reported, find_interfaces(faces, quads, doubtful))
-    joined_gaps = _joined_gaps(grid, coincidence, segmentation.interfaces)
+    near_misses = _near_misses(blocks, coincidence, is_reported, find_interfaces(faces, quads, doubtful))
+    joined_gaps = _joined_gaps(blocks, coincidence, segmentation.interfaces)
     return Topology(
         source=grid.source,
         shapes=grid.shapes,
@@ -93,32 +140,14 @@ def find_topology(grid: Grid) -> Topology:
         warnings=_shortened(
             [
                 *_gap_warnings(near_misses, joined_gaps),
-                *_warnings(grid, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
+                *_warnings(grid, blocks, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
             ]
         ),
         joined_gaps=joined_gaps,
     )
 
 
-def _check(grid: Grid) -> None:
-    """Refuse what is no grid, blocks that are a point, nodes that are not finite and patches that lie elsewhere."""
-    require_grid(grid)
-    for number, block in enumerate(grid.blocks, start=1):
-        if max(block.shape) == 1:
-            raise InputError(f"{grid.source}: block {number} is a single node; leave it out")
-        if not np.isfinite(block.nodes).all():
-            i, j, k = np.argwhere(~np.isfinite(block.nodes).all(axis=-1))[0] + 1
-            raise InputError(
-                f"{grid.source}: block {number} has a node that is not finite at ({i}, {j}, {k}); repair the file"
-            )
-        if np.ptp(block.nodes.reshape(-1, 3), axis=0).max() < SMALLEST_SIZE:
-            raise InputError(f"{grid.source}: all nodes of block {number} are at one point; leave it out")
-    for patch in grid.patches:
-        for window in patch.windows:
-            _check_patch(grid, patch.name, window)
-
-
-def _check_patch(grid: Grid, name: str, window: Window) -> None:
+def _check_patch(grid: Grid | StoredGrid, name: str, window: Window) -> None:
     """Refuse a patch window of a block that does not exist or that is not on a face of its block."""
     if not 0 <= window.block < len(grid.blocks):
         raise InputError(
@@ -191,7 +220,7 @@ def _parts(face: Face, mask: np.ndarray) -> list[Window]:
 
 
 def _near_misses(
-    grid: Grid, coincidence: Coincidence, is_taken: np.ndarray, doubtful: Sequence[Interface]
+    blocks: Sequence[Shell], coincidence: Coincidence, is_taken: np.ndarray, doubtful: Sequence[Interface]
 ) -> tuple[NearMiss, ...]:
     """Interfaces that there would be with a tolerance of near misses, after those that are doubtful."""
     faces = block_faces(coincidence.near_ids)
@@ -199,33 +228,35 @@ def _near_misses(
     quads.is_degenerate[is_taken | _covered(faces, [side for pair in doubtful for side in (pair.a, pair.b)])] = True
     pairs = match_quads(quads, np.zeros_like(is_taken)).pairs
     found = find_interfaces(faces, quads, find_regions(quads, pairs))
-    return tuple(_near_miss(grid, coincidence, interface) for interface in (*doubtful, *found))
+    return tuple(_near_miss(blocks, coincidence, interface) for interface in (*doubtful, *found))
 
 
-def _near_miss(grid: Grid, coincidence: Coincidence, interface: Interface) -> NearMiss:
+def _near_miss(blocks: Sequence[Shell], coincidence: Coincidence, interface: Interface) -> NearMiss:
     """Measure an interface where its gap is largest relative to the local spacing."""
-    gaps, spacing = _gaps(grid, coincidence, interface)
+    gaps, spacing = _gaps(blocks, coincidence, interface)
     worst = np.unravel_index(np.argmax(gaps / spacing), gaps.shape)
     return NearMiss(interface.a, interface.b, float(gaps[worst]), float(spacing[worst]))
 
 
-def _joined_gaps(grid: Grid, coincidence: Coincidence, interfaces: Sequence[Interface]) -> tuple[NearMiss, ...]:
+def _joined_gaps(
+    blocks: Sequence[Shell], coincidence: Coincidence, interfaces: Sequence[Interface]
+) -> tuple[NearMiss, ...]:
     """Pick the interfaces some of whose nodes are farther apart than round-off and the tolerance of single nodes."""
     found = []
     for interface in interfaces:
-        gaps, spacing = _gaps(grid, coincidence, interface)
-        rounding = coincidence.rounding(grid.blocks[interface.a.block].nodes[interface.a.slices])
+        gaps, spacing = _gaps(blocks, coincidence, interface)
+        rounding = coincidence.rounding(blocks[interface.a.block].at(interface.a))
         if (gaps > np.maximum(math.sqrt(3.0) * rounding, SPACING_TOLERANCE * spacing)).any():
-            found.append(_near_miss(grid, coincidence, interface))
+            found.append(_near_miss(blocks, coincidence, interface))
     return tuple(found)
 
 
-def _gaps(grid: Grid, coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:
+def _gaps(blocks: Sequence[Shell], coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:
     """Distances of the nodes of both sides of an interface, and the spacing at those of the first (m)."""
     a, b = interface.a, interface.b
-    there = interface.orientation.apply(grid.blocks[b.block].nodes[b.slices])
-    gaps = np.linalg.norm(grid.blocks[a.block].nodes[a.slices] - there, axis=-1)
-    return gaps, coincidence.spacing[a.block][a.slices]
+    there = interface.orientation.apply(blocks[b.block].at(b))
+    gaps = np.linalg.norm(blocks[a.block].at(a) - there, axis=-1)
+    return gaps, coincidence.spacing[a.block].at(a)
 
 
 def _gap_warnings(near_misses: Sequence[NearMiss], joined: Sequence[NearMiss]) -> list[str]:
@@ -259,7 +290,8 @@ def _is_strip(window: Window, directions: tuple[int, ...]) -> bool:
 
 
 def _warnings(
-    grid: Grid,
+    grid: Grid | StoredGrid,
+    blocks: Sequence[Shell],
     coincidence: Coincidence,
     faces: Sequence[Face],
     quads: Quads,
@@ -273,11 +305,11 @@ def _warnings(
     lines = [*getattr(grid.dialect, "ignored", ())]
     lines += [f"{describe(window)} coincides with two or more others: taken as boundary" for window in ambiguous]
     lines += _contacts(grid.patches, faces, quads, matches.separated, patch_ids)
-    lines += _disagreements(grid, coincidence, faces, quads, matches.pairs, patch_ids, is_closed)
+    lines += _disagreements(grid, blocks, coincidence, faces, quads, matches.pairs, patch_ids, is_closed)
     lines += [
         f"{describe(item.a)} and {describe(item.b)} coincide with the cells of both on the same side: is a block given "
         f"twice, or folded?"
-        for item in overlapping(grid, segmentation.interfaces)
+        for item in overlapping(blocks, segmentation.interfaces)
     ]
     for item in segmentation.uncut:
         windows = (item.a, item.b) if isinstance(item, Interface) else (item,)
@@ -309,12 +341,19 @@ def _contacts(patches: Sequence[Patch], faces: Sequence[Face], quads: Quads, pai
 
 
 def _disagreements(
-    grid: Grid, coincidence: Coincidence, faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_ids, is_closed
+    grid: Grid | StoredGrid,
+    blocks: Sequence[Shell],
+    coincidence: Coincidence,
+    faces: Sequence[Face],
+    quads: Quads,
+    pairs: np.ndarray,
+    patch_ids,
+    is_closed,
 ) -> list[str]:
     """Say where the nodes do not bear out the connectivity that the file declares, and where they say more than it."""
     lines = []
     for item in grid.connections:
-        gaps, spacing = _gaps(grid, coincidence, item)
+        gaps, spacing = _gaps(blocks, coincidence, item)
         is_apart = (gaps > SPACING_TOLERANCE * spacing).any()
         if is_apart and not is_closed[_covered(faces, [item.a])].all():
             lines.append(
@@ -347,23 +386,22 @@ def _met_windows(faces: Sequence[Face], quads: Quads, pairs: np.ndarray, patch_i
         yield tuple(label[:2]), tuple(faces[number].part(corner) for number, corner in zip(label[2:], corners))
 
 
-def overlapping(grid: Grid, interfaces: Sequence[Interface]) -> Iterator[Interface]:
+def overlapping(blocks: Sequence[Shell], interfaces: Sequence[Interface]) -> Iterator[Interface]:
     """Pick the interfaces most of whose cells lie on the same side from both blocks.
 
     Parameters
     ----------
-    grid : Grid
-        The grid.
+    blocks : sequence of Shell
+        Faces of the blocks of a grid.
     interfaces : sequence of Interface
         Its interfaces; those of blocks one node deep have no sides.
     """
     for interface in interfaces:
         a, b = interface.a, interface.b
-        if min(*grid.blocks[a.block].shape, *grid.blocks[b.block].shape) > 1:
-            normals = _normals(grid.blocks[a.block].nodes[a.slices])
+        if min(*blocks[a.block].shape, *blocks[b.block].shape) > 1:
+            normals = _normals(blocks[a.block].at(a))
             into_a, into_b = (
-                np.expand_dims(inward_directions(grid.blocks[side.block].nodes, side), side.shape.index(1))
-                for side in (a, b)
+                np.expand_dims(inward_directions(blocks[side.block], side), side.shape.index(1)) for side in (a, b)
             )
             heights_a = np.sum(normals * into_a, axis=-1)
             heights_b = np.sum(normals * interface.orientation.apply(into_b), axis=-1)

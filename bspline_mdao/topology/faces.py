@@ -12,6 +12,7 @@ import numpy as np
 
 from ..numerics.vectors import unit_vectors
 from .index_space import Window, face_layers
+from .shell import OnFaces, Shell
 
 TINY = np.finfo(float).tiny
 """Length (m) of a vector that has no direction."""
@@ -76,12 +77,12 @@ class Face:
         return mask
 
 
-def inward_directions(nodes: np.ndarray, window: Window) -> np.ndarray:
+def inward_directions(nodes: np.ndarray | Shell, window: Window) -> np.ndarray:
     """Return unit vectors into a block, shape (n, m, 3), from the nodes of a face window to those of the next layer.
 
     They are zero where the two coincide.
     """
-    face, inner = face_layers(nodes, window)
+    face, inner = nodes.layers(window) if isinstance(nodes, Shell) else face_layers(nodes, window)
     return unit_vectors(inner - face, np.zeros_like(face), TINY)
 
 
@@ -91,7 +92,7 @@ def quad_corners(values: np.ndarray) -> np.ndarray:
     return np.stack([values[ends[0][p], ends[1][q]] for q in range(2) for p in range(2)], axis=-1)
 
 
-def block_faces(ids: Sequence[np.ndarray]) -> list[Face]:
+def block_faces(ids: Sequence[OnFaces]) -> list[Face]:
     """All faces of all blocks, from the points of their nodes; those of a block one node deep are its lines."""
     faces = []
     for block, block_ids in enumerate(ids):
@@ -99,8 +100,7 @@ def block_faces(ids: Sequence[np.ndarray]) -> list[Face]:
         for number in range(6):
             d, side = divmod(number, 2)
             if block_ids.shape[d] > 1:
-                surface = np.moveaxis(block_ids, d, 0)[-side]
-                faces.append(Face(whole.face(number), d, bool(side), surface))
+                faces.append(Face(whole.face(number), d, bool(side), block_ids.face(number)))
     return faces
 
 

@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 from .coincidence import NEAR_MISS_TOLERANCE, THIN_CELL_LIMIT, Coincidence
 from .faces import Face, Rectangle, decompose, quad_corners
 from .index_space import Interface, Orientation, Window
+from .shell import Shell
 
 MAX_RECTANGLES = 64
 """A region more ragged than this many rectangles keeps the largest ones."""
@@ -215,8 +216,8 @@ class Meeting:
         All faces and their quads.
     is_free : ndarray of bool, shape (n_quads,)
         Quads that may meet others: not degenerate, not declared.
-    blocks : sequence of ndarray, shape (ni, nj, nk, 3)
-        Nodes of each block.
+    blocks : sequence of Shell
+        Nodes on the faces of each block.
     coincidence : Coincidence
         Points, spacing and round-off of single nodes.
     """
@@ -224,7 +225,7 @@ class Meeting:
     faces: Sequence[Face]
     quads: Quads
     is_free: np.ndarray
-    blocks: Sequence[np.ndarray]
+    blocks: Sequence[Shell]
     coincidence: Coincidence
 
     def complete(self, regions: Sequence[Region]) -> tuple[list[Region], list[Region]]:
@@ -325,8 +326,8 @@ class Meeting:
 
     def _at(self, window: Window) -> tuple[np.ndarray, ...]:
         """Nodes of a face window, the spacing at them, and the points on which they lie."""
-        arrays = self.blocks, self.coincidence.spacing, self.coincidence.ids
-        return tuple(array[window.block][window.slices] for array in arrays)
+        values = self.blocks, self.coincidence.spacing, self.coincidence.ids
+        return tuple(blocks[window.block].at(window) for blocks in values)
 
     def _face_regions(self, regions: Sequence[Region]) -> list[Region]:
         """Find regions of quads that no region holds yet by comparing one surface with another."""

@@ -10,16 +10,19 @@ Theory: ``docs/theory/topology.rst``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
 import numpy as np
 
 from .faces import block_faces
-from .index_space import Interface, Orientation, Section, Window, block_rows, by_blocks, sections_of, whole_slices
+from .held_nodes import node_copies, source_rows
+from .index_space import Interface, Orientation, Section, Window, by_blocks, sections_of, window_rows
 from .matching import Quads
-from .topology import Collapse, Link, shared_ids
+from .shell import OnFaces
+from .topology import Collapse, Link, Topology
 
 MAX_SEGMENTS = 64
 """Most segments of one block; interfaces and windows that would need more are not cut out."""
@@ -231,7 +234,7 @@ def _first_full_block(cuts: Cuts) -> int | None:
 
 
 def junction_links(
-    shapes, segmentation: Segmentation, quads: Quads, separated: np.ndarray, ids: Sequence[np.ndarray]
+    shapes, segmentation: Segmentation, quads: Quads, separated: np.ndarray, ids: Sequence[OnFaces]
 ) -> list[Link]:
     """Links between coincident edges, then between coincident corners, that no chain of links joins yet.
 
@@ -243,15 +246,16 @@ def junction_links(
         Segments, and the links between their faces.
     quads, separated
         Quads of all faces, and the pairs of them that coincide but are kept apart by declaration.
-    ids : sequence of ndarray
+    ids : sequence of OnFaces
         Point of each face node of each block.
     """
     found: list[Link] = []
-    corners = _apart_corners(shapes, quads, separated)
+    starts = np.cumsum([0, *map(math.prod, shapes)])
+    corners = _apart_corners(ids, starts, quads, separated)
     for n_free in (1, 0):  # edges are linked before corners, many of which they make one
-        shared = _shared_numbers(shapes, segmentation, found)
-        apart = _apart_pairs(np.concatenate([numbers.ravel() for numbers in shared])[corners])
-        for group in _coincident_junctions(segmentation.segments, ids, shared, n_free):
+        copies = _copies(shapes, segmentation, found)
+        apart = _apart_pairs(source_rows(copies, corners))
+        for group in _coincident_junctions(segmentation.segments, ids, starts, copies, n_free):
             found += _group_links(group, apart)
     return found
 
@@ -269,7 +273,7 @@ class Junction:
     points : ndarray of int, shape (n,)
         Points on which its nodes lie.
     shared : ndarray of int, shape (n,)
-        Numbers of its nodes, shared ones alike, by the links found so far.
+        Rows of its nodes in the grid vector, of shared ones that of the first, by the links found so far.
     is_reversed : bool
         Whether an edge is listed from its high end, so that coincident edges list alike.
     """
@@ -281,21 +285,19 @@ class Junction:
     is_reversed: bool
 
 
-def _shared_numbers(shapes, segmentation: Segmentation, found: Sequence[Link]) -> list[np.ndarray]:
-    """Give each node of each block a number by the links found so far, shared nodes alike."""
-    shared = [np.empty(shape, dtype=np.int32) for shape in shapes]
-    segments = segmentation.segments
-    ids = shared_ids([segment.shape for segment in segments], [*segmentation.links, *found], segmentation.collapses)
-    for segment, numbers in zip(segments, ids):
-        shared[segment.block][segment.slices] = numbers
-    return shared
+def _copies(shapes, segmentation: Segmentation, found: Sequence[Link]) -> np.ndarray:
+    """Rows that are copies, and the rows that they copy, by the links found so far: see `node_copies`."""
+    links, nothing = (*segmentation.links, *found), ((),) * 4
+    joined = Topology("grid", tuple(shapes), *nothing, segmentation.segments, links, segmentation.collapses)
+    return node_copies(joined)
 
 
-def _apart_corners(shapes, quads: Quads, separated: np.ndarray) -> np.ndarray:
+def _apart_corners(ids: Sequence[OnFaces], starts: np.ndarray, quads: Quads, separated: np.ndarray) -> np.ndarray:
     """Rows of the nodes that coincide at the corners of quads kept apart, shape (n, 2)."""
-    rows = Quads.of(block_faces(block_rows(shapes)))
+    rows = [replace(block_ids, values=start + block_ids.nodes.numbers) for start, block_ids in zip(starts, ids)]
+    corners = Quads.of(block_faces(rows)).corners
     order = np.argsort(quads.corners[separated], axis=2, kind="stable")
-    return np.take_along_axis(rows.corners[separated], order, axis=2).transpose(0, 2, 1).reshape(-1, 2)
+    return np.take_along_axis(corners[separated], order, axis=2).transpose(0, 2, 1).reshape(-1, 2)
 
 
 def _apart_pairs(shared: np.ndarray) -> set[tuple[int, ...]]:
@@ -304,23 +306,34 @@ def _apart_pairs(shared: np.ndarray) -> set[tuple[int, ...]]:
     return set(map(tuple, pairs.tolist()))
 
 
-def _coincident_junctions(segments, ids, shared, n_free: int) -> list[list[Junction]]:
+def _coincident_junctions(segments, ids, starts: np.ndarray, copies: np.ndarray, n_free: int) -> list[list[Junction]]:
     """Edges (one free direction) or corners (none) that lie on the same points, one of each that is shared already."""
     groups: dict[bytes, dict[bytes, Junction]] = {}
     for number, segment in enumerate(segments):
         for section in sections_of(segment.shape, n_free):
-            junction = _junction(segment, number, section, ids, shared)
-            if junction.points.min() >= 0 and (n_free == 0 or np.ptp(junction.points) > 0):
+            window = _section_window(segment, section)
+            points = ids[segment.block].at(window).ravel()
+            if points.min() >= 0 and (n_free == 0 or np.ptp(points) > 0):
+                rows = window_rows(window, ids[segment.block].shape, int(starts[segment.block])).ravel()
+                junction = _junction(number, section, points, source_rows(copies, rows))
                 groups.setdefault(junction.points.tobytes(), {}).setdefault(junction.shared.tobytes(), junction)
     return [list(group.values()) for group in groups.values() if len(group) > 1]
 
 
-def _junction(segment: Window, number: int, section: Section, ids, shared) -> Junction:
+def _section_window(segment: Window, section: Section) -> Window:
+    """Window of a section of a segment in its block."""
+    ends = [
+        (lo, hi) if end is None else (hi, hi) if end else (lo, lo)
+        for lo, hi, end in zip(segment.lo, segment.hi, section)
+    ]
+    return Window(segment.block, *map(tuple, zip(*ends)))
+
+
+def _junction(number: int, section: Section, points: np.ndarray, rows: np.ndarray) -> Junction:
     """Make a junction, turned so that those on the same points list them alike."""
-    points, numbers = (array[segment.block][segment.slices][whole_slices(section)].ravel() for array in (ids, shared))
     is_reversed = points.tolist() > points[::-1].tolist()
     step = -1 if is_reversed else 1
-    return Junction(number, section, points[::step], numbers[::step], is_reversed)
+    return Junction(number, section, points[::step], rows[::step], is_reversed)
 
 
 def _group_links(group: Sequence[Junction], apart: set[tuple[int, ...]]) -> list[Link]:

@@ -9,3 +9,8 @@ from parallel_cases import run_ranks
 )
 def test_a_fit_and_its_file_are_those_of_one_process(n, grids):
     assert all("done" in text for text in run_ranks("cases/fit.py", n, *grids, timeout=120.0))
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_topology_is_that_of_one_process(n):
+    assert all("done" in text for text in run_ranks("cases/topology.py", n))

@@ -20,6 +20,7 @@ from bspline_mdao.topology.coincidence import data_round_off, data_unit
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.sharing import node_sharing
+from bspline_mdao.topology.shell import Shell
 
 GRIDS = {
     "wing": onera_m6_grid((9, 15, 8), Spacing(off_wall=1e-6)),
@@ -118,15 +119,23 @@ def test_a_viscous_grid_survives_a_file_of_low_precision(tmp_path, encoding):
     assert (topology.near_misses, topology.warnings) == ((), ())
 
 
+def round_off_of(nodes):
+    return data_round_off([Shell.of(nodes)])
+
+
+def unit_of(nodes):
+    return data_unit([Shell.of(nodes)])
+
+
 def test_precision_is_that_of_the_data():
     nodes = 3.0 * GRIDS["wing"].blocks[0].nodes
-    assert (data_round_off([nodes]), data_unit([nodes])) == (np.finfo(float).eps, 0.0)
-    assert data_unit([single(nodes)]) == 0.0
+    assert (round_off_of(nodes), unit_of(nodes)) == (np.finfo(float).eps, 0.0)
+    assert unit_of(single(nodes)) == 0.0
     for n in (5, 6, 9):
-        assert data_round_off([digits(n)(nodes)]) == 10.0 ** (1 - n)
-        assert data_unit([decimals(n)(nodes)]) == 10.0**-n
+        assert round_off_of(digits(n)(nodes)) == 10.0 ** (1 - n)
+        assert unit_of(decimals(n)(nodes)) == 10.0**-n
     regular = box(np.arange(40) * 0.0625, np.arange(30) * 0.2, np.arange(20) * 0.0001)
-    assert (data_round_off([regular]), data_unit([regular])) == (1e-6, 0.0)
+    assert (round_off_of(regular), unit_of(regular)) == (1e-6, 0.0)
 
 
 def torn_wing():

@@ -105,7 +105,8 @@ def check_failures(folder):
             task()
         except InputError as error:
             said = comm.allgather(str(error))
-            assert words in said[0] and len(set(said)) == 1, said
+            assert words in said[0]
+            assert len(set(said)) == 1, said
         else:
             raise AssertionError(words)
 
