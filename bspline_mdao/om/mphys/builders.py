@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
 import openmdao.api as om
 from mphys import Builder
 
@@ -12,8 +13,10 @@ from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...movement.mover import Mover
 from ...names import GRID
+from ...numerics.processes import ONE
 from ..flow.euler_flow import EulerFlow
 from .conventions import COORDINATES, COUPLING, INPUT, RESULT, VOLUME, Names, names_of
+from .distribution import nodes_of_rank
 from .geometry import SurfaceGeometry
 from .renamed import Renamed, Renaming
 from .solver_loads import WALL_FORCES, SolverLoads
@@ -103,13 +106,22 @@ class FlowBuilder(Builder):
         self._model, self._flow, self._movement = model, flow, movement
         self._generation, self._is_coupled = generation, scenario == "aerostructural"
         self._results = FLOW_RESULTS if results is None else results
-        self._surface = surface or SurfaceGrid.of(model)
+        self._surface, self._comm = surface or SurfaceGrid.of(model), ONE
+
+    def initialize(self, comm) -> None:
+        """Take the communicator of the processes that solve the flow: MPhys or the script calls this first."""
+        self._comm = comm
+
+    def _numbers(self) -> np.ndarray:
+        """Nodes of the surface that this process holds."""
+        return nodes_of_rank(None, self._surface.n_points, "numbers", self._comm, type(self).__name__)
 
     def get_mesh_coordinate_subsystem(self, scenario_name: str | None = None) -> om.IndepVarComp:
         """Make the component that gives the surface nodes of the baseline, ``x_aero0_mesh`` (``x_aero0``)."""
         mesh = om.IndepVarComp()
         name = names_of(self._generation, type(self).__name__).mesh
-        mesh.add_output(name, val=self._surface.points.ravel(), tags=COORDINATES)
+        nodes = self._surface.points[self._numbers()].ravel()
+        mesh.add_output(name, val=nodes, distributed=self._comm.size > 1, tags=COORDINATES)
         return mesh
 
     def get_pre_coupling_subsystem(self, scenario_name: str | None = None) -> VolumeWarper | None:
@@ -127,8 +139,12 @@ class FlowBuilder(Builder):
         return FlowGroup(flow=self._flow, **options)
 
     def get_number_of_nodes(self) -> int:
-        """Count the nodes of the design surface."""
-        return self._surface.n_points
+        """Count the nodes of the design surface that this process holds."""
+        return len(self._numbers())
+
+    def get_ndof(self) -> int:
+        """Count the coordinates, displacements and forces of a node."""
+        return 3
 
 
 class EulerBuilder(FlowBuilder):
@@ -232,7 +248,7 @@ class FlowGroup(om.Group):
     def setup(self):
         """Put the flow between two components that translate; in a coupling, with its movement and its loads."""
         names, n_loaded = names_of(self.options["generation"], self.msginfo), self.options["n_loaded"]
-        conditions = _conditions(3 * self.options["n_nodes"], names)
+        conditions = _conditions(3 * self.options["n_nodes"], names, self.comm)
         results = _results(self.options["results"])
         targets = [pair.target for pair in conditions]
         if n_loaded is not None:
@@ -252,20 +268,31 @@ class FlowGroup(om.Group):
             self.connect(f"flow.{WALL_FORCES}", f"loads.{WALL_FORCES}")
 
     def configure(self):
-        """Refuse a flow without forces where a structure wants them."""
+        """Refuse a flow that does not fit: without forces for a structure, or with the whole grid on each process."""
         outputs = {meta["prom_name"] for meta in self.flow.get_io_metadata("output").values()}
         if self.options["n_loaded"] is not None and WALL_FORCES not in outputs:
             raise InputError(
                 f"{self.msginfo}: the flow has no output '{WALL_FORCES}', which an aerostructural scenario needs; take "
                 f"EulerBuilder, or add forces (N) on the nodes of the surface to the flow"
             )
+        grids = (meta for meta in self.flow.get_io_metadata("input").values() if meta["prom_name"] == GRID)
+        if self.comm.size > 1 and not all(meta["distributed"] for meta in grids):
+            raise InputError(
+                f"{self.msginfo}: the flow wants the whole grid, and each of {self.comm.size} processes has a part; take "
+                f"EulerBuilder, or one process for each scenario"
+            )
 
 
-def _conditions(size: int, names: Names) -> list[Renaming]:
-    """Names of MPhys for the inputs of a flow group."""
+_PARTS = {"shape_by_conn": True, "distributed": True}, {"copy_shape": VOLUME, "distributed": True}
+"""How the nodes of the grid come in and go out where each process has some of them."""
+
+
+def _conditions(size: int, names: Names, comm) -> list[Renaming]:
+    """Names of MPhys for the inputs of a flow group; of several processes each has its nodes of the grid."""
     degrees = {"val": 2.0, "units": "deg"}
+    given, handed = ({"shape": size}, {"shape": size}) if comm.size == 1 else _PARTS
     return [
-        Renaming(VOLUME, GRID, {"shape": size, "tags": COUPLING}, {"shape": size, "units": "m"}),
+        Renaming(VOLUME, GRID, {**given, "tags": COUPLING}, {**handed, "units": "m"}),
         Renaming(names.angle_of_attack, "alpha", {**degrees, "tags": INPUT}, degrees),
         Renaming(names.mach_number, "Mach_number", {"val": 0.3, "tags": INPUT}, {"val": 0.3}),
     ]
