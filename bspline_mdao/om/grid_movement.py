@@ -22,6 +22,7 @@ from .fit import Fit
 from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
 from .quality import Quality
+from .shares import declare_partition
 from .surface_control import SurfaceControl
 from .surface_control_fit import SurfaceControlFit
 from .surface_evaluate import SurfaceEvaluate
@@ -67,6 +68,8 @@ class GridMovement(om.Group):
         Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
     fit : bool
         Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input.
+    partition : Partition or Share, optional
+        Which nodes of the grid each process holds, see `GridEvaluate`; by default blocks are dealt out.
     live : bool
         The grid changes upstream: differentiate through parameters and knots as well, see `Fit`.
     quality : bool or sequence of str
@@ -93,6 +96,7 @@ class GridMovement(om.Group):
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
+        declare_partition(self)
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
         self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
 
@@ -116,10 +120,11 @@ class GridMovement(om.Group):
             self._add_measures(mover.mesh)
         settings = {name: self.options[name] for name in ("require_valid", "keep_increments")}
         self._add("move", ControlMeshMove(mover=mover, **settings))
-        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(model=model, **asked))
+        held = {"model": model, "partition": self.options["partition"]}
+        self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))
         quality = self.options["quality"]
         if quality:
-            self._add("quality", Quality(model=model, **({} if quality is True else {"aggregates": quality})))
+            self._add("quality", Quality(**held, **({} if quality is True else {"aggregates": quality})))
 
     def _require_alone(self, surface: SurfaceGrid) -> None:
         """Refuse what does not go together with nodes of a surface that are given."""
