@@ -21,6 +21,7 @@ import numpy as np
 from ..checks import as_array, require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
 from ..splines.greville import greville_abscissae
 from ..topology.sharing import boundary_sections
 from ..topology.topology import BoundaryFace, Topology, describe
@@ -42,7 +43,7 @@ Selection = str | np.ndarray
 
 
 def moving_mesh(
-    model: FittedModel,
+    model: FittedModel | ModelShare,
     design: str | Sequence[str] | None = None,
     fixed: Selection | Sequence[Selection] = (),
     released: str | Sequence[str] = (),
@@ -52,8 +53,8 @@ def moving_mesh(
 
     Parameters
     ----------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it.
     design : str or sequence of str, optional
         Patches whose control points are the design surface, by name or pattern (``"wing*"``); all walls by default.
     fixed : str, ndarray of int, or sequence of them
@@ -74,7 +75,8 @@ def moving_mesh(
         If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
         design surface, or a block is planar.
     """
-    require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
+    if not isinstance(model, ModelShare):
+        require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
     asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
