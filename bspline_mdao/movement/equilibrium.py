@@ -32,7 +32,7 @@ from ..mesh.moving_mesh import MovingMesh
 from ..numerics.processes import ONE, together
 from ..sparse.blocks import BlockMatrix, BlockPattern, slots
 from ..sparse.distributed import DistributedPattern
-from .increments import NUMBERS, IncrementalMovement, IncrementalMover, in_increments
+from .increments import AUTO, NUMBERS, IncrementalMovement, IncrementalMover, in_increments
 from .mover import SolveReport, digits_of
 
 __all__ = [
@@ -118,6 +118,19 @@ class EquilibriumMover(IncrementalMover):
         """Factorise the stiffness at points (n_points, 3), in metres, for several moves that start from them."""
         initial = np.array(initial, dtype=float)
         return Start(initial, self._equilibrium.factorized(self._elements(initial, initial)))
+
+    def predicted_bytes(self) -> int | None:
+        """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell.
+
+        That of the first increment and that of the present one, or those of all increments where factors are kept: for
+        a number that moves choose, the largest. It takes the analysis of the pattern, which the moves need anyway.
+        """
+        analysis = self._equilibrium.analysis
+        if not hasattr(analysis, "factor_bytes"):
+            return None
+        most = NUMBERS[-1] if self.n_increments == AUTO else int(self.n_increments)
+        n_factors = most if self.keep_factors else min(most, 2)
+        return n_factors * analysis.factor_bytes + analysis.work_bytes
 
     @cached_property
     def _equilibrium(self) -> Equilibrium:

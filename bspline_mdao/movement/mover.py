@@ -135,12 +135,21 @@ class MovementReport:
         What was tried, in order, where the move chose the number of its increments; empty where that was given.
     n_invalid : int
         Elements that are invalid on the baseline, before anything moves.
+    where : str
+        Which of several processes moved, and why; empty where there is one.
     """
 
     increments: tuple[IncrementReport, ...]
     seconds: float
     tried: tuple[Trial, ...] = ()
     n_invalid: int = 0
+    where: str = ""
+
+    def __str__(self) -> str:
+        what = "1 increment" if self.n_increments == 1 else f"{self.n_increments} increments"
+        solve = self.increments[-1].solve if self.increments else None
+        how = f" by {solve.solver}, {self.digits:.0f} digits" if solve else ""
+        return f"{what}{how}, {self.seconds:.2f} s{f', {self.where}' if self.where else ''}"
 
     @property
     def n_increments(self) -> int:

@@ -189,6 +189,13 @@ def from_first(comm, value: Any) -> Any:
     return value if comm.size == 1 else comm.bcast(value, root=0)
 
 
+def node_of(comm) -> Any:
+    """Communicator of the processes that share memory with this one, of several; whoever asks frees it."""
+    from mpi4py import MPI
+
+    return comm.Split_type(MPI.COMM_TYPE_SHARED)
+
+
 def on_first(comm, task: Callable[[], Any]) -> Any:
     """Result of a task that the first process does for all; what it raises, all raise."""
     if comm.size == 1:

@@ -403,11 +403,19 @@ def failures_as_analysis_errors(
     All processes of the component come here, make no collective call within, and raise together, see
     `bspline_mdao.numerics.processes.together`.
     """
-    with together(component.comm):
-        try:
-            yield
-        except kinds as error:
-            raise om.AnalysisError(f"{component.msginfo}: {error}") from error
+    with together(component.comm), as_analysis_errors(component, kinds):
+        yield
+
+
+@contextmanager
+def as_analysis_errors(
+    component: om.ExplicitComponent | om.ImplicitComponent, kinds: tuple[type[Exception], ...] = (MovementError,)
+) -> Iterator[None]:
+    """Raise errors of some kinds within as ``om.AnalysisError``, where all processes raise the same by themselves."""
+    try:
+        yield
+    except kinds as error:
+        raise om.AnalysisError(f"{component.msginfo}: {error}") from error
 
 
 @contextmanager

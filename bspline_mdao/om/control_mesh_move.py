@@ -13,9 +13,12 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.increments import AUTO, NUMBERS
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
+from ..movement.shared import WAYS, shared_mover
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
+from ..numerics.processes import on_first
 from .component import (
     add_product,
+    as_analysis_errors,
     check_along_directions,
     difference_step,
     fails_together,
@@ -56,6 +59,11 @@ class ControlMeshMove(om.ExplicitComponent):
     keep_increments : bool
         Where the mover chooses the number of its increments: never take fewer than the most that a design has needed
         since ``setup``. Without it each design decides for itself.
+    processes : {"auto", "first", "all"}
+        Of several processes, which all get the same control points, who moves: the first one for all, the only one
+        with a factor; all together, which share the rows of the system (elasticity and springs); or the first one
+        where half of the memory that it has available holds the factors, and all together where it does not: "auto",
+        see `bspline_mdao.movement.shared`. `report` tells which it was.
 
     Raises
     ------
@@ -86,8 +94,10 @@ class ControlMeshMove(om.ExplicitComponent):
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
+        self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self._last: _Move | None = None
         self._start: Any = None
+        self._shared: Any = None
         self._n_increments: int | None = None
 
     @property
@@ -100,7 +110,7 @@ class ControlMeshMove(om.ExplicitComponent):
         """Declare the variables, of the sizes of the mover's mesh."""
         mesh = mesh_of(self.options["mover"], self.msginfo)
         self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
-        self._last = self._start = self._n_increments = None
+        self._last = self._start = self._shared = self._n_increments = None
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
@@ -119,7 +129,7 @@ class ControlMeshMove(om.ExplicitComponent):
         if CONTROL_POINTS not in d_outputs:
             return
         movement = self._movement_at(inputs)
-        with failures_as_analysis_errors(self):
+        with as_analysis_errors(self):
             products = {"jvp": movement.jvp, "vjp": movement.vjp}
             add_product(inputs, d_inputs, d_outputs, mode, **products, of=CONTROL_POINTS, wrt=INPUTS)
 
@@ -128,15 +138,24 @@ class ControlMeshMove(om.ExplicitComponent):
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
             initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
-            if self._last is None or not self._last.is_for(initial, surface):
-                self._last = None  # its factors make room for those of the next
-                movement = self._mover.move(initial, surface, **self._options_at(initial))
+        with as_analysis_errors(self):  # what follows is collective: what one process raises, all raise
+            last = self._last
+            is_there = on_first(self.comm, lambda: last is not None and last.is_for(initial, surface))
+            if last is None or not is_there:
+                self._last = last = None  # its factors make room for those of the next
+                movement = self._move(initial, surface)
                 self._start = getattr(movement, "start", None)
-                self._last = _Move(initial.copy(), surface.copy(), movement)
+                self._last = last = _Move(initial.copy(), surface.copy(), movement)
             if self.options["require_valid"]:
-                self._last.movement.report.require_valid()
-        self._count(self._last.movement.report)
-        return self._last.movement
+                last.movement.report.require_valid()
+        self._count(last.movement.report)
+        return last.movement
+
+    def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
+        """Move, by whichever processes are to."""
+        if self._shared is None:
+            self._shared = shared_mover(self._mover, self.comm, self.options["processes"])
+        return self._shared.move(initial, surface, **self._options_at(initial))
 
     def _options_at(self, initial: np.ndarray) -> dict:
         """Options of a move: the factor of its initial points where that is there, and numbers of increments to try.
@@ -155,7 +174,8 @@ class ControlMeshMove(om.ExplicitComponent):
     def _count(self, report: MovementReport) -> None:
         """Keep the number of increments of a design, and tell where it has grown."""
         last, self._n_increments = self._n_increments, report.n_increments
-        if self.options["keep_increments"] and last is not None and report.n_increments > last:
+        has_grown = self.options["keep_increments"] and last is not None and report.n_increments > last
+        if has_grown and self.comm.rank == 0:
             tried = ", ".join(map(str, report.tried))
             _LOGGER.warning(
                 "%s: %d increments from this design on, %d before it (smallest corner by the baseline's: %s); the "

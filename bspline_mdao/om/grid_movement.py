@@ -14,7 +14,9 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..movement.elasticity import LinearElasticity
+from ..movement.increments import AUTO
 from ..movement.mover import Mover
+from ..movement.shared import WAYS
 from ..names import ALL_NAMES
 from .component import fails_together
 from .control_mesh_move import ControlMeshMove, mesh_of
@@ -66,6 +68,8 @@ class GridMovement(om.Group):
         Which of these nodes are given; all by default.
     require_valid, keep_increments : bool
         Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
+    processes : {"auto", "first", "all"}
+        Which of several processes move the control mesh, see `ControlMeshMove`.
     fit : bool
         Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input.
     partition : Partition or Share, optional
@@ -95,6 +99,7 @@ class GridMovement(om.Group):
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
+        self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
         declare_partition(self)
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
@@ -118,7 +123,7 @@ class GridMovement(om.Group):
             self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
         if self.options["measures"]:
             self._add_measures(mover.mesh)
-        settings = {name: self.options[name] for name in ("require_valid", "keep_increments")}
+        settings = {name: self.options[name] for name in ("require_valid", "keep_increments", "processes")}
         self._add("move", ControlMeshMove(mover=mover, **settings))
         held = {"model": model, "partition": self.options["partition"]}
         self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))

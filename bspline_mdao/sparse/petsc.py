@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ __all__ = [
     "PetscMultigrid",
     "PetscMultigridAnalysis",
     "PetscMultigridFactor",
+    "has_petsc",
 ]
 
 MULTIGRID = {
@@ -331,6 +333,11 @@ class _Exchange:
         self.vector.ghostUpdate()
         with self.vector.localForm() as local:
             return local.array[3 * self.n_own :].reshape(-1, 3).copy()
+
+
+def has_petsc() -> bool:
+    """Whether petsc4py is installed; it is not imported."""
+    return find_spec("petsc4py") is not None
 
 
 def _petsc():

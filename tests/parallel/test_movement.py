@@ -13,3 +13,11 @@ needs_petsc = pytest.mark.skipif(not importlib.util.find_spec("petsc4py"), reaso
 @pytest.mark.parametrize("n", [2, 3])
 def test_solvers_of_petsc_share_rows(n):
     assert run_ranks("cases/petsc_solvers.py", n, timeout=100.0) == [f"done {rank}\n" for rank in range(n)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [2, 3])
+def test_every_mover_moves_control_points_alike_everywhere(n):
+    arguments = ["petsc4py"] if importlib.util.find_spec("petsc4py") else []
+    printed = run_ranks("cases/control_mesh_move.py", n, *arguments, timeout=100.0)
+    assert printed == [f"done {rank}\n" for rank in range(n)]
