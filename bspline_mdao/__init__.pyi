@@ -121,6 +121,7 @@ from .om.mphys.builders import GeometryBuilder as GeometryBuilder
 from .om.mphys.geometry import SurfaceGeometry as SurfaceGeometry
 from .om.mphys.rigid_links import RigidLinkBuilder as RigidLinkBuilder
 from .om.mphys.warper import VolumeWarper as VolumeWarper
+from .om.point_set import PointSet as PointSet
 from .om.quality import Quality as Quality
 from .om.surface_control import SurfaceControl as SurfaceControl
 from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit

@@ -171,7 +171,7 @@ class FittedModel:
         """
         grid_map, walls = self.grid_map(), [face for face in self.topology.boundary if face.kind == "wall"]
         surface = BoundarySurface.of(self.topology, grid_map.nodes, walls) if walls else None
-        body = surface and (Body(grid_map.nodes[surface.rows], surface.quads), surface.rows)
+        body = None if surface is None else (Body(grid_map.nodes[surface.rows], surface.quads), surface.rows)
         return EmbeddedPoints.of(grid_map, self.mesh, self.control_points, points, tolerance, body)
 
     def member(self, factor: float) -> FittedModel:

@@ -28,7 +28,10 @@ from scipy.sparse import coo_array, csr_array, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..cells.quads import add_to_nodes, area_vectors
 from ..checks import as_finite_points
+from ..errors import InputError
+from ..numerics.vectors import unit_vectors
 from .mean_value import add_weights
 
 __all__ = ["Body", "BodyPoints"]
@@ -38,6 +41,13 @@ MOST = 128
 
 INSIDE = 0.5
 """Part of all directions in which a body is seen from inside; on its surface it is a half, and noisy."""
+
+BETWEEN = 0.1
+"""Distance out of the body, by the edges of its quads there, up to which a point counts as on its surface: that is how
+far curved skin is from the quads between nodes of it."""
+
+SAME = 1e-9
+"""Distance, by the size of the body, up to which a point is a node."""
 
 FLAT = 1e-13
 """Area of a triangle, by the square of its longest edge, below which it has none."""
@@ -105,13 +115,32 @@ class Body:
             [np.zeros(0, dtype=bool), *(windings > INSIDE for _, _, windings in self.seen_from(points))]
         )
 
-    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (m) of points, shape (n,), from the nodes, and mean lengths (m) of the edges at the nearest."""
-        ends = np.concatenate([self.quads[:, [k, (k + 1) % 4]] for k in range(4)])
-        edges = np.linalg.norm(self.points[ends[:, 0]] - self.points[ends[:, 1]], axis=1)
-        sums, counts = (np.bincount(ends[:, 0], w, len(self.points)) for w in (edges, np.ones(len(edges))))
-        distances, nearest = cKDTree(self.points).query(points)
-        return distances, (sums / np.maximum(counts, 1.0))[nearest]
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Whether points, shape (n, 3), are inside the body or on its surface, see `BETWEEN`: shape (n,)."""
+        contained = self.surrounds(points)
+        outside = np.flatnonzero(~contained)
+        normals, lengths = self._normals_and_lengths
+        nearest = self._tree.query(points[outside])[1]
+        contained[outside] = self.surrounds(points[outside] - (BETWEEN * lengths[:, None] * normals)[nearest])
+        return contained
+
+    def is_node(self, points: np.ndarray) -> np.ndarray:
+        """Whether points, shape (n, 3), are nodes of the surface, to the rounding of files: shape (n,)."""
+        return self._tree.query(points)[0] <= SAME * np.linalg.norm(np.ptp(self.points, axis=0))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    @cached_property
+    def _normals_and_lengths(self) -> tuple[np.ndarray, np.ndarray]:
+        """Unit normals at the nodes, zero where there is none, and mean lengths of the edges there (m)."""
+        corners, n = self.points[self.quads], len(self.points)
+        areas = area_vectors(corners)
+        normals = add_to_nodes(self.quads, np.repeat(areas[:, None], 4, axis=1), n)
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        sums, counts = (np.bincount(self.quads.ravel(), w.ravel(), n) for w in (edges, np.ones_like(edges)))
+        return unit_vectors(normals, np.zeros(3), 0.0), sums / np.maximum(counts, 1.0)
 
     def seen_from(self, points: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield numbers of points, weights of all corners in them, and the part of all directions that is inside."""
@@ -176,6 +205,24 @@ class BodyPoints:
         """Transpose of `jvp`: derivative with respect to the nodes, shape (n_nodes, 3)."""
         corners_bar, n = self.weights.T @ bar, self.means.shape[1]
         return corners_bar[:n] + self.means.T @ corners_bar[n:]
+
+
+def require_contained(body: Body, points: np.ndarray, what: str) -> np.ndarray:
+    """Return points, shape (n, 3), all of which are inside a body or on its surface.
+
+    Raises
+    ------
+    InputError
+        If the points cannot be used, or with the number of the first that is outside, from 1.
+    """
+    points = as_finite_points(points, len(points), what)
+    outside = np.flatnonzero(~body.contains(points))
+    if len(outside):
+        raise InputError(
+            f"{what}: {len(outside)} of {len(points)} points are outside the surface, the first is point "
+            f"{outside[0] + 1} at {points[outside[0]].tolist()}; give points inside it or on it"
+        )
+    return points
 
 
 def _sparse(weights: np.ndarray, points: np.ndarray, corners: np.ndarray) -> csr_array:

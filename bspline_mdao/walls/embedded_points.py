@@ -16,6 +16,7 @@ Theory: ``docs/theory/inversion.rst``, ``docs/theory/wall_layer.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import PointInversion, embed_points, invert_points
 from ..splines.mesh import BSplineMesh
 from .body_points import Body, BodyPoints
-from .grid_map import GridMap, GridState
+from .grid_map import GridMap
 from .layer import Layered, WallLayer
 
 __all__ = ["EmbeddedPoints", "EmbeddedState"]
@@ -33,9 +34,13 @@ __all__ = ["EmbeddedPoints", "EmbeddedState"]
 ON_PLANE = 1e-9
 """A point nearer to a plane than this part of the size of the grid lies in it: coordinates are rounded in files."""
 
-BETWEEN = 0.1
-"""Distance to the volumes, by the edges of the wall's quads, up to which a point rides on the wall though not inside:
-between the quads and the splines there is room for it."""
+
+class HasNodes(Protocol):
+    """What has the nodes of a grid, shape (n_nodes, 3), such as a `GridState`."""
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """The nodes (m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +132,14 @@ class EmbeddedPoints:
             body, rows = BodyPoints.of(walls[0], points[in_body]), walls[1]
         return cls(grid_map, evaluator, points, in_volume, offsets, layer, np.flatnonzero(in_body), body, rows)
 
-    def at(self, control_points: np.ndarray, state: GridState) -> EmbeddedState:
+    def at(self, control_points: np.ndarray, state: HasNodes) -> EmbeddedState:
         """Return the points beside a grid.
 
         Parameters
         ----------
         control_points : ndarray, shape (n_control_points, 3)
             Control points (m).
-        state : GridState
+        state : GridState, or what has its ``nodes``
             The grid of these control points, by `GridMap.at` of ``grid_map``; places of wall nodes may have been given.
 
         Returns
@@ -160,7 +165,7 @@ class EmbeddedState:
     ----------
     of : EmbeddedPoints
         The map.
-    grid : GridState
+    grid : GridState, or what has its ``nodes``
         The grid.
     points : ndarray, shape (n, 3)
         The points (m).
@@ -169,7 +174,7 @@ class EmbeddedState:
     """
 
     of: EmbeddedPoints
-    grid: GridState
+    grid: HasNodes
     points: np.ndarray
     layered: Layered | None
 
@@ -220,11 +225,10 @@ class EmbeddedState:
 
 def _rides(body: Body, points: np.ndarray, inversion: PointInversion) -> np.ndarray:
     """Whether points ride on the walls: those that are nodes of them, and those outside the volumes and inside them."""
-    distances, lengths = body.nearest(points)
-    rides = distances <= ON_PLANE * np.linalg.norm(np.ptp(body.points, axis=0))
+    rides = body.is_node(points)
     outside = np.flatnonzero(~inversion.is_inside & ~rides)
-    rides[outside] = body.surrounds(points[outside])
-    return rides | (~inversion.is_inside & (inversion.distance <= BETWEEN * lengths))
+    rides[outside] = body.contains(points[outside])
+    return rides
 
 
 def _require_found(inversion: PointInversion, numbers: np.ndarray, n_points: int) -> None:

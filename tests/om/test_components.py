@@ -35,6 +35,7 @@ from bspline_mdao.om.fit import Fit
 from bspline_mdao.om.grid_evaluate import GridEvaluate
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
+from bspline_mdao.om.point_set import PointSet
 from bspline_mdao.om.quality import Quality
 from bspline_mdao.om.surface_control import SurfaceControl
 from bspline_mdao.om.surface_control_fit import SurfaceControlFit
@@ -58,6 +59,10 @@ def most_nodes(model):
     """Numbers of most nodes of the surface, in disorder."""
     n = SurfaceGrid.of(model).n_points
     return np.random.default_rng(3).permutation(n)[n // 10 :]
+
+
+def wall_nodes(model):
+    return SurfaceGrid.of(model).points[::3]
 
 
 def heights(model):
@@ -101,6 +106,7 @@ PARTIALS = {
         f"GridEvaluate, asked for the wall, {wrt}": (GridEvaluate, {"surface": SurfaceGrid.of, **options}, GRID, wrt)
         for wrt, options in {SURFACE: {}, CONTROL_POINTS: {"numbers": most_nodes}}.items()
     },
+    "PointSet": (PointSet, {"points": wall_nodes}, "points", SURFACE),
     "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),
     "Monotonic": (Monotonic, {"variable": "twist", "size": 6}, "twist_differences", "twist"),
     "Monotonic decreasing": (

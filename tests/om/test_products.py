@@ -36,6 +36,7 @@ from bspline_mdao.om.flow.vortex_lattice import WakeForces
 from bspline_mdao.om.grid_evaluate import GridEvaluate
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
+from bspline_mdao.om.point_set import PointSet
 from bspline_mdao.om.quality import Quality
 from bspline_mdao.om.surface_control import SurfaceControl
 from bspline_mdao.om.surface_control_fit import SurfaceControlFit
@@ -75,6 +76,16 @@ def some_nodes(n=17):
     return np.random.default_rng(0).integers(0, len(surface().points), n)
 
 
+def box_in_wing():
+    """Points inside the wing."""
+    return np.random.default_rng(0).uniform([0.4, -0.01, 0.1], [0.5, 0.01, 0.5], (7, 3))
+
+
+def probes():
+    """Points in the volumes."""
+    return wing().evaluator().forward(wing().control_points)[::100]
+
+
 def links():
     """Points that hang on three nodes of a beam."""
     points = np.random.default_rng(0).uniform(0.0, 2.0, (7, 3))
@@ -111,6 +122,8 @@ COMPONENTS = {
     ),
     "SurfaceEvaluate": lambda: SurfaceEvaluate(model=model(), mesh=moving_mesh(model()), surface=surface()),
     "SurfaceMeasure": lambda: SurfaceMeasure(measure=Heights(surface())),
+    "PointSet": lambda: PointSet(model=wing(), points=box_in_wing()),
+    "PointSet, in the volumes": lambda: PointSet(model=wing(), points=np.concatenate([box_in_wing(), probes()])),
     "Monotonic": lambda: Monotonic(variable="twist", size=6),
     "EulerState": lambda: flow_of(EulerState, iprint=0),
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),

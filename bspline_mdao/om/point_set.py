@@ -1,0 +1,145 @@
+"""Points of other disciplines that follow the shape, such as the nodes of a structure, as an OpenMDAO component.
+
+Theory: ``docs/theory/body_points.rst``, ``docs/theory/inversion.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import openmdao.api as om
+
+from ..errors import InputError
+from ..model.fitted_model import FittedModel
+from ..names import CONTROL_POINTS, GRID, SURFACE
+from ..walls.embedded_points import EmbeddedState
+from .component import (
+    LINEAR_STEP,
+    LastState,
+    add_product,
+    check_along_directions,
+    difference_step,
+    failures_as_analysis_errors,
+    finite_points,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """A grid that was given."""
+
+    nodes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Ridden:
+    """Points that ride on walls, and their derivative."""
+
+    points: np.ndarray
+    jvp: Callable
+    vjp: Callable
+
+
+class PointSet(om.ExplicitComponent):
+    """Move points that were not fitted with the shape: spars, ribs and tanks inside the body, probes in the flow.
+
+    Points inside the body ride on its walls alone. Where all do, the component needs nothing but these:
+
+    ===============  ======  ============  =====  ======================================================================
+    name             role    shape         units  meaning
+    ===============  ======  ============  =====  ======================================================================
+    ``surface``      input   (3 n_wall)    m      nodes of all walls, ``SurfaceGrid.of(model)``; see `SurfaceEvaluate`
+    ``points``       output  (3 n)         m      the points, under the name ``name``, xyz interleaved
+    ===============  ======  ============  =====  ======================================================================
+
+    Where some are in the volumes, it takes in the place of ``surface``
+
+    ==================  ======  ============  =====  ===================================================================
+    name                role    shape         units  meaning
+    ==================  ======  ============  =====  ===================================================================
+    ``control_points``  input   (3 n_c)       m      all control points, see `ControlMeshMove`
+    ``grid``            input   (3 n_nodes)   m      the grid of these, see `GridEvaluate`
+    ==================  ======  ============  =====  ===================================================================
+
+    Options
+    -------
+    model : FittedModel
+        The fitted grid.
+    points : ndarray, shape (n, 3)
+        The points on the baseline (m).
+    name : str
+        Name of the output, "points" by default.
+    tolerance : float, optional
+        Distance (m) up to which a point counts as inside the volumes, see `FittedModel.embed_points`.
+
+    Raises
+    ------
+    InputError
+        In ``setup``, with the number of the first point that is neither in a volume nor in the body, and if there are
+        several processes and points in the volumes: the grid is then distributed.
+    om.AnalysisError
+        In a run, if an input is not finite, or if the surroundings of a wall node are turned inside out.
+    """
+
+    def initialize(self):
+        """Declare the options."""
+        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("points", types=np.ndarray, recordable=False, desc="the points on the baseline, m")
+        self.options.declare("name", types=str, default="points", desc="name of the output")
+        self.options.declare("tolerance", default=None, desc="distance up to which a point counts as inside, m")
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
+        return self._embedded.layer is None or not self._embedded.layer.pieces
+
+    def setup(self):
+        """Find what the points are embedded in, and declare the variables."""
+        model = self.options["model"]
+        self._embedded, self._last = model.embed_points(self.options["points"], self.options["tolerance"]), LastState()
+        n_in_volume, n_points = len(self._embedded.in_volume), len(self._embedded.points)
+        if n_in_volume and self.comm.size > 1:
+            raise InputError(
+                f"{self.msginfo}: {n_in_volume} of {n_points} points are in the volumes, the first is point "
+                f"{self._embedded.in_volume[0] + 1}, and {self.comm.size} processes share the grid there; give points "
+                f"inside the body, or take one process"
+            )
+        nodes = self._embedded.grid_map.nodes
+        if n_in_volume:
+            self._wrt = (CONTROL_POINTS, GRID)
+            self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+            self.add_input(GRID, val=nodes.ravel(), units="m")
+        else:
+            self._wrt = (SURFACE,)
+            self.add_input(SURFACE, val=nodes[self._embedded.wall_rows].ravel(), units="m")
+        self.add_output(self.options["name"], val=self._embedded.points.ravel(), units="m")
+        lines = (block.nodes for block in model.regenerate().blocks)
+        check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
+
+    def compute(self, inputs, outputs):
+        """Evaluate the points."""
+        state = self._state_at(inputs)
+        outputs[self.options["name"]] = state.points.ravel()
+        if self.under_complex_step:
+            imaginary = [inputs[name].imag.reshape(-1, 3) for name in self._wrt]
+            outputs[self.options["name"]] += 1j * state.jvp(*imaginary).ravel()
+
+    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
+        """Apply the Jacobian or its transpose at the inputs."""
+        state = self._state_at(inputs)
+        products = {"jvp": state.jvp, "vjp": state.vjp}
+        wrt = self._wrt[0] if len(self._wrt) == 1 else self._wrt
+        add_product(inputs, d_inputs, d_outputs, mode, **products, of=self.options["name"], wrt=wrt)
+
+    def _state_at(self, inputs):
+        points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
+        with failures_as_analysis_errors(self):
+            return self._last.at(points, self._of_walls if len(points) == 1 else self._of_grid)
+
+    def _of_grid(self, control_points: np.ndarray, nodes: np.ndarray) -> EmbeddedState:
+        return self._embedded.at(control_points, _Nodes(nodes))
+
+    def _of_walls(self, nodes: np.ndarray) -> _Ridden:
+        return _Ridden(self._embedded.body.at(nodes), self._embedded.body.jvp, self._embedded.body.vjp)
