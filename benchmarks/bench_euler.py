@@ -24,7 +24,8 @@ from bspline_mdao import Spacing, hh_wing_grid, rectangular_wing
 from bspline_mdao.flow.euler.discretization import Linearization
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.newton import RESTART, FlowSolution, solve_flow, solve_system
+from bspline_mdao.flow.euler.krylov import RESTART, solve_system
+from bspline_mdao.flow.euler.newton import FlowSolution, solve_flow
 from bspline_mdao.flow.euler.preconditioner import BlockFactor, compact_factor
 from bspline_mdao.flow.euler.reconstruction import INNER
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse

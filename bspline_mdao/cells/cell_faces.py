@@ -72,6 +72,12 @@ class CellFaces:
         Third cell of the grid line from each boundary face inwards; -1 where there is none.
     boundary : tuple of BoundaryFaces
         The patches.
+    n_ghosts : int
+        Cells of other processes; their numbers follow those of the cells.
+    pieces : tuple of Window, or None
+        Windows of the blocks that ``shapes`` are of; None where they are the blocks.
+    numbers_in_grid : ndarray of int, shape (n_faces - n_inner,), or None
+        Numbers of the boundary faces among those of all pieces, patch after patch; None where they are all.
     """
 
     shapes: tuple[tuple[int, int, int], ...]
@@ -82,6 +88,9 @@ class CellFaces:
     beyond_right: np.ndarray
     third: np.ndarray
     boundary: tuple[BoundaryFaces, ...]
+    n_ghosts: int = 0
+    pieces: tuple[Window, ...] | None = None
+    numbers_in_grid: np.ndarray | None = None
 
     @classmethod
     def of(cls, topology: Topology, nodes: np.ndarray) -> CellFaces:
@@ -144,8 +153,9 @@ class CellFaces:
 
         Those of a face count for the cell on its left, and times ``sign`` for the one on its right.
         """
-        left = np.bincount(self.left, values, self.n_cells)
-        return left + sign * np.bincount(self.right, values[: self.n_inner], self.n_cells)
+        n = self.n_cells + self.n_ghosts
+        left = np.bincount(self.left, values, n)
+        return (left + sign * np.bincount(self.right, values[: self.n_inner], n))[: self.n_cells]
 
     def sizes(self, nodes: np.ndarray) -> np.ndarray:
         """Areas (m^2) of the surfaces of all cells, shape (n_cells,), of nodes, shape (n_nodes, 3)."""
@@ -165,7 +175,7 @@ class CellFaces:
             If there are any, with their number and the worst one.
         """
         volumes = self.volumes(nodes)
-        n_negative = np.count_nonzero(volumes < -_ROUNDED * np.abs(nodes).max() * self.sizes(nodes))
+        n_negative = np.count_nonzero(volumes < -_ROUNDED * np.abs(nodes).max(initial=0.0) * self.sizes(nodes))
         if n_negative:
             worst = int(np.argmin(volumes))
             raise InputError(
@@ -175,10 +185,11 @@ class CellFaces:
 
     def place(self, cell: int) -> str:
         """Name a cell for messages: block and indices, from 1."""
-        for number, shape in enumerate(self.shapes, start=1):
+        for number, shape in enumerate(self.shapes):
             if cell < np.prod(shape):
-                i, j, k = np.unravel_index(cell, shape)
-                return f"block {number}, cell ({i + 1}, {j + 1}, {k + 1})"
+                piece = Window(number, (0, 0, 0), shape) if self.pieces is None else self.pieces[number]
+                i, j, k = np.add(np.unravel_index(cell, shape), piece.lo)
+                return f"block {piece.block + 1}, cell ({i + 1}, {j + 1}, {k + 1})"
             cell -= int(np.prod(shape))
         raise IndexError("no such cell")
 

@@ -31,6 +31,8 @@ __all__ = [
     "from_all",
     "from_first",
     "gathered",
+    "largest",
+    "norm",
     "on_first",
     "summed",
     "summed_number",
@@ -194,6 +196,18 @@ def node_of(comm) -> Any:
     from mpi4py import MPI
 
     return comm.Split_type(MPI.COMM_TYPE_SHARED)
+
+
+def norm(array: np.ndarray, comm=ONE) -> float:
+    """Euclidean norm of an array whose rows several processes hold; the same bits on all of them."""
+    if comm.size == 1:
+        return float(np.linalg.norm(array))
+    return float(np.sqrt(summed(comm, np.array([np.linalg.norm(array) ** 2]))[0]))
+
+
+def largest(comm, value: float) -> float:
+    """Largest of the numbers of all processes, on every one of them."""
+    return float(value) if comm.size == 1 else float(max(comm.allgather(float(value))))
 
 
 def on_first(comm, task: Callable[[], Any]) -> Any:

@@ -91,6 +91,8 @@ class IncompleteFactor:
 def narrow_order(graph: Graph) -> np.ndarray:
     """Order points by reverse Cuthill and McKee (1969), which gives the fewest iterations of the orders measured."""
     n, edges = len(graph.starts) - 1, np.ones(len(graph.neighbours), np.int8)
+    if not n:  # SciPy takes the maximum of their degrees
+        return np.zeros(0, np.int32)
     return reverse_cuthill_mckee(csr_array((edges, graph.neighbours, graph.starts), shape=(n, n)), True)
 
 

@@ -26,6 +26,7 @@ from bspline_mdao import (
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.euler.walls import Walls
 from bspline_mdao.testing import central_difference
 
 COEFFICIENTS = ("CL", "CD", "CM", "CD_induced", "CD_entropy")
@@ -317,7 +318,8 @@ def test_body_without_walls_is_refused():
     nodes = model.regenerate().to_vector().reshape(-1, 3)
     flow = FlowGrid.of(model.topology, nodes)
     patches = tuple(replace(patch, kind="farfield") for patch in flow.faces.boundary)
-    open_flow = replace(flow, discretization=replace(flow.discretization, faces=replace(flow.faces, boundary=patches)))
+    faces = replace(flow.faces, boundary=patches)
+    open_flow = replace(flow, discretization=replace(flow.discretization, faces=faces), walls=Walls.of(faces))
     with pytest.raises(InputError, match="no patch is a wall"):
         FlowForces.of(open_flow, nodes, 1.16)
 

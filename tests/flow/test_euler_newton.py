@@ -11,7 +11,7 @@ from topology_cases import smooth_box
 from bspline_mdao import flat_plate_grid
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.newton import solve_system
+from bspline_mdao.flow.euler.krylov import solve_system
 from bspline_mdao.flow.euler.preconditioner import (
     BLOCK,
     COMPACT_DISSIPATION,

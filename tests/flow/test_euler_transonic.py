@@ -13,7 +13,8 @@ from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
-from bspline_mdao.flow.euler.newton import solve_flow, solve_system
+from bspline_mdao.flow.euler.krylov import solve_system
+from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.topology.detection import find_topology

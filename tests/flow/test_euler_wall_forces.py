@@ -27,7 +27,7 @@ def random_case(seed=0):
     states = flow.discretization.uniform(free_stream(0.4, 0.1, flow.axes))
     states *= rng.uniform(0.8, 1.2, states.shape)
     nodes = nodes + 1e-3 * rng.standard_normal(nodes.shape)
-    return flow, WallForces.of(flow.discretization, surface.quads, surface.rows), (states, nodes, 0.4, 7e3)
+    return flow, WallForces.of(flow, surface.quads, surface.rows), (states, nodes, 0.4, 7e3)
 
 
 def test_the_nodes_carry_the_force_and_the_moment_of_the_faces():
@@ -68,7 +68,7 @@ def test_a_part_of_the_walls_carries_the_pressures_on_that_part():
     parts, total = [], np.zeros((len(at[1]), 3))
     for patch in patches:
         surface = SurfaceGrid.of(wing(), patch)
-        part = WallForces.of(flow.discretization, surface.quads, surface.rows)
+        part = WallForces.of(flow, surface.quads, surface.rows)
         total[surface.rows] += part.evaluate(*at)
         parts.append(part.n_faces)
     assert len(patches) > 1

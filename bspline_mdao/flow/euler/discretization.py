@@ -2,7 +2,8 @@
 
 The flux through a face is in `.flux`, the states that it is of in `.reconstruction`. The residual depends on the grid
 through the area vectors of the faces alone. Sums over faces are made on several threads, each with a range of faces and
-an array of its own.
+an array of its own. Of several processes each has the rows of its own cells; their states see those of others through a
+halo.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -16,6 +17,8 @@ import numpy as np
 from numba import njit
 
 from ...cells.cell_faces import CellFaces
+from ...numerics.halo import ALONE, Halo
+from ...numerics.processes import norm, summed
 from ...numerics.threads import run_tasks, thread_count
 from .flux import face_flux, face_flux_jvp
 from .gas import N_STATES
@@ -48,15 +51,20 @@ class Discretization:
         Part of the third difference that is dissipated.
     shock_threshold : float
         Relative second difference of the pressure at which a face is half that of a shock; 0 for no sensor.
+    halo : Halo
+        Exchange of cells with other processes.
     """
 
     faces: CellFaces
     stencil: Stencil
     dissipation: float = DISSIPATION
     shock_threshold: float = 0.0
+    halo: Halo = ALONE
 
     @classmethod
-    def of(cls, faces: CellFaces, dissipation: float = DISSIPATION, shock_threshold: float = 0.0) -> Discretization:
+    def of(
+        cls, faces: CellFaces, dissipation: float = DISSIPATION, shock_threshold: float = 0.0, halo: Halo = ALONE
+    ) -> Discretization:
         """Choose the stencils of all faces.
 
         Raises
@@ -64,11 +72,19 @@ class Discretization:
         InputError
             If a patch is of a kind that says nothing about the flow.
         """
-        return cls(faces, Stencil.of(faces), dissipation, shock_threshold)
+        return cls(faces, Stencil.of(faces), dissipation, shock_threshold, halo)
 
     def uniform(self, stream: np.ndarray) -> np.ndarray:
         """Fill all cells with the free stream: states, shape (n_cells, 5)."""
         return np.tile(stream, (self.faces.n_cells, 1))
+
+    def norm(self, rows: np.ndarray) -> float:
+        """Euclidean norm of an array of all cells, shape (n_cells, 5); the same bits on all processes."""
+        return norm(rows, self.halo.comm)
+
+    def norm_of_areas(self, areas: np.ndarray) -> float:
+        """Euclidean norm of an array of all faces, shape (n_faces, 3), each of which counts where its left cell is."""
+        return norm(areas if self.halo.comm.size == 1 else areas[self.faces.left < self.faces.n_cells], self.halo.comm)
 
     def residual(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
         """Sum what flows out of every cell.
@@ -89,12 +105,13 @@ class Discretization:
         """
         dtype = np.result_type(states, areas, stream)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
+        states = self.halo.extend(states)
         rest = states, stream, self.dissipation, self.shock_threshold
 
         def add(part, out):
             residual(*self.stencil.part(part), areas[part], *rest, out)
 
-        return _sum_over_faces(self.faces.n_faces, add, states)
+        return self.halo.cut(_sum_over_faces(self.faces.n_faces, add, states))
 
     def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> Linearization:
         """Differentiate the residual with respect to the states, the area vectors and the free stream."""
@@ -104,7 +121,7 @@ class Discretization:
             np.zeros((n, 2, 4)),
             np.zeros((n if self.shock_threshold > 0.0 else 0, 5 + 2 * N_STATES)),
         )
-        rest = states, stream, self.dissipation, self.shock_threshold
+        rest = self.halo.extend(states), stream, self.dissipation, self.shock_threshold
 
         def fill(part):
             out = state_jacobians[part], area_jacobians[part], cell_weights[part], sensors[part]
@@ -140,11 +157,13 @@ class Linearization:
 
     def state_jvp(self, d_states: np.ndarray) -> np.ndarray:
         """Change of the residual with the states, both of shape (n_cells, 5)."""
-        return self._multiply(state_jvp, d_states)
+        halo = self.discretization.halo
+        return halo.cut(self._multiply(state_jvp, halo.extend(d_states)))
 
     def state_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `state_jvp`."""
-        return self._multiply(state_vjp, bar)
+        halo = self.discretization.halo
+        return halo.fold(self._multiply(state_vjp, halo.pad(bar)))
 
     def area_jvp(self, d_areas: np.ndarray) -> np.ndarray:
         """Change of the residual, shape (n_cells, 5), with the area vectors, shape (n_faces, 3)."""
@@ -162,7 +181,8 @@ class Linearization:
 
     def stream_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `stream_jvp`."""
-        return np.einsum("fnm,fn->m", self._stream_jacobians, self._through(bar)[self._far])
+        own = np.einsum("fnm,fn->m", self._stream_jacobians, self._through(bar)[self._far])
+        return summed(self.discretization.halo.comm, own)
 
     def _multiply(self, kernel, vector: np.ndarray) -> np.ndarray:
         """Product with the Jacobian or its transpose."""
@@ -186,17 +206,11 @@ class Linearization:
 
     def _gather(self, flux: np.ndarray) -> np.ndarray:
         """Sum fluxes, shape (n_faces, 5), over the faces of every cell."""
-        faces = self.discretization.faces
-        columns = [
-            np.bincount(faces.left, column, faces.n_cells)
-            - np.bincount(faces.right, column[: faces.n_inner], faces.n_cells)
-            for column in flux.T
-        ]
-        return np.stack(columns, axis=1)
+        return np.stack([self.discretization.faces.sum_over_cells(column) for column in flux.T], axis=1)
 
     def _through(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `_gather`."""
-        faces = self.discretization.faces
+        faces, bar = self.discretization.faces, self.discretization.halo.pad(bar)
         through = bar[faces.left]
         through[: faces.n_inner] -= bar[faces.right]
         return through

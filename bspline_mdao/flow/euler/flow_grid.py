@@ -11,10 +11,15 @@ import numpy as np
 
 from ...cells import quads
 from ...cells.cell_faces import CellFaces
+from ...cells.share_faces import faces_of_share
 from ...checks import as_axes
+from ...numerics.halo import ALONE, Halo
+from ...numerics.processes import ONE, largest, summed_number, together
+from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .discretization import Discretization
 from .preconditioner import FactorPattern, factor_pattern
+from .walls import Walls
 
 __all__ = ["FlowGrid"]
 
@@ -33,14 +38,29 @@ class FlowGrid:
     pattern : FactorPattern
     axes : ndarray, shape (3, 3)
         Rows are the directions downstream, along the span, and up.
+    walls : Walls
+        Those of all processes.
+    corners : Halo
+        Exchange of nodes with other processes. All arrays of nodes are those of this process.
     """
 
     discretization: Discretization
     pattern: FactorPattern
     axes: np.ndarray
+    walls: Walls
+    corners: Halo = ALONE
 
     @classmethod
-    def of(cls, topology: Topology, nodes: np.ndarray, axes: str = "xzy", **settings) -> FlowGrid:
+    def of(
+        cls,
+        topology: Topology,
+        nodes: np.ndarray,
+        axes: str = "xzy",
+        *,
+        partition: Partition | None = None,
+        comm=ONE,
+        **settings,
+    ) -> FlowGrid:
         """Find the faces, stencils and preconditioner pattern of a grid.
 
         Parameters
@@ -48,9 +68,13 @@ class FlowGrid:
         topology : Topology
             Connections of its blocks, with declared patches.
         nodes : ndarray, shape (n_nodes, 3)
-            Baseline nodes (m).
+            Baseline nodes (m), of the share of this process.
         axes : str
             Axes of the grid that point downstream, along the span, and up.
+        partition : Partition, optional
+            Who has which cells, where there are several processes.
+        comm : communicator
+            The processes.
         **settings
             Of the `Discretization`.
 
@@ -59,8 +83,20 @@ class FlowGrid:
         InputError
             If a part of the boundary is not declared as wall, symmetry or far field, or the axes cannot be used.
         """
-        discretization = Discretization.of(CellFaces.of(topology, nodes), **settings)
-        return cls(discretization, factor_pattern(discretization), as_axes(axes, "flow"))
+        if comm.size == 1:
+            discretization, corners = Discretization.of(CellFaces.of(topology, nodes), **settings), ALONE
+            walls = Walls.of(discretization.faces)
+        else:
+            partition = partition or Partition.of(topology, comm.size)
+            faces, cells, corners = faces_of_share(topology, partition, comm, nodes)
+            discretization = Discretization.of(faces, **settings, halo=cells)
+            walls = Walls.of_share(faces, partition, corners)
+        return cls(discretization, factor_pattern(discretization), as_axes(axes, "flow"), walls, corners)
+
+    @property
+    def comm(self):
+        """The processes."""
+        return self.corners.comm
 
     @property
     def faces(self) -> CellFaces:
@@ -69,22 +105,52 @@ class FlowGrid:
 
     def least_height(self, nodes: np.ndarray) -> float:
         """Height (m) of the flattest face, its area divided by its longest edge; collapsed faces do not count."""
-        corners = nodes[self.faces.corners]
-        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        corners = self.corners.extend(nodes)[self.faces.corners]
+        edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
         heights = np.linalg.norm(self.areas(nodes), axis=1) / np.maximum(edges, np.finfo(float).tiny)
-        return float(heights.min(where=heights > _FLAT * np.ptp(nodes, axis=0).max(), initial=np.inf))
+        least = heights.min(where=heights > _FLAT * self.extent(nodes), initial=np.inf)
+        return -largest(self.comm, -least)
+
+    @property
+    def n_cells_of_grid(self) -> int:
+        """Number of the cells of all processes."""
+        return int(summed_number(self.comm, self.faces.n_cells))
+
+    def extent(self, nodes: np.ndarray) -> float:
+        """Length (m) of the longest side of the box that is about all nodes."""
+        ends = np.stack([nodes, -nodes]).max(axis=1, initial=-np.inf)
+        if self.comm.size > 1:
+            ends = np.max(self.comm.allgather(ends), axis=0)
+        return float(ends.sum(axis=0).max())
+
+    def sizes(self, nodes: np.ndarray) -> np.ndarray:
+        """Areas (m^2) of the surfaces of all cells, shape (n_cells,)."""
+        return self.faces.sizes(self.corners.extend(nodes))
+
+    def require_volumes(self, nodes: np.ndarray) -> None:
+        """Refuse cells with negative volumes.
+
+        Raises
+        ------
+        InputError
+            If there are any, on all processes with the words of the first one that has some.
+        """
+        seen = self.corners.extend(nodes)
+        with together(self.comm):
+            self.faces.require_volumes(seen)
 
     def areas(self, nodes: np.ndarray) -> np.ndarray:
         """Area vectors (m^2), shape (n_faces, 3), of nodes, shape (n_nodes, 3)."""
-        return area_vectors(nodes, self.faces.corners)
+        return area_vectors(self.corners.extend(nodes), self.faces.corners)
 
     def areas_jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
         """Change of the area vectors with the nodes."""
-        return area_vectors_jvp(nodes, self.faces.corners, d_nodes)
+        seen = self.corners.extend(nodes), self.faces.corners, self.corners.extend(d_nodes)
+        return area_vectors_jvp(*seen)
 
     def areas_vjp(self, nodes: np.ndarray, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `areas_jvp`."""
-        return area_vectors_vjp(nodes, self.faces.corners, bar)
+        return self.corners.fold(area_vectors_vjp(self.corners.extend(nodes), self.faces.corners, bar))
 
 
 def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:

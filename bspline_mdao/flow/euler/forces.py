@@ -6,11 +6,14 @@ Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ...errors import InputError
+from ...numerics.halo import Halo
+from ...numerics.processes import gathered, summed_number
 from ...numerics.vectors import dots
 from ..force_coefficients import ForceCoefficients, WingCoefficients
 from ..induced_drag import InducedDrag
@@ -19,6 +22,7 @@ from .discretization import Discretization
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .gas import GAMMA
 from .reconstruction import MEAN
+from .walls import Walls
 
 __all__ = ["EntropyDrag", "FlowForces", "WallPressure"]
 
@@ -33,15 +37,20 @@ class FlowForces:
 
     Parameters
     ----------
-    wall, far : ndarray of int, shapes (n_wall, 4) and (n_far, 4)
-        Corners of the faces of the walls and of the far field.
+    walls : Walls
+        The walls of all processes.
+    far : ndarray of int, shape (n_far, 4)
+        Corners of the faces of the far field, of this process.
+    corners : Halo
+        Exchange of nodes with other processes.
     pressure : WallPressure
     entropy : EntropyDrag
     wing : WingCoefficients
     """
 
-    wall: np.ndarray
+    walls: Walls
     far: np.ndarray
+    corners: Halo
     pressure: WallPressure
     entropy: EntropyDrag
     wing: WingCoefficients
@@ -68,19 +77,19 @@ class FlowForces:
         InputError
             If there is no wall, it has no span, a reference cannot be used, or the plane of symmetry is not at span 0.
         """
-        faces = flow.faces
-        wall, far = (faces.corners[faces.faces_of(kind)] for kind in ("wall", "farfield"))
+        wall, on_walls = flow.walls.corners, flow.walls.nodes(nodes)
         if not len(wall):
             raise InputError("flow: no patch is a wall, so that there are no forces; declare what the body is")
         planes = _planes_of_symmetry(flow, nodes)
-        strips = SpanStrips.of(wall, nodes, flow.axes, is_symmetric=len(planes) == 1)
-        induced = InducedDrag.of(strips, nodes) if len(planes) < 2 else InducedDrag.none(strips)
+        strips = SpanStrips.of(wall, on_walls, flow.axes, is_symmetric=len(planes) == 1)
+        induced = InducedDrag.of(strips, on_walls) if len(planes) < 2 else InducedDrag.none(strips)
         middles = csr_array(
-            (np.full(wall.size, 0.25), wall.ravel(), 4 * np.arange(len(wall) + 1)), (len(wall), len(nodes))
+            (np.full(wall.size, 0.25), wall.ravel(), 4 * np.arange(len(wall) + 1)), (len(wall), len(on_walls))
         )
         coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
         wing = WingCoefficients(coefficients, induced)
-        return cls(wall, far, WallPressure.of(flow.discretization), EntropyDrag.of(flow.discretization), wing)
+        far = flow.faces.corners[flow.faces.faces_of("farfield")]
+        return cls(flow.walls, far, flow.corners, WallPressure.of(flow), EntropyDrag.of(flow.discretization), wing)
 
     def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
         """Compute all outputs by name; real or complex.
@@ -88,30 +97,33 @@ class FlowForces:
         Parameters
         ----------
         states : ndarray, shape (n_cells, 5)
-            States of all cells.
+            States of all cells; here and below, those of this process.
         nodes : ndarray, shape (n_nodes, 3)
-            Nodes of the grid (m).
+            Nodes of the grid (m), as well.
         alpha, mach : float
             Angle of attack (rad) and Mach number.
         """
-        areas, pressure = area_vectors(nodes, self.wall), self.pressure.evaluate(states, mach)
-        drag = self.entropy.evaluate(states, area_vectors(nodes, self.far), mach)
+        on_walls, pressure = self.walls.nodes(nodes), self.pressure.evaluate(states, mach)
+        areas = area_vectors(on_walls, self.walls.corners)
+        drag = self.entropy.evaluate(states, area_vectors(self.corners.extend(nodes), self.far), mach)
         return {
             "Cp": pressure,
             "CD_entropy": drag / self._area,
-            **self.wing.evaluate(pressure[:, None] * areas, nodes, alpha),
+            **self.wing.evaluate(pressure[:, None] * areas, on_walls, alpha),
         }
 
     def jvp(self, states, nodes, alpha, mach, d_states, d_nodes, d_alpha, d_mach) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
-        areas, d_areas = area_vectors(nodes, self.wall), area_vectors_jvp(nodes, self.wall, d_nodes)
+        on_walls, d_on_walls, wall = self.walls.nodes(nodes), self.walls.nodes(d_nodes), self.walls.corners
+        areas, d_areas = area_vectors(on_walls, wall), area_vectors_jvp(on_walls, wall, d_on_walls)
         pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
         forces, d_forces = pressure[:, None] * areas, d_pressure[:, None] * areas + pressure[:, None] * d_areas
-        far, d_far = area_vectors(nodes, self.far), area_vectors_jvp(nodes, self.far, d_nodes)
+        seen, d_seen = self.corners.extend(nodes), self.corners.extend(d_nodes)
+        far, d_far = area_vectors(seen, self.far), area_vectors_jvp(seen, self.far, d_seen)
         return {
             "Cp": d_pressure,
             "CD_entropy": self.entropy.jvp(states, far, mach, d_states, d_far, d_mach) / self._area,
-            **self.wing.jvp(forces, nodes, alpha, d_forces, d_nodes, d_alpha),
+            **self.wing.jvp(forces, on_walls, alpha, d_forces, d_on_walls, d_alpha),
         }
 
     def vjp(self, states, nodes, alpha, mach, bars: dict) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -122,14 +134,20 @@ class FlowForces:
         tuple
             Derivatives with respect to the states, the nodes, the angle (1/rad) and the Mach number.
         """
-        areas, pressure = area_vectors(nodes, self.wall), self.pressure.evaluate(states, mach)
-        forces_bar, nodes_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, nodes, alpha, bars)
+        on_walls, pressure, seen = (
+            self.walls.nodes(nodes),
+            self.pressure.evaluate(states, mach),
+            self.corners.extend(nodes),
+        )
+        areas = area_vectors(on_walls, self.walls.corners)
+        forces_bar, walls_bar, alpha_bar = self.wing.vjp(pressure[:, None] * areas, on_walls, alpha, bars)
         pressure_bar = bars.get("Cp", 0.0) + np.sum(forces_bar * areas, axis=1)
         states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
-        far, drag_bar = area_vectors(nodes, self.far), np.sum(bars.get("CD_entropy", 0.0)) / self._area
+        far, drag_bar = area_vectors(seen, self.far), np.sum(bars.get("CD_entropy", 0.0)) / self._area
         entropy_bars = self.entropy.vjp(states, far, mach, drag_bar)
-        nodes_bar += area_vectors_vjp(nodes, self.wall, pressure[:, None] * forces_bar)
-        nodes_bar += area_vectors_vjp(nodes, self.far, entropy_bars[1])
+        walls_bar += area_vectors_vjp(on_walls, self.walls.corners, pressure[:, None] * forces_bar)
+        nodes_bar = self.walls.nodes_vjp(walls_bar)
+        nodes_bar += self.corners.fold(area_vectors_vjp(seen, self.far, entropy_bars[1]))
         return states_bar + entropy_bars[0], nodes_bar, alpha_bar, mach_bar + entropy_bars[2]
 
     @property
@@ -140,9 +158,9 @@ class FlowForces:
 def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
     """Coordinates along the span of the planes of symmetry across it: one of a half wing, two of an infinite one."""
     corners = flow.faces.corners[flow.faces.faces_of("symmetry")]
-    span, sizes = (nodes @ flow.axes[1])[corners], np.ptp(nodes, axis=0).max()
-    across = np.ptp(span, axis=1) < _FLAT * sizes
-    places = np.sort(span[across].mean(axis=1))
+    span, sizes = (flow.corners.extend(nodes) @ flow.axes[1])[corners], flow.extent(nodes)
+    across = span.max(axis=1, initial=-np.inf) - span.min(axis=1, initial=np.inf) < _FLAT * sizes
+    places = np.sort(gathered(flow.comm, span[across].mean(axis=1)))
     planes = places[np.diff(places, prepend=-np.inf) > _FLAT * sizes]
     if len(planes) == 1 and abs(planes[0]) > _FLAT * sizes:
         raise InputError(f"flow: the plane of symmetry is at span {planes[0]:g}; shift the grid, so that it is at 0")
@@ -155,37 +173,48 @@ class WallPressure:
 
     Parameters
     ----------
-    cells : ndarray of int, shape (n_wall, 3)
-        Cells that the pressure of a face is extrapolated from.
-    weights : ndarray, shape (n_wall, 3)
+    cells : ndarray of int, shape (n_own, 3)
+        Cells that the pressure of a face of this process is extrapolated from.
+    weights : ndarray, shape (n_own, 3)
         Their weights.
+    halo : Halo
+        Exchange of cells with other processes.
+    walls : Walls
+        The walls of all processes.
     """
 
     cells: np.ndarray
     weights: np.ndarray
+    halo: Halo
+    walls: Walls
 
     @classmethod
-    def of(cls, discretization: Discretization) -> WallPressure:
+    def of(cls, flow: FlowGrid) -> WallPressure:
         """Take cells and weights from the stencils of the walls."""
-        stencil, wall = discretization.stencil, discretization.faces.faces_of("wall")
+        stencil, wall = flow.discretization.stencil, flow.faces.faces_of("wall")
         weights = stencil.weights[stencil.classes[wall], MEAN]
-        return cls(stencil.cells[wall, :3], weights[:, :3])
+        return cls(stencil.cells[wall, :3], weights[:, :3], flow.discretization.halo, flow.walls)
 
     def evaluate(self, states: np.ndarray, mach) -> np.ndarray:
         """Pressure coefficients, shape (n_wall,), of states, shape (n_cells, 5), at a Mach number."""
-        pressures = np.sum(self.weights * states[self.cells, 4], axis=1)
+        pressures = self._extrapolated(states)
         return (pressures - 1.0 / GAMMA) / (0.5 * mach**2)
 
     def jvp(self, states: np.ndarray, mach, d_states: np.ndarray, d_mach) -> np.ndarray:
         """Change of the coefficients with the states and the Mach number."""
-        d_pressures = np.sum(self.weights * d_states[self.cells, 4], axis=1)
+        d_pressures = self._extrapolated(d_states)
         return d_pressures / (0.5 * mach**2) - 2.0 * d_mach / mach * self.evaluate(states, mach)
 
     def vjp(self, states: np.ndarray, mach, bar: np.ndarray) -> tuple[np.ndarray, float]:
         """Apply the transpose of `jvp`: derivatives with respect to the states and the Mach number."""
-        states_bar = np.zeros_like(states)
-        np.add.at(states_bar[:, 4], self.cells, self.weights * bar[:, None] / (0.5 * mach**2))
-        return states_bar, -2.0 / mach * (bar @ self.evaluate(states, mach))
+        seen_bar = self.halo.pad(np.zeros_like(states))
+        own_bar = bar[self.walls.own]
+        np.add.at(seen_bar[:, 4], self.cells, self.weights * own_bar[:, None] / (0.5 * mach**2))
+        return self.halo.fold(seen_bar), -2.0 / mach * (bar @ self.evaluate(states, mach))
+
+    def _extrapolated(self, states: np.ndarray) -> np.ndarray:
+        """Pressures on all wall faces."""
+        return self.walls.gather(np.sum(self.weights * self.halo.extend(states)[self.cells, 4], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,25 +228,30 @@ class EntropyDrag:
     Parameters
     ----------
     cells : ndarray of int, shape (n_far,)
-        Cells at the far field.
+        Cells at the far field, of this process.
+    comm : communicator
+        The processes.
     """
 
     cells: np.ndarray
+    comm: Any
 
     @classmethod
     def of(cls, discretization: Discretization) -> EntropyDrag:
         """Take the cells at the far field."""
-        return cls(discretization.faces.left[discretization.faces.faces_of("farfield")])
+        faces = discretization.faces
+        return cls(faces.left[faces.faces_of("farfield")], discretization.halo.comm)
 
     def evaluate(self, states: np.ndarray, areas: np.ndarray, mach):
         """Drag of states, shape (n_cells, 5), through faces with area vectors (m^2), shape (n_far, 3)."""
         w = states[self.cells]
-        return np.sum(w[:, 0] * dots(w[:, 1:4], areas) * _entropy(w)) / _scale(mach)
+        return summed_number(self.comm, np.sum(w[:, 0] * dots(w[:, 1:4], areas) * _entropy(w))) / _scale(mach)
 
     def jvp(self, states, areas, mach, d_states, d_areas, d_mach):
         """Change of the drag with the states, the area vectors and the Mach number."""
         states_bar, areas_bar, mach_bar = self._gradients(states, areas, mach)
-        return np.sum(states_bar * d_states[self.cells]) + np.sum(areas_bar * d_areas) + mach_bar * d_mach
+        own = np.sum(states_bar * d_states[self.cells]) + np.sum(areas_bar * d_areas)
+        return summed_number(self.comm, own) + mach_bar * d_mach
 
     def vjp(self, states, areas, mach, bar: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Derivatives with respect to the states, the area vectors and the Mach number, times a number."""

@@ -1,4 +1,4 @@
-"""Newton-GMRES: steady states of a discretisation, and linear systems with its Jacobian or the transpose.
+"""Newton-GMRES: steady states of a discretisation.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -10,20 +10,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, gmres
 
-from ...numerics.threads import one_blas_thread
+from ...numerics.processes import largest
 from .discretization import Discretization
+from .krylov import solve_system
 from .preconditioner import FactorPattern, compact_factor, time_terms
 
 __all__ = [
     "FlowSolution",
-    "KrylovSolution",
     "NewtonStep",
     "relative_residual",
+    "solve_by_dissipation",
     "solve_flow",
-    "solve_refined",
-    "solve_system",
 ]
 
 
@@ -156,7 +154,7 @@ def solve_flow(
     scale = _scale(discretization, areas, stream, tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = discretization.residual(states, areas, stream)
-    norm = float(np.linalg.norm(residual))
+    norm = discretization.norm(residual)
     # a start that is near a solution, as after a small change of the design, needs less of the time terms
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
@@ -165,7 +163,7 @@ def solve_flow(
             break
         update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)  # steps 1 to 3
         states, residual, length = _advance(discretization, states, areas, stream, residual, update)  # step 4
-        before, norm = norm, float(np.linalg.norm(residual))
+        before, norm = norm, discretization.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
             progress(history[-1])
@@ -175,14 +173,14 @@ def solve_flow(
 
 def relative_residual(discretization: Discretization, states, areas, stream, tolerance: float = 1e-10) -> float:
     """Norm of the residual of states relative to that of the uniform stream; arguments are those of `solve_flow`."""
-    residual = np.linalg.norm(discretization.residual(states, areas, stream))
-    return float(residual / _scale(discretization, areas, stream, tolerance))
+    residual = discretization.norm(discretization.residual(states, areas, stream))
+    return residual / _scale(discretization, areas, stream, tolerance)
 
 
 def _scale(discretization: Discretization, areas, stream, tolerance: float) -> float:
     """Norm of the residual of the uniform stream, but no less than rounding of the fluxes divided by the tolerance."""
-    scale = float(np.linalg.norm(discretization.residual(discretization.uniform(stream), areas, stream)))
-    return max(scale, float(np.finfo(float).eps * np.linalg.norm(areas)) / tolerance)
+    scale = discretization.norm(discretization.residual(discretization.uniform(stream), areas, stream))
+    return max(scale, float(np.finfo(float).eps) * discretization.norm_of_areas(areas) / tolerance)
 
 
 def _is_rounded(history: list[NewtonStep]) -> bool:
@@ -206,8 +204,9 @@ def _update(discretization, pattern, states, areas, stream, residual, cfl):
     def product(x):
         return linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)
 
-    solution = solve_system(product, factor.solve, -residual, FORCING, LARGEST_SOLVE)
-    is_usable = solution.is_converged and np.isfinite(solution.x).all()
+    comm = discretization.halo.comm
+    solution = solve_system(product, factor.solve, -residual, FORCING, LARGEST_SOLVE, comm)
+    is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.is_converged
     return (solution.x if is_usable else None), solution.n_products
 
 
@@ -215,20 +214,20 @@ def _advance(discretization, states, areas, stream, residual, update):
     """Take as much of a step as keeps the states physical and the residual bounded."""
     if update is None:
         return states, residual, 0.0
-    largest = LARGEST_RISE * np.linalg.norm(residual)
-    length = _physical_length(states, update)
+    largest = LARGEST_RISE * discretization.norm(residual)
+    length = _physical_length(states, update, discretization.halo.comm)
     while length > SMALLEST_STEP:
         moved = states + length * update
         after = discretization.residual(moved, areas, stream)
-        if np.linalg.norm(after) < largest:
+        if discretization.norm(after) < largest:
             return moved, after, length
         length *= 0.5
     return states, residual, 0.0
 
 
-def _physical_length(states: np.ndarray, update: np.ndarray) -> float:
+def _physical_length(states: np.ndarray, update: np.ndarray, comm) -> float:
     """Largest part of a step, up to all of it, at which no density or pressure falls by more than `LARGEST_FALL`."""
-    fall = np.max(-update[:, [0, 4]] / states[:, [0, 4]])
+    fall = largest(comm, np.max(-update[:, [0, 4]] / states[:, [0, 4]], initial=-np.inf))
     return min(1.0, LARGEST_FALL / max(fall, np.finfo(float).tiny))
 
 
@@ -239,93 +238,6 @@ def _next_cfl(cfl: float, length: float, before: float, after: float) -> float:
     if after > 1.5 * before:
         return 0.7 * cfl
     return min(LARGEST_CFL, cfl * max(1.0, CFL_GROWTH * before / max(after, np.finfo(float).tiny)))
-
-
-RESTART = 50
-"""Vectors after which GMRES starts again: more save few products and take 40 bytes per cell each."""
-
-ROUNDING = 16.0 * np.finfo(float).eps
-"""Residual relative to the norm of the solution, with a matrix of the size of one, that is left by rounding."""
-
-LEAST = 1e-10
-"""Smallest tolerance that one run of GMRES is asked for: its own residual drifts from the true one by rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class KrylovSolution:
-    """Solution of a linear system by GMRES.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n_cells, 5)
-    n_products : int
-        Products with the matrix.
-    is_converged : bool
-        Whether the tolerance was reached.
-    """
-
-    x: np.ndarray
-    n_products: int
-    is_converged: bool
-
-
-def solve_system(
-    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
-) -> KrylovSolution:
-    """Solve a linear system in the states of all cells by GMRES [1], restarted and preconditioned from the right.
-
-    From the right, so that the residual that ends it is the true one.
-
-    Parameters
-    ----------
-    product, precondition : callable
-        Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
-    right : ndarray, shape (n_cells, 5)
-        Right-hand side.
-    tolerance : float
-        Norm of the residual relative to that of the right-hand side.
-    max_products : int
-        Largest number of products with the matrix, in whole cycles of `RESTART`.
-
-    References
-    ----------
-    - [1] Y. Saad, M. H. Schultz, "GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear
-      systems", SIAM J. Sci. Stat. Comput. 7 (1986), 856-869.
-    """
-    n_products = 0
-
-    def preconditioned(y):
-        nonlocal n_products
-        n_products += 1
-        return product(precondition(y.reshape(right.shape))).ravel()
-
-    operator = LinearOperator((right.size, right.size), preconditioned, dtype=float)
-    n_cycles = max(1, max_products // RESTART)
-    with one_blas_thread:  # on a busy machine its threads only wait for each other
-        y, info = gmres(operator, right.ravel(), rtol=tolerance, atol=0.0, restart=RESTART, maxiter=n_cycles)
-    return KrylovSolution(precondition(y.reshape(right.shape)), n_products, info == 0)
-
-
-def solve_refined(
-    product: Callable, precondition: Callable, right: np.ndarray, tolerance: float, max_products: int = 2000
-) -> KrylovSolution:
-    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
-
-    Iterative refinement; parameters are those of `solve_system`:
-
-    1. Find the true residual of the solution so far.
-    2. End where it is small enough, or where the last correction has not halved it.
-    3. Solve for a correction, and add it.
-    """
-    x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
-    while True:
-        norm, asked = float(np.linalg.norm(rest)), tolerance * float(np.linalg.norm(right))
-        if norm <= asked or norm > 0.5 * before or n_products >= max_products:  # step 2
-            return KrylovSolution(x, n_products, bool(norm <= max(asked, ROUNDING * np.linalg.norm(x))))
-        part = max(0.5 * asked / norm, LEAST)
-        correction = solve_system(product, precondition, rest, part, max_products - n_products)  # step 3
-        x, n_products, before = x + correction.x, n_products + correction.n_products, norm
-        rest = right - product(x)  # step 1
 
 
 LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)

@@ -3,6 +3,8 @@
 The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a part of their
 difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
 
+Each of several processes factors the part of its own cells: additive Schwarz without overlap.
+
 Blocks are 5 x 5, and the pattern, with level of fill, is symmetric. Entry ``(row, column)`` of the strict lower
 triangle holds the block of L there and the block of U at ``(column, row)``. Both triangles are made, and solved with,
 row by row of this one pattern, forwards and transposed.
@@ -64,9 +66,11 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(cells, weights, classes, roles, state_jacobians, dissipation, sensor, rank, places, lower, upper, diagonal):
-    """Add the blocks of all faces at their places."""
+    """Add the blocks of all faces at their places; those between own cells and others have none off the diagonal."""
+    n_own = len(rank)
     for f in range(len(cells)):
-        left, right, jacobian = rank[cells[f, 1]], rank[cells[f, 2]], state_jacobians[f]
+        jacobian, b, c = state_jacobians[f], cells[f, 1], cells[f, 2]
+        left, right = (rank[b] if b < n_own else -1), (rank[c] if c < n_own else -1)
         if roles[f] != INNER:
             w = weights[classes[f]]
             mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
@@ -78,8 +82,12 @@ def _place(cells, weights, classes, roles, state_jacobians, dissipation, sensor,
             for m in range(5):
                 from_left = 0.5 * jacobian[n, m] - part * jacobian[n, 5 + m]
                 from_right = 0.5 * jacobian[n, m] + part * jacobian[n, 5 + m]
-                diagonal[left, n, m] += from_left
-                diagonal[right, n, m] -= from_right
+                if left >= 0:
+                    diagonal[left, n, m] += from_left
+                if right >= 0:
+                    diagonal[right, n, m] -= from_right
+                if at < 0:
+                    continue
                 if left > right:
                     lower[at, n, m] += from_right
                     upper[at, n, m] -= from_left
@@ -105,6 +113,8 @@ def _time_terms(cells, roles, areas, states, out):
     for f in range(len(cells)):
         s = areas[f]
         for k in range(1, 3 if roles[f] == INNER else 2):
+            if cells[f, k] >= len(states):  # of another process
+                continue
             w = states[cells[f, k]]
             sound = np.sqrt(GAMMA * w[4] / w[0] * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]))
             rates[cells[f, k]] += 0.5 * (abs(w[1] * s[0] + w[2] * s[1] + w[3] * s[2]) + sound)
@@ -127,7 +137,7 @@ class FactorPattern(IncompletePattern):
     order, rank, starts, columns : ndarray
         See `IncompletePattern`; points are cells.
     places : ndarray of int64, shape (n_pairs,)
-        Entry of every pair of neighbours.
+        Entry of every pair of neighbours; -1 where one of them is a cell of another process.
     """
 
     places: np.ndarray
@@ -139,18 +149,20 @@ class FactorPattern(IncompletePattern):
         Parameters
         ----------
         left, right : ndarray of int, shape (n_pairs,)
-            Pairs of neighbours.
+            Pairs of neighbours; pairs with cells of other processes, whose numbers are n or more, have no place: -1.
         n : int
             Number of cells.
         fill : int
             Level of fill.
         """
+        places, is_own = np.full(len(left), -1), (left < n) & (right < n)
+        left, right = left[is_own], right[is_own]
         ends = np.concatenate([left, right]), np.concatenate([right, left])
         both = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
         both.sum_duplicates()
         graph = Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
         found = incomplete_pattern(graph, narrow_order(graph), fill)
-        places = _find(found.starts, found.columns, found.rank[left], found.rank[right])
+        places[is_own] = _find(found.starts, found.columns, found.rank[left], found.rank[right])
         return cls(found.order, found.rank, found.starts, found.columns, places)
 
 

@@ -8,12 +8,17 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...evaluation.family import IndexScaling, refined_topology
-from ...topology.index_space import block_rows
+from ...numerics.halo import ALONE, Halo
+from ...numerics.processes import ONE
+from ...topology.holders import Holders, cell_shapes
+from ...topology.index_space import Window, block_rows
+from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .flow_grid import FlowGrid
 from .newton import solve_flow
@@ -39,14 +44,36 @@ class CoarseLevel:
         Rows of its nodes among those of the finer grid.
     parents : ndarray of int, shape (n_cells of the finer grid,)
         Cell of the member that each cell of the finer grid lies in.
+    nodes, cells : Halo
+        Exchange of nodes of the finer grid and of cells of the member with other processes, where planes between
+        their pieces are not planes of the member.
     """
 
     flow: FlowGrid
     picked: np.ndarray
     parents: np.ndarray
+    nodes: Halo = ALONE
+    cells: Halo = ALONE
+
+    def pick(self, nodes: np.ndarray) -> np.ndarray:
+        """Nodes of the member, of those of the finer grid."""
+        return self.nodes.extend(nodes)[self.picked]
+
+    def spread(self, states: np.ndarray) -> np.ndarray:
+        """States of the cells of the finer grid, of those of the member."""
+        return self.cells.extend(states)[self.parents]
 
 
-def coarse_levels(topology: Topology, nodes: np.ndarray, n_levels: int, axes: str = "xzy", **settings):
+def coarse_levels(
+    topology: Topology,
+    nodes: np.ndarray,
+    n_levels: int,
+    axes: str = "xzy",
+    *,
+    partition: Partition | None = None,
+    comm=ONE,
+    **settings,
+):
     """Make coarser members of a grid, each of the one before: once per grid.
 
     Parameters
@@ -59,6 +86,8 @@ def coarse_levels(topology: Topology, nodes: np.ndarray, n_levels: int, axes: st
         Number of members.
     axes : str
         See `FlowGrid.of`.
+    partition, comm
+        See `FlowGrid.of`; a cell of a member is where its first cell of the finer grid is.
     **settings
         Of the `Discretization`.
 
@@ -71,10 +100,18 @@ def coarse_levels(topology: Topology, nodes: np.ndarray, n_levels: int, axes: st
     for _ in range(n_levels):
         scaling = IndexScaling.of(topology, 0.5)
         planes = [scaling.nearest(block) for block in range(len(topology.shapes))]
-        picked = np.concatenate([r[np.ix_(*p)].ravel() for r, p in zip(block_rows(topology.shapes), planes)])
-        parents = _parents(topology.shapes, scaling.shapes, planes)
-        topology, nodes = refined_topology(topology, 0.5), nodes[picked]
-        levels.append(CoarseLevel(FlowGrid.of(topology, nodes, axes, **settings), picked, parents))
+        coarse = refined_topology(topology, 0.5)
+        if comm.size == 1:
+            picked = np.concatenate([r[np.ix_(*p)].ravel() for r, p in zip(block_rows(topology.shapes), planes)])
+            parents, exchanges = _parents(topology.shapes, scaling.shapes, planes), (ALONE, ALONE)
+        else:
+            fine = partition or Partition.of(topology, comm.size)
+            partition = _coarse_partition(fine, scaling.shapes, planes)
+            picked, parents, exchanges = _shared(fine, partition, planes, comm)
+        nodes = exchanges[0].extend(nodes)[picked]
+        flow = FlowGrid.of(coarse, nodes, axes, partition=partition, comm=comm, **settings)
+        levels.append(CoarseLevel(flow, picked, parents, *exchanges))
+        topology = coarse
     return levels
 
 
@@ -108,7 +145,7 @@ def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.
     """
     if not levels:
         return None
-    level, coarse_nodes = levels[0], nodes[levels[0].picked]
+    level, coarse_nodes = levels[0], levels[0].pick(nodes)
     start = states_from_coarse(levels[1:], coarse_nodes, stream)
     solution = solve_flow(
         level.flow.discretization,
@@ -119,7 +156,7 @@ def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.
         tolerance=TOLERANCE,
         max_steps=MAX_STEPS,
     )
-    return solution.states[level.parents]
+    return level.spread(solution.states)
 
 
 def _parents(shapes, coarse_shapes, planes) -> np.ndarray:
@@ -127,6 +164,53 @@ def _parents(shapes, coarse_shapes, planes) -> np.ndarray:
     coarse_cells = block_rows([tuple(n - 1 for n in shape) for shape in coarse_shapes])
     parents = []
     for shape, cells, kept in zip(shapes, coarse_cells, planes):
-        inside = [np.searchsorted(k, np.arange(n - 1), side="right") - 1 for k, n in zip(kept, shape)]
+        inside = [_lying_in(k, np.arange(n - 1)) for k, n in zip(kept, shape)]
         parents.append(cells[np.ix_(*inside)].ravel())
     return np.concatenate(parents)
+
+
+def _coarse_partition(fine: Partition, shapes, planes) -> Partition:
+    """Give every cell of a member to the process that has its first cell of the finer grid."""
+    pieces = []
+    for share in fine.pieces:
+        kept = [
+            Window(piece.block, *(tuple(map(_first_at, planes[piece.block], end)) for end in (piece.lo, piece.hi)))
+            for piece in share
+        ]
+        pieces.append(tuple(piece for piece in kept if min(np.subtract(piece.hi, piece.lo)) > 0))
+    return Partition(tuple(map(tuple, shapes)), tuple(pieces))
+
+
+def _first_at(kept: np.ndarray, index: int) -> int:
+    """Number of the first kept plane from an index on."""
+    return int(np.searchsorted(kept, index))
+
+
+def _shared(fine: Partition, coarse: Partition, planes, comm) -> tuple[np.ndarray, np.ndarray, tuple[Halo, Halo]]:
+    """Places of the nodes and parents of one process in extended arrays of the finer grid and the member."""
+    rows, parents = [np.zeros(0, int)], [np.zeros(0, int)]
+    starts = np.cumsum([0, *map(math.prod, fine.shapes)])
+    for piece in coarse.pieces[comm.rank]:
+        kept = (plane[lo : hi + 1] for plane, lo, hi in zip(planes[piece.block], piece.lo, piece.hi))
+        rows.append(starts[piece.block] + _numbers(kept, fine.shapes[piece.block]))
+    coarse_shapes = cell_shapes(coarse.shapes)
+    starts = np.cumsum([0, *map(math.prod, coarse_shapes)])
+    for piece in fine.pieces[comm.rank]:
+        ranges = (np.arange(lo, hi) for lo, hi in zip(piece.lo, piece.hi))
+        inside = (_lying_in(plane, cells) for plane, cells in zip(planes[piece.block], ranges))
+        parents.append(starts[piece.block] + _numbers(inside, coarse_shapes[piece.block]))
+    n_nodes, n_cells = fine.share(comm.rank).n_nodes, len(coarse.share(comm.rank).cells)
+    nodes_halo, picked = Halo.of(comm, n_nodes, *Holders.of_nodes(fine).find(np.concatenate(rows)))
+    cells_halo, places = Halo.of(comm, n_cells, *Holders.of_cells(coarse).find(np.concatenate(parents)))
+    return picked, places, (nodes_halo, cells_halo)
+
+
+def _numbers(indices, shape) -> np.ndarray:
+    """Numbers in the C order of a shape of what has some indices in each direction."""
+    i, j, k = np.ix_(*indices)
+    return ((i * shape[1] + j) * shape[2] + k).ravel()
+
+
+def _lying_in(kept: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Interval between kept planes that each cell lies in."""
+    return np.searchsorted(kept, cells, side="right") - 1

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from .discretization import Discretization
-from .flow_grid import area_vectors, area_vectors_jvp, area_vectors_vjp
+from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .forces import WallPressure
 
 __all__ = ["WallForces"]
@@ -27,44 +26,43 @@ class WallForces:
 
     Parameters
     ----------
-    corners : ndarray of int, shape (n_faces, 4)
-        Rows in the grid vector of the corners of the wall faces that belong to the surface.
+    faces : ndarray of int, shape (n_faces,)
+        Wall faces that belong to the surface.
     shares : csr_array, shape (n_points, n_faces)
         Part of the force on each face that each node takes.
     pressure : WallPressure
-        Pressure coefficients on these faces.
+        Pressure coefficients on all wall faces.
     """
 
-    corners: np.ndarray
+    faces: np.ndarray
     shares: csr_array
     pressure: WallPressure
 
     @classmethod
-    def of(cls, discretization: Discretization, quads: np.ndarray, rows: np.ndarray) -> WallForces:
+    def of(cls, flow: FlowGrid, quads: np.ndarray, rows: np.ndarray) -> WallForces:
         """Find the wall faces of a flow, or of a part of it, that a surface is made of.
 
         Parameters
         ----------
-        discretization : Discretization
+        flow : FlowGrid
             Faces and stencils of the flow.
         quads : ndarray of int, shape (n_quads, 4)
             Numbers of the corners of the surface's quads; those that are no wall of the flow get no force.
         rows : ndarray of int, shape (n_points,)
             Row in the grid vector of each node of the surface, ascending.
         """
-        faces = discretization.faces
-        corners = faces.corners[faces.faces_of("wall")]
-        wall, asked = _keys(corners), _keys(rows[quads])
-        ours = np.isin(wall, asked)
-        corners, pressure = corners[ours], WallPressure.of(discretization)
+        walls = flow.walls
+        corners = walls.corners if walls.rows is None else walls.rows[walls.corners]
+        ours = np.flatnonzero(np.isin(_keys(corners), _keys(rows[quads])))
+        corners = corners[ours]
         numbers, n = np.searchsorted(rows, corners), len(corners)
         shares = csr_array((np.full(4 * n, 0.25), numbers.ravel(), 4 * np.arange(n + 1)), (n, len(rows)))
-        return cls(corners, csr_array(shares.T), WallPressure(pressure.cells[ours], pressure.weights[ours]))
+        return cls(ours, csr_array(shares.T), WallPressure.of(flow))
 
     @property
     def n_faces(self) -> int:
         """Number of wall faces."""
-        return len(self.corners)
+        return len(self.faces)
 
     def evaluate(self, states: np.ndarray, nodes: np.ndarray, mach, dynamic_pressure) -> np.ndarray:
         """Forces (N) on the nodes of the surface, shape (n_points, 3); real or complex.
@@ -84,8 +82,11 @@ class WallForces:
 
     def jvp(self, states, nodes, mach, dynamic_pressure, d_states, d_nodes, d_mach, d_dynamic_pressure) -> np.ndarray:
         """Change of the forces along a direction in all arguments."""
-        areas, d_areas = area_vectors(nodes, self.corners), area_vectors_jvp(nodes, self.corners, d_nodes)
-        pressure, d_pressure = self.pressure.evaluate(states, mach), self.pressure.jvp(states, mach, d_states, d_mach)
+        walls = self.pressure.walls
+        on_walls, d_on_walls = walls.nodes(nodes), walls.nodes(d_nodes)
+        areas, d_areas = area_vectors(on_walls, self._corners), area_vectors_jvp(on_walls, self._corners, d_on_walls)
+        pressure = self.pressure.evaluate(states, mach)[self.faces]
+        d_pressure = self.pressure.jvp(states, mach, d_states, d_mach)[self.faces]
         change = self.shares @ (d_pressure[:, None] * areas + pressure[:, None] * d_areas)
         return dynamic_pressure * change + d_dynamic_pressure * self._reduced(states, nodes, mach)
 
@@ -99,15 +100,24 @@ class WallForces:
         tuple
             Derivatives with respect to the states, the nodes, the Mach number and the dynamic pressure.
         """
-        areas, pressure = area_vectors(nodes, self.corners), self.pressure.evaluate(states, mach)
-        forces_bar = self.shares.T @ bar
-        states_bar, mach_bar = self.pressure.vjp(states, mach, dynamic_pressure * np.sum(forces_bar * areas, axis=1))
-        nodes_bar = area_vectors_vjp(nodes, self.corners, dynamic_pressure * pressure[:, None] * forces_bar)
+        on_walls, pressure = self.pressure.walls.nodes(nodes), self.pressure.evaluate(states, mach)[self.faces]
+        areas, forces_bar = area_vectors(on_walls, self._corners), self.shares.T @ bar
+        pressure_bar = np.zeros(len(self.pressure.walls.corners))
+        pressure_bar[self.faces] = dynamic_pressure * np.sum(forces_bar * areas, axis=1)
+        states_bar, mach_bar = self.pressure.vjp(states, mach, pressure_bar)
+        walls_bar = area_vectors_vjp(on_walls, self._corners, dynamic_pressure * pressure[:, None] * forces_bar)
+        nodes_bar = self.pressure.walls.nodes_vjp(walls_bar)
         return states_bar, nodes_bar, mach_bar, np.sum(forces_bar * areas * pressure[:, None])
 
     def _reduced(self, states, nodes, mach):
         """Forces divided by the dynamic pressure (m^2)."""
-        return self.shares @ (self.pressure.evaluate(states, mach)[:, None] * area_vectors(nodes, self.corners))
+        areas = area_vectors(self.pressure.walls.nodes(nodes), self._corners)
+        return self.shares @ (self.pressure.evaluate(states, mach)[self.faces, None] * areas)
+
+    @property
+    def _corners(self) -> np.ndarray:
+        """Corners of the faces among the nodes of the walls."""
+        return self.pressure.walls.corners[self.faces]
 
 
 def _keys(corners: np.ndarray) -> np.ndarray:

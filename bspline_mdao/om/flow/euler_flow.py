@@ -15,7 +15,9 @@ from ...flow.euler.sequencing import coarse_levels, useful_levels
 from ...flow.stream import RADIAN
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
+from ...model.model_share import ModelShare, nodes_at
 from ...names import GRID
+from ...topology.partition import Partition
 from ..component import add_bar, direction_in
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
@@ -57,14 +59,17 @@ class EulerFlow(om.Group):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid, with its patches.
+    model : FittedModel or ModelShare
+        The fitted grid, with its patches; or what this process has of it.
     reference_area : float
         Of what the grid shows (m^2): of the half wing, if it shows one half.
     reference_chord : float
         For moments (m).
     moment_reference : sequence of three float
         Point that moments are about, in the axes of the grid (m).
+    partition : Partition, optional
+        Who has which pieces of the grid, on several processes; the same as that of what gives the ``grid``.
+        `Partition.of` by default.
     axes : str
         Axes of the grid that point downstream, along the span, and up.
     shock_threshold : float
@@ -82,8 +87,9 @@ class EulerFlow(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("model", types=(FittedModel, ModelShare), recordable=False, desc="the fitted grid")
         declare_references(self.options)
+        self.options.declare("partition", types=Partition, default=None, allow_none=True, recordable=False)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
         self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
@@ -92,20 +98,31 @@ class EulerFlow(om.Group):
     def setup(self):
         """Add the solution and what is made of it."""
         model = self.options["model"]
-        nodes = model.regenerate().to_vector().reshape(-1, 3)
+        partition = self.options["partition"] or Partition.of(model.topology, self.comm.size)
+        nodes = self._baseline(model, partition)
         shocks = self.options["shock_threshold"]
-        flow = FlowGrid.of(model.topology, nodes, self.options["axes"], shock_threshold=shocks)
-        n_levels = useful_levels(flow.faces.n_cells)
-        levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], shock_threshold=shocks)
+        how = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
+        flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
+        n_levels = useful_levels(flow.n_cells_of_grid)
+        levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
         settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, REFERENCES))
         self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
         if self.options["loaded"] is not None:
             wall_forces = EulerWallForces(flow=flow, nodes=nodes, surface=self.options["loaded"])
             self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
-        self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
+        if self.comm.size == 1:  # OpenMDAO wants distributed inputs to be connected
+            self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
         self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
+
+    def _baseline(self, model: FittedModel | ModelShare, partition: Partition) -> np.ndarray:
+        """Baseline nodes of this process (m), shape (n_nodes, 3)."""
+        if isinstance(model, ModelShare):
+            return model.regenerate()
+        if self.comm.size == 1:
+            return model.regenerate().to_vector().reshape(-1, 3)
+        return nodes_at(model, partition.share(self.comm.rank).rows)
 
 
 class EulerForces(om.ExplicitComponent):
@@ -151,14 +168,15 @@ class EulerForces(om.ExplicitComponent):
         """Declare the variables."""
         check_on_grid(self, self.options["flow"], self.options["nodes"])
         self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *REFERENCES)))
-        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells)
-        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m")
+        is_shared = self.comm.size > 1
+        self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_shared)
+        self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
         self.add_input("alpha", units="deg")
         self.add_input("Mach_number")
         for name in ("CL", "CD", "CD_induced", "CD_entropy"):
             self.add_output(name)
         self.add_output("CM", shape=3)
-        self.add_output("Cp", shape=len(self._forces.wall))
+        self.add_output("Cp", shape=len(self._forces.walls.corners))
         self.add_output("span_load", shape=self._forces.wing.induced.strips.n_strips, units="m")
 
     def compute(self, inputs, outputs):

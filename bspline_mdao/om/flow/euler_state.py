@@ -15,19 +15,13 @@ from ...errors import InputError
 from ...flow.euler.discretization import Linearization
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
-from ...flow.euler.newton import (
-    FlowSolution,
-    KrylovSolution,
-    NewtonStep,
-    relative_residual,
-    solve_by_dissipation,
-    solve_flow,
-    solve_refined,
-)
+from ...flow.euler.krylov import KrylovSolution, solve_refined
+from ...flow.euler.newton import FlowSolution, NewtonStep, relative_residual, solve_by_dissipation, solve_flow
 from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_factor
 from ...flow.euler.sequencing import states_from_coarse
 from ...flow.stream import RADIAN
 from ...names import GRID
+from ...numerics.processes import largest, summed_number
 from ..component import (
     SMOOTH_STEP,
     add_bar,
@@ -59,6 +53,9 @@ class EulerState(om.ImplicitComponent):
                                                   speed of sound of the free stream; its residual is the outflow
     ===============  ======  ============  =====  ======================================================================
 
+    On several processes ``grid`` and ``states`` are distributed: each has the nodes and the cells of its pieces, see
+    `Partition`.
+
     A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
     they are still those of the last solution, they are changed by as much as the free stream. If that fails, and in a
     first run, it starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of
@@ -71,7 +68,7 @@ class EulerState(om.ImplicitComponent):
     levels : list of CoarseLevel
         Coarser members of the grid to start on; by default none.
     nodes : ndarray, shape (n_nodes, 3)
-        Baseline nodes (m).
+        Baseline nodes (m), of this process.
     tolerance : float
         Residual, relative to that of the uniform stream, at which a run ends.
     linear_tolerance : float
@@ -103,10 +100,12 @@ class EulerState(om.ImplicitComponent):
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
         self._solution = self._converged = self._tangent = None
-        self.add_input(GRID, val=nodes.ravel(), units="m")
+        is_shared = self.comm.size > 1
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
         self.add_input("alpha", units="deg")
         self.add_input("Mach_number")
-        self.add_output("states", val=flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes)).ravel())
+        at_rest = flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes))
+        self.add_output("states", val=at_rest.ravel(), distributed=is_shared)
 
     def apply_nonlinear(self, inputs, outputs, residuals):
         """Sum what flows out of every cell."""
@@ -196,11 +195,11 @@ class EulerState(om.ImplicitComponent):
     def _tangent_at(self, inputs, outputs) -> _Tangent:
         """Derivatives of the residual: the last ones if they are those at these inputs and states."""
         point = (outputs["states"], *(inputs[name] for name in INPUTS))
-        if self._tangent is None or not self._tangent.is_at(point):
+        if self._tangent is None or not self._everywhere(self._tangent.is_at(point)):
             self._tangent = None  # it makes room for the next
             flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
             linearization = flow.discretization.linearize(outputs["states"].reshape(-1, N_STATES), *self._at(inputs))
-            sizes = np.maximum(flow.faces.sizes(nodes), np.finfo(float).tiny)[:, None]
+            sizes = np.maximum(flow.sizes(nodes), np.finfo(float).tiny)[:, None]
             self._tangent = _Tangent(tuple(map(np.array, point)), linearization, sizes, flow.pattern)
         return self._tangent
 
@@ -214,31 +213,40 @@ class EulerState(om.ImplicitComponent):
         stream = free_stream(inputs["Mach_number"][0], RADIAN * inputs["alpha"][0], flow.axes)
         return flow.areas(inputs[GRID].reshape(-1, 3)), stream
 
-    @fails_together
     def _check(self, inputs):
         """Refuse what is no flow."""
-        refuse_complex_step(self)
-        nodes = finite_points(inputs[GRID], GRID, self.msginfo)
+        self._check_numbers(inputs)
+        nodes = inputs[GRID].reshape(-1, 3)
         try:
-            self.options["flow"].faces.require_volumes(nodes)
+            self.options["flow"].require_volumes(nodes)
         except InputError as error:
             raise om.AnalysisError(
                 f"{self.msginfo}: {error}; take a smaller step, or keep them out by a lower bound of 'corner_ks'"
             ) from error
+
+    @fails_together
+    def _check_numbers(self, inputs):
+        """Refuse inputs that are no numbers of a flow."""
+        refuse_complex_step(self)
+        finite_points(inputs[GRID], GRID, self.msginfo)
         finite_values(inputs["alpha"], "alpha", self.msginfo)
         if not 0.0 < inputs["Mach_number"][0] < np.inf:
             raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
 
+    def _everywhere(self, flag: bool) -> bool:
+        """Whether something is true on all processes."""
+        return not largest(self.comm, float(not flag))
+
     def _supersonic(self, states) -> str:
         """Advise a sensor of shocks where there is none and the flow is supersonic."""
-        n_supersonic = np.count_nonzero(mach_numbers(states) > 1.0)
+        n_supersonic = int(summed_number(self.comm, int(np.count_nonzero(mach_numbers(states) > 1.0))))
         is_missing = n_supersonic and not self._discretization.shock_threshold
         return f"; it is supersonic in {n_supersonic} cells, set shock_threshold" if is_missing else ""
 
     def _last_states(self, outputs, stream) -> np.ndarray:
         """States that are there, with the change of the free stream since they were solved for, if they were."""
         states, last = outputs["states"].reshape(-1, N_STATES), self._converged
-        is_solved = last is not None and np.array_equal(states, last.states)
+        is_solved = last is not None and self._everywhere(np.array_equal(states, last.states))
         return states + (stream - last.stream) if is_solved else states.copy()
 
     def _stream_partials(self, inputs) -> dict[str, np.ndarray]:
@@ -253,10 +261,11 @@ class EulerState(om.ImplicitComponent):
         """Yield solutions, each by a surer way than the last."""
         flow, levels, iprint = (self.options[name] for name in ("flow", "levels", "iprint"))
         settings = {name: self.options[name] for name in ("tolerance", "max_steps")}
-        settings["progress"] = (lambda step: print(f"{self.pathname}: {_line(step)}")) if iprint > 1 else None
+        tells = iprint > 1 and self.comm.rank == 0
+        settings["progress"] = (lambda step: print(f"{self.pathname}: {_line(step)}")) if tells else None
         field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
         starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
-        norms = [np.linalg.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
+        norms = [flow.discretization.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
         if norms[0] < norms[1]:
             yield solve_flow(*field, states=starts[0], **settings)
         cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
@@ -267,7 +276,9 @@ class EulerState(om.ImplicitComponent):
         """Print a line about a solution."""
         if self.options["iprint"]:
             end = f"residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps"
-            print(f"{self.pathname}: {end}{self._supersonic(solution.states)}")
+            advice = self._supersonic(solution.states)
+            if self.comm.rank == 0:
+                print(f"{self.pathname}: {end}{advice}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,6 +302,11 @@ class _Tangent:
         still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES))
         return compact_factor(self.linearization, self.pattern, still)
 
+    @property
+    def comm(self):
+        """The processes."""
+        return self.linearization.discretization.halo.comm
+
     def is_at(self, point) -> bool:
         return all(map(np.array_equal, point, self.point))
 
@@ -303,7 +319,7 @@ class _Tangent:
         def precondition(y):
             return self.factor.solve(self.sizes * y)
 
-        return solve_refined(product, precondition, right / self.sizes, tolerance)
+        return solve_refined(product, precondition, right / self.sizes, tolerance, comm=self.comm)
 
     def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with the transpose of the Jacobian with respect to the states."""
@@ -314,7 +330,7 @@ class _Tangent:
         def precondition(y):
             return self.sizes * self.factor.solve_transposed(y)
 
-        solution = solve_refined(product, precondition, right, tolerance)
+        solution = solve_refined(product, precondition, right, tolerance, comm=self.comm)
         return replace(solution, x=solution.x / self.sizes)
 
 
@@ -332,7 +348,7 @@ def declare_solver(options) -> None:
 
 def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
     """Declare how products of a component of the flow are checked: its kernels are exact under complex steps."""
-    step = central_step(float(np.ptp(nodes, axis=0).max()), flow.least_height(nodes))
+    step = central_step(flow.extent(nodes), flow.least_height(nodes))
     check_along_directions(component, SMOOTH_STEP, is_complex=True)
     check_along_directions(component, step, GRID, is_complex=True)
 

@@ -64,15 +64,16 @@ class EulerWallForces(om.ExplicitComponent):
         """Declare the variables."""
         flow, nodes, surface = (self.options[name] for name in ("flow", "nodes", "surface"))
         check_on_grid(self, flow, nodes)
-        self._forces = WallForces.of(flow.discretization, surface.quads, surface.rows)
+        self._forces = WallForces.of(flow, surface.quads, surface.rows)
         if self._forces.n_faces < len(surface.quads):
             missing = len(surface.quads) - self._forces.n_faces
             raise InputError(
                 f"{self.msginfo}: {missing} of {len(surface.quads)} faces of the surface are no walls of the flow; "
                 f"take a surface of walls, SurfaceGrid.of(model)"
             )
-        self.add_input("states", shape=N_STATES * flow.faces.n_cells)
-        self.add_input(GRID, val=nodes.ravel(), units="m")
+        is_shared = self.comm.size > 1
+        self.add_input("states", shape=N_STATES * flow.faces.n_cells, distributed=is_shared)
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
         self.add_input("Mach_number")
         self.add_input("dynamic_pressure", val=np.nan, units="Pa")
         self.add_output("wall_forces", val=np.zeros(3 * surface.n_points), units="N")

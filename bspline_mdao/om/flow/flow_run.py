@@ -38,7 +38,7 @@ def run_flow(problem: om.Problem) -> dict:
     for state in problem.model.system_iter(recurse=True, typ=EulerState):
         history = state.solution.history
         summary |= {
-            "n_cells": len(state.solution.states),
+            "n_cells": state.options["flow"].n_cells_of_grid,
             "n_steps": len(history) - 1,
             "n_products": sum(step.n_products for step in history),
             "residual": history[-1].residual,

@@ -1,0 +1,200 @@
+"""Linear systems in the states of all cells: GMRES, preconditioned from the right, and refinement of its solutions.
+
+Every process has the rows of its own cells. Those of a basis are made orthogonal to all others at once, so that a step
+sums one short list of numbers over the processes, or two where the first pass leaves less than seven tenths
+of a vector.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ...numerics.processes import ONE, norm, summed
+from ...numerics.threads import one_blas_thread
+
+__all__ = ["KrylovSolution", "solve_refined", "solve_system"]
+
+
+RESTART = 50
+"""Vectors after which GMRES starts again: more save few products and take 40 bytes per cell each."""
+
+ROUNDING = 16.0 * np.finfo(float).eps
+"""Residual relative to the norm of the solution, with a matrix of the size of one, that is left by rounding."""
+
+LEAST = 1e-10
+"""Smallest tolerance that one run of GMRES is asked for: its own residual drifts from the true one by rounding."""
+
+_ENOUGH = 0.5
+"""Part of the square of a vector that the first pass has to leave; below, rounding of what it took away shows."""
+
+PIECE = 4096
+"""Numbers of a vector at a time: as much of all of a basis as fits into a cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class KrylovSolution:
+    """Solution of a linear system by GMRES.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_cells, 5)
+    n_products : int
+        Products with the matrix.
+    is_converged : bool
+        Whether the tolerance was reached.
+    """
+
+    x: np.ndarray
+    n_products: int
+    is_converged: bool
+
+
+def solve_system(
+    product: Callable,
+    precondition: Callable,
+    right: np.ndarray,
+    tolerance: float,
+    max_products: int = 2000,
+    comm=ONE,
+) -> KrylovSolution:
+    """Solve a linear system in the states of all cells by GMRES [1], restarted and preconditioned from the right.
+
+    From the right, so that the residual that ends it is the true one. From the first vector of a cycle, the residual:
+
+    1. Multiply the last vector by preconditioner and matrix.
+    2. Take its parts along all others away by classical Gram and Schmidt, in a second pass those that rounding left
+       [2].
+    3. Rotate the new column of the triangle; what is left of the residual is the least that these vectors allow.
+    4. Go on until it is small enough or the cycle is full; solve for the weights of the vectors.
+
+    Parameters
+    ----------
+    product, precondition : callable
+        Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
+    right : ndarray, shape (n_cells, 5)
+        Right-hand side; rows of the cells of this process.
+    tolerance : float
+        Norm of the residual relative to that of the right-hand side.
+    max_products : int
+        Largest number of products with the matrix, in whole cycles of `RESTART`.
+    comm : communicator
+        The processes.
+
+    References
+    ----------
+    - [1] Y. Saad, M. H. Schultz, "GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear
+      systems", SIAM J. Sci. Stat. Comput. 7 (1986), 856-869.
+    - [2] J. W. Daniel, W. B. Gragg, L. Kaufman, G. W. Stewart, "Reorthogonalization and stable algorithms for updating
+      the Gram-Schmidt QR factorization", Math. Comp. 30 (1976), 772-795.
+    """
+
+    def apply(vector):
+        return product(precondition(vector.reshape(right.shape))).ravel()
+
+    target, n_products = tolerance * norm(right, comm), 0
+    y, rest, basis = np.zeros(right.size), right.ravel(), np.empty((RESTART + 1, right.size))
+    with one_blas_thread:  # on a busy machine its threads only wait for each other
+        for cycle in range(max(1, max_products // RESTART)):
+            if cycle:
+                rest, n_products = right.ravel() - apply(y), n_products + 1
+            left = norm(rest, comm)
+            if not target < left < np.inf:
+                break
+            weights, left = _cycle(apply, basis, rest, left, target, comm)
+            y += weights @ basis[: len(weights)]
+            n_products += len(weights)
+            if left <= target:
+                break
+    return KrylovSolution(precondition(y.reshape(right.shape)), n_products, left <= target)
+
+
+def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
+    """Weights of the vectors that reduce the residual most, steps 1 to 4, and what they leave of it."""
+    triangle, rotations = np.zeros((RESTART, RESTART)), np.zeros((RESTART, 2))
+    reduced = np.zeros(RESTART + 1)
+    basis[0], reduced[0], n = rest / beta, beta, 0
+    while n < RESTART and abs(reduced[n]) > target:
+        vector = apply(basis[n])  # step 1
+        column, length = _orthogonalize(basis[: n + 1], vector, comm)  # step 2
+        if not np.isfinite(length):
+            break
+        for k, (cosine, sine) in enumerate(rotations[:n]):  # step 3
+            column[k : k + 2] = cosine * column[k] + sine * column[k + 1], cosine * column[k + 1] - sine * column[k]
+        pivot = np.hypot(column[n], length)
+        if pivot == 0.0:
+            break
+        rotations[n] = cosine, sine = column[n] / pivot, length / pivot
+        column[n], triangle[: n + 1, n] = pivot, column
+        triangle[n, n] = pivot
+        reduced[n : n + 2] = cosine * reduced[n], -sine * reduced[n]
+        n += 1
+        if length == 0.0:
+            break
+        np.divide(vector, length, out=basis[n])
+    return solve_triangular(triangle[:n, :n], reduced[:n]), abs(reduced[n])
+
+
+def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm) -> tuple[np.ndarray, float]:
+    """Take the parts of a vector along orthonormal ones away, in place: these parts, and the length of what is left."""
+    parts, square, left = _parts(summed(comm, _products(basis, vector)))
+    if left >= _ENOUGH * square:
+        vector -= parts @ basis
+        return parts, float(np.sqrt(left))
+    rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, vector, parts)))
+    vector -= rest @ basis
+    return parts + rest, float(np.sqrt(max(left, 0.0)))
+
+
+def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Parts of a vector along others, its square, and the square of what is left without them."""
+    parts, square = products[:-1], float(products[-1])
+    return parts, square, square - float(parts @ parts)
+
+
+def _products(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Products of a vector with others and, last, with itself."""
+    return np.append(basis @ vector, vector @ vector)
+
+
+def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Take parts along others away, in place, and return `_products` of what is left: each piece is read once."""
+    products = np.zeros(len(basis) + 1)
+    for start in range(0, len(vector), PIECE):
+        piece, near = vector[start : start + PIECE], basis[:, start : start + PIECE]
+        piece -= parts @ near
+        products += _products(near, piece)
+    return products
+
+
+def solve_refined(
+    product: Callable,
+    precondition: Callable,
+    right: np.ndarray,
+    tolerance: float,
+    max_products: int = 2000,
+    comm=ONE,
+) -> KrylovSolution:
+    """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
+
+    Iterative refinement; parameters are those of `solve_system`:
+
+    1. Find the true residual of the solution so far.
+    2. End where it is small enough, or where the last correction has not halved it.
+    3. Solve for a correction, and add it.
+    """
+    x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
+    asked = tolerance * norm(right, comm)
+    while True:
+        left = norm(rest, comm)
+        if left <= asked or left > 0.5 * before or n_products >= max_products:  # step 2
+            return KrylovSolution(x, n_products, bool(left <= max(asked, ROUNDING * norm(x, comm))))
+        part = max(0.5 * asked / left, LEAST)
+        correction = solve_system(product, precondition, rest, part, max_products - n_products, comm)  # step 3
+        x, n_products, before = x + correction.x, n_products + correction.n_products, left
+        rest = right - product(x)  # step 1

@@ -1,0 +1,98 @@
+"""The walls of a flow, which all processes have in whole: their pressures and nodes are few, and forces need them all.
+
+The process that has the cell behind a wall face gives its pressure, the one that holds a node its place; a sum over the
+processes hands them to all. With one process nothing is handed on, and nodes are those of the grid.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...cells.cell_faces import CellFaces
+from ...numerics.halo import Halo
+from ...numerics.processes import ONE, summed
+from ...topology.holders import Holders
+from ...topology.partition import Partition
+
+__all__ = ["Walls"]
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """Wall faces of all processes, in the order of the patches.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    corners : ndarray of int, shape (n_wall, 4)
+        Corners of all wall faces, in `nodes`.
+    rows : ndarray of int, shape (n_nodes,), or None
+        Rows in the grid vector of these nodes, ascending; None where they are all of the grid, of one process.
+    own : ndarray of int, shape (n_own,)
+        Wall faces whose cells this process has.
+    held, places : ndarray of int, shape (n_held,)
+        Nodes of this process that are on walls, and which of `nodes` they are.
+    n_held : int
+        Nodes of this process.
+    """
+
+    comm: Any
+    corners: np.ndarray
+    rows: np.ndarray | None
+    own: np.ndarray
+    held: np.ndarray
+    places: np.ndarray
+    n_held: int
+
+    @classmethod
+    def of(cls, faces: CellFaces) -> Walls:
+        """List the walls of the faces of one process."""
+        corners, none = faces.corners[faces.faces_of("wall")], np.zeros(0, int)
+        return cls(ONE, corners, None, np.arange(len(corners)), none, none, 0)
+
+    @classmethod
+    def of_share(cls, faces: CellFaces, partition: Partition, exchange: Halo) -> Walls:
+        """List the walls of all processes, from the faces of each and the exchange of their nodes."""
+        comm, wall = exchange.comm, faces.faces_of("wall")
+        assert faces.numbers_in_grid is not None  # they are those of a share
+        own_rows = partition.share(comm.rank).rows
+        corners = exchange.extend(own_rows)[faces.corners[wall]]
+        numbers = faces.numbers_in_grid[wall - faces.n_inner]
+        parts = comm.allgather((numbers, corners))
+        all_numbers, all_corners = (np.concatenate(lists) for lists in zip(*parts))
+        order = np.argsort(all_numbers)
+        rows, corners = np.unique(all_corners[order], return_inverse=True)
+        ranks, held = Holders.of_nodes(partition).find(rows)
+        places = np.flatnonzero(ranks == comm.rank)
+        own = np.searchsorted(all_numbers[order], numbers)
+        return cls(comm, corners.reshape(-1, 4), rows, own, held[places], places, len(own_rows))
+
+    def nodes(self, nodes: np.ndarray) -> np.ndarray:
+        """Nodes of all walls, shape (n_nodes, 3), of those of this process."""
+        if self.rows is None:
+            return nodes
+        on_walls = np.zeros((len(self.rows), 3), nodes.dtype)
+        on_walls[self.places] = nodes[self.held]
+        return summed(self.comm, on_walls)
+
+    def nodes_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Apply the transpose of `nodes` to a derivative that all processes have."""
+        if self.rows is None:
+            return bar
+        own = np.zeros((self.n_held, 3), bar.dtype)
+        own[self.held] = bar[self.places]
+        return own
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Values on all wall faces, shape (n_wall,), of those of this process, shape (n_own,)."""
+        if self.rows is None:
+            return values
+        on_walls = np.zeros(len(self.corners), values.dtype)
+        on_walls[self.own] = values
+        return summed(self.comm, on_walls)

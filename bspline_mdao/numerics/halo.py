@@ -1,0 +1,122 @@
+"""Halo: rows of arrays of other processes that a process sees behind its own.
+
+Which rows these are is settled once. What is added up at them goes back the same way, in the order of the processes, so
+that the transpose is exact and always the same to the last bit.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .processes import ONE
+
+__all__ = ["ALONE", "Halo"]
+
+
+@dataclass(frozen=True, eq=False)
+class Halo:
+    """Exchange of rows with other processes. Made by `of`; `ALONE` for one process, which sends nothing.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    n_own, n_ghosts : int
+        Rows of this process, and rows of others that it sees.
+    sent : tuple of (int, ndarray of int)
+        Processes that see rows of this one, and which.
+    received : tuple of (int, slice)
+        Processes whose rows this one sees, and where these are behind its own.
+    """
+
+    comm: Any
+    n_own: int = 0
+    n_ghosts: int = 0
+    sent: tuple[tuple[int, np.ndarray], ...] = ()
+    received: tuple[tuple[int, slice], ...] = ()
+
+    @classmethod
+    def of(cls, comm, n_own: int, ranks: np.ndarray, rows: np.ndarray) -> tuple[Halo, np.ndarray]:
+        """Settle which rows are seen: all processes call it together.
+
+        Parameters
+        ----------
+        comm : communicator
+            The processes.
+        n_own : int
+            Rows of this process.
+        ranks, rows : ndarray of int, shape (n,)
+            Process that holds each row that is wanted, and its number there; its own ones and repetitions are fine.
+
+        Returns
+        -------
+        halo : Halo
+        places : ndarray of int, shape (n,)
+            Where the wanted rows are in extended arrays.
+        """
+        if comm.size == 1:
+            return cls(comm, n_own), rows
+        foreign = np.flatnonzero(ranks != comm.rank)
+        keys = np.stack([ranks[foreign], rows[foreign]])
+        (at, numbers), ghosts = np.unique(keys, axis=1, return_inverse=True)
+        ends = np.searchsorted(at, np.arange(comm.size + 1))
+        asked = comm.alltoall([numbers[first:end] for first, end in zip(ends[:-1], ends[1:])])
+        places = np.array(rows)
+        places[foreign] = n_own + ghosts.ravel()
+        received = tuple(
+            (rank, slice(int(n_own + first), int(n_own + end)))
+            for rank, (first, end) in enumerate(zip(ends[:-1], ends[1:]))
+            if end > first
+        )
+        sent = tuple((rank, numbers) for rank, numbers in enumerate(asked) if len(numbers))
+        return cls(comm, n_own, len(at), sent, received), places
+
+    def extend(self, own: np.ndarray) -> np.ndarray:
+        """Put the rows of others behind those of this process: shape (n_own + n_ghosts, ...).
+
+        One process gets its array back.
+        """
+        if self.comm.size == 1:
+            return own
+        seen = np.empty((self.n_own + self.n_ghosts, *own.shape[1:]), own.dtype)
+        seen[: self.n_own] = own
+        arriving = [self.comm.Irecv(seen[part], source=rank) for rank, part in self.received]
+        buffers = [(rank, own[rows]) for rank, rows in self.sent]
+        leaving = [self.comm.Isend(buffer, dest=rank) for rank, buffer in buffers]
+        for request in arriving + leaving:
+            request.Wait()
+        return seen
+
+    def fold(self, seen: np.ndarray) -> np.ndarray:
+        """Transposed product of `extend`: add what is at the rows of others to them, there."""
+        if self.comm.size == 1:
+            return seen
+        own = seen[: self.n_own].copy()
+        buffers = [np.empty((len(rows), *seen.shape[1:]), seen.dtype) for _, rows in self.sent]
+        arriving = [self.comm.Irecv(buffer, source=rank) for (rank, _), buffer in zip(self.sent, buffers)]
+        parts = [(rank, np.ascontiguousarray(seen[part])) for rank, part in self.received]
+        leaving = [self.comm.Isend(part, dest=rank) for rank, part in parts]
+        for request in arriving + leaving:
+            request.Wait()
+        for (_, rows), buffer in zip(self.sent, buffers):
+            own[rows] += buffer
+        return own
+
+    def cut(self, seen: np.ndarray) -> np.ndarray:
+        """Leave the rows of others away."""
+        return seen if self.comm.size == 1 else seen[: self.n_own]
+
+    def pad(self, own: np.ndarray) -> np.ndarray:
+        """Transposed product of `cut`: zeros at the rows of others."""
+        if self.comm.size == 1:
+            return own
+        return np.concatenate([own, np.zeros((self.n_ghosts, *own.shape[1:]), own.dtype)])
+
+
+ALONE = Halo(ONE)
+"""That of one process."""

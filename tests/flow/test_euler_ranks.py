@@ -1,0 +1,309 @@
+"""The Euler solver on ranks that are threads: what each makes of its cells is what one makes of all."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from euler_cases import AXES, GRIDS, sphere_quarters, with_guessed_patches
+from rank_cases import on_ranks
+
+from bspline_mdao import InputError, onera_m6_grid
+from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.forces import FlowForces
+from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.euler.krylov import solve_refined
+from bspline_mdao.flow.euler.newton import solve_flow
+from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
+from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
+from bspline_mdao.flow.euler.wall_forces import WallForces
+from bspline_mdao.numerics.halo import Halo
+from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.holders import Holders
+from bspline_mdao.topology.partition import Partition
+
+STREAM = free_stream(0.3, 0.07, AXES)
+KINDS = ("wall", "farfield", "symmetry")
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A grid, and random numbers of its cells and nodes."""
+
+    topology: object
+    nodes: np.ndarray
+
+    @classmethod
+    def of(cls, grid, kinds=None):
+        topology = find_topology(grid)
+        if kinds:
+            named = enumerate(topology.boundary)
+            boundary = [replace(face, patch=f"p{n % 3}", kind=kinds[n % 3]) for n, face in named]
+            topology = replace(topology, boundary=tuple(boundary))
+        return cls(topology, grid.to_vector().reshape(-1, 3))
+
+    @property
+    def n_cells(self):
+        return sum(int(np.prod([n - 1 for n in shape])) for shape in self.topology.shapes)
+
+    def random(self, *shapes, seed=0):
+        rng = np.random.default_rng(seed)
+        return [rng.standard_normal(shape) for shape in shapes]
+
+    def on(self, n, task):
+        """Results of ``task(flow, share)`` of every rank, with its share."""
+        partition = Partition.of(self.topology, n)
+        shares = [partition.share(rank) for rank in range(n)]
+
+        def run(comm):
+            share = shares[comm.rank]
+            flow = FlowGrid.of(self.topology, self.nodes[share.rows], partition=partition, comm=comm)
+            return task(flow, share)
+
+        return on_ranks(n, run), shares
+
+
+@cache
+def parts_of(name):
+    return Parts.of(GRIDS[name](), KINDS)
+
+
+def of_cells(results, shares, n_cells):
+    """Rows of all cells, of those of every rank."""
+    whole = np.full((n_cells, *results[0].shape[1:]), np.nan)
+    for result, share in zip(results, shares):
+        whole[share.cells] = result
+    return whole
+
+
+def of_nodes(results, shares, n_nodes):
+    """Sums at all nodes, of those of every rank."""
+    whole = np.zeros((n_nodes, 3))
+    for result, share in zip(results, shares):
+        np.add.at(whole, share.rows, result)
+    return whole
+
+
+def assert_same(ours, theirs, within=5e-15):
+    assert np.abs(ours - theirs).max() <= within * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("name", GRIDS)
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_residual_and_products_of_ranks_are_those_of_one(name, n):
+    parts = parts_of(name)
+    cells, nodes = (parts.n_cells, 5), parts.nodes.shape
+    noise, d_states, bar, d_nodes = parts.random(cells, cells, cells, nodes)
+    states = STREAM * (1.0 + 0.03 * noise)
+
+    def task(flow, share):
+        own, at = share.cells, parts.nodes[share.rows]
+        areas, discretization = flow.areas(at), flow.discretization
+        linearization = discretization.linearize(states[own], areas, STREAM)
+        shifted = flow.areas_jvp(at, d_nodes[share.rows])
+        rows = (
+            discretization.residual(states[own], areas, STREAM),
+            linearization.state_jvp(d_states[own]),
+            linearization.state_vjp(bar[own]),
+            linearization.area_jvp(shifted) + linearization.stream_jvp(bar[0]),
+            time_terms(discretization, states[own], areas),
+            flow.sizes(at),
+        )
+        norms = discretization.norm(bar[own]), discretization.norm_of_areas(areas), flow.extent(at)
+        numbers = np.array([*linearization.stream_vjp(bar[own]), *norms, flow.least_height(at), flow.n_cells_of_grid])
+        return rows, flow.areas_vjp(at, linearization.area_vjp(bar[own])), numbers
+
+    results, shares = parts.on(n, task)
+    ((rows, nodes_bar, numbers),), _ = parts.on(1, task)
+    for k, theirs in enumerate(rows):
+        assert_same(of_cells([result[0][k] for result in results], shares, parts.n_cells), theirs)
+    assert_same(of_nodes([result[1] for result in results], shares, len(parts.nodes)), nodes_bar)
+    for _, _, ours in results:
+        np.testing.assert_allclose(ours, numbers, rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(ours, results[0][2])
+
+
+@cache
+def wing():
+    """A coarse half wing with walls, a far field and a plane of symmetry."""
+    return Parts.of(with_guessed_patches(onera_m6_grid((7, 6, 5))))
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_forces_of_ranks_are_those_of_one_and_their_products_are_transposes(n):
+    parts = wing()
+    cells, nodes = (parts.n_cells, 5), parts.nodes.shape
+    noise, d_states, shift, d_nodes, seeds = parts.random(cells, cells, nodes, nodes, (200,))
+    states, moved = STREAM * (1.0 + 0.03 * noise), parts.nodes + 1e-4 * shift
+
+    def task(flow, share):
+        forces = FlowForces.of(flow, parts.nodes[share.rows], 1.16, 0.7, (0.1, 0.2, 0.3))
+        at = states[share.cells], moved[share.rows], 0.1, 0.4
+        along = d_states[share.cells], d_nodes[share.rows], 0.3, -0.2
+        values, slopes = forces.evaluate(*at), forces.jvp(*at, *along)
+        ends = np.cumsum([0, *(np.size(value) for value in values.values())])
+        bars = {name: np.resize(seeds, ends[-1])[a:b] for name, a, b in zip(values, ends[:-1], ends[1:])}
+        products = sum(np.sum(bars[name] * slopes[name]) for name in values)
+        return values, slopes, products, forces.vjp(*at, bars), along
+
+    results, shares = parts.on(n, task)
+    ((values, slopes, product, bars, _),), _ = parts.on(1, task)
+    for ours, our_slopes, our_product, *_ in results:
+        for name in values:
+            assert_same(np.asarray(ours[name]), np.asarray(values[name]), 1e-12)
+            assert_same(np.asarray(our_slopes[name]), np.asarray(slopes[name]), 1e-11)
+        np.testing.assert_allclose(our_product, product, rtol=1e-11)
+    assert_same(of_cells([result[3][0] for result in results], shares, parts.n_cells), bars[0], 1e-12)
+    assert_same(of_nodes([result[3][1] for result in results], shares, len(parts.nodes)), bars[1], 1e-12)
+    for *_, (_, _, alpha_bar, mach_bar), _ in results:
+        np.testing.assert_allclose([alpha_bar, mach_bar], [bars[2], bars[3]], rtol=1e-12)
+    back = sum(np.sum(bar * d) for result in results for bar, d in zip(result[3][:2], result[4][:2]))
+    np.testing.assert_allclose(back + 0.3 * bars[2] - 0.2 * bars[3], product, rtol=1e-10)
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_forces_on_nodes_of_ranks_are_those_of_one(n):
+    parts = wing()
+    (noise,) = parts.random((parts.n_cells, 5))
+    states = STREAM * (1.0 + 0.03 * noise)
+    walls = FlowGrid.of(parts.topology, parts.nodes).walls.corners
+    rows, quads = np.unique(walls[::2], return_inverse=True)
+
+    def task(flow, share):
+        forces = WallForces.of(flow, quads.reshape(-1, 4), rows)
+        return forces.evaluate(states[share.cells], parts.nodes[share.rows], 0.4, 7e3)
+
+    (theirs,), _ = parts.on(1, task)
+    for ours in parts.on(n, task)[0]:
+        assert_same(ours, theirs, 1e-13)
+
+
+@cache
+def sphere():
+    (grid,) = sphere_quarters([4])
+    return Parts.of(grid)
+
+
+def solved(flow, share, start=None, parts=None):
+    areas = flow.areas(parts.nodes[share.rows])
+    return solve_flow(flow.discretization, areas, STREAM, pattern=flow.pattern, tolerance=1e-12, states=start)
+
+
+@cache
+def sphere_alone():
+    parts = sphere()
+    (solution,), _ = parts.on(1, lambda flow, share: solved(flow, share, parts=parts))
+    return solution
+
+
+@pytest.mark.parametrize("n", [2, 3, 9])
+def test_the_flow_on_ranks_is_that_on_one(n):
+    parts = sphere()
+    solutions, shares = parts.on(n, lambda flow, share: solved(flow, share, parts=parts))
+    assert all(solution.is_converged for solution in solutions)
+    assert len({solution.history for solution in solutions}) == 1
+    states = of_cells([solution.states for solution in solutions], shares, parts.n_cells)
+    assert_same(states, sphere_alone().states, 1e-10)
+
+
+@pytest.mark.parametrize("is_transposed", [False, True])
+def test_linear_systems_of_ranks_have_the_solution_of_one(is_transposed):
+    parts, states = sphere(), sphere_alone().states
+    (right,) = parts.random((parts.n_cells, 5), seed=4)
+
+    def task(flow, share):
+        at, discretization = parts.nodes[share.rows], flow.discretization
+        linearization = discretization.linearize(states[share.cells], flow.areas(at), STREAM)
+        factor = compact_factor(linearization, flow.pattern, np.zeros((len(share.cells), 5, 5)))
+        product = linearization.state_vjp if is_transposed else linearization.state_jvp
+        precondition = factor.solve_transposed if is_transposed else factor.solve
+        solution = solve_refined(product, precondition, right[share.cells], 1e-12, comm=flow.comm)
+        assert solution.is_converged
+        return solution.x
+
+    (theirs,), _ = parts.on(1, task)
+    results, shares = parts.on(3, task)
+    assert_same(of_cells(results, shares, parts.n_cells), theirs, 1e-9)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_a_start_on_coarser_members_of_ranks_is_that_of_one(n):
+    parts = sphere()
+
+    def start(flow, share):
+        partition = Partition.of(parts.topology, flow.comm.size)
+        nodes = parts.nodes[share.rows]
+        levels = coarse_levels(parts.topology, nodes, 2, partition=partition, comm=flow.comm)
+        return states_from_coarse(levels, nodes, STREAM), [level.pick(nodes) for level in levels[:1]]
+
+    ((theirs, _),), _ = parts.on(1, start)
+    results, shares = parts.on(n, start)
+    assert_same(of_cells([result[0] for result in results], shares, parts.n_cells), theirs, 1e-2)  # solved to 1e-3
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_coarser_members_pick_the_same_nodes_and_parents_on_any_number_of_ranks(n):
+    parts = wing()
+
+    def task(flow, share):
+        partition = Partition.of(parts.topology, flow.comm.size)
+        (level,) = coarse_levels(parts.topology, parts.nodes[share.rows], 1, partition=partition, comm=flow.comm)
+        return level.spread(level.flow.sizes(level.pick(parts.nodes[share.rows])))
+
+    (theirs,), _ = parts.on(1, task)
+    results, shares = parts.on(n, task)
+    assert_same(of_cells(results, shares, parts.n_cells), theirs)
+
+
+def test_negative_volumes_are_named_on_all_ranks_by_block_and_cell():
+    parts = wing()
+    partition = Partition.of(parts.topology, 3)
+    moved = parts.nodes.copy()
+    moved[partition.share(1).rows[40:60]] += 50.0
+
+    def task(flow, share):
+        with pytest.raises(InputError, match=r"negative volumes, the worst .* in block \d+, cell") as failure:
+            flow.require_volumes(moved[share.rows])
+        return str(failure.value)
+
+    words, _ = parts.on(3, task)
+    assert len(set(words)) == 1
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_what_is_seen_of_others_goes_back_to_them(n):
+    """Random rows of random owners, some wanted twice or one's own; a rank has none."""
+    rng = np.random.default_rng(n)
+    sizes = [*rng.integers(3, 9, n - 1), 0]
+    wanted = [rng.integers(0, n - 1, 12) for _ in range(n)]
+    rows = [np.array([rng.integers(0, sizes[rank]) for rank in ranks]) for ranks in wanted]
+    own = [rng.standard_normal((size, 2)) for size in sizes]
+
+    def task(comm):
+        halo, places = Halo.of(comm, sizes[comm.rank], wanted[comm.rank], rows[comm.rank])
+        seen = halo.extend(own[comm.rank])
+        np.testing.assert_array_equal(seen[places], [own[a][b] for a, b in zip(wanted[comm.rank], rows[comm.rank])])
+        np.testing.assert_array_equal(halo.cut(seen), own[comm.rank])
+        assert halo.n_ghosts == len({(a, b) for a, b in zip(wanted[comm.rank], rows[comm.rank]) if a != comm.rank})
+        bar = np.random.default_rng(comm.rank).standard_normal(seen.shape)
+        return np.sum(bar * seen), np.sum(halo.fold(bar) * own[comm.rank])
+
+    forward, back = np.sum(on_ranks(n, task), axis=0)
+    np.testing.assert_allclose(forward, back, rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_holders_find_what_the_shares_list(n):
+    topology = wing().topology
+    partition = Partition.of(topology, n)
+    nodes, cells = Holders.of_nodes(partition), Holders.of_cells(partition)
+    seen = np.zeros(topology.n_nodes, bool)
+    for rank in range(n):
+        share = partition.share(rank)
+        ranks, rows = cells.find(share.cells)
+        assert (ranks == rank).all()
+        np.testing.assert_array_equal(rows, np.arange(len(share.cells)))
+        ranks, rows = nodes.find(share.rows)
+        np.testing.assert_array_equal(ranks == rank, ~seen[share.rows])
+        seen[share.rows] = True
+        np.testing.assert_array_equal(rows[ranks == rank], np.flatnonzero(ranks == rank))
