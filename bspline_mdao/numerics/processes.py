@@ -200,6 +200,8 @@ def node_of(comm) -> Any:
 
 def norm(array: np.ndarray, comm=ONE) -> float:
     """Euclidean norm of an array whose rows several processes hold; the same bits on all of them."""
+    import numpy as np
+
     if comm.size == 1:
         return float(np.linalg.norm(array))
     return float(np.sqrt(summed(comm, np.array([np.linalg.norm(array) ** 2]))[0]))
