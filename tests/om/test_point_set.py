@@ -113,6 +113,38 @@ def test_totals_of_structures_are_those_of_differences():
     assert check.differences < 1e-8
 
 
+def of_geometry(points, generation=None):
+    """The same variables in the geometry of MPhys."""
+    pytest.importorskip("mphys", reason="MPhys is not installed")
+    from bspline_mdao import SurfaceGeometry
+
+    problem, mesh = om.Problem(reports=False), moving_mesh(model())
+    parametrization = Parametrization(mesh, variables(mesh))
+    options = {"point_sets": {"x_struct0": points.reshape(-1, 3)}, "generation": generation}
+    geometry = SurfaceGeometry(model=model(), parametrization=parametrization, **options)
+    problem.model.add_subsystem("geometry", geometry, promotes=["*"])
+    return run(problem)
+
+
+@pytest.mark.parametrize(("generation", "name"), [(2, "x_struct0_geometry_output"), (1, "x_struct0")])
+def test_the_geometry_of_mphys_moves_structures_alike(generation, name):
+    found = of_geometry(wing_box(), generation).get_val(name)
+    np.testing.assert_allclose(found, of_surface(wing_box()).get_val("spars"), atol=1e-13)
+
+
+def test_totals_of_structures_in_mphys_are_those_of_differences():
+    check = check_totals(of_geometry(wing_box(), 2), ["x_struct0_geometry_output"], list(DESIGN), step=1e-2)
+    assert check.transposed < 1e-12
+    assert check.differences < 1e-8
+
+
+def test_structures_outside_the_surface_are_refused_by_number():
+    points = np.concatenate([wing_box().reshape(-1, 3), [[0.4, 0.3, 0.5]]])
+    with pytest.raises(InputError, match=r"x_struct0: 1 of 37 points are outside .*, the first is point 37") as error:
+        of_geometry(points)
+    assert "\n" not in str(error.value)
+
+
 def test_points_that_are_nowhere_are_refused_by_number():
     points = np.concatenate([wing_box().reshape(-1, 3), [[0.4, 0.0, -0.5]]])
     with pytest.raises(InputError, match=r"points lie outside .* not inside the walls: point 37 at distance") as error:

@@ -47,7 +47,7 @@ from bspline_mdao.testing import assert_partials, central_difference
 pytest.importorskip("mphys", reason="MPhys is not installed")
 
 from bspline_mdao.om.mphys import builders as flow_group
-from bspline_mdao.om.mphys import geometry, renamed, rigid_links, solver_loads, warper
+from bspline_mdao.om.mphys import geometry, point_sets, renamed, rigid_links, solver_loads, warper
 from bspline_mdao.om.mphys.conventions import names_of
 
 pytestmark = pytest.mark.slow
@@ -136,6 +136,9 @@ COMPONENTS = {
     "SurfaceControlFit": lambda: SurfaceControlFit(model=model(), mesh=moving_mesh(model()), surface=surface()),
     "SolverSurface": lambda: warper._SolverSurface(surface=surface(), numbers=some_nodes()),
     "SolverNodes": lambda: warper._SolverNodes(n_nodes=len(surface().points), rows=some_nodes(), name="nodes"),
+    "RidingPoints": lambda: point_sets.RidingPoints(
+        name="x_struct0", points=box_in_wing(), surface=SurfaceGrid.of(wing())
+    ),
     "SolverLoads": lambda: solver_loads.SolverLoads(n_points=9),
     "LinkedDisplacements": lambda: rigid_links.LinkedDisplacements(links=links()),
     "LinkedLoads": lambda: rigid_links.LinkedLoads(links=links()),

@@ -110,3 +110,10 @@ def names_of(generation: int | None, pathname: str) -> Names:
             f"for the installed one"
         )
     return GENERATIONS[generation]
+
+
+def point_set_names(name: str, generation: int | None, pathname: str) -> tuple[str, str]:
+    """Names of the points of another discipline, such as ``x_struct0``, before and after the geometry."""
+    if names_of(generation, pathname) is GENERATIONS[1]:
+        return f"{name.removesuffix('0')}_in", name
+    return f"{name}_geometry_input", f"{name}_geometry_output"

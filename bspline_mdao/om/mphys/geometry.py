@@ -16,6 +16,7 @@ from ..surface_evaluate import SurfaceEvaluate
 from ..surface_measure import SurfaceMeasure
 from .conventions import COORDINATES, names_of
 from .distribution import nodes_of_rank
+from .point_sets import RidingPoints
 
 __all__ = ["SurfaceGeometry"]
 
@@ -51,13 +52,17 @@ class SurfaceGeometry(om.Group):
         each process.
     measures : sequence of Measure
         What is measured of the surface.
+    point_sets : dict of str to ndarray, each of shape (n, 3)
+        Points of other disciplines inside the surface or on it (m), on the baseline, by the names of MPhys: with
+        ``{"x_struct0": nodes}`` the nodes of a structure come in as ``x_struct0_geometry_input`` and go out, moved with
+        the surface, as ``x_struct0_geometry_output``; see `RidingPoints`.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
 
     Raises
     ------
     InputError
-        In ``setup``, if a number does not exist, or the generation.
+        In ``setup``, if a number does not exist, or the generation, or if a point of a set is outside the surface.
     """
 
     def initialize(self):
@@ -69,6 +74,7 @@ class SurfaceGeometry(om.Group):
         self.options.declare("surface", default=None, recordable=False, desc="the surface")
         self.options.declare("numbers", default=None, recordable=False, desc="nodes that the solver has")
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
+        self.options.declare("point_sets", default={}, recordable=False, desc="points that ride on the surface")
         self.options.declare("generation", default=None, desc="MPhys whose names are used")
 
     def setup(self):
@@ -80,6 +86,9 @@ class SurfaceGeometry(om.Group):
         self.add_subsystem("control", SurfaceControl(parametrization=parametrization), promotes=["*"])
         self.add_subsystem("evaluate", evaluate, promotes=["*"])
         self.add_subsystem("place", place, promotes=["*"])
+        for name, points in self.options["point_sets"].items():
+            settings = {"surface": surface, "generation": self.options["generation"]}
+            self.add_subsystem(f"ride_{name}", RidingPoints(name=name, points=points, **settings), promotes=["*"])
         for measure in self.options["measures"]:
             self.add_subsystem(f"measure_{measure.name}", SurfaceMeasure(measure=measure), promotes=["*"])
 
