@@ -6,8 +6,9 @@ calls them. CPU seconds are of the fastest of some runs, without what a rank spe
 it waits for the others; that is told apart. Peak memory is the high-water mark of the process in each stage. Bytes are
 those that a rank hands to the communicator.
 
-The model on paper takes bytes per node, per node of the boundary and per control point from the arrays that are found
-in the components, and says what each of many ranks would hold.
+The model on paper, ``--paper``, takes bytes per node, per node of the boundary and per control point from the arrays
+that are found in the components, and says what each of many ranks would hold. ``--largest`` takes a wing of 20 million
+nodes from the generator to the report on its cells.
 """
 
 from __future__ import annotations
@@ -316,6 +317,75 @@ def run_largest(shape, n_control, folder: Path) -> dict:
     }
 
 
+PAPER = {"n_nodes": 200_000_000, "n_ranks": 500, "nodes_per_control_point": 300}
+"""The case on paper."""
+
+KINDS = ("nodes of the rank", "boundary of the grid", "control mesh", "factor of the control mesh")
+"""What arrays grow with: the second and the third are held by every rank."""
+
+
+def paper(small: dict, large: dict, n_nodes: int, n_ranks: int, nodes_per_control_point: int) -> list[dict]:
+    """Say what a rank would hold of a large case.
+
+    Arrays that grow as the nodes from one measured grid to a larger one with the same control mesh are distributed;
+    those that grow as the surface of the grid, or not at all, are held by every rank.
+
+    Parameters
+    ----------
+    small, large : dict
+        What `main` gives for two members of a family, on the same number of ranks.
+    n_nodes, n_ranks, nodes_per_control_point : int
+        The large case.
+
+    Returns
+    -------
+    list of dict
+        ``array``, ``kind`` (one of `KINDS`), ``measured`` bytes and ``bytes`` on a rank of the large case.
+    """
+    first, last = (list(run["ranks"].values())[-1][0] for run in (small, large))
+    before, after = (
+        {name: n for owner, rows in rank["arrays"].items() for name, n in _by_name(owner, rows).items()}
+        for rank in (first, last)
+    )
+    growth = np.log(last["n_nodes"] / first["n_nodes"])
+    factors = {
+        KINDS[0]: n_nodes / n_ranks / last["n_nodes"],
+        KINDS[1]: (n_nodes / large["n_nodes"]) ** (2.0 / 3.0),
+        KINDS[2]: n_nodes / nodes_per_control_point / large["n_control_points"],
+    }
+    factors[KINDS[3]] = factors[KINDS[2]] ** (4.0 / 3.0)
+    found = []
+    for name, size in after.items():
+        power = np.log(size / before[name]) / growth if before.get(name) else 1.0
+        kind = KINDS[0 if power > 0.85 else 1 if power > 0.4 else 3 if ".factor" in name or ".analysis." in name else 2]
+        found.append({"array": name, "kind": kind, "measured": size, "bytes": size * factors[kind]})
+    return sorted(found, key=lambda row: (KINDS.index(row["kind"]), -row["bytes"]))
+
+
+def _by_name(owner: str, rows: list) -> dict[str, int]:
+    """Bytes of all arrays of one name together."""
+    sizes: dict[str, int] = {}
+    for name, _, size in rows:
+        sizes[name] = sizes.get(name, 0) + size
+    return sizes
+
+
+def show_paper(rows: list[dict], n_on_rank: int, n_nodes: int, n_ranks: int, nodes_per_control_point: int) -> None:
+    """Print what a rank would hold, kind by kind, array by array from 1 MB on."""
+    share, n_control = n_nodes // n_ranks, n_nodes // nodes_per_control_point
+    print(f"{n_nodes:,} nodes on {n_ranks} ranks, {share:,} on each; {n_control:,} control points")
+    for kind in KINDS:
+        own = [row for row in rows if row["kind"] == kind]
+        total = sum(row["bytes"] for row in own)
+        per_node = f", {total / share:.0f} B a node" if kind == KINDS[0] else ""
+        print(f"{kind}: {total / 1e6:,.1f} MB on a rank{per_node}")
+        for row in own:
+            if row["bytes"] >= 1e6:
+                each = f"{row['measured'] / n_on_rank:7.1f} B a node" if kind == KINDS[0] else ""
+                print(f"  {row['bytes'] / 1e6:10.1f} MB  {row['array']:64}{each}")
+        print(f"  {sum(row['bytes'] for row in own if row['bytes'] < 1e6) / 1e6:10.1f} MB  arrays of less than 1 MB")
+
+
 def adjoint(component, at: dict, of: str, wrt, rng) -> Callable:
     """A reverse product of a component with a random seed."""
     seed = {of: rng.standard_normal(np.size(at.get(of, ())) or component._outputs[of].size)}
@@ -410,6 +480,7 @@ if __name__ == "__main__":
     parser.add_argument("--factor", type=float, default=1.0, help="cells in each direction of the member, by those")
     parser.add_argument("--large", action="store_true", help=f"a member with 10 million nodes: --factor {LARGE}")
     parser.add_argument("--largest", action="store_true", help="the case of 20 million nodes, from generator to judge")
+    parser.add_argument("--paper", action="store_true", help="what each of 500 ranks would hold of 200 million nodes")
     parser.add_argument("--ranks", nargs="+", type=int, default=(1, 2), help="numbers of ranks")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each stage")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers to FILE")
@@ -426,6 +497,13 @@ if __name__ == "__main__":
         every = [told] if world().size == 1 else world().gather(told)
         if told["rank"] == 0:
             options.json.write_text(json.dumps(every))
+        sys.exit()
+    if options.paper:
+        runs = [main((23, 33, 17), (7, 9, 7), factor, options.ranks[-1:], repeats=1) for factor in (1.0, 2.0)]
+        rows = paper(*runs, **PAPER)
+        show_paper(rows, next(iter(runs[1]["ranks"].values()))[0]["n_nodes"], **PAPER)
+        if options.json:
+            options.json.write_text(json.dumps(rows, indent=2) + "\n")
         sys.exit()
     if options.largest:
         shape, n_control = LARGEST if options.shape == SHAPE else (options.shape, options.n_control)

@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..numerics.processes import ONE, on_first, together
 from ..splines.mesh import BSplineMesh
-from ..topology.held_nodes import HeldNodes, NodesByRow, face_layer_rows
+from ..topology.held_nodes import HeldNodes, NodesByRow, each_once, face_layer_rows
 from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
 from ..walls.grid_map import GridMap
@@ -69,7 +69,7 @@ def nodes_at(model: NodeSource, rows: np.ndarray) -> np.ndarray:
 def boundary_layers(model: NodeSource) -> list[np.ndarray]:
     """Nodes of the baseline on every boundary face and on the layer next to it, each of shape (2, n, m, 3) (m)."""
     layers = [np.stack(face_layer_rows(model.topology, face.window)) for face in model.topology.boundary]
-    rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(pair.ravel() for pair in layers)]))
+    rows = each_once(np.concatenate([np.zeros(0, dtype=np.int64), *(pair.ravel() for pair in layers)]))
     nodes = NodesByRow(rows, nodes_at(model, rows))
     return [nodes[pair] for pair in layers]
 
@@ -80,7 +80,7 @@ def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
     They are its own, those of the boundary of the grid and of the layer next to it, and those that these are copies of.
     """
     boundary = [rows.ravel() for face in topology.boundary for rows in face_layer_rows(topology, face.window)]
-    return np.unique(HeldNodes.of(topology, np.unique(np.concatenate([share.rows, *boundary]))).rows)
+    return each_once(HeldNodes.of(topology, each_once(np.concatenate([share.rows, *boundary]))).rows)
 
 
 @dataclass(frozen=True, eq=False)
