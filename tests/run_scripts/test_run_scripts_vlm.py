@@ -64,3 +64,19 @@ def test_lattice_wing_is_the_rectangle_of_the_paper(script):
     assert nodes[-1, 0, 0] == pytest.approx(0.49664)
     assert -nodes[0, 0, 1] / nodes[-1, 0, 0] == pytest.approx(2.989, abs=1e-3)
     assert wing.area == pytest.approx(2.0 * nodes[-1, 0, 0] * -nodes[0, 0, 1])
+
+
+def test_euler_aerostructural_bends_the_wing_and_has_exact_totals(script, tmp_path):
+    pytest.importorskip("mphys", reason="MPhys is not installed")
+    numbers = script("euler_aerostructural").main(figures=tmp_path)
+    rigid, *bent = numbers["flights"].values()
+    assert rigid["tip"] < 1e-5
+    assert np.all(np.diff([flight["tip"] for flight in (rigid, *bent)]) > 0.02)
+    assert np.all(np.diff([flight["CL"] for flight in (rigid, *bent)]) < -0.01)
+    assert all(flight["washout"] > 0.3 for flight in bent)
+    assert all(flight["iterations"] < 15 for flight in bent)
+    totals = numbers["totals"]
+    assert totals["transposed"] < 2e-9
+    assert totals["differences"] < 2e-7
+    assert totals["errors"][1] < 0.3 * totals["errors"][0]  # of second order in the step
+    assert (tmp_path / "euler_aerostructural.png").stat().st_size > 30_000
