@@ -12,7 +12,7 @@ Theory: ``docs/parallel.rst``.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -29,6 +29,7 @@ from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
 from ..walls.grid_map import GridMap
 from ..walls.grid_walls import GridWalls
+from ..walls.wall_correction import WallCorrection
 from .model_file import read_fields
 from .model_parts import opened_parts
 from .records import FitReport, FitSettings, GridHeader
@@ -234,18 +235,41 @@ class ModelShare:
 
     @cached_property
     def _grid_map(self) -> GridMap:
-        walls = None
-        if self.settings.wall_layer:
-            rows = GridWalls.rows_seen(self.topology)
-            walls = GridWalls.of(self.topology, NodesByRow(rows, nodes_at(self, rows)))
-        held = HeldNodes.of(self.topology, self.share.rows, () if walls is None else walls.needed)
-        parameters, residual = self.parameters_of(held), self.residual_at(held.rows)
+        return self._map_of(self, ())
+
+    def corrected_map(self, model: NodeSource, correction: WallCorrection) -> tuple[GridMap, WallCorrection]:
+        """Map to the nodes of the share for walls that are met exactly, and the part of the correction that it needs.
+
+        Parameters
+        ----------
+        model : FittedModel
+            The whole model: where blocks are cut, nodes of the pieces' neighbours take part.
+        correction : WallCorrection
+            That of the whole grid.
+        """
+        walls = self._walls
+        wanted = HeldNodes.of(self.topology, self.share.rows, () if walls is None else walls.needed)
+        part = correction.part(wanted.sources_of(wanted.rows))
+        grid_map = self._map_of(model, [part.needed])
+        return grid_map, part.among(grid_map.held)
+
+    @cached_property
+    def _walls(self) -> GridWalls | None:
+        if not self.settings.wall_layer:
+            return None
+        rows = GridWalls.rows_seen(self.topology)
+        return GridWalls.of(self.topology, NodesByRow(rows, nodes_at(self, rows)))
+
+    def _map_of(self, model: NodeSource, needed: Sequence[np.ndarray]) -> GridMap:
+        walls = self._walls
+        held = HeldNodes.of(self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)])
+        parameters, residual = model.parameters_of(held), model.residual_at(held.rows)
         evaluator = Evaluator.of_nodes(held, self.mesh, parameters)
         places = held, self.mesh, parameters, self.control_points, residual
         return GridMap.of_nodes(*places, self.settings.wall_layer, walls, evaluator)
 
     def __getstate__(self) -> dict:
-        return {name: value for name, value in self.__dict__.items() if name != "_grid_map"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_grid_map", "_walls")}
 
     def regenerate(self, control_points: np.ndarray | None = None) -> np.ndarray:
         """Nodes of the share at given control points.

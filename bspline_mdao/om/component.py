@@ -265,8 +265,8 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
     OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
     ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
 
-    On several processes that default stays: along a direction OpenMDAO would compare sums over the entries of each
-    process alone, with seeds of its own for the same serial output.
+    On several processes that default stays but for a `CheckedAlone`: along a direction OpenMDAO would compare sums over
+    the entries of each process alone, with seeds of its own for the same serial output.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
         Take complex steps in the place of differences where the problem has room for them, after
         ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
     """
-    is_alone = component.comm.size == 1
+    is_alone = component.comm.size == 1 or isinstance(component, CheckedAlone)
     if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
         component.set_check_partial_options(wrt, method="cs", directional=is_alone)
     else:
@@ -338,7 +338,24 @@ def _shortest_edge(points: np.ndarray, least: float) -> float:
     return float(np.sqrt(shortest))
 
 
-class SparseComponent(om.ExplicitComponent):
+class CheckedAlone(om.ExplicitComponent):
+    """Component of which all processes have all inputs, and each its own part of outputs, or all of them.
+
+    OpenMDAO's check along directions takes dot products on every process by itself. They are right where each process
+    differentiates what it has itself, and wrong with the sum over all processes that the reverse product otherwise is
+    where outputs are distributed. So every process checks itself as if it were alone.
+    """
+
+    def check_partials(self, *arguments, **options):
+        """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
+        comm, self.comm = self.comm, ONE
+        try:
+            return super().check_partials(*arguments, **options)
+        finally:
+            self.comm = comm
+
+
+class SparseComponent(CheckedAlone):
     """Component with sparse partials, which ``check_partials`` checks along directions, as the matrix-free ones.
 
     OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the check
@@ -355,8 +372,7 @@ class SparseComponent(om.ExplicitComponent):
         declared, is_matrix_free = self._subjacs_info, self.matrix_free
         self._subjacs_info, self.matrix_free = {}, True
         try:
-            with each_for_itself(self):
-                return super().check_partials(*arguments, **options)
+            return super().check_partials(*arguments, **options)
         finally:
             self._subjacs_info, self.matrix_free = declared, is_matrix_free
 
@@ -416,22 +432,6 @@ def as_analysis_errors(
         yield
     except kinds as error:
         raise om.AnalysisError(f"{component.msginfo}: {error}") from error
-
-
-@contextmanager
-def each_for_itself(component: om.ExplicitComponent) -> Iterator[None]:
-    """Let every process of a component run it as if it were alone, with its own part of distributed variables.
-
-    OpenMDAO's check along directions takes dot products on every process by itself. Of a map from an input that all
-    processes have to an output that they share, these are right where each differentiates its own part, and wrong with
-    the sum over all processes that the reverse product is otherwise.
-    """
-    comm = component.comm
-    component.comm = ONE
-    try:
-        yield
-    finally:
-        component.comm = comm
 
 
 Method = TypeVar("Method", bound=Callable)

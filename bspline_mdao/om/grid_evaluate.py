@@ -7,10 +7,11 @@ from scipy.sparse import identity, kron
 
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import MODELS
+from ..model.fitted_model import MODELS, FittedModel
+from ..model.model_share import ModelShare, nodes_at
 from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..numerics.processes import summed
-from ..walls.grid_map import GridState
+from ..walls.grid_map import GridMap, GridState
 from ..walls.wall_correction import WallCorrection
 from .component import (
     LINEAR_STEP,
@@ -44,7 +45,8 @@ class GridEvaluate(SparseComponent):
     ==================  ======  ====================  =====  =======================================================
 
     On several processes ``grid`` is distributed: each evaluates the nodes of its `Share`, to the bits that they have on
-    one process. Forwards no message is sent; in reverse one sum of all processes, of the size of the inputs.
+    one process. Forwards no message is sent; in reverse one sum of all processes, of the size of the inputs. With a
+    ``surface`` every process sees the nodes of the whole grid in ``setup``, and needs the whole model for that.
 
     Options
     -------
@@ -90,7 +92,7 @@ class GridEvaluate(SparseComponent):
     def setup(self):
         """Declare the variables, of the sizes of the model."""
         model, surface = part_of_model(self), self.options["surface"]
-        self._map, self._correction, self._last = model.grid_map(), None, LastState()
+        self._last = LastState()
         if self.options["assembled"] and surface is not None:
             raise InputError(f"{self.msginfo}: assembled=True does not go with a surface; leave one out")
         if self.options["assembled"] and not self.is_linear:
@@ -100,10 +102,9 @@ class GridEvaluate(SparseComponent):
             )
         self.matrix_free = not self.options["assembled"]
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
+        self._map, self._correction = self._maps(model)
         if surface is not None:
-            numbers = self._numbers(surface)
-            self._correction = WallCorrection.of(model.topology, self._map.nodes, surface.rows[numbers])
-            self.add_input(SURFACE, val=surface.points[numbers].ravel(), units="m")
+            self.add_input(SURFACE, val=surface.points[self._numbers(surface)].ravel(), units="m")
         self.add_output(GRID, shape=3 * self._map.n_asked, units="m", distributed=self.comm.size > 1)
         check_along_directions(self, LINEAR_STEP if self.is_linear else check_step(model))
 
@@ -136,6 +137,18 @@ class GridEvaluate(SparseComponent):
             return [None if part is None else summed(self.comm, part) for part in state.full_vjp(grid_map.padded(bar))]
 
         add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=self._names)
+
+    def _maps(self, model: FittedModel | ModelShare) -> tuple[GridMap, WallCorrection | None]:
+        """Map to the nodes of this process, and the correction of walls that are given."""
+        surface, whole = self.options["surface"], self.options["model"]
+        if surface is None:
+            return model.grid_map(), None
+        rows = surface.rows[self._numbers(surface)]
+        if isinstance(model, FittedModel):
+            grid_map = model.grid_map()
+            return grid_map, WallCorrection.of(model.topology, grid_map.nodes, rows)
+        nodes = nodes_at(whole, np.arange(whole.n_nodes))
+        return model.corrected_map(whole, WallCorrection.of(model.topology, nodes, rows))
 
     @property
     def _names(self) -> tuple[str, ...]:

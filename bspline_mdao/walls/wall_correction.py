@@ -20,7 +20,7 @@ Theory: ``docs/theory/asked_walls.rst``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -29,6 +29,7 @@ from scipy import sparse
 
 from ..numerics.vectors import nearest_plane
 from ..sparse.spring_network import SpringNetwork
+from ..topology.held_nodes import HeldNodes
 from ..topology.index_space import Window, block_rows, sections_of, whole_slices
 from ..topology.sharing import direction_classes, node_sharing
 from ..topology.topology import Topology
@@ -56,8 +57,10 @@ class WallCorrection:
         Rows of the wall nodes in the grid vector.
     wall_ids : ndarray of int, shape (n_corners_on_wall,)
         Which of them are corners of pieces.
-    corner_rows : ndarray of int, shape (n_free,)
+    corner_rows : ndarray of int, shape (n_corners,)
         Rows of the corners that follow the network.
+    corner_ids : ndarray of int, shape (n_corners,)
+        Which of the network's free points they are.
     network : SpringNetwork
         Their displacement from that of the wall's corners.
     levels : tuple of Sections
@@ -71,6 +74,7 @@ class WallCorrection:
     rows: np.ndarray
     wall_ids: np.ndarray
     corner_rows: np.ndarray
+    corner_ids: np.ndarray
     network: SpringNetwork
     levels: tuple[Sections, ...]
     copies: np.ndarray
@@ -115,7 +119,39 @@ class WallCorrection:
         is_done[corners] = is_moving[corners[network.ids]] = True
         levels = tuple(Sections.of(pieces, n_free, is_done, is_moving) for n_free in (1, 2, 3))
         wall_ids = place[corners[place[corners] >= 0]]
-        return cls(wall, wall_ids, corners[network.ids], network, levels, sharing.copies, topology.n_nodes)
+        free = corners[network.ids]
+        return cls(wall, wall_ids, free, np.arange(len(free)), network, levels, sharing.copies, topology.n_nodes)
+
+    def part(self, rows: np.ndarray) -> WallCorrection:
+        """Return what the correction of some nodes depends on; of all others it is zero.
+
+        Parameters
+        ----------
+        rows : ndarray of int
+            Rows of nodes that are no copies.
+        """
+        is_wanted = np.zeros(self.n_nodes, dtype=bool)
+        is_wanted[rows] = True
+        levels = [level.part(is_wanted) for level in self.levels[::-1]][::-1]
+        ids = np.flatnonzero(is_wanted[self.corner_rows])
+        return replace(self, corner_rows=self.corner_rows[ids], corner_ids=self.corner_ids[ids], levels=tuple(levels))
+
+    @property
+    def needed(self) -> np.ndarray:
+        """Rows of all nodes that take part, ascending."""
+        inner = [level.rows[level.rows >= 0] for level in self.levels]
+        return np.unique(np.concatenate([self.rows, self.corner_rows, *inner]))
+
+    def among(self, held: HeldNodes) -> WallCorrection:
+        """Return the same for nodes that are numbered as some hold them, all that are `needed` among them."""
+        return replace(
+            self,
+            rows=held.numbers_of(self.rows),
+            corner_rows=held.numbers_of(self.corner_rows),
+            levels=tuple(level.among(held) for level in self.levels),
+            copies=held.copies,
+            n_nodes=held.n_nodes,
+        )
 
     @property
     def n_bytes(self) -> int:
@@ -148,7 +184,7 @@ class WallCorrection:
         """Displacements (m) of all nodes, shape (n_nodes, 3), from those of the wall nodes, shape (n_wall, 3)."""
         values = np.zeros((self.n_nodes, 3))
         values[self.rows] = mismatch
-        values[self.corner_rows] = self.network.dot(mismatch[self.wall_ids])  # step 1
+        values[self.corner_rows] = self.network.dot(mismatch[self.wall_ids])[self.corner_ids]  # step 1
         for level in self.levels:  # step 2
             _fill(*level.arrays, values)
         values[self.copies[:, 0]] = values[self.copies[:, 1]]
@@ -161,7 +197,9 @@ class WallCorrection:
         for level in self.levels[::-1]:
             _fill_transpose(*level.arrays, bars)
         wall_bar = bars[self.rows]
-        wall_bar[self.wall_ids] += self.network.transpose_dot(bars[self.corner_rows])
+        corner_bars = np.zeros((len(self.network.ids), 3), dtype=bars.dtype)
+        corner_bars[self.corner_ids] = bars[self.corner_rows]
+        wall_bar[self.wall_ids] += self.network.transpose_dot(corner_bars)
         return wall_bar
 
 
@@ -193,12 +231,12 @@ class Sections:
         Sections without a point that is not done are skipped, and so are those with nothing that moves at their ends.
         What is gathered is marked as done, and as moving.
         """
-        gathered, blends, at = [], [], np.zeros(2, dtype=int)
+        found = []
         for ids, points in pieces:
             for section in sections_of(ids.shape, n_free):
                 axes = sorted(range(3), key=lambda d: section[d] is None)  # the last direction is free
                 here = ids[whole_slices(section)].transpose(axes).astype(np.int32)
-                inside = tuple(slice(1, -1) if n > 1 else slice(None) for n in here.shape)
+                inside = _inside(here.shape)
                 inner = here[inside].copy()
                 is_fresh = _first_of_each(inner) & ~is_done[inner]
                 if not is_fresh.any():
@@ -209,18 +247,41 @@ class Sections:
                     continue
                 here[inside] = np.where(is_fresh, inner, -1)
                 is_moving[inner[is_fresh]] = True
-                lines = _blends(points[whole_slices(section)].transpose(*axes, 3))
-                starts = (at[0], *(at[1] + np.cumsum([0, *here.shape[:2]])))
-                gathered.append((here.shape, starts, here.ravel()))
-                blends.extend(lines)
-                at += here.size, sum(here.shape)
-        shapes, starts, rows = zip(*gathered) if gathered else ((), (), (np.zeros(0, dtype=np.int32),))
+                found.append((here, _blends(points[whole_slices(section)].transpose(*axes, 3))))
+        return cls._joined(found)
+
+    @classmethod
+    def _joined(cls, found: list[tuple[np.ndarray, list[np.ndarray]]]) -> Sections:
+        """Join sections, each with the rows of its points and its blends in every direction."""
+        sizes = np.array([(here.size, sum(here.shape)) for here, _ in found], dtype=np.int64).reshape(-1, 2)
+        firsts = np.cumsum(sizes, axis=0) - sizes
+        starts = [(n, *(at + np.cumsum([0, *here.shape[:2]]))) for (here, _), (n, at) in zip(found, firsts.tolist())]
         return cls(
-            np.array(shapes, dtype=np.int64).reshape(-1, 3),
+            np.array([here.shape for here, _ in found], dtype=np.int64).reshape(-1, 3),
             np.array(starts, dtype=np.int64).reshape(-1, 4),
-            np.concatenate(rows),
-            np.concatenate([np.zeros(0), *blends]),
+            np.concatenate([np.zeros(0, dtype=np.int32), *(here.ravel() for here, _ in found)]),
+            np.concatenate([np.zeros(0), *(line for _, lines in found for line in lines)]),
         )
+
+    def part(self, is_wanted: np.ndarray) -> Sections:
+        """Return the sections that wanted nodes are in, by rows; what these depend on is marked as wanted as well."""
+        found = []
+        for shape, (first, *starts) in zip(self.shapes[::-1], self.starts[::-1]):
+            here = self.rows[first : first + np.prod(shape)].reshape(shape).copy()
+            inside = _inside(here.shape)
+            inner = here[inside].copy()
+            is_kept = (inner >= 0) & is_wanted[inner]
+            if is_kept.any():
+                here[inside] = -1
+                is_wanted[here[here >= 0]] = True
+                here[inside] = np.where(is_kept, inner, -1)
+                found.append((here, [self.blends[start : start + n] for start, n in zip(starts, shape)]))
+        return self._joined(found[::-1])
+
+    def among(self, held: HeldNodes) -> Sections:
+        """Return the same with nodes numbered as some hold them."""
+        rows = np.where(self.rows >= 0, held.numbers_of(self.rows), -1).astype(np.int32)
+        return replace(self, rows=rows)
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
@@ -302,6 +363,11 @@ def _complement(normals: list[np.ndarray]) -> np.ndarray:
         return np.delete(np.eye(3), np.flatnonzero((matrix != 0.0).any(axis=0)), axis=1)
     _, sizes, rows = np.linalg.svd(matrix)
     return rows[np.count_nonzero(sizes > INDEPENDENT) :].T
+
+
+def _inside(shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """Slices that cut the inner points out of a section: those between the ends of its free directions."""
+    return tuple(slice(1, -1) if n > 1 else slice(None) for n in shape)
 
 
 def _first_of_each(ids: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Shares of a fitted model: the nodes of every process have the bits of the whole grid, their derivatives add up."""
 
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_bl
 from bspline_mdao import fit_grid, onera_m6_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators.hh_wing import Spacing
+from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.model.model_share import nodes_at, rows_of_share
 from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.partition import Partition, Share
+from bspline_mdao.walls.wall_correction import WallCorrection
 
 
 def wing(**options):
@@ -44,9 +47,14 @@ MODELS = {
 }
 
 
+@cache
+def model_of(name):
+    return MODELS[name]()
+
+
 @pytest.fixture(scope="module", params=MODELS)
 def model(request):
-    return MODELS[request.param]()
+    return model_of(request.param)
 
 
 def moved(model, rng, size=1e-4):
@@ -86,6 +94,36 @@ def test_derivatives_are_those_of_the_whole_grid_and_add_up(model, n_ranks):
         total = total + own.vjp(seed)
     expected = state.vjp(bar)
     np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("n_ranks", [1, 2, 3, 4])
+@pytest.mark.parametrize("name", ["wing", "section", "linear"])
+def test_walls_that_are_given_have_the_bits_of_the_whole_grid(name, n_ranks):
+    model, rng = model_of(name), np.random.default_rng(n_ranks)
+    surface, points = SurfaceGrid.of(model), moved(model, rng)
+    wall = surface.points + 1e-3 * rng.standard_normal(surface.points.shape)
+    correction = WallCorrection.of(model.topology, model.grid_map().nodes, surface.rows)
+    state, total, bar = model.grid_map().at(points, correction, wall), [0.0, 0.0], np.zeros((model.n_nodes, 3))
+    partition = Partition.of(model.topology, n_ranks)
+    shares = [*map(partition.share, range(n_ranks)), Share.of_rows(rng.integers(model.n_nodes, size=9), model.n_nodes)]
+    for share in map(model.share, shares):
+        rows = share.share.rows
+        grid_map, own = share.corrected_map(model, correction)
+        found = grid_map.at(points, own, wall)
+        assert found.nodes[: len(rows)].tobytes() == state.nodes[rows].tobytes()
+        seed = rng.standard_normal((len(rows), 3))
+        np.add.at(bar, rows, seed)
+        total = [a + b for a, b in zip(total, found.full_vjp(grid_map.padded(seed)))]
+    for found, expected in zip(total, state.full_vjp(bar)):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_a_correction_of_whole_blocks_needs_no_nodes_of_others():
+    model = model_of("wing")
+    correction = WallCorrection.of(model.topology, model.grid_map().nodes, SurfaceGrid.of(model).rows)
+    for share in shares_of(model, 3):
+        grid_map, _ = share.corrected_map(model, correction)
+        assert grid_map.held.n_nodes <= 1.15 * share.grid_map().held.n_nodes
 
 
 def test_a_share_of_a_solvers_rows_has_the_bits_of_the_grid(model):

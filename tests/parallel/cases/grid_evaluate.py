@@ -8,7 +8,7 @@ import openmdao.api as om
 from mpi4py import MPI
 from openmdao.utils.assert_utils import assert_check_partials
 
-from bspline_mdao import GridEvaluate, Partition, Share, fit_grid, onera_m6_grid
+from bspline_mdao import GridEvaluate, Partition, Share, SurfaceGrid, fit_grid, onera_m6_grid
 from bspline_mdao.generators.hh_wing import Spacing
 from bspline_mdao.topology.grid import Block, Grid
 
@@ -34,6 +34,8 @@ def problem_of(component, comm, indices, of_local):
     problem.model.add_subsystem("evaluate", component, promotes=["*"])
     problem.model.add_subsystem("sum", of_local, promotes=["*"])
     problem.model.add_design_var("control_points", indices=indices)
+    if component.options["surface"] is not None:
+        problem.model.add_design_var("surface", indices=np.arange(0, 90, 17))
     problem.model.add_objective("total")
     return problem
 
@@ -62,7 +64,7 @@ class Sum(om.ExplicitComponent):
 
 
 def check(model, given):
-    """Compare the component on all ranks with one on each rank alone."""
+    """Compare the component on all ranks with one on each rank alone; ``given`` is what it gets besides the model."""
     n, rng = model.n_nodes, np.random.default_rng(0)
     weights = rng.standard_normal((n, 3))
     moved = model.control_points + 1e-4 * rng.standard_normal(model.control_points.shape)
@@ -74,10 +76,13 @@ def check(model, given):
         share = options["partition"] = Share.of_rows(rows, n)
     elif given == "share":
         options = {"model": model.share(share)}
+    elif given == "surface":
+        options["surface"] = SurfaceGrid.of(model)
     counts = comm.allreduce(np.bincount(share.rows, minlength=n))
     own = (weights / np.maximum(counts, 1)[:, None])[share.rows]
+    whole = {"model": model, "surface": options.get("surface")}
     problems = {
-        "whole": problem_of(GridEvaluate(model=model), MPI.COMM_SELF, indices, Sum(weights=weights.ravel())),
+        "whole": problem_of(GridEvaluate(**whole), MPI.COMM_SELF, indices, Sum(weights=weights.ravel())),
         "parts": problem_of(GridEvaluate(**options), comm, indices, Sum(weights=own.ravel())),
     }
     totals = {}
@@ -85,6 +90,8 @@ def check(model, given):
         for mode in ("fwd", "rev"):
             problem.setup(mode=mode)
             problem.set_val("control_points", moved.ravel())
+            if given == "surface":
+                problem.set_val("surface", 1.001 * options["surface"].points.ravel())
             problem.run_model()
             totals[name, mode] = np.ravel(problem.compute_totals(return_format="array"))
     expected = problems["whole"].get_val("grid").reshape(-1, 3)
@@ -104,8 +111,8 @@ def check(model, given):
     assert_check_partials(data, atol=1e-4, rtol=1e-4)
 
 
-for kind in sys.argv[1:]:
-    model = model_of(kind)
-    for given in ("nothing", "share", "rows"):
-        check(model, given)
+kind, *ways = sys.argv[1:]
+model = model_of(kind)
+for given in ways:
+    check(model, given)
 print("done", comm.rank)
