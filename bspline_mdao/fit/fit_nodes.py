@@ -23,15 +23,17 @@ from ..topology.partition import Partition
 from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
 
-__all__ = ["FitNodes"]
+__all__ = ["FitNodes", "whole_blocks"]
 
-WHOLE_BLOCKS = math.inf
-"""Imbalance of a partition that cuts no block."""
+
+def whole_blocks(topology: Topology, n_ranks: int) -> Partition:
+    """Deal the blocks of a grid out to processes without cutting one."""
+    return Partition.of(topology, n_ranks, imbalance=math.inf)
 
 
 @dataclass(frozen=True, eq=False)
 class FitNodes:
-    """Nodes of the blocks of a process, in the order of the grid, and then those that it needs from others.
+    """Nodes of the blocks of a process, in the order of its partition, and then those that it needs from others.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ class FitNodes:
     comm : communicator
         The processes.
     blocks : tuple of int
-        Blocks of this process, ascending.
+        Blocks of this process, in the order of its nodes.
     here : tuple of int
         Segments of these blocks.
     rows : tuple of ndarray of int, each of the segment's shape
@@ -71,21 +73,32 @@ class FitNodes:
     given: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def of(cls, topology: Topology, comm: Any = ONE) -> FitNodes:
-        """Deal the blocks of a grid out to processes, all of which call this."""
+    def of(cls, topology: Topology, comm: Any = ONE, partition: Partition | None = None) -> FitNodes:
+        """Deal the blocks of a grid out to processes, all of which call this.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        comm : communicator
+            The processes.
+        partition : Partition, optional
+            Which blocks each of them has, none of them cut; by default those that `whole_blocks` gives it.
+        """
         if comm.size == 1:
             sharing, n_blocks, n = node_sharing(topology), len(topology.shapes), topology.n_nodes
             blocks, segments = tuple(range(n_blocks)), tuple(range(len(topology.segments)))
             nodes = sharing.rows, sharing.is_evaluated, sharing.copies, n, n
             return cls(topology, comm, blocks, segments, *nodes, (0,) * n_blocks)
-        pieces = Partition.of(topology, comm.size, WHOLE_BLOCKS).pieces
+        pieces = (whole_blocks(topology, comm.size) if partition is None else partition).pieces
         home_of = {window.block: rank for rank, windows in enumerate(pieces) for window in windows}
-        return cls._of_blocks(topology, comm, tuple(home_of[block] for block in range(len(home_of))))._with_others()
+        homes = tuple(home_of[block] for block in range(len(home_of)))
+        own = tuple(window.block for window in pieces[comm.rank])
+        return cls._of_blocks(topology, comm, homes, own)._with_others()
 
     @classmethod
-    def _of_blocks(cls, topology: Topology, comm, homes: tuple[int, ...]) -> FitNodes:
+    def _of_blocks(cls, topology: Topology, comm, homes: tuple[int, ...], blocks: tuple[int, ...]) -> FitNodes:
         """Number the nodes of the blocks of this process."""
-        blocks = tuple(block for block, rank in enumerate(homes) if rank == comm.rank)
         starts = np.cumsum([0, *(math.prod(topology.shapes[block]) for block in blocks)]).tolist()
         first = dict(zip(blocks, starts))
         nothing, rows, here = np.zeros((0, 0, 0), dtype=np.int64), [], []

@@ -6,22 +6,27 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..fit.fit_nodes import FitNodes
+from ..fit.least_squares import FitOperator
 from ..fit.live_fit import LiveFit, live_fit
 from ..fit.problem import problem_of_mesh
+from ..fit.shared_operator import SharedFitOperator
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS_INITIAL, GRID_INITIAL
+from ..numerics.processes import together
+from ..topology.partition import Partition
 from .component import (
     LINEAR_STEP,
     LastState,
     add_product,
     by_parts,
     check_along_directions,
-    difference_step,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
     refuse_complex_step,
 )
+from .shares import WholeNodes, blocks_of, check_step, declare_partition
 
 
 class Fit(om.ExplicitComponent):
@@ -38,10 +43,16 @@ class Fit(om.ExplicitComponent):
     ``control_points_initial``  output  (3 n_control_points)  m      fitted control points, each shared one once
     ==========================  ======  ====================  =====  ===============================================
 
+    On several processes ``grid_initial`` is distributed: each fits whole blocks, and control points are sent to all.
+    With ``live`` each process is sent all nodes, and does all of the fit: for grids that fit into the memory of one.
+
     Options
     -------
     model : FittedModel
         Fit of the baseline grid: topology, orders, numbers of control points, and the parameters and knots to freeze.
+    partition : Partition, optional
+        Which blocks each process holds, none of them cut; by default
+        ``Partition.of(model.topology, n, imbalance=math.inf)``.
     live : bool
         Take parameters and edge knots from the input as well, and differentiate through them, so that a
         grid generator upstream gets the exact total derivative. Where control points fall back on a
@@ -51,7 +62,8 @@ class Fit(om.ExplicitComponent):
     ------
     InputError
         In ``setup``, if ``live`` is asked of a model whose parameters are corrected or given or whose knots are the
-        user's own; in a run, under complex step with ``live``.
+        user's own, or if the partition cuts a block or is of another number of processes; in a run, under complex step
+        with ``live``.
     om.AnalysisError
         In a run, if a node is not finite, or if the nodes cannot be fitted.
     """
@@ -59,6 +71,7 @@ class Fit(om.ExplicitComponent):
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
+        declare_partition(self)
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
 
     @property
@@ -66,23 +79,37 @@ class Fit(om.ExplicitComponent):
         """Whether the outputs depend linearly on the inputs."""
         return not self.options["live"]
 
-    @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
-        model = self.options["model"]
-        grid = model.regenerate()
-        baseline = grid.to_vector()
-        if self.options["live"]:
-            self._live = LastState()
-            self._live.at([baseline.reshape(-1, 3)], self._fit)
-        else:
-            self._frozen = problem_of_mesh(model.topology, model.mesh).operator(
-                model.parameters, model.candidate_weights
-            )
-        self.add_input(GRID_INITIAL, val=baseline, units="m")
-        self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
+        model, comm = self.options["model"], self.comm
+        with together(comm):
+            partition = blocks_of(self)
+            share = partition.share(comm.rank)
+            baseline = model.regenerate() if comm.size == 1 else model.share(share).regenerate()
+            self._whole = WholeNodes.of(comm, partition)
+        nodes = baseline.to_vector().reshape(-1, 3) if comm.size == 1 else baseline
         is_live = self.options["live"]
-        check_along_directions(self, difference_step(block.nodes for block in grid.blocks) if is_live else LINEAR_STEP)
+        if is_live:
+            self._live = LastState()
+            whole = self._whole.gather(nodes)
+            with together(comm):
+                self._live.at([whole], self._fit)
+        else:
+            self._frozen = self._operator(partition)
+        self.add_input(GRID_INITIAL, val=nodes.ravel(), units="m", distributed=comm.size > 1)
+        self.add_output(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
+        check_along_directions(self, check_step(model) if is_live else LINEAR_STEP)
+
+    def _operator(self, partition: Partition) -> FitOperator | SharedFitOperator:
+        """Linear map of the frozen fit."""
+        model, comm = self.options["model"], self.comm
+        sharing = FitNodes.of(model.topology, comm, partition)
+        problem = problem_of_mesh(model.topology, model.mesh, sharing)
+        if comm.size == 1:
+            return problem.operator(model.parameters, model.candidate_weights)
+        here, nothing = set(sharing.here), np.empty((0, 0, 0, 3))
+        parameters = [x if s in here else nothing for s, x in enumerate(model.parameters)]
+        return SharedFitOperator.of(problem, parameters, model.candidate_weights)
 
     def compute(self, inputs, outputs):
         """Solve the least squares."""
@@ -95,8 +122,13 @@ class Fit(om.ExplicitComponent):
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
         if self.options["live"]:
-            fit = self._live_at(inputs[GRID_INITIAL])
-            jvp, vjp = fit.jvp, fit.vjp
+            fit, whole = self._live_at(inputs[GRID_INITIAL]), self._whole
+
+            def jvp(d_nodes):
+                return fit.jvp(whole.gather(d_nodes))
+
+            def vjp(bar):
+                return whole.own(fit.vjp(bar))
         else:
             jvp, vjp = self._frozen.forward, self._frozen.adjoint
         names = {"of": CONTROL_POINTS_INITIAL, "wrt": GRID_INITIAL}
@@ -107,6 +139,8 @@ class Fit(om.ExplicitComponent):
 
     @fails_together
     def _live_at(self, nodes: np.ndarray) -> LiveFit:
-        refuse_complex_step(self)
+        with failures_as_analysis_errors(self, ()):
+            refuse_complex_step(self)
+        whole = self._whole.gather(nodes.reshape(-1, 3))
         with failures_as_analysis_errors(self, (InputError,)):
-            return self._live.at([nodes.reshape(-1, 3)], self._fit)
+            return self._live.at([whole], self._fit)

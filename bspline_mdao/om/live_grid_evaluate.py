@@ -19,6 +19,7 @@ from .component import (
     finite_points,
     refuse_complex_step,
 )
+from .shares import WholeNodes, blocks_of, declare_partition
 
 INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
 
@@ -41,16 +42,22 @@ class LiveGridEvaluate(om.ExplicitComponent):
                                                                      (i, j, k), xyz interleaved
     ==========================  ======  ====================  =====  ===============================================
 
+    On several processes ``grid_initial`` and ``grid`` are distributed, as ``grid_initial`` of `Fit`. Each process is
+    sent all nodes, and evaluates all of the grid: for grids that fit into the memory of one.
+
     Options
     -------
     model : FittedModel
         Fit of a baseline grid: topology, orders and numbers of control points.
+    partition : Partition, optional
+        Which blocks each process holds, none of them cut; by default
+        ``Partition.of(model.topology, n, imbalance=math.inf)``.
 
     Raises
     ------
     InputError
-        In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own; in a run,
-        under complex step.
+        In ``setup``, if the model's parameters are corrected or given, or its knots are the user's own, or if the
+        partition cuts a block or is of another number of processes; in a run, under complex step.
     om.AnalysisError
         In a run, if a number is not finite, if the nodes have no parameters and knots, or if the surroundings of a
         point are turned inside out.
@@ -62,38 +69,58 @@ class LiveGridEvaluate(om.ExplicitComponent):
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
+        declare_partition(self)
 
     @fails_together
     def setup(self):
         """Declare the variables, of the sizes of the model."""
-        model = self.options["model"]
+        model, is_shared = self.options["model"], self.comm.size > 1
+        self._whole = WholeNodes.of(self.comm, blocks_of(self))
         grid = model.regenerate()
-        baseline = grid.to_vector()
+        baseline = grid.to_vector().reshape(-1, 3)
         self._baseline, self._last = LastState(), LastState()
-        needs_initial = self._baseline.at([baseline.reshape(-1, 3)], self._grid).needs_initial
-        self.add_input(GRID_INITIAL, val=baseline, units="m")
+        needs_initial = self._baseline.at([baseline], self._grid).needs_initial
+        own = self._whole.own(baseline).ravel()
+        self.add_input(GRID_INITIAL, val=own, units="m", distributed=is_shared)
         if needs_initial:
             self.add_input(CONTROL_POINTS_INITIAL, val=model.control_points.ravel(), units="m")
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
-        self.add_output(GRID, val=baseline, units="m")
+        self.add_output(GRID, val=own, units="m", distributed=is_shared)
         check_along_directions(self, difference_step(block.nodes for block in grid.blocks))
 
     def compute(self, inputs, outputs):
         """Evaluate the volumes at the nodes, and let nodes follow walls."""
-        outputs[GRID] = self._state_at(inputs).nodes.ravel()
+        outputs[GRID] = self._whole.own(self._state_at(inputs).nodes).ravel()
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""
-        state = self._state_at(inputs)
-        add_product(inputs, d_inputs, d_outputs, mode, jvp=state.jvp, vjp=state.vjp, of=GRID, wrt=INPUTS)
+        state, whole = self._state_at(inputs), self._whole
+
+        def jvp(d_nodes, *d_control):
+            return whole.own(state.jvp(whole.gather(d_nodes), *d_control))
+
+        def vjp(bar):
+            nodes_bar, *control_bars = state.vjp(whole.gather(bar))
+            return [None if nodes_bar is None else whole.own(nodes_bar), *control_bars]
+
+        add_product(inputs, d_inputs, d_outputs, mode, jvp=jvp, vjp=vjp, of=GRID, wrt=INPUTS)
 
     def _grid(self, nodes: np.ndarray) -> LiveGrid:
         return live_grid(self.options["model"], nodes)
 
-    @fails_together
     def _state_at(self, inputs) -> LiveGridState:
+        points = self._points(inputs)
+        points[GRID_INITIAL] = self._whole.gather(points[GRID_INITIAL])
+        return self._state_of(points)
+
+    @fails_together
+    def _points(self, inputs) -> dict[str, np.ndarray]:
+        """Inputs as points, those of the grid of this process alone."""
         refuse_complex_step(self)
-        points = {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}
+        return {name: finite_points(inputs[name], name, self.msginfo) for name in INPUTS if name in inputs}
+
+    @fails_together
+    def _state_of(self, points: dict[str, np.ndarray]) -> LiveGridState:
         with failures_as_analysis_errors(self, (InputError,)):
             grid = self._baseline.at([points[GRID_INITIAL]], self._grid)
 

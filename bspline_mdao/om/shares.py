@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..fit.fit_nodes import whole_blocks
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare, boundary_layers
+from ..topology.index_space import Window
 from ..topology.partition import Partition, Share
 from .component import difference_step
 
@@ -69,6 +74,64 @@ def part_of_model(component: om.ExplicitComponent) -> FittedModel | ModelShare:
             f"{component.msginfo}: the model is a share of other nodes than the partition's; leave the partition out"
         )
     return model
+
+
+def blocks_of(component: om.ExplicitComponent) -> Partition:
+    """Take the partition of a component that needs whole blocks: its option, or one that cuts none.
+
+    Raises
+    ------
+    InputError
+        If the option is a share, is one of another number of processes, or cuts a block.
+    """
+    topology, partition, n_ranks = (
+        component.options["model"].topology,
+        component.options["partition"],
+        component.comm.size,
+    )
+    advice = f"make it by Partition.of(model.topology, {n_ranks}, imbalance=math.inf)"
+    if partition is None:
+        return whole_blocks(topology, n_ranks)
+    if isinstance(partition, Share) or partition.n_ranks != n_ranks or partition.shapes != topology.shapes:
+        raise InputError(f"{component.msginfo}: needs a partition of all blocks to {n_ranks} processes; {advice}")
+    for window in (window for windows in partition.pieces for window in windows):
+        if window != Window.whole(window.block, topology.shapes[window.block]):
+            raise InputError(f"{component.msginfo}: needs whole blocks, and block {window.block + 1} is cut; {advice}")
+    return partition
+
+
+@dataclass(frozen=True, eq=False)
+class WholeNodes:
+    """Nodes of a whole grid on every process, from those that each holds: for maps that need all of them.
+
+    Parameters
+    ----------
+    comm : communicator
+        The processes.
+    rows : tuple of ndarray of int
+        Rows in the grid vector of the nodes of each process.
+    """
+
+    comm: Any
+    rows: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, comm: Any, partition: Partition) -> WholeNodes:
+        """Take the rows of a partition."""
+        return cls(comm, tuple(partition.share(rank).rows for rank in range(partition.n_ranks)))
+
+    def gather(self, nodes: np.ndarray) -> np.ndarray:
+        """Nodes of the grid, shape (n_nodes, 3), from those of each process, shape (n, 3)."""
+        if self.comm.size == 1:
+            return nodes
+        whole = np.empty((sum(map(len, self.rows)), 3), nodes.dtype)
+        for rows, part in zip(self.rows, self.comm.allgather(nodes)):
+            whole[rows] = part
+        return whole
+
+    def own(self, whole: np.ndarray) -> np.ndarray:
+        """Nodes of this process, shape (n, 3), out of those of the grid."""
+        return whole if self.comm.size == 1 else whole[self.rows[self.comm.rank]]
 
 
 def check_step(model: FittedModel | ModelShare) -> float:

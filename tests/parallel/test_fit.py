@@ -14,3 +14,8 @@ def test_a_fit_and_its_file_are_those_of_one_process(n, grids):
 @pytest.mark.parametrize("n", [2, 3])
 def test_a_topology_is_that_of_one_process(n):
     assert all("done" in text for text in run_ranks("cases/topology.py", n))
+
+
+@pytest.mark.parametrize("n", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_fits_frozen_and_live_have_the_totals_of_one_process(n):
+    assert all("done" in text for text in run_ranks("cases/live_fit.py", n, timeout=120.0))
