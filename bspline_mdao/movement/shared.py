@@ -6,7 +6,7 @@ each control point. Beyond it all processes share the rows of the system, by MUM
 memory together, and by conjugate gradients with a multigrid where it does not. Which it is follows from the memory of
 the factors, which the symbolic analysis knows, and can be chosen.
 
-Theory: ``docs/theory/sparse_iterative.rst``.
+Theory: ``docs/theory/sparse_parallel.rst``.
 """
 
 from __future__ import annotations

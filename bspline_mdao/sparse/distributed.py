@@ -8,7 +8,7 @@ which only the blocks beside its own are of use::
     other row 2  [b   *]                 once, as in a matrix of one process, so that the same kernels add to it and
     other row 3  [  b * *]               multiply with it. What stands at * is not used.
 
-Theory: ``docs/theory/sparse_iterative.rst``.
+Theory: ``docs/theory/sparse_parallel.rst``.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 With a communicator each process hands over the rows that it owns, a `DistributedPattern`, and every one of them gets
 the whole solution, with the same bits. Right-hand sides are given as a whole, too.
 
-Theory: ``docs/theory/sparse_iterative.rst``.
+Theory: ``docs/theory/sparse_parallel.rst``.
 """
 
 from __future__ import annotations
