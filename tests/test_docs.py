@@ -44,8 +44,8 @@ def test_the_python_examples_of_the_quickstart_run(folder, monkeypatch):
 
 
 def test_the_python_examples_of_the_components_run():
-    chain, nodes, movers, own = code_blocks("components.rst", "python")
-    for example in (chain + nodes, movers, own):
+    chain, nodes, spar, movers, own = code_blocks("components.rst", "python")
+    for example in (chain + nodes, spar, movers, own):
         contents = {"__name__": __name__}
         exec(example, contents)
         if "wing" in contents:
