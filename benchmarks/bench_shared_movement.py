@@ -1,11 +1,11 @@
 """Moves of the control mesh on several processes: who has the factors, and what each process takes.
 
-The control mesh of the ONERA M6, two increments with their factors kept. CPU seconds of a move and of a reverse
+The control mesh of the ONERA M6, increments with their factors kept. CPU seconds of a move and of a reverse
 product, and by how much the memory of every process rose at most, one number for each of them; then the report of the
 move. One way in each run, so that none finds the memory of another::
 
     for way in each first mumps multigrid; do
-        mpirun -n 2 python benchmarks/bench_shared_movement.py --size 16k --way $way
+        mpirun -n 2 python benchmarks/bench_shared_movement.py --size 16k --increments 2 --way $way
     done
 """
 
@@ -45,10 +45,10 @@ def memory(name: str) -> float:
     return next(int(line.split()[1]) for line in lines if line.startswith(name)) / 1e3
 
 
-def measure(comm, mesh, surface, way: str) -> str:
+def measure(comm, mesh, surface, way: str, n_increments: int) -> str:
     """Move in one way: the line to print."""
     solver, who = WAYS[way]
-    mover = LinearElasticity(mesh, n_increments=2, solver=solver, keep_factors=True)
+    mover = LinearElasticity(mesh, n_increments=n_increments, solver=solver, keep_factors=True)
     Path("/proc/self/clear_refs").write_text("5")  # the largest memory counts from here
     before, began = memory("VmRSS"), time.process_time()
     movement = (shared_mover(mover, comm, who) if who else mover).move(mesh.points, surface)
@@ -67,6 +67,7 @@ def main():
     """Print the lines."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", choices=SIZES, default="16k", help="control points")
+    parser.add_argument("--increments", type=int, default=2, help="increments of the move (2)")
     parser.add_argument("--way", choices=WAYS, default="first", help="who moves, by which solver")
     options, comm = parser.parse_args(), world()
 
@@ -77,9 +78,11 @@ def main():
 
     mesh, surface = on_first(comm, prepared)
     tiny = moving_mesh(fit_grid(onera_m6_grid((5, 5, 5)), n_control=(4, 4, 4)))
-    measure(comm, tiny, tiny.points[tiny.surface_ids], options.way)  # compiles and loads what is measured
+    measure(
+        comm, tiny, tiny.points[tiny.surface_ids], options.way, options.increments
+    )  # compiles and loads what is measured
     gc.collect()
-    line = measure(comm, mesh, surface, options.way)
+    line = measure(comm, mesh, surface, options.way, options.increments)
     if comm.rank == 0:
         print(f"{mesh.n_points:,} control points, {comm.size} processes\n{line}")
 
