@@ -1,5 +1,9 @@
 """Stand-ins for ADflow and DAFoam fly with our geometry and grid movement, in both generations of MPhys."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -72,3 +76,24 @@ def test_another_generation_is_refused():
 
 def test_a_process_that_is_alone_holds_all_nodes():
     np.testing.assert_array_equal(nodes_of_rank(None, 4, "numbers", ONE, "x"), np.arange(4))
+
+
+FIRST = {
+    "__init__.py": "from .builder import Builder\nfrom .multipoint import Multipoint, MultipointParallel\n",
+    "builder.py": "class Builder:\n    pass\n",
+    "multipoint.py": "class Multipoint:\n    pass\n\n\nclass MultipointParallel:\n    pass\n",
+}
+"""The modules of MPhys 1.3 in which our imports would look."""
+
+
+@pytest.mark.slow
+def test_all_of_ours_is_imported_beside_the_modules_of_mphys_1(tmp_path):
+    (tmp_path / "mphys").mkdir()
+    for name, text in FIRST.items():
+        (tmp_path / "mphys" / name).write_text(text)
+    names = sorted(path.stem for path in Path(conventions.__file__).parent.glob("[a-z]*.py"))
+    imports = "".join(f"import bspline_mdao.om.mphys.{name}\n" for name in names)
+    script = f"{imports}\nfrom bspline_mdao.om.mphys.conventions import INSTALLED\nprint(INSTALLED)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.stdout == "1\n", done.stderr

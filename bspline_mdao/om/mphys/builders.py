@@ -278,8 +278,8 @@ class FlowGroup(om.Group):
         grids = (meta for meta in self.flow.get_io_metadata("input").values() if meta["prom_name"] == GRID)
         if self.comm.size > 1 and not all(meta["distributed"] for meta in grids):
             raise InputError(
-                f"{self.msginfo}: the flow wants the whole grid, and each of {self.comm.size} processes has a part; take "
-                f"EulerBuilder, or one process for each scenario"
+                f"{self.msginfo}: the flow wants the whole grid, and each of {self.comm.size} processes has a part; "
+                f"take EulerBuilder, or one process for each scenario"
             )
 
 

@@ -10,10 +10,12 @@ from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
 from ...numerics.processes import summed, together
+from ...topology.partition import Partition, Share
 from ..component import LINEAR_STEP, check_along_directions, finite_points
 from ..grid_movement import GridMovement
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
 from .distribution import nodes_of_rank
+from .renamed import Renamed, Renaming
 from .wiring import require_source_before
 
 __all__ = ["VolumeWarper"]
@@ -57,7 +59,8 @@ class VolumeWarper(om.Group):
         several processes, the mean counts.
     rows : sequence of int, optional
         The row of the grid that each of the solver's volume nodes is, of its nodes on this process, see
-        `bspline_mdao.topology.sharing`; by default all, blocks in file order, each in C order of (i, j, k).
+        `bspline_mdao.topology.sharing`: no others are evaluated. By default all, blocks in file order, each in C order
+        of (i, j, k); of several processes each has those that `Partition.of` deals out to it.
     volume_name : str
         What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).
     require_valid : bool
@@ -95,13 +98,22 @@ class VolumeWarper(om.Group):
         counts = summed(comm, np.bincount(numbers, minlength=surface.n_points))
         valid, given = self.options["require_valid"], np.flatnonzero(counts)
         options = {"model": model, "mover": self.options["mover"], "surface": surface, "numbers": given}
-        movement = GridMovement(**options, require_valid=valid, fit=False, quality=False)
-        nodes = _SolverNodes(n_nodes=model.n_nodes, rows=self.options["rows"], name=self.options["volume_name"])
+        share = self._share(model)
+        movement = GridMovement(**options, partition=share, require_valid=valid, fit=False, quality=False)
         given_nodes = _SolverSurface(surface=surface, numbers=numbers, counts=counts)
         self.add_subsystem("surface", given_nodes, promotes_inputs=[X_AERO], promotes_outputs=[SURFACE])
         self.promotes("surface", inputs=[X_JIG], **(_FIRST if comm.size > 1 else {}))
         self.add_subsystem("movement", movement, promotes_inputs=[SURFACE], promotes_outputs=[GRID])
-        self.add_subsystem("nodes", nodes, promotes=["*"])
+        nodes = {"shape": 3 * (model.n_nodes if share is None else share.n_nodes), "distributed": comm.size > 1}
+        handed = Renaming(GRID, self.options["volume_name"], {**nodes, "units": "m"}, {**nodes, "tags": COUPLING})
+        self.add_subsystem("nodes", Renamed(pairs=[handed]), promotes=["*"])
+
+    def _share(self, model: FittedModel) -> Share | None:
+        """Nodes of the grid that this process evaluates, in the solver's order; None for all of them on one process."""
+        rows, comm = self.options["rows"], self.comm
+        if rows is not None:
+            return Share.of_rows(nodes_of_rank(rows, model.n_nodes, "rows", comm, self.msginfo), model.n_nodes)
+        return None if comm.size == 1 else Partition.of(model.topology, comm.size).share(comm.rank)
 
     @property
     def miss(self) -> SurfaceMiss | None:
@@ -154,32 +166,3 @@ class _SolverSurface(om.ExplicitComponent):
                 d_outputs[SURFACE] += self._means(d_inputs[X_AERO].reshape(-1, 3)).ravel()
             else:
                 d_inputs[X_AERO] += (d_outputs[SURFACE].reshape(-1, 3)[self._places] * self._weights).ravel()
-
-
-class _SolverNodes(om.ExplicitComponent):
-    """Put the nodes of the grid in a solver's order."""
-
-    def initialize(self):
-        self.options.declare("n_nodes", types=int)
-        self.options.declare("rows", default=None, recordable=False)
-        self.options.declare("name", types=str)
-
-    def setup(self):
-        n_nodes, name = self.options["n_nodes"], self.options["name"]
-        self._rows = nodes_of_rank(self.options["rows"], n_nodes, "rows", self.comm, self.msginfo)
-        self.add_input(GRID, shape=3 * n_nodes, units="m")
-        self.add_output(name, shape=3 * len(self._rows), distributed=self.comm.size > 1, tags=COUPLING)
-        check_along_directions(self, LINEAR_STEP)
-
-    def compute(self, inputs, outputs):
-        outputs[self.options["name"]] = inputs[GRID].reshape(-1, 3)[self._rows].ravel()
-
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        name = self.options["name"]
-        if name in d_outputs and GRID in d_inputs:
-            if mode == "fwd":
-                d_outputs[name] += d_inputs[GRID].reshape(-1, 3)[self._rows].ravel()
-            else:
-                bar = np.zeros((self.options["n_nodes"], 3), dtype=d_outputs[name].dtype)
-                np.add.at(bar, self._rows, d_outputs[name].reshape(-1, 3))
-                d_inputs[GRID] += summed(self.comm, bar).ravel()
