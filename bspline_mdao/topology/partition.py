@@ -60,7 +60,7 @@ class Share:
         return Partition.of(topology, 1).share(0)
 
     @classmethod
-    def of_rows(cls, rows: Sequence[int], n_nodes_of_grid: int) -> Share:
+    def of_rows(cls, rows: Sequence[int] | np.ndarray, n_nodes_of_grid: int) -> Share:
         """Make the share of a process whose nodes a solver names.
 
         Parameters
