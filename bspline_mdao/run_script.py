@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError
+from .numerics.processes import world
 
 __all__ = ["pick_size", "run", "write_numbers"]
 
@@ -31,7 +32,8 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
     Every parameter of ``main`` that has a default is an option: of a flag, a number, a text, one of several texts
     (``Literal``) or, where the default is a tuple, any number of them. Underscores are dashes, and the help is that of
     the docstrings. Parameters whose default is a mapping are not options. Every script knows ``--paper``, ``--figures``
-    and ``--json``; the first two mean nothing to a ``main`` that does not take them.
+    and ``--json``; the first two mean nothing to a ``main`` that does not take them. Of several processes all run the
+    script, and the first one prints and writes.
 
     Parameters
     ----------
@@ -70,9 +72,10 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
     values = vars(parser.parse_args(arguments))
     file = values.pop("json")
     numbers = main(**{name: value for name, value in values.items() if name in options})
-    print(json.dumps(numbers, indent=2, default=_plain))
-    if file:
-        write_numbers(file, numbers)
+    if world().rank == 0:
+        print(json.dumps(numbers, indent=2, default=_plain))
+        if file:
+            write_numbers(file, numbers)
     return numbers
 
 

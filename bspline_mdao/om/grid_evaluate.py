@@ -112,7 +112,8 @@ class GridEvaluate(SparseComponent):
     def setup_partials(self):
         """Declare the Jacobian once and for all where it is wanted as a matrix."""
         if self.options["assembled"]:  # a matrix-free one stays undeclared: OpenMDAO would allocate it, and it is dense
-            jacobian = kron(self._map.evaluator.matrix(), identity(3), format="coo")
+            matrix = self._map.evaluator.matrix()[: self._map.n_asked]
+            jacobian = kron(matrix, identity(3), format="coo")
             self.declare_sparse(GRID, CONTROL_POINTS, jacobian.row, jacobian.col, jacobian.data)
 
     def compute(self, inputs, outputs):

@@ -98,10 +98,11 @@ class Quality(om.ExplicitComponent):
         pieces, nodes = self._baseline()
         settings = {name: self.options[name] for name in ("rho", "p", "rho_height")}
         self._quality = GridQuality.of_pieces(pieces, nodes, **settings)
-        try:
-            self._quality.require(self.options["aggregates"])
-        except InputError as error:
-            raise InputError(f"{self.msginfo}: {error}") from error
+        with together(self.comm):
+            try:
+                self._quality.require(self.options["aggregates"])
+            except InputError as error:
+                raise InputError(f"{self.msginfo}: {error}") from error
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
         for name in self.options["aggregates"]:
