@@ -1,16 +1,15 @@
 """Twist and camber of least induced drag of the M6 wing in a grid of a million nodes, on several processes.
 
-``mpirun -n 2 python run_scripts/parallel_wing.py``; it runs on one process as well. The lift is given, and so are a bound of
-the moment that turns the nose down and one of the worst cell. TAKES
-What comes out are lift, drag and moment at the start and at the optimum, the nodes, CPU seconds and peak memory of each
-process, and how the optimiser ended.
+The lift is given, and so are a bound of the moment that turns the nose down and one of the worst cell. It runs as
+``mpirun -n 2 python run_scripts/parallel_wing.py``, or on one process. It takes some minutes, with ``--quick`` a few
+seconds. What comes out are lift, drag and moment at the start and at the optimum, the nodes, CPU seconds and peak memory
+of each process, and how the optimiser ended.
 """
 
 from __future__ import annotations
 
 import time
 
-import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm

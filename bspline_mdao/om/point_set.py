@@ -21,6 +21,7 @@ from .component import (
     add_product,
     check_along_directions,
     difference_step,
+    fails_together,
     failures_as_analysis_errors,
     finite_points,
 )
@@ -95,6 +96,7 @@ class PointSet(om.ExplicitComponent):
         """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
         return self._embedded.layer is None or not self._embedded.layer.pieces
 
+    @fails_together
     def setup(self):
         """Find what the points are embedded in, and declare the variables."""
         model = self.options["model"]
@@ -134,8 +136,8 @@ class PointSet(om.ExplicitComponent):
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=self.options["name"], wrt=wrt)
 
     def _state_at(self, inputs):
-        points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
         with failures_as_analysis_errors(self):
+            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
             return self._last.at(points, self._of_walls if len(points) == 1 else self._of_grid)
 
     def _of_grid(self, control_points: np.ndarray, nodes: np.ndarray) -> EmbeddedState:

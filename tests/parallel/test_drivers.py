@@ -29,3 +29,16 @@ def test_the_optimum_of_several_ranks_is_that_of_one(driver, ranks, tmp_path):
         assert numbers["failed"] == 1
         for name in ("twist", "chord", "distance", "area", "corner_ks"):
             assert numbers[name] == pytest.approx(found[1][name], rel=1e-8, abs=1e-10)
+
+
+def test_the_wing_of_the_run_script_is_that_of_one_process():
+    one, two = (json.loads(run_ranks("cases/wing.py", n)[0].splitlines()[-1]) for n in (1, 2))
+    assert one["success"]
+    assert two["success"]
+    assert two["n_nodes"] == one["n_nodes"] == sum(each["nodes"] for each in two["processes"])
+    assert two["evaluations"] == one["evaluations"]
+    for start_or_end in ("initial", "optimal"):
+        for name, value in one[start_or_end].items():
+            assert two[start_or_end][name] == pytest.approx(value, rel=1e-7, abs=1e-9)
+    assert one["optimal"]["CL"] == pytest.approx(0.35, rel=1e-5)
+    assert one["optimal"]["CD_induced"] < 1.001 * one["initial"]["CD_induced"] * (0.35 / one["initial"]["CL"]) ** 2

@@ -80,3 +80,13 @@ def test_euler_aerostructural_bends_the_wing_and_has_exact_totals(script, tmp_pa
     assert totals["differences"] < 2e-7
     assert totals["errors"][1] < 0.3 * totals["errors"][0]  # of second order in the step
     assert (tmp_path / "euler_aerostructural.png").stat().st_size > 30_000
+
+
+def test_parallel_wing_trims_the_wing_at_the_least_induced_drag(script):
+    numbers = script("parallel_wing").main(quick=True)
+    initial, optimal = numbers["initial"], numbers["optimal"]
+    assert numbers["success"]
+    assert optimal["CL"] == pytest.approx(0.35, rel=1e-5)
+    assert optimal["CM"] < 0.19 + 1e-5
+    assert optimal["CD_induced"] < initial["CD_induced"] * (optimal["CL"] / initial["CL"]) ** 2
+    assert [each["nodes"] for each in numbers["processes"]] == [numbers["n_nodes"]]

@@ -17,6 +17,7 @@ from ...measures.camber_surface import CamberSurface
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
+from ...topology.partition import Partition
 from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_references
@@ -107,10 +108,23 @@ class LatticeFlow(om.Group):
         settings = {name: self.options[name] for name in ("n_chord", "n_span", "axes")}
         camber = CamberSurface.of(surface, **settings, ends=self.options["ends"] or self._inset(surface))
         self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
-        rows = (3 * surface.rows[:, None] + np.arange(3)).ravel()
-        self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=rows, src_shape=(3 * model.n_nodes,))
+        places, n_nodes = self._places(surface.rows)
+        entries = (3 * places[:, None] + np.arange(3)).ravel()
+        self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
         self.set_input_defaults(GRID, val=model.regenerate().to_vector(), units="m")
         return camber
+
+    def _places(self, rows: np.ndarray) -> tuple[np.ndarray, int]:
+        """Places of nodes in ``grid``, which several processes hold by `Partition.of`, and the number of its nodes."""
+        partition = Partition.of(self.options["model"].topology, self.comm.size)
+        places, start = np.empty_like(rows), 0
+        for rank in range(partition.n_ranks):
+            held, order = np.unique(partition.share(rank).rows, return_index=True)
+            if len(held):
+                at = np.minimum(np.searchsorted(held, rows), len(held) - 1)
+                places[held[at] == rows] = start + order[at[held[at] == rows]]
+            start += len(partition.share(rank).rows)
+        return places, start
 
     def _inset(self, surface: SurfaceGrid) -> tuple[float, float]:
         """Root, and a place a quarter of a strip short of the tip."""

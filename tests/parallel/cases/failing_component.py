@@ -21,6 +21,9 @@ is_last = comm.rank == comm.size - 1
 SILENT = ("EulerForces", "EulerWallForces", "LatticeForces", "WakeForces", "Displaced", "SolverNodes", "Renamed")
 """Components that look at nothing: what is not finite has been refused upstream."""
 
+REFUSED = ("PointSet, in the volumes",)
+"""Components that one process alone can run."""
+
 
 class Fed(om.Group):
     """A component whose distributed inputs, which need a source, start where it says."""
@@ -64,6 +67,10 @@ def raised(task):
 
 def run(name):
     """A number that is not finite on one rank, then the run before."""
+    if name in REFUSED:
+        kind, words = raised(lambda: component_of(name))
+        assert kind is InputError, words
+        return
     component = component_of(name)
     point = [vector.asarray(copy=True) for vector in (component._inputs, component._outputs)]
     good = residual(component, point)
@@ -98,7 +105,7 @@ def setup(**options):
 
 
 if sys.argv[1] == "run":
-    for name in COMPONENTS:
+    for name in [n for n in COMPONENTS if not n.startswith("GridEvaluate, asked")]:
         run(name)
         print(name)
 else:
