@@ -24,12 +24,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TypeVar, cast
 
 import numpy as np
 import openmdao.api as om
+from openmdao.utils.om_warnings import issue_warning
 from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
@@ -40,6 +41,9 @@ LINEAR_STEP = 1.0
 
 SMOOTH_STEP = 1e-5
 """Step of differences of what varies over a length of order 1, such as an angle or a scale."""
+
+OWN, SAME, LEFT_OUT = "own", "same", "left out"
+"""Ways to check derivatives on several processes, see `CheckedOnProcesses`."""
 
 TOUCHING = 1e-9
 """Neighbours nearer than this part of the grid's size count as one point: no step could be small beside their
@@ -265,8 +269,7 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
     OpenMDAO's default runs the component once for every number in the inputs, and holds all of the Jacobian. Call it in
     ``setup``; what a user sets on the component after ``Problem.setup`` comes before it.
 
-    On several processes that default stays but for a `CheckedAlone`: along a direction OpenMDAO would compare sums over
-    the entries of each process alone, with seeds of its own for the same serial output.
+    A component whose processes depend on each other also is a `CheckedOnProcesses`.
 
     Parameters
     ----------
@@ -280,11 +283,10 @@ def check_along_directions(component: om.Component, step: float, wrt: str = "*",
         Take complex steps in the place of differences where the problem has room for them, after
         ``setup(force_alloc_complex=True)``: for components with kernels that are exact under them.
     """
-    is_alone = component.comm.size == 1 or isinstance(component, CheckedAlone)
     if is_complex and component._force_alloc_complex:  # OpenMDAO has no public name for it
-        component.set_check_partial_options(wrt, method="cs", directional=is_alone)
+        component.set_check_partial_options(wrt, method="cs", directional=True)
     else:
-        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=is_alone)
+        component.set_check_partial_options(wrt, method="fd", form="central", step=step, directional=True)
 
 
 def difference_step(lines: Iterable[np.ndarray], sharpness: float = 1.0, comm=ONE) -> float:
@@ -338,29 +340,46 @@ def _shortest_edge(points: np.ndarray, least: float) -> float:
     return float(np.sqrt(shortest))
 
 
-class CheckedAlone(om.ExplicitComponent):
-    """Component of which all processes have all inputs, and each its own part of outputs, or all of them.
+class CheckedOnProcesses:
+    """Part of a component whose processes depend on each other, for ``check_partials`` on several of them.
 
-    OpenMDAO's check along directions takes dot products on every process by itself. They are right where each process
-    differentiates what it has itself, and wrong with the sum over all processes that the reverse product otherwise is
-    where outputs are distributed. So every process checks itself as if it were alone.
+    OpenMDAO draws the directions of a check on every process by itself, and takes its dot products there. That is right
+    for components of which every process has all, and for those here in one of three ways, `way_of_check`:
+
+    - ``OWN``: from inputs that all processes have to outputs that they share. Each checks its own part, without the sum
+      over all processes that the reverse product is otherwise.
+    - ``SAME``: all variables are the same on all processes, which work together. They take the same directions.
+    - ``LEFT_OUT``: whatever needs sums over all processes. The check says so, and is left to one process, where the
+      derivatives are the same.
     """
+
+    way_of_check = LEFT_OUT
 
     def check_partials(self, *arguments, **options):
         """Check the partial derivatives, see ``om.ExplicitComponent.check_partials``."""
-        comm, self.comm = self.comm, ONE
-        try:
+        if self.comm.size > 1 and self.way_of_check == LEFT_OUT:
+            if self.comm.rank == 0:
+                issue_warning(
+                    f"check_partials leaves it out on {self.comm.size} processes, whose sums it would compare one by "
+                    "one; check on one process, where the derivatives are the same",
+                    prefix=self.msginfo,
+                    category=om.DerivativesWarning,
+                )
+            return {self.pathname: {}}, None
+        if self.comm.size > 1 and self.way_of_check == SAME:
+            np.random.set_state(self.comm.bcast(np.random.get_state(), root=0))  # noqa: NPY002 - OpenMDAO draws there
+        with each_for_itself(self) if self.way_of_check == OWN else nullcontext():
             return super().check_partials(*arguments, **options)
-        finally:
-            self.comm = comm
 
 
-class SparseComponent(CheckedAlone):
+class SparseComponent(CheckedOnProcesses, om.ExplicitComponent):
     """Component with sparse partials, which ``check_partials`` checks along directions, as the matrix-free ones.
 
     OpenMDAO cannot check along a direction where a pattern is declared: it takes one column after another. So the check
     sees products with the very entries that are declared, in the place of the declaration.
     """
+
+    way_of_check = OWN
 
     def __init__(self, **options):
         super().__init__(**options)
@@ -432,6 +451,17 @@ def as_analysis_errors(
         yield
     except kinds as error:
         raise om.AnalysisError(f"{component.msginfo}: {error}") from error
+
+
+@contextmanager
+def each_for_itself(component: om.ExplicitComponent) -> Iterator[None]:
+    """Let every process of a component run it as if it were alone, with its own part of distributed variables."""
+    comm = component.comm
+    component.comm = ONE
+    try:
+        yield
+    finally:
+        component.comm = comm
 
 
 Method = TypeVar("Method", bound=Callable)

@@ -17,6 +17,8 @@ from ..movement.shared import WAYS, shared_mover
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
 from ..numerics.processes import on_first
 from .component import (
+    SAME,
+    CheckedOnProcesses,
     add_product,
     as_analysis_errors,
     check_along_directions,
@@ -32,7 +34,7 @@ INPUTS = (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
 _LOGGER = logging.getLogger(__name__)
 
 
-class ControlMeshMove(om.ExplicitComponent):
+class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     """Move the control mesh behind its surface, section III, with the exact derivative through all increments.
 
     The mover is an object: one of `bspline_mdao.movement`, or the user's own, see `bspline_mdao.movement.mover.Mover`.
@@ -86,6 +88,7 @@ class ControlMeshMove(om.ExplicitComponent):
     (DOE), ``keep_increments=False`` will do.
     """
 
+    way_of_check = SAME
     is_linear = False
     """False: the outputs depend on the inputs through the stiffness as well."""
 

@@ -17,6 +17,7 @@ from ..numerics.processes import together
 from ..topology.partition import Partition
 from .component import (
     LINEAR_STEP,
+    CheckedOnProcesses,
     LastState,
     add_product,
     by_parts,
@@ -29,7 +30,7 @@ from .component import (
 from .shares import WholeNodes, blocks_of, check_step, declare_partition
 
 
-class Fit(om.ExplicitComponent):
+class Fit(CheckedOnProcesses, om.ExplicitComponent):
     """Fit control points to a grid, section II.D: by least squares, or by what keeps the control mesh valid.
 
     With parameters and knots frozen at those of the model, the component is linear and says so (`is_linear`). Its

@@ -10,6 +10,7 @@ from ..fit.live_fit import LiveGrid, LiveGridState, live_grid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, GRID, GRID_INITIAL
 from .component import (
+    CheckedOnProcesses,
     LastState,
     add_product,
     check_along_directions,
@@ -24,7 +25,7 @@ from .shares import WholeNodes, blocks_of, declare_partition
 INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
 
 
-class LiveGridEvaluate(om.ExplicitComponent):
+class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     """Regenerate the grid where parameters and knots follow the baseline grid x0: `bspline_mdao.fit.live_fit`.
 
     The partner of ``Fit(live=True)``: behind a grid generator the totals of the regenerated grid are exact. Residual

@@ -15,6 +15,7 @@ from ..names import GRID
 from ..numerics.processes import from_all, together
 from ..topology.partition import Partition
 from .component import (
+    CheckedOnProcesses,
     check_along_directions,
     difference_step,
     failures_as_analysis_errors,
@@ -26,7 +27,7 @@ from .shares import declare_partition, share_of
 CELL_QUALITY = "cell_quality"
 
 
-class Quality(om.ExplicitComponent):
+class Quality(CheckedOnProcesses, om.ExplicitComponent):
     """Measure the cells of a grid: smooth bounds for constraints, and on demand Q of every cell, Eq. (9).
 
     The bounds never exceed the smallest value, so that ``quality_ks >= 0.01`` keeps every cell above 0.01. Q cannot see

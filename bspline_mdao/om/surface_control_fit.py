@@ -14,7 +14,6 @@ from ..movement.mover import PLANE_TOLERANCE
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from ..topology.sharing import node_sharing
 from .component import (
-    CheckedAlone,
     LastState,
     add_product,
     as_node_numbers,
@@ -26,7 +25,7 @@ from .component import (
 )
 
 
-class SurfaceControlFit(CheckedAlone):
+class SurfaceControlFit(om.ExplicitComponent):
     """Fit the surface control points to surface nodes by least squares: the inverse of `SurfaceEvaluate`.
 
     Nodes of a spline surface give back its control points to round-off. What control points cannot represent of others

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import openmdao.api as om
+
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap, SurfaceState
@@ -9,7 +11,6 @@ from ..model.fitted_model import FittedModel
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from .component import (
     LINEAR_STEP,
-    CheckedAlone,
     LastState,
     add_product,
     check_along_directions,
@@ -20,7 +21,7 @@ from .component import (
 )
 
 
-class SurfaceEvaluate(CheckedAlone):
+class SurfaceEvaluate(om.ExplicitComponent):
     """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
 
     They are those of `GridEvaluate` to round-off, at a fraction of the cost. The component is linear (`is_linear`)

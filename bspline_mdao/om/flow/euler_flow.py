@@ -18,7 +18,7 @@ from ...model.fitted_model import FittedModel
 from ...model.model_share import ModelShare, nodes_at
 from ...names import GRID
 from ...topology.partition import Partition
-from ..component import add_bar, direction_in
+from ..component import CheckedOnProcesses, add_bar, direction_in
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
 from .references import REFERENCES, declare_references
@@ -125,7 +125,7 @@ class EulerFlow(om.Group):
         return nodes_at(model, partition.share(self.comm.rank).rows)
 
 
-class EulerForces(om.ExplicitComponent):
+class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     """Coefficients of forces and moments, pressures, and drag in the far field, of the states of all cells.
 
     ================  ======  ============  =====  =====================================================================

@@ -24,6 +24,7 @@ from ...names import GRID
 from ...numerics.processes import largest, summed_number
 from ..component import (
     SMOOTH_STEP,
+    CheckedOnProcesses,
     add_bar,
     central_step,
     check_along_directions,
@@ -40,7 +41,7 @@ LARGEST_RESIDUAL = 1e-8
 """Residual, relative to that of the uniform stream, up to which a flow that no longer converges is accepted."""
 
 
-class EulerState(om.ImplicitComponent):
+class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     """Solve the steady Euler equations on the cells of a grid.
 
     ===============  ======  ============  =====  ======================================================================

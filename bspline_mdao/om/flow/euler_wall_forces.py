@@ -14,7 +14,7 @@ from ...flow.euler.gas import N_STATES
 from ...flow.euler.wall_forces import WallForces
 from ...mesh.surface import SurfaceGrid
 from ...names import GRID
-from ..component import add_bar, direction_in
+from ..component import CheckedOnProcesses, add_bar, direction_in
 from .euler_state import check_on_grid
 
 __all__ = ["EulerWallForces"]
@@ -23,7 +23,7 @@ INPUTS = ("states", GRID, "Mach_number", "dynamic_pressure")
 """In the order of the kernel's arguments."""
 
 
-class EulerWallForces(om.ExplicitComponent):
+class EulerWallForces(CheckedOnProcesses, om.ExplicitComponent):
     """Forces on the nodes of a surface, with the sum and the moment of the pressures on its faces.
 
     ====================  ======  ============  =====  =================================================================

@@ -10,7 +10,7 @@ from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
 from ...names import SURFACE
 from ...numerics.processes import summed
-from ..component import LINEAR_STEP, check_along_directions
+from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions
 from ..surface_control import SurfaceControl
 from ..surface_evaluate import SurfaceEvaluate
 from ..surface_measure import SurfaceMeasure
@@ -93,7 +93,7 @@ class SurfaceGeometry(om.Group):
             self.add_subsystem(f"measure_{measure.name}", SurfaceMeasure(measure=measure), promotes=["*"])
 
 
-class _Displaced(om.ExplicitComponent):
+class _Displaced(CheckedOnProcesses, om.ExplicitComponent):
     """Add the displacement of the surface to a solver's nodes."""
 
     def initialize(self):

@@ -11,7 +11,7 @@ from mphys import Builder
 
 from ...flow.rigid_links import N_DOF, RigidLinks
 from ...numerics.processes import summed
-from ..component import SMOOTH_STEP, check_along_directions, finite_points
+from ..component import SMOOTH_STEP, CheckedOnProcesses, check_along_directions, finite_points
 from .conventions import COORDINATES, COUPLING, F_AERO, U_AERO, U_STRUCT, X_JIG, X_STRUCT, names_of
 from .distribution import nodes_of_rank
 
@@ -37,7 +37,7 @@ class RigidLinkBuilder(Builder):
         return LinkedDisplacements(links=self._links), LinkedLoads(links=self._links, generation=self._generation)
 
 
-class _Linked(om.ExplicitComponent):
+class _Linked(CheckedOnProcesses, om.ExplicitComponent):
     """What both components share: the points of this process, and the beam, which all have."""
 
     is_linear = False

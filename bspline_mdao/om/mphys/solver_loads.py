@@ -6,7 +6,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...numerics.processes import summed
-from ..component import LINEAR_STEP, check_along_directions
+from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions
 from .conventions import COUPLING, F_AERO
 from .distribution import nodes_of_rank
 
@@ -16,7 +16,7 @@ WALL_FORCES = "wall_forces"
 """Forces on all nodes of the surface, as our flows hand them out."""
 
 
-class SolverLoads(om.ExplicitComponent):
+class SolverLoads(CheckedOnProcesses, om.ExplicitComponent):
     """Give each process the forces on its nodes of the surface.
 
     ===============  ======  ============  =====  ======================================================================

@@ -11,7 +11,7 @@ from ...model.fitted_model import FittedModel
 from ...names import GRID, SURFACE
 from ...numerics.processes import summed, together
 from ...topology.partition import Partition, Share
-from ..component import LINEAR_STEP, check_along_directions, finite_points
+from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions, finite_points
 from ..grid_movement import GridMovement
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
 from .distribution import nodes_of_rank
@@ -125,7 +125,7 @@ _FIRST = {"src_indices": [0], "flat_src_indices": True, "src_shape": (1,)}
 """Of what MPhys connects and nobody reads, one number: OpenMDAO leaves no distributed input unconnected."""
 
 
-class _SolverSurface(om.ExplicitComponent):
+class _SolverSurface(CheckedOnProcesses, om.ExplicitComponent):
     """Take the nodes of the surface from a solver, each once: the mean of those that are given more than once.
 
     The solver's nodes are distributed, the surface is the same on all processes: the sum of their parts.
