@@ -1,6 +1,7 @@
 """The grid on several ranks: its bits, its products and its totals are those of one process."""
 
 import sys
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from bspline_mdao import GridEvaluate, Partition, Share, SurfaceGrid, fit_grid, 
 from bspline_mdao.generators.hh_wing import Spacing
 from bspline_mdao.topology.grid import Block, Grid
 
+warnings.simplefilter("ignore", om.DerivativesWarning)
 comm = MPI.COMM_WORLD
 
 
