@@ -18,3 +18,8 @@ def test_a_solver_on_several_ranks_gets_its_own_nodes_and_the_totals_of_one_proc
 @pytest.mark.slow
 def test_a_flow_of_ours_has_the_totals_of_one_process_on_several():
     assert run_ranks("cases/mphys_flow.py", 2, timeout=240.0) == ["done\n"] * 2
+
+
+@pytest.mark.slow
+def test_wrong_nodes_of_one_rank_are_refused_on_all_and_the_next_run_goes_on():
+    assert run_ranks("cases/mphys_failures.py", 2, timeout=240.0) == ["done\n"] * 2
