@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import openmdao.api as om
 
+from ...errors import InputError
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES
@@ -15,10 +16,11 @@ from ...flow.euler.sequencing import coarse_levels, useful_levels
 from ...flow.stream import RADIAN
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
-from ...model.model_share import ModelShare, nodes_at
+from ...model.model_share import ModelShare
 from ...names import GRID
-from ...topology.partition import Partition
-from ..component import CheckedOnProcesses, add_bar, direction_in
+from ...topology.partition import Partition, Share
+from ..component import CheckedOnProcesses, add_bar, direction_in, fails_together
+from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
 from .references import REFERENCES, declare_references
@@ -47,6 +49,9 @@ class EulerFlow(om.Group):
     ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
     ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
     ================  ======  ============  =====  =====================================================================
+
+    On several processes ``grid`` and ``states`` are distributed, and ``grid`` has to be connected, such as to that of
+    `GridEvaluate`; all other variables are the same on all of them. All processes raise the same error.
 
     With a ``loaded`` surface also
 
@@ -82,14 +87,15 @@ class EulerFlow(om.Group):
     Raises
     ------
     InputError
-        In ``setup``, if the patches do not tell what the boundary is, or there is no reference area.
+        In ``setup``, if the patches do not tell what the boundary is, there is no reference area, or the partition does
+        not fit the model or the number of processes.
     """
 
     def initialize(self):
         """Declare the options."""
         self.options.declare("model", types=(FittedModel, ModelShare), recordable=False, desc="the fitted grid")
         declare_references(self.options)
-        self.options.declare("partition", types=Partition, default=None, allow_none=True, recordable=False)
+        declare_partition(self)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
         self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
@@ -98,8 +104,7 @@ class EulerFlow(om.Group):
     def setup(self):
         """Add the solution and what is made of it."""
         model = self.options["model"]
-        partition = self.options["partition"] or Partition.of(model.topology, self.comm.size)
-        nodes = self._baseline(model, partition)
+        partition, nodes = self._pieces()
         shocks = self.options["shock_threshold"]
         how = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
@@ -116,13 +121,23 @@ class EulerFlow(om.Group):
         self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
 
-    def _baseline(self, model: FittedModel | ModelShare, partition: Partition) -> np.ndarray:
-        """Baseline nodes of this process (m), shape (n_nodes, 3)."""
-        if isinstance(model, ModelShare):
-            return model.regenerate()
-        if self.comm.size == 1:
-            return model.regenerate().to_vector().reshape(-1, 3)
-        return nodes_at(model, partition.share(self.comm.rank).rows)
+    @fails_together
+    def _pieces(self) -> tuple[Partition, np.ndarray]:
+        """Who has which pieces of the grid, and the baseline nodes of this process (m), shape (n_nodes, 3)."""
+        part, partition = part_of_model(self), self.options["partition"]
+        if isinstance(partition, Share):
+            raise InputError(
+                f"{self.msginfo}: a Share does not tell which cells others have; give the Partition that it is of"
+            )
+        partition = partition or Partition.of(part.topology, self.comm.size)
+        if isinstance(part, FittedModel):
+            return partition, part.regenerate().to_vector().reshape(-1, 3)
+        if not np.array_equal(part.share.rows, partition.share(self.comm.rank).rows):
+            raise InputError(
+                f"{self.msginfo}: the model is a share of other nodes than those of Partition.of(model.topology, "
+                f"{self.comm.size}); give the partition that it is of"
+            )
+        return partition, part.regenerate()
 
 
 class EulerForces(CheckedOnProcesses, om.ExplicitComponent):

@@ -37,6 +37,7 @@ from ..component import (
 
 INPUTS = (GRID, "alpha", "Mach_number")
 
+
 LARGEST_RESIDUAL = 1e-8
 """Residual, relative to that of the uniform stream, up to which a flow that no longer converges is accepted."""
 

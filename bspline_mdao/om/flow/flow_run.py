@@ -33,7 +33,7 @@ def run_flow(problem: om.Problem) -> dict:
     start = time.perf_counter()
     problem.run_model()
     seconds = time.perf_counter() - start
-    names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None)}
+    names = {meta["prom_name"] for _, meta in problem.model.list_outputs(out_stream=None, all_procs=True)}
     summary = {name: problem.get_val(name).item() for name in COEFFICIENTS if name in names} | {"seconds": seconds}
     for state in problem.model.system_iter(recurse=True, typ=EulerState):
         history = state.solution.history
