@@ -127,7 +127,7 @@ class Traffic:
 TRAFFIC = Traffic()
 
 BUFFERS = ("Allreduce", "Reduce", "Bcast", "Allgather", "Allgatherv", "Gather", "Gatherv", "Scatterv", "Send", "Isend")
-OBJECTS = ("allreduce", "reduce", "bcast", "allgather", "gather", "scatter", "send", "isend")
+OBJECTS = ("allreduce", "reduce", "bcast", "allgather", "gather", "scatter", "alltoall", "send", "isend")
 
 
 def counted(comm):
