@@ -14,11 +14,11 @@ import numpy as np
 from ..checks import require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
+from ..model.model_share import nodes_at
 from ..numerics.vectors import nearest_plane
 from ..topology.boundary_surface import BoundarySurface, quads_in_turn
-from ..topology.index_space import block_rows
-from ..topology.sharing import node_sharing
-from ..topology.topology import Topology, describe
+from ..topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
+from ..topology.topology import BoundaryFace, Topology, describe
 from .allowed_directions import plane_normal
 from .boundary import matching_names, matching_patches, wall_patches
 from .frame import Plane
@@ -77,11 +77,10 @@ class SurfaceGrid:
         found = [face for face in topology.boundary if face.patch in wanted]
         if not found:
             raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
-        nodes = model.regenerate().to_vector().reshape(-1, 3)
-        blocks = block_rows(topology.shapes)
+        nodes = _nodes_at_faces(model, [*found, *(face for face in topology.boundary if face.kind == "symmetry")])
         whole = BoundarySurface.of(topology, nodes, found)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
-        patches, planes = tuple(str(face.patch) for face in found), _symmetry_planes(topology, blocks, nodes)
+        patches, planes = tuple(str(face.patch) for face in found), _symmetry_planes(topology, nodes)
         return cls(nodes[whole.rows], whole.rows, whole.faces, names, patches, planes)
 
     @property
@@ -97,13 +96,12 @@ class SurfaceGrid:
         list of (ndarray of int, ndarray of shape (3,))
             For each face of symmetry that holds some: their numbers, and the unit normal of the plane.
         """
-        topology, nodes = model.topology, model.regenerate().to_vector().reshape(-1, 3)
-        source, blocks, found = node_sharing(topology).source_rows(), block_rows(topology.shapes), []
-        for face in topology.boundary:
+        copies, found = node_copies(model.topology), []
+        for face in model.topology.boundary:
             if face.kind == "symmetry":
-                rows = blocks[face.window.block][face.window.slices].ravel()
-                ids = np.flatnonzero(np.isin(self.rows, source[rows]))
-                found += [(ids, nearest_plane(nodes[rows])[0])] if len(ids) else []
+                rows = face_rows(model.topology, face.window).ravel()
+                ids = np.flatnonzero(np.isin(self.rows, source_rows(copies, rows)))
+                found += [(ids, nearest_plane(nodes_at(model, rows))[0])] if len(ids) else []
         return found
 
     @cached_property
@@ -124,12 +122,20 @@ class SurfaceGrid:
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
 
 
-def _symmetry_planes(topology: Topology, blocks: list[np.ndarray], nodes: np.ndarray) -> tuple[Plane, ...]:
+def _nodes_at_faces(model: FittedModel, faces: Sequence[BoundaryFace]) -> NodesByRow:
+    """Nodes on some faces on the baseline, in the layer next to them, and those that these are copies of."""
+    layers = [rows.ravel() for face in faces for rows in face_layer_rows(model.topology, face.window)]
+    rows = np.unique(np.concatenate(layers))
+    rows = np.union1d(rows, source_rows(node_copies(model.topology), rows))
+    return NodesByRow(rows, nodes_at(model, rows))
+
+
+def _symmetry_planes(topology: Topology, nodes: NodesByRow) -> tuple[Plane, ...]:
     """Planes of the symmetry patches, each once."""
     planes: dict[tuple, Plane] = {}
     for face in topology.boundary:
         if face.kind == "symmetry":
-            x = nodes[blocks[face.window.block][face.window.slices].ravel()]
+            x = nodes[face_rows(topology, face.window).ravel()]
             normal = plane_normal(x, f"{topology.source}: patch {face.patch}")
             normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
             offset = float(normal @ x.mean(axis=0))

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..model.fitted_model import FittedModel
-from ..topology.sharing import node_sharing
+from ..topology.held_nodes import HeldNodes
 from ..walls.node_vectors import FaceNodes
 from ..walls.turning import Turn, Turning
 from .boundary import require_mesh_of
@@ -82,21 +82,23 @@ class SurfaceMap:
             corners of spans that their residual turns with) and with whether it is the second; may refuse it.
         """
         require = require or (lambda matrix, turned: None)
-        matrix = _evaluator(model, rows).matrix()
+        held = HeldNodes.of(model.topology, rows)
+        parameters = model.parameters_of(held)
+        evaluator = Evaluator.of_nodes(held, model.mesh, parameters)
+        matrix = evaluator.matrix()
         require(matrix, False)
         is_surface = np.zeros(len(model.control_points), dtype=bool)
         is_surface[surface_ids] = True
         constant = matrix @ np.where(is_surface[:, None], 0.0, model.control_points)
-        turned = None
-        has_turning = model.residual is not None and model.settings.wall_layer
-        turning = model.grid_map().turning if has_turning else None
-        if model.residual is not None and turning is not None:
-            face_nodes = turning.rows(rows)
+        turned, residual = None, model.residual_at(rows)
+        if residual is not None and model.settings.wall_layer:
+            turning = Turning.of(held, model.mesh, parameters, model.control_points, evaluator)
+            face_nodes = turning.rows(np.arange(len(rows)))
             require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
             turning = turning.of_rows(face_nodes)
-            turned = _TurnedRows(turning, face_nodes, model.residual[rows], surface_ids, model.control_points)
-        elif model.residual is not None:
-            constant += model.residual[rows]
+            turned = _TurnedRows(turning, face_nodes, residual, surface_ids, model.control_points)
+        elif residual is not None:
+            constant += residual
         return cls(csr_array(matrix[:, surface_ids]), constant, turned)
 
     @property
@@ -194,17 +196,6 @@ class _TurnedRows:
 
     def vjp(self, turn: Turn, bar: np.ndarray) -> np.ndarray:
         return turn.rows_vjp(self.rows, self.residual, bar)[self.surface_ids]
-
-
-def _evaluator(model: FittedModel, rows: np.ndarray) -> Evaluator:
-    """Evaluation of some nodes alone, by their rows, each in the volume that evaluates it in the grid."""
-    number = np.full(model.n_nodes, -1)
-    number[rows] = np.arange(len(rows))
-    sharing = node_sharing(model.topology)
-    wanted = [own & (number[block] >= 0) for block, own in zip(sharing.rows, sharing.is_evaluated)]
-    parameters = [x[mask] for x, mask in zip(model.parameters, wanted)]
-    numbers = [number[block[mask]] for block, mask in zip(sharing.rows, wanted)]
-    return Evaluator.build(model.mesh, parameters, numbers, len(rows))
 
 
 def _require_fixed(mesh: MovingMesh, surface: SurfaceGrid, matrix: csr_array, turned: bool) -> None:
