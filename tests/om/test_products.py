@@ -26,6 +26,7 @@ from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
+from bspline_mdao.numerics.processes import ONE
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.om.fit import Fit
 from bspline_mdao.om.flow.euler_flow import EulerForces
@@ -134,15 +135,16 @@ COMPONENTS = {
     "WakeForces": lambda: WakeForces(n_chord=4, n_span=7),
     "Displaced": lambda: geometry._Displaced(surface=surface(), numbers=some_nodes()),
     "SurfaceControlFit": lambda: SurfaceControlFit(model=model(), mesh=moving_mesh(model()), surface=surface()),
-    "SolverSurface": lambda: warper._SolverSurface(surface=surface(), numbers=some_nodes()),
-    "SolverNodes": lambda: warper._SolverNodes(n_nodes=len(surface().points), rows=some_nodes(), name="nodes"),
+    "SolverSurface": lambda: warper._SolverSurface(
+        surface=surface(), numbers=some_nodes(), counts=np.bincount(some_nodes(), minlength=surface().n_points)
+    ),
     "RidingPoints": lambda: point_sets.RidingPoints(
         name="x_struct0", points=box_in_wing(), surface=SurfaceGrid.of(wing())
     ),
     "SolverLoads": lambda: solver_loads.SolverLoads(n_points=9),
     "LinkedDisplacements": lambda: rigid_links.LinkedDisplacements(links=links()),
     "LinkedLoads": lambda: rigid_links.LinkedLoads(links=links()),
-    "Renamed": lambda: renamed.Renamed(pairs=flow_group._conditions(12, names_of(None, "renamed"))),
+    "Renamed": lambda: renamed.Renamed(pairs=flow_group._conditions(12, names_of(None, "renamed"), ONE)),
 }
 """All components of the package, in their modes."""
 

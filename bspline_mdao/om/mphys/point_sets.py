@@ -10,7 +10,7 @@ import openmdao.api as om
 from ...mesh.surface import SurfaceGrid
 from ...names import SURFACE
 from ...walls.body_points import Body, BodyPoints, require_contained
-from ..component import LINEAR_STEP, add_bar, check_along_directions, finite_points
+from ..component import LINEAR_STEP, add_bar, check_along_directions, fails_together, finite_points
 from .conventions import COORDINATES, names_of, point_set_names
 
 __all__ = ["RidingPoints"]
@@ -68,6 +68,7 @@ class RidingPoints(om.ExplicitComponent):
         self.add_output(self._of, val=points.ravel(), tags=COORDINATES)
         check_along_directions(self, LINEAR_STEP)
 
+    @fails_together
     def compute(self, inputs, outputs):
         """Add the displacement."""
         nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo)

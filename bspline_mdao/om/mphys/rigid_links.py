@@ -11,7 +11,7 @@ from mphys import Builder
 
 from ...flow.rigid_links import N_DOF, RigidLinks
 from ...numerics.processes import summed
-from ..component import SMOOTH_STEP, CheckedOnProcesses, check_along_directions, finite_points
+from ..component import SMOOTH_STEP, CheckedOnProcesses, check_along_directions, fails_together, finite_points
 from .conventions import COORDINATES, COUPLING, F_AERO, U_AERO, U_STRUCT, X_JIG, X_STRUCT, names_of
 from .distribution import nodes_of_rank
 
@@ -56,6 +56,7 @@ class _Linked(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input(X_STRUCT, shape=3 * n_nodes, tags=COORDINATES)
         check_along_directions(self, SMOOTH_STEP)
 
+    @fails_together
     def _at(self, inputs, name, width):
         """Points, beam, and what is transferred."""
         x, beam = (finite_points(inputs[known], known, self.msginfo) for known in (X_JIG, X_STRUCT))

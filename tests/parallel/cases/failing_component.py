@@ -18,7 +18,10 @@ from bspline_mdao.numerics.processes import world
 
 comm = world()
 is_last = comm.rank == comm.size - 1
-SILENT = ("EulerForces", "EulerWallForces", "LatticeForces", "WakeForces", "Displaced", "SolverNodes", "Renamed")
+SILENT = (
+    *("EulerForces", "EulerWallForces", "LatticeForces", "WakeForces"),
+    *("Displaced", "Renamed", "SolverLoads"),
+)
 """Components that look at nothing: what is not finite has been refused upstream."""
 
 REFUSED = ("PointSet, in the volumes",)
