@@ -7,10 +7,8 @@ from mpi4py import MPI
 
 from bspline_mdao.cells.aggregates import AGGREGATES
 from bspline_mdao.errors import InputError
-from bspline_mdao.model.model_share import nodes_at
 from bspline_mdao.numerics.processes import summed, world
 from bspline_mdao.om.quality import Quality
-from bspline_mdao.testing import assert_partials
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.partition import Partition, Share
 
@@ -82,15 +80,37 @@ for partition in deals():
         assert repr(problem.model.quality.report()) == repr(report)
 
 
-coarse = model.member(0.34)
-rows = Partition.of(coarse.topology, comm.size).share(comm.rank).rows
-problem, nodes = om.Problem(reports=False), om.IndepVarComp()
-nodes.add_output("grid", val=nodes_at(coarse, rows).ravel(), distributed=True, units="m")
-problem.model.add_subsystem("nodes", nodes, promotes=["*"])
-problem.model.add_subsystem("quality", Quality(model=coarse, **SETTINGS, cells=True), promotes=["*"])
-problem.setup()
-problem.run_model()
-assert_partials(problem, atol=1e-6, rtol=1e-6)
+def check_products(problem, share):
+    """Compare forward products with differences and reverse ones, in directions and with seeds of each rank."""
+    component, rng = problem.model.quality, np.random.default_rng(comm.rank)
+    at, direction = (
+        {"grid": problem.get_val("grid", get_remote=False).ravel().copy()},
+        rng.standard_normal(3 * share.n_nodes),
+    )
+    n_cells = share.cells.size
+
+    def outputs(step=0.0):
+        found = {name: np.zeros(1) for name in AGGREGATES} | {"cell_quality": np.zeros(n_cells)}
+        component.compute({"grid": at["grid"] + step * direction}, found)
+        return np.concatenate([np.ravel(value) for value in found.values()])
+
+    forward = {name: np.zeros(1) for name in AGGREGATES} | {"cell_quality": np.zeros(n_cells)}
+    component.compute_jacvec_product(at, {"grid": direction}, forward, "fwd")
+    exact = np.concatenate(list(forward.values()))
+    difference = (outputs(1e-6) - outputs(-1e-6)) / 2e-6
+    np.testing.assert_allclose(difference, exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+    seeds = {name: np.random.default_rng(9).standard_normal(1) for name in AGGREGATES}
+    seeds["cell_quality"], bar = rng.standard_normal(n_cells), {"grid": np.zeros(3 * share.n_nodes)}
+    component.compute_jacvec_product(at, bar, seeds, "rev")
+    serial = sum(float(seeds[name] @ forward[name]) for name in AGGREGATES)
+    parts = np.array([seeds["cell_quality"] @ forward["cell_quality"], bar["grid"] @ direction])
+    of_cells, reverse = summed(comm, parts)
+    assert abs(serial + of_cells - reverse) < 1e-12 * max(abs(serial), abs(of_cells), abs(reverse))
+
+
+check_products(problem, share)
+share = Partition.of(model.topology, comm.size).share(comm.rank)
+check_products(problem_of(comm, share, "rev", cells=True), share)
 
 
 def words(task, kind):
