@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from topology_cases import c_grid, grid_of, o_grid, smooth_box, split, twelve_block_plate
 
-from bspline_mdao import fit_grid, onera_m6_grid
+from bspline_mdao import fit_grid, onera_m6_grid, read_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.generators.hh_wing import Spacing
 from bspline_mdao.mesh.surface import SurfaceGrid
@@ -171,3 +171,12 @@ def test_a_share_of_another_grid_is_refused():
     model = fit_grid(grid_of(smooth_box(12, 9, 8)), n_control=5)
     with pytest.raises(InputError, match="a share of a grid of 8 nodes, but it has 864"):
         model.share(Share.of_rows([0], 8))
+
+
+@pytest.mark.slow
+def test_shares_of_a_real_grid_have_its_bits(real_grids):
+    model = fit_grid(read_grid(real_grids / "pyhyp_m6_9blocks.xyz"))
+    points = moved(model, np.random.default_rng(5), size=1e-6)
+    expected = model.grid_map().at(points).nodes
+    for share in shares_of(model, 3):
+        assert share.regenerate(points).tobytes() == expected[share.share.rows].tobytes()
