@@ -82,7 +82,7 @@ def moving_mesh(
     return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
 
 
-def require_mesh_of(model: FittedModel, mesh: MovingMesh, what: str) -> None:
+def require_mesh_of(model: FittedModel | ModelShare, mesh: MovingMesh, what: str) -> None:
     """Refuse the control mesh of another model; ``what`` names the mesh.
 
     Raises

@@ -14,7 +14,7 @@ import numpy as np
 from ..checks import require_kind
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
-from ..model.model_share import nodes_at
+from ..model.model_share import ModelShare, nodes_at
 from ..numerics.vectors import nearest_plane
 from ..topology.boundary_surface import BoundarySurface, quads_in_turn
 from ..topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
@@ -52,13 +52,13 @@ class SurfaceGrid:
     planes: tuple[Plane, ...] = ()
 
     @classmethod
-    def of(cls, model: FittedModel, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+    def of(cls, model: FittedModel | ModelShare, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
         """Take the surface of a fitted grid.
 
         Parameters
         ----------
-        model : FittedModel
-            The fitted grid.
+        model : FittedModel or ModelShare
+            The fitted grid, or what one of several processes needs of it.
         patches : str or sequence of str, optional
             Patches by name or pattern (``"wing*"``); all walls by default.
 
@@ -71,7 +71,8 @@ class SurfaceGrid:
         InputError
             If a patch does not exist, no patch is a wall, or a symmetry patch is not planar.
         """
-        require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
+        if not isinstance(model, ModelShare):
+            require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
         topology = model.topology
         wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
         found = [face for face in topology.boundary if face.patch in wanted]
@@ -88,7 +89,7 @@ class SurfaceGrid:
         """Number of nodes."""
         return len(self.points)
 
-    def on_planes(self, model: FittedModel) -> list[tuple[np.ndarray, np.ndarray]]:
+    def on_planes(self, model: FittedModel | ModelShare) -> list[tuple[np.ndarray, np.ndarray]]:
         """Find its nodes on planes of symmetry of its model.
 
         Returns
@@ -122,7 +123,7 @@ class SurfaceGrid:
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
 
 
-def _nodes_at_faces(model: FittedModel, faces: Sequence[BoundaryFace]) -> NodesByRow:
+def _nodes_at_faces(model: FittedModel | ModelShare, faces: Sequence[BoundaryFace]) -> NodesByRow:
     """Nodes on some faces on the baseline, in the layer next to them, and those that these are copies of."""
     layers = [rows.ravel() for face in faces for rows in face_layer_rows(model.topology, face.window)]
     rows = np.unique(np.concatenate(layers))

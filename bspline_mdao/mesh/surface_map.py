@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
 from ..topology.held_nodes import HeldNodes
 from ..walls.node_vectors import FaceNodes
 from ..walls.turning import Turn, Turning
@@ -46,7 +47,7 @@ class SurfaceMap:
     turned: _TurnedRows | None
 
     @classmethod
-    def of(cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
+    def of(cls, model: FittedModel | ModelShare, mesh: MovingMesh, surface: SurfaceGrid) -> SurfaceMap:
         """Take the rows of the surface's nodes out of the evaluation of the grid.
 
         Raises
@@ -66,13 +67,15 @@ class SurfaceMap:
         return found
 
     @classmethod
-    def of_rows(cls, model: FittedModel, surface_ids: np.ndarray, rows: np.ndarray, require=None) -> SurfaceMap:
+    def of_rows(
+        cls, model: FittedModel | ModelShare, surface_ids: np.ndarray, rows: np.ndarray, require=None
+    ) -> SurfaceMap:
         """Take some rows out of the evaluation of the grid.
 
         Parameters
         ----------
-        model : FittedModel
-            The fitted grid.
+        model : FittedModel or ModelShare
+            The fitted grid, or what one of several processes needs of it.
         surface_ids : ndarray of int, shape (n_surface,)
             Numbers of the surface control points; all others count as fixed.
         rows : ndarray of int, shape (n,)

@@ -12,7 +12,8 @@ from ..measures.measure import MEMBERS
 from ..mesh.boundary import moving_mesh, require_mesh_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import FittedModel
+from ..model.fitted_model import MODELS
+from ..model.model_share import ModelShare
 from ..movement.elasticity import LinearElasticity
 from ..movement.increments import AUTO
 from ..movement.mover import Mover
@@ -53,8 +54,9 @@ class GridMovement(om.Group):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it: that goes with ``fit=False``, and without nodes
+        of a surface that are given.
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure
@@ -90,7 +92,7 @@ class GridMovement(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid")
         types = (Parametrization, type(None))
         self.options.declare("parametrization", types=types, default=None, recordable=False, desc="design variables")
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")
@@ -110,6 +112,11 @@ class GridMovement(om.Group):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         surface = self.options["surface"]
+        if isinstance(model, ModelShare) and (self.options["fit"] or surface is not None):
+            raise InputError(
+                f"{self.msginfo}: a share of a model has neither a fit nor nodes of a surface that are given; give "
+                f"fit=False and leave out 'surface', or give the whole model"
+            )
         if is_live and not self.options["fit"]:
             raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
         if surface is not None:

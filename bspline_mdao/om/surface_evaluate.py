@@ -7,7 +7,7 @@ import openmdao.api as om
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap, SurfaceState
-from ..model.fitted_model import FittedModel
+from ..model.fitted_model import MODELS
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from .component import (
     LINEAR_STEP,
@@ -37,8 +37,8 @@ class SurfaceEvaluate(om.ExplicitComponent):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid.
+    model : FittedModel or ModelShare
+        The fitted grid, or what one of several processes needs of it.
     mesh : MovingMesh
         Its control mesh, which says what is the design surface.
     surface : SurfaceGrid
@@ -54,7 +54,7 @@ class SurfaceEvaluate(om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid")
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
 

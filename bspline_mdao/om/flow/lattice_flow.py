@@ -9,13 +9,15 @@ import numpy as np
 import openmdao.api as om
 from scipy.sparse import csr_array, diags_array, eye_array, kron
 
+from ...errors import InputError
 from ...flow.force_coefficients import ForceCoefficients, WingCoefficients
 from ...flow.induced_drag import InducedDrag
 from ...flow.span_strips import SpanStrips
 from ...flow.stream import RADIAN
 from ...measures.camber_surface import CamberSurface
 from ...mesh.surface import SurfaceGrid
-from ...model.fitted_model import FittedModel
+from ...model.fitted_model import MODELS
+from ...model.model_share import ModelShare, nodes_at
 from ...names import GRID, SURFACE
 from ...topology.partition import Partition
 from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
@@ -44,8 +46,9 @@ class LatticeFlow(om.Group):
 
     Options
     -------
-    model : FittedModel
-        The fitted grid about one half of a wing, the span 0 in the plane of symmetry.
+    model : FittedModel or ModelShare
+        The fitted grid about one half of a wing, the span 0 in the plane of symmetry, or what one of several processes
+        needs of it by `Partition.of`.
     reference_area : float
         Of the half wing (m^2).
     reference_chord : float
@@ -65,14 +68,14 @@ class LatticeFlow(om.Group):
     Raises
     ------
     InputError
-        In ``setup``, if OpenAeroStruct is not there, or the wall has no camber surface.
+        In ``setup``, if OpenAeroStruct is not there, the wall has no camber surface, or the model is another share.
     om.AnalysisError
         In a run, if panels of the lattice are folded.
     """
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid")
         declare_references(self.options)
         self.options.declare("n_chord", types=int, default=5, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, default=17, lower=3, desc="nodes along the span")
@@ -108,23 +111,25 @@ class LatticeFlow(om.Group):
         settings = {name: self.options[name] for name in ("n_chord", "n_span", "axes")}
         camber = CamberSurface.of(surface, **settings, ends=self.options["ends"] or self._inset(surface))
         self.add_subsystem("camber", UnfoldedLattice(measure=camber), promotes_outputs=["*"])
-        places, n_nodes = self._places(surface.rows)
+        partition = self._partition()
+        places, n_nodes = _places(partition, surface.rows)
         entries = (3 * places[:, None] + np.arange(3)).ravel()
         self.promotes("camber", inputs=[(SURFACE, GRID)], src_indices=entries, src_shape=(3 * n_nodes,))
-        self.set_input_defaults(GRID, val=model.regenerate().to_vector(), units="m")
+        if self.comm.size == 1 or not isinstance(model, ModelShare):  # a share of several knows only its own
+            held = np.concatenate([partition.share(rank).rows for rank in range(partition.n_ranks)])
+            self.set_input_defaults(GRID, val=nodes_at(model, held).ravel(), units="m")
         return camber
 
-    def _places(self, rows: np.ndarray) -> tuple[np.ndarray, int]:
-        """Places of nodes in ``grid``, which several processes hold by `Partition.of`, and the number of its nodes."""
-        partition = Partition.of(self.options["model"].topology, self.comm.size)
-        places, start = np.empty_like(rows), 0
-        for rank in range(partition.n_ranks):
-            held, order = np.unique(partition.share(rank).rows, return_index=True)
-            if len(held):
-                at = np.minimum(np.searchsorted(held, rows), len(held) - 1)
-                places[held[at] == rows] = start + order[at[held[at] == rows]]
-            start += len(partition.share(rank).rows)
-        return places, start
+    def _partition(self) -> Partition:
+        """Nodes of ``grid`` that each process holds, one after another."""
+        model = self.options["model"]
+        partition = Partition.of(model.topology, self.comm.size)
+        if isinstance(model, ModelShare) and not np.array_equal(model.share.rows, partition.share(self.comm.rank).rows):
+            raise InputError(
+                f"{self.msginfo}: the model is a share of other nodes than those that Partition.of(model.topology, "
+                f"{self.comm.size}) gives this process; make it with that"
+            )
+        return partition
 
     def _inset(self, surface: SurfaceGrid) -> tuple[float, float]:
         """Root, and a place a quarter of a strip short of the tip."""
@@ -187,6 +192,20 @@ def _unit_stream() -> om.IndepVarComp:
     stream.add_output("velocity", val=1.0, units="m/s")
     stream.add_output("density", val=2.0, units="kg/m**3")
     return stream
+
+
+def _places(partition: Partition, rows: np.ndarray) -> tuple[np.ndarray, int]:
+    """Places of nodes among those that processes hold one after another, and the number of these."""
+    places, start = np.empty_like(rows), 0
+    for rank in range(partition.n_ranks):
+        held = partition.share(rank).rows
+        order = np.argsort(held, kind="stable")
+        at = np.searchsorted(held, rows, sorter=order)
+        is_here = np.zeros(len(rows), dtype=bool)
+        is_here[at < len(held)] = held[order[at[at < len(held)]]] == rows[at < len(held)]
+        places[is_here] = start + order[at[is_here]]
+        start += len(held)
+    return places, start
 
 
 class LatticeForces(om.ExplicitComponent):
