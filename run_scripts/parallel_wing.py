@@ -2,9 +2,9 @@
 
 The lift is given, and so are a bound of the moment that turns the nose down and one of the worst cell. It runs as
 ``mpirun -n 2 python run_scripts/parallel_wing.py``, or on one process. It takes a minute, and seconds with ``--quick``:
-43 CPU seconds and 1.8 GB on one process, 47 and up to 2.0 GB on each of two, most of it for what all of them do or
-wait for at this size, the fit and the movement. What comes out are lift, drag and moment at the start and at the
-optimum, the nodes, CPU seconds and peak memory of each process, and how the optimiser ended.
+38 CPU seconds and 2.0 GB on one process, 36 and up to 1.9 GB on each of two, of which much is the movement, which one
+does while the other waits. What comes out are lift, drag and moment at the start and at the optimum, the nodes, CPU
+seconds and peak memory of each process, and how the optimiser ended.
 """
 
 from __future__ import annotations

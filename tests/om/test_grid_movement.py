@@ -23,6 +23,7 @@ from bspline_mdao.names import (
 )
 from bspline_mdao.om.grid_movement import GridMovement
 from bspline_mdao.testing import central_difference
+from bspline_mdao.topology.partition import Share
 
 
 @pytest.fixture(scope="module")
@@ -274,3 +275,27 @@ def test_a_grid_that_changes_needs_a_fit(plate):
 def test_a_model_without_walls_is_told_what_to_name():
     with pytest.raises(InputError, match="no patch is a wall"):
         problem_of(small_model())
+
+
+def test_a_share_of_a_model_gives_the_grid_and_the_totals_of_the_model(plate):
+    share = plate.share(Share.of_grid(plate.topology))
+    found = []
+    for model in (plate, share):
+        problem = problem_of(model, fit=False)
+        points = problem.get_val(SURFACE_CONTROL_POINTS)
+        problem.set_val(SURFACE_CONTROL_POINTS, points * np.tile((1.1, 1.05, 1.0), len(points) // 3))
+        problem.run_model()
+        totals = problem.compute_totals(["size.f", "quality_ks"], [SURFACE_CONTROL_POINTS])
+        found.append([problem.get_val(GRID), *totals.values()])
+    assert np.abs(found[0][1]).max() > 1.0
+    for whole, part in zip(*found):
+        np.testing.assert_array_equal(part, whole)
+
+
+@pytest.mark.parametrize("options", [{}, {"fit": False, "surface": True}])
+def test_a_share_of_a_model_has_neither_a_fit_nor_given_nodes(plate, options):
+    share = plate.share(Share.of_grid(plate.topology))
+    if "surface" in options:
+        options = {**options, "surface": SurfaceGrid.of(share)}
+    with pytest.raises(InputError, match=r"a share of a model has neither .* give fit=False and leave out 'surface'"):
+        problem_of(share, **options)
