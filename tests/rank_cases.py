@@ -1,12 +1,13 @@
 """Ranks that are threads of one process: a communicator with the calls of mpi4py that the package makes."""
 
+import copy
 import queue
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-PATIENCE = 6.0
+PATIENCE = 60.0
 """Time (s) after which a rank that waits for others in vain fails."""
 
 
@@ -33,9 +34,13 @@ class ThreadRank:
     def allgather(self, value):
         self._shared.given[self.rank] = value
         self._shared.barrier.wait()
-        values = list(self._shared.given)
+        values = copy.deepcopy(self._shared.given)
         self._shared.barrier.wait()
         return values
+
+    def gather(self, value, root=0):
+        values = self.allgather(value)
+        return values if self.rank == root else None
 
     def allreduce(self, value):
         first, *others = self.allgather(value)
@@ -48,7 +53,8 @@ class ThreadRank:
         return [row[self.rank] for row in self.allgather(values)]
 
     def Allreduce(self, array, total, op=None):
-        first, *others = self.allgather(np.array(array))
+        first, *others = parts = self.allgather(np.array(array))
+        assert {part.shape for part in parts} == {total.shape}, "ranks reduce arrays of different shapes"
         total[...] = sum(others, first) if op is None else np.min([first, *others], axis=0)
 
     def Isend(self, array, dest):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from thread_ranks import on_ranks
+from rank_cases import on_ranks
 
 from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.aggregates import AGGREGATES
