@@ -243,3 +243,8 @@ def test_the_commands_of_the_readme_exist():
 
     used = set(re.findall(r"`?bspline-mdao (\w+)", (ROOT / "README.md").read_text()))
     assert used == set(program.commands)
+
+
+def test_no_two_files_of_tests_have_one_name():
+    names = [path.name for path in Path(__file__).parent.rglob("test_*.py")]
+    assert [name for name in set(names) if names.count(name) > 1] == []  # pytest would not collect the second

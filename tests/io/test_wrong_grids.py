@@ -31,7 +31,7 @@ from bspline_mdao import (
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cli.main import run
 from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
-from bspline_mdao.model.model_file import FORMAT, VERSION, _checksum, _read_arrays
+from bspline_mdao.model.model_file import FORMAT, VERSION, checksum_of
 from bspline_mdao.topology.grid import Block, Patch
 from bspline_mdao.topology.index_space import Window
 
@@ -219,13 +219,15 @@ def saved(tmp_path_factory):
 
 def forge(path, change):
     """Write a model of which something was changed, with a checksum that fits."""
-    document, arrays = _read_arrays(path)
-    document = json.loads(document)
+    arrays = {}
+    with h5py.File(path, "r") as file:
+        file.visititems(lambda name, item: arrays.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+    document = json.loads(arrays.pop("document").tobytes())
     change(document, arrays)
     text = json.dumps(document).encode()
     forged = path.with_name("forged.h5")
     with h5py.File(forged, "w") as file:
-        file.attrs.update(format=FORMAT, version=VERSION, checksum=_checksum(text, arrays))
+        file.attrs.update(format=FORMAT, version=VERSION, checksum=checksum_of(text, arrays))
         file["document"] = np.frombuffer(text, np.uint8)
         for name, array in arrays.items():
             file.create_dataset(name, data=array)
