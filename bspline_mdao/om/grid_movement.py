@@ -38,7 +38,7 @@ class GridMovement(om.Group):
     =================  =================================================================  ============================
     subsystem          component                                                          is there
     =================  =================================================================  ============================
-    fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              unless ``fit=False``
+    fit                `Fit`: ``grid_initial`` -> ``control_points_initial``              with ``fit``
     control            `SurfaceControl`: variables -> ``surface_control_points``          with a ``parametrization``
     evaluate_surface   `SurfaceEvaluate`: -> ``surface``                                  with ``measures`` alone
     fit_surface        `SurfaceControlFit`: ``surface`` -> ``surface_control_points``     with ``surface``
@@ -55,8 +55,8 @@ class GridMovement(om.Group):
     Options
     -------
     model : FittedModel or ModelShare
-        The fitted grid, or what one of several processes needs of it: that goes with ``fit=False``, and without nodes
-        of a surface that are given.
+        The fitted grid, or what one of several processes needs of it: that goes without a fit, and without nodes of a
+        surface that are given.
     parametrization : Parametrization, optional
         Design variables of the surface and the linear constraints among its control points.
     measures : sequence of Measure
@@ -72,8 +72,10 @@ class GridMovement(om.Group):
         Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
     processes : {"auto", "first", "all"}
         Which of several processes move the control mesh, see `ControlMeshMove`.
-    fit : bool
-        Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input.
+    fit : bool, optional
+        Fit the control points to ``grid_initial``. Without it, ``control_points_initial`` is an input. By default they
+        are fitted on one process, and on several with ``live`` alone: there ``grid_initial`` is distributed, and
+        OpenMDAO wants such an input to be connected.
     partition : Partition or Share, optional
         Which nodes of the grid each process holds, see `GridEvaluate`; by default blocks are dealt out.
     live : bool
@@ -102,7 +104,8 @@ class GridMovement(om.Group):
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
-        self.options.declare("fit", types=bool, default=True, desc="fit the control points to the baseline grid")
+        desc = "fit the control points to the baseline grid"
+        self.options.declare("fit", types=(bool, type(None)), default=None, desc=desc)
         declare_partition(self)
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
         self.options.declare("quality", default=True, desc="measure the cells of the grid, or which bounds of them")
@@ -112,16 +115,19 @@ class GridMovement(om.Group):
         """Add the components in the order of the chain."""
         model, is_live, mover = self.options["model"], self.options["live"], self._mover()
         surface = self.options["surface"]
-        if isinstance(model, ModelShare) and (self.options["fit"] or surface is not None):
+        is_share, is_fitted = isinstance(model, ModelShare), self.options["fit"]
+        if is_fitted is None:
+            is_fitted = is_live or (self.comm.size == 1 and not is_share)
+        if is_share and (is_fitted or surface is not None):
             raise InputError(
-                f"{self.msginfo}: a share of a model has neither a fit nor nodes of a surface that are given; give "
-                f"fit=False and leave out 'surface', or give the whole model"
+                f"{self.msginfo}: a share of a model has neither a fit nor nodes of a surface that are given; leave "
+                f"out 'fit', 'live' and 'surface', or give the whole model"
             )
-        if is_live and not self.options["fit"]:
+        if is_live and not is_fitted:
             raise InputError(f"{self.msginfo}: live=True needs fit=True; there is no grid to follow")
         if surface is not None:
             self._require_alone(surface)
-        if self.options["fit"]:
+        if is_fitted:
             self._add("fit", Fit(model=model, live=is_live))
         asked = {"surface": surface, "numbers": self.options["numbers"]} if surface is not None else {}
         if self.options["parametrization"] is not None:

@@ -281,7 +281,7 @@ def test_a_share_of_a_model_gives_the_grid_and_the_totals_of_the_model(plate):
     share = plate.share(Share.of_grid(plate.topology))
     found = []
     for model in (plate, share):
-        problem = problem_of(model, fit=False)
+        problem = problem_of(model, **({"fit": False} if model is plate else {}))
         points = problem.get_val(SURFACE_CONTROL_POINTS)
         problem.set_val(SURFACE_CONTROL_POINTS, points * np.tile((1.1, 1.05, 1.0), len(points) // 3))
         problem.run_model()
@@ -292,10 +292,10 @@ def test_a_share_of_a_model_gives_the_grid_and_the_totals_of_the_model(plate):
         np.testing.assert_array_equal(part, whole)
 
 
-@pytest.mark.parametrize("options", [{}, {"fit": False, "surface": True}])
+@pytest.mark.parametrize("options", [{"fit": True}, {"live": True}, {"surface": True}])
 def test_a_share_of_a_model_has_neither_a_fit_nor_given_nodes(plate, options):
     share = plate.share(Share.of_grid(plate.topology))
     if "surface" in options:
         options = {**options, "surface": SurfaceGrid.of(share)}
-    with pytest.raises(InputError, match=r"a share of a model has neither .* give fit=False and leave out 'surface'"):
+    with pytest.raises(InputError, match=r"a share of a model has neither .* leave out 'fit', 'live' and 'surface'"):
         problem_of(share, **options)
