@@ -118,11 +118,12 @@ def product_seconds(linearization: Linearization, right: np.ndarray, repeats: in
 
 def jacobian_of_scipy(linearization: Linearization) -> bsr_array:
     """Assemble the exact Jacobian of the residual, without a sensor of shocks, from those of the faces."""
-    stencil, by_state, shares = linearization.discretization.stencil, linearization.by_state, linearization.shares
+    stencil, weights = linearization.discretization.stencil, linearization.cell_weights
+    jacobians = linearization.state_jacobians
     inner, n = stencil.roles == INNER, 5 * linearization.discretization.faces.n_cells
     matrix = coo_array((n, n)).tocsr()
     for k in range(4):
-        by_mean, by_jump = (shares[:, m, k, None, None] * by_state[..., 5 * m : 5 * m + 5] for m in range(2))
+        by_mean, by_jump = (weights[:, m, k, None, None] * jacobians[..., 5 * m : 5 * m + 5] for m in range(2))
         blocks = by_mean + by_jump
         matrix += _placed(blocks, stencil.cells[:, 1], stencil.cells[:, k], n)
         matrix -= _placed(blocks[inner], stencil.cells[inner, 2], stencil.cells[inner, k], n)
