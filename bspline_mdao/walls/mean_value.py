@@ -3,7 +3,7 @@
 The unit sphere around a point x carries the mean over every triangle of the vectors to it. With the unit vectors
 u_k from x to the corners of a triangle, at the distances d_k, the integral of the unit vectors over its image is
 
-    m = 1/2 sum_k theta_k n_k / |n_k| ,   n_k = u_(k+1) x u_(k+2) ,   theta_k the angle between these two,
+    m = 1/2 sum_k theta_k n_k / norm(n_k) ,   n_k = u_(k+1) x u_(k+2) ,   theta_k the angle between these two,
 
 and as m = sum_k w_k d_k u_k for w_k = m . n_k / (d_k u_k . n_k), and the integrals over a closed surface cancel, the w
 of all triangles are weights with sum_k w_k (x_k - x) = 0. Divided by their sum they are coordinates: they reproduce
