@@ -56,12 +56,6 @@ class FitProblem:
         segment = self.mesh.volumes[s], parameters[s], self.sharing.rows[s], self.edge_places[s]
         return build_step(entity, *segment, self.sharing.n_rows, name)
 
-    @property
-    def own_entities(self) -> tuple[Entity, ...]:
-        """Those of the segments of this process."""
-        here = set(self.sharing.here)
-        return tuple(entity for entity in self.entities if entity.segment in here)
-
     def rounds(self) -> list[list[Entity]]:
         """Entities in sets that follow each other: those of a set do not depend on each other's control points."""
         round_of = np.full(self.mesh.n_control_points, -1)
