@@ -37,6 +37,8 @@ from .errors import MovementError as MovementError
 from .evaluation.inversion import embed_points as embed_points
 from .evaluation.inversion import invert_points as invert_points
 from .evaluation.inversion import require_inside as require_inside
+from .evaluation.transfer import CellTransfer as CellTransfer
+from .evaluation.transfer import NodeTransfer as NodeTransfer
 from .fit.fitting import fit_blocks as fit_blocks
 from .fit.fitting import fit_grid as fit_grid
 from .fit.surface_fit import fit_surface as fit_surface
