@@ -55,6 +55,7 @@ from .generators.hh_wing import FarField as FarField
 from .generators.hh_wing import Spacing as Spacing
 from .generators.hh_wing import hh_wing_grid as hh_wing_grid
 from .generators.hh_wing import infinite_wing_grid as infinite_wing_grid
+from .generators.section_o_grid import section_o_grid as section_o_grid
 from .generators.shell import ball_grid as ball_grid
 from .generators.shell import brick_grid as brick_grid
 from .generators.target_shapes import Shape as Shape
