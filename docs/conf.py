@@ -1,4 +1,8 @@
-"""Sphinx configuration; build with ``sphinx-build -W -b html docs docs/_build/html``."""
+"""Sphinx configuration; build with ``sphinx-build -W -b html docs docs/_build/html``.
+
+That takes a minute or two, and shows the pictures of the gallery that there are. With ``-t gallery`` they are drawn
+anew by the run scripts, which takes some ten minutes.
+"""
 
 import os
 import subprocess
@@ -44,9 +48,10 @@ napoleon_custom_sections = [("Options", "params_style")]
 
 
 def make_gallery(app):
-    """Run the run scripts at their small size, so that the gallery cannot fall behind them."""
+    """Write the gallery's page, and draw its pictures anew if the tag ``gallery`` is set."""
     environment = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
-    subprocess.run([sys.executable, str(DOCS / "make_gallery.py")], check=True, env=environment)
+    options = ["--draw"] if app.tags.has("gallery") else []
+    subprocess.run([sys.executable, str(DOCS / "make_gallery.py"), *options], check=True, env=environment)
 
 
 def setup(app):
