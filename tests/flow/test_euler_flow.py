@@ -252,14 +252,6 @@ def test_next_design_starts_from_the_last_states():
     assert carried < 0.3 < state.solution.history[0].residual
 
 
-@pytest.mark.slow
-def test_progress_is_told_on_request(capsys):
-    problem(iprint=2).run_model()
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) > 4
-    assert all(line.startswith("flow.state: residual") for line in lines)
-
-
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [

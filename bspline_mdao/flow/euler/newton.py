@@ -107,7 +107,7 @@ def solve_flow(
     states: np.ndarray | None = None,
     tolerance: float = 1e-10,
     max_steps: int = 100,
-    progress: Callable[[NewtonStep], None] | None = None,
+    progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
     """Solve for the steady flow by Newton steps with pseudo-time terms that fade out as the residual falls.
 
@@ -136,7 +136,7 @@ def solve_flow(
     max_steps : int
         Largest number of Newton steps.
     progress : callable, optional
-        Called with every step.
+        Called with every step and the states after it, on all processes.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def solve_flow(
         before, norm = norm, discretization.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
-            progress(history[-1])
+            progress(history[-1], states)
         cfl = _next_cfl(cfl, length, before, norm)  # step 5
     return FlowSolution(states, stream, tuple(history), tolerance)
 
@@ -255,7 +255,7 @@ def solve_by_dissipation(
     pattern: FactorPattern,
     tolerance: float = 1e-10,
     max_steps: int = 200,
-    progress: Callable[[NewtonStep], None] | None = None,
+    progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
     """Solve for the steady flow from the uniform stream by continuation in the dissipation.
 

@@ -110,9 +110,11 @@ class EulerFlow(om.Group):
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
         n_levels = useful_levels(flow.n_cells_of_grid)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
-        settings, references = ({name: self.options[name] for name in names} for names in (SOLVER_OPTIONS, REFERENCES))
-        self.add_subsystem("state", EulerState(flow=flow, levels=levels, nodes=nodes, **settings), promotes=["*"])
-        self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, **references), promotes=["*"])
+        settings = {name: self.options[name] for name in SOLVER_OPTIONS}
+        forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES))
+        state = EulerState(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
+        self.add_subsystem("state", state, promotes=["*"])
+        self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, forces=forces), promotes=["*"])
         if self.options["loaded"] is not None:
             wall_forces = EulerWallForces(flow=flow, nodes=nodes, surface=self.options["loaded"])
             self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
@@ -164,10 +166,8 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         Faces and axes.
     nodes : ndarray, shape (n_nodes, 3)
         Baseline nodes (m).
-    reference_area, reference_chord : float
-        Of what the grid shows: of the half wing of a half model (m^2); and for moments (m).
-    moment_reference : sequence of three float
-        Point that moments are about, in the axes of the grid (m).
+    forces : FlowForces
+        What sums them, with the references.
     """
 
     is_linear = False
@@ -177,12 +177,12 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces and axes")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
-        declare_references(self.options)
+        self.options.declare("forces", types=FlowForces, recordable=False, desc="what sums them")
 
     def setup(self):
         """Declare the variables."""
         check_on_grid(self, self.options["flow"], self.options["nodes"])
-        self._forces = FlowForces.of(*(self.options[name] for name in ("flow", "nodes", *REFERENCES)))
+        self._forces = self.options["forces"]
         is_shared = self.comm.size > 1
         self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_shared)
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)

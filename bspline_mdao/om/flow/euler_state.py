@@ -14,9 +14,10 @@ import openmdao.api as om
 from ...errors import InputError
 from ...flow.euler.discretization import Linearization
 from ...flow.euler.flow_grid import FlowGrid
+from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from ...flow.euler.krylov import KrylovSolution, solve_refined
-from ...flow.euler.newton import FlowSolution, NewtonStep, relative_residual, solve_by_dissipation, solve_flow
+from ...flow.euler.newton import FlowSolution, relative_residual, solve_by_dissipation, solve_flow
 from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_factor
 from ...flow.euler.sequencing import states_from_coarse
 from ...flow.stream import RADIAN
@@ -34,6 +35,7 @@ from ..component import (
     finite_values,
     refuse_complex_step,
 )
+from .residual_log import ResidualLog
 
 INPUTS = (GRID, "alpha", "Mach_number")
 
@@ -78,7 +80,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     max_steps : int
         Newton steps at most.
     iprint : int
-        0 for no output, 1 for one line a run, 2 for one line a Newton step.
+        0 and below for no output, 1 for a line a solution, 2 for one a Newton step as well. ``set_solver_print`` of a
+        problem or a group sets it as those of solvers.
+    forces : FlowForces
+        For lift and drag in these lines.
 
     Raises
     ------
@@ -95,6 +100,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         self.options.declare("flow", types=FlowGrid, recordable=False, desc="faces, scheme and preconditioner")
         self.options.declare("levels", default=[], types=list, recordable=False, desc="coarser members to start on")
         self.options.declare("nodes", types=np.ndarray, recordable=False, desc="baseline nodes, m")
+        self.options.declare("forces", types=FlowForces, recordable=False, desc="lift and drag of states")
         declare_solver(self.options)
 
     def setup(self):
@@ -116,12 +122,17 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     def solve_nonlinear(self, inputs, outputs):
         """Solve for the states, from those that are there or else afresh."""
+        self._log = ResidualLog(self.pathname, self.options["forces"], self.comm)
+        self._solve(inputs, outputs, self.options["tolerance"])
+
+    def _solve(self, inputs, outputs, tolerance: float) -> None:
+        """Solve for the states at the inputs, or raise."""
         self._check(inputs)
         areas, stream = self._at(inputs)
-        for solution in self._attempts(inputs, outputs, areas, stream):
+        for solution in self._attempts(inputs, outputs, areas, stream, tolerance):
             self._solution = solution
             self._tell(solution)
-            if solution.residual <= LARGEST_RESIDUAL:
+            if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
                 self._converged = solution
                 outputs["states"] = solution.states.ravel()
                 return
@@ -259,12 +270,11 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
         return {"Mach_number": d_stream_d_mach, "alpha": RADIAN * d_stream_d_alpha}
 
-    def _attempts(self, inputs, outputs, areas, stream):
+    def _attempts(self, inputs, outputs, areas, stream, tolerance):
         """Yield solutions, each by a surer way than the last."""
         flow, levels, iprint = (self.options[name] for name in ("flow", "levels", "iprint"))
-        settings = {name: self.options[name] for name in ("tolerance", "max_steps")}
-        tells = iprint > 1 and self.comm.rank == 0
-        settings["progress"] = (lambda step: print(f"{self.pathname}: {_line(step)}")) if tells else None
+        settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
+        settings["progress"] = self._progress(inputs) if iprint > 1 else None
         field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
         starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
         norms = [flow.discretization.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
@@ -274,13 +284,23 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         yield solve_flow(*field, states=cold, **settings)
         yield solve_by_dissipation(*field, **settings)
 
+    def _progress(self, inputs):
+        """What Newton's method calls with every step: it prints a line."""
+        nodes, alpha, mach = inputs[GRID].reshape(-1, 3), RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
+        return lambda step, states: self._log.tell(step, states, nodes, alpha, mach)
+
     def _tell(self, solution: FlowSolution) -> None:
         """Print a line about a solution."""
-        if self.options["iprint"]:
+        if self.options["iprint"] > 0:
             end = f"residual {solution.residual:.1e} after {len(solution.history) - 1} Newton steps"
             advice = self._supersonic(solution.states)
             if self.comm.rank == 0:
-                print(f"{self.pathname}: {end}{advice}")
+                print(f"{self.pathname}: {end}{advice}", flush=True)
+
+    def _set_solver_print(self, level=2, depth=1e99, type_="all", debug_print=None):
+        """Take the level that ``set_solver_print`` gives nonlinear solvers."""
+        if type_ != "LN":
+            self.options["iprint"] = level
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +365,7 @@ def declare_solver(options) -> None:
     options.declare("tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
     options.declare("linear_tolerance", default=1e-14, lower=0.0, desc="of the linear systems of derivatives")
     options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
-    options.declare("iprint", types=int, default=1, desc="0, 1 line a run, or 2 for one a step")
+    options.declare("iprint", types=int, default=1, desc="0 or less, 1 line a solution, or 2 for one a step")
 
 
 def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:
@@ -353,11 +373,6 @@ def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) ->
     step = central_step(flow.extent(nodes), flow.least_height(nodes))
     check_along_directions(component, SMOOTH_STEP, is_complex=True)
     check_along_directions(component, step, GRID, is_complex=True)
-
-
-def _line(step: NewtonStep) -> str:
-    """Describe a step in a line."""
-    return f"residual {step.residual:.2e}  CFL {step.cfl:.1e}  products {step.n_products}  length {step.length:.2g}"
 
 
 def _complaint(solution: FlowSolution) -> str:
