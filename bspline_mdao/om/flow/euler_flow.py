@@ -24,6 +24,7 @@ from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
 from .references import REFERENCES, declare_references
+from .trimmed_state import TrimmedState
 
 
 class EulerFlow(om.Group):
@@ -53,6 +54,15 @@ class EulerFlow(om.Group):
     On several processes ``grid`` and ``states`` are distributed, and ``grid`` has to be connected, such as to that of
     `GridEvaluate`; all other variables are the same on all of them. All processes raise the same error.
 
+    With ``trim`` the angle is solved for, so that ``CL`` is what is asked for, and all derivatives are at fixed lift:
+
+    =============  ======  ============  =====  ========================================================================
+    name           role    shape         units  meaning
+    =============  ======  ============  =====  ========================================================================
+    ``CL_target``  input   (1,)                 lift coefficient; 0.3 by default
+    ``alpha``      output  (1,)          deg    angle of attack; 2 at first
+    =============  ======  ============  =====  ========================================================================
+
     With a ``loaded`` surface also
 
     ====================  ======  ============  =====  =================================================================
@@ -81,6 +91,8 @@ class EulerFlow(om.Group):
         Of the sensor of shocks, 0.05 for transonic flow; 0, the default, for none.
     loaded : SurfaceGrid, optional
         Walls whose nodes are to have forces.
+    trim : bool
+        Whether the angle of attack is solved for at a given lift, see `TrimmedState`.
     tolerance, linear_tolerance, max_steps, iprint
         See `EulerState`.
 
@@ -99,6 +111,7 @@ class EulerFlow(om.Group):
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
         self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
+        self.options.declare("trim", types=bool, default=False, desc="solve for alpha at a given lift")
         declare_solver(self.options)
 
     def setup(self):
@@ -112,7 +125,8 @@ class EulerFlow(om.Group):
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
         settings = {name: self.options[name] for name in SOLVER_OPTIONS}
         forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES))
-        state = EulerState(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
+        kind = TrimmedState if self.options["trim"] else EulerState
+        state = kind(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
         self.add_subsystem("state", state, promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, forces=forces), promotes=["*"])
         if self.options["loaded"] is not None:
@@ -120,7 +134,10 @@ class EulerFlow(om.Group):
             self.add_subsystem("wall_forces", wall_forces, promotes=["*"])
         if self.comm.size == 1:  # OpenMDAO wants distributed inputs to be connected
             self.set_input_defaults(GRID, val=nodes.ravel(), units="m")
-        self.set_input_defaults("alpha", val=2.0, units="deg")
+        if self.options["trim"]:
+            self.set_input_defaults("CL_target", val=0.3)
+        else:
+            self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
 
     @fails_together

@@ -110,7 +110,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         self._solution = self._converged = self._tangent = None
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
-        self.add_input("alpha", units="deg")
+        self._declare_angle()
         self.add_input("Mach_number")
         at_rest = flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes))
         self.add_output("states", val=at_rest.ravel(), distributed=is_shared)
@@ -124,6 +124,11 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Solve for the states, from those that are there or else afresh."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm)
         self._solve(inputs, outputs, self.options["tolerance"])
+        self._tell(self._solution)
+
+    def _declare_angle(self):
+        """Declare the angle of attack."""
+        self.add_input("alpha", units="deg")
 
     def _solve(self, inputs, outputs, tolerance: float) -> None:
         """Solve for the states at the inputs, or raise."""
@@ -131,7 +136,6 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         areas, stream = self._at(inputs)
         for solution in self._attempts(inputs, outputs, areas, stream, tolerance):
             self._solution = solution
-            self._tell(solution)
             if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
                 self._converged = solution
                 outputs["states"] = solution.states.ravel()
@@ -159,12 +163,16 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         right, out = (d_residuals, d_outputs) if mode == "fwd" else (d_outputs, d_residuals)
         solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
         solution = solve(right["states"].reshape(-1, N_STATES), self.options["linear_tolerance"])
+        out["states"] = self._accepted(solution).ravel()
+
+    def _accepted(self, solution: KrylovSolution) -> np.ndarray:
+        """Solution of a linear system, if it is one."""
         if not solution.is_converged:
             raise om.AnalysisError(
                 f"{self.msginfo}: the linear system of the derivatives is not solved to "
                 f"{self.options['linear_tolerance']:g} by {solution.n_products} products; allow a larger one"
             )
-        out["states"] = solution.x.ravel()
+        return solution.x
 
     @property
     def solution(self) -> FlowSolution | None:

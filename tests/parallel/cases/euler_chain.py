@@ -37,6 +37,27 @@ def totals_are_those_alone(model):
         assert np.abs(block - totals[pair]).max() < 1e-9 * np.abs(totals[pair]).max(), pair
 
 
+def totals_at_fixed_lift_are_those_alone(model):
+    """The angle is one for all, and so are totals, with respect to control points and the lift, of both modes."""
+    of, wrt, expected = (*OF[1:], "alpha"), ("CL_target", "Mach_number"), None
+
+    def flown(comm, mode):
+        problem = chain(model, comm, mode, trim=True)
+        problem.set_val("CL_target", 0.2)
+        problem.run_model()
+        points = (("control_points",) if mode == "rev" else ()) + wrt
+        return problem.get_val("alpha").item(), problem.compute_totals(of, points)
+
+    if COMM.rank == 0:
+        expected = flown(MPI.COMM_SELF, "rev")
+    angle, totals = COMM.bcast(expected)
+    for mode in ("rev", "fwd"):
+        ours, blocks = flown(COMM, mode)
+        np.testing.assert_allclose(ours, angle, rtol=1e-9)
+        for pair, block in blocks.items():
+            assert np.abs(block - totals[pair]).max() < 1e-9 * np.abs(totals[pair]).max(), (mode, pair)
+
+
 def checks_end(model):
     """A check of partials ends: those of the flow are left to one process, and it is said."""
     problem = chain(model)
@@ -79,6 +100,7 @@ def failures_are_those_of_all(model):
 
 MODEL = fit_grid(onera_m6_grid((5, 5, 5)))
 totals_are_those_alone(MODEL)
+totals_at_fixed_lift_are_those_alone(MODEL)
 checks_end(MODEL)
 failures_are_those_of_all(MODEL)
 print("done")
