@@ -9,7 +9,7 @@ from scipy.optimize import rosen, rosen_der
 from bspline_mdao.om.drivers import nlopt_driver as module
 from bspline_mdao.om.drivers.nlopt_algorithms import ALGORITHMS
 from bspline_mdao.om.drivers.nlopt_functions import Functions
-from bspline_mdao.om.drivers.nlopt_problem import Statement, split_constraints
+from bspline_mdao.om.drivers.nlopt_problem import AnalysisFailed, Statement, split_constraints
 from bspline_mdao.om.drivers.nlopt_rules import (
     RECOVERIES,
     TURN,
@@ -22,6 +22,7 @@ from bspline_mdao.om.drivers.nlopt_rules import (
     worst,
 )
 from bspline_mdao.om.drivers.optimality import optimality
+from bspline_mdao.om.drivers.scaled_model import ScaledModel
 
 GRADIENT = [a.name for a in ALGORITHMS.values() if a.gradients and a.is_compiled and not a.is_global]
 PLAIN = [name for name in GRADIENT if ALGORITHMS[name].local_optimizer == "none"]
@@ -186,6 +187,35 @@ def test_the_analysis_after_a_failed_one_starts_from_the_last_good_states(algori
     problem.run_driver()
     assert problem.driver.n_failed_analyses > 0
     assert problem.get_val("x").item() == pytest.approx(1.0, abs=1e-3)
+
+
+class Creeping(Stiff):
+    """y = x^3, which is found from states that are near alone."""
+
+    def solve_nonlinear(self, inputs, outputs):
+        if np.abs(np.cbrt(outputs["y"]) - inputs["x"]) > 1.5:
+            raise om.AnalysisError("too far")
+        outputs["y"] = inputs["x"] ** 3
+
+
+def test_the_best_point_is_found_again_from_its_own_states():
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("creeping", Creeping(), promotes=["*"])
+    problem.model.set_input_defaults("x", 1.0)
+    problem.model.add_design_var("x")
+    problem.model.add_objective("y")
+    problem.driver = nlopt_driver("LD_SLSQP")
+    problem.setup()
+    problem.final_setup()
+    model = ScaledModel(problem.driver)
+    model.start()
+    assert model.run(np.array([2.0]))[0] == pytest.approx(8.0)
+    model.keep()
+    for x in (3.0, 4.0):
+        model.run(np.array([x]))
+    with pytest.raises(AnalysisFailed, match="too far"):
+        model.run(np.array([2.0]))
+    assert model.restore(np.array([2.0]))[0] == pytest.approx(8.0)
 
 
 class BrokenGradient(Walled):

@@ -7,7 +7,7 @@ import openmdao.api as om
 import pytest
 
 from bspline_mdao import optimality_of
-from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with, scipy_slsqp
+from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
 from bspline_mdao.plotting import draw_history, draw_optimality, driver_colors, figure
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
@@ -70,6 +70,21 @@ def test_optimality_of_a_problem_is_that_of_the_point_where_it_is(runs):
     residual, violation = optimality_of(problem)
     assert residual == pytest.approx(0.6 / np.sqrt(2.0))  # see the first point of the recorded cases
     assert violation == pytest.approx(0.0)
+
+
+@pytest.mark.slow
+def test_drivers_that_agree_differ_by_little_in_units_of_the_driver(runs):
+    x = [run.problem.get_val("x") for run in runs.values()]
+    found = disagreement(runs)
+    assert found["objective"] < 1e-10
+    assert found["design"] == pytest.approx(np.abs(x[0] - x[1]).max() / 3.0)
+    assert found["design"] < 1e-4
+
+
+@pytest.mark.slow
+def test_another_problem_is_run_at_an_optimum(runs):
+    run = runs["SciPy SLSQP"]
+    assert run_at(run.problem, scaled_problem()).get_val("f") == pytest.approx(run.problem.get_val("f"), abs=1e-14)
 
 
 @pytest.mark.slow

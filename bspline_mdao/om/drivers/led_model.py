@@ -39,6 +39,14 @@ class LedModel:
         """Run at a point (n,), see `ScaledModel.run`."""
         return self._lead("run", x)
 
+    def keep(self) -> None:
+        """Keep the states of the last run, see `ScaledModel.keep`."""
+        self._lead("keep")
+
+    def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run at the point (n,) whose states were kept, see `ScaledModel.restore`."""
+        return self._lead("restore", x)
+
     def differentiate(self) -> np.ndarray:
         """Totals (1 + m, n), see `ScaledModel.differentiate`."""
         return self._lead("differentiate")

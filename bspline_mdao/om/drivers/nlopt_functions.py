@@ -91,7 +91,7 @@ class Functions:
     def restore_best(self) -> None:
         """Run the model at the best point, unless it was last run there."""
         if self.last is not self.best or self._is_underway:
-            self.model.run(self.best.x)
+            self.model.restore(self.best.x)
             self.last, self._totals = self.best, None
             self._is_rejected = self._is_underway = False
 
@@ -160,6 +160,8 @@ class Functions:
                 self._record,
                 self._record.with_point(self.last, self.statement.tolerance),
             )
+            if self.best is self.last:
+                self.model.keep()
         except AnalysisFailed:
             self._totals = self._substitute(x)
         self._is_underway = False

@@ -25,6 +25,12 @@ class Model(Protocol):
     def run(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Run at a point (n,): objective and constraints (m,); raises `AnalysisFailed`."""
 
+    def keep(self) -> None:
+        """Keep the states of the last run."""
+
+    def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run as `run`, from the states that were kept, at their point."""
+
     def differentiate(self) -> np.ndarray:
         """Totals (1 + m, n) of objective and constraints where it was last run; raises `AnalysisFailed`."""
 

@@ -20,7 +20,17 @@ from .nlopt_problem import Point, Statement
 from .optimality import optimality, optimality_of
 from .scaled_model import ScaledModel
 
-__all__ = ["Convergence", "RecordedRun", "nlopt", "optimise", "optimise_with", "scipy_slsqp", "time_components"]
+__all__ = [
+    "Convergence",
+    "RecordedRun",
+    "disagreement",
+    "nlopt",
+    "optimise",
+    "optimise_with",
+    "run_at",
+    "scipy_slsqp",
+    "time_components",
+]
 
 TIMED = (
     *("compute", "compute_partials", "compute_jacvec_product"),
@@ -216,6 +226,48 @@ def optimise_with(
     """
     files = {key: folder and Path(folder) / f"{name}_{key.lower().replace(' ', '_')}.sql" for key in drivers}
     return {key: optimise(make_problem, make(tolerance, max_iterations), files[key]) for key, make in drivers.items()}
+
+
+def run_at(design: om.Problem, problem: om.Problem) -> om.Problem:
+    """Run a problem at the design variables of another one: on a finer member of the grid family, at another condition.
+
+    Parameters
+    ----------
+    design : openmdao.api.Problem
+        A problem at an optimum.
+    problem : openmdao.api.Problem
+        Another one with the same design variables, not yet set up.
+
+    Returns
+    -------
+    openmdao.api.Problem
+        The other one, which has run.
+    """
+    problem.setup(mode="rev")
+    for name in design.model.get_design_vars():
+        problem.set_val(name, design.get_val(name))
+    problem.run_model()
+    return problem
+
+
+def disagreement(runs: Mapping[str, RecordedRun]) -> dict[str, float]:
+    """Tell by how much drivers differ that have solved the same problem.
+
+    Parameters
+    ----------
+    runs : mapping of str to RecordedRun
+        Optimisations by the names of their drivers.
+
+    Returns
+    -------
+    dict
+        ``objective``, the range of the objectives relative to the largest, and ``design``, the largest range of a
+        design variable in units of the driver.
+    """
+    drivers = [run.problem.driver for run in runs.values()]
+    values = np.array([driver.get_objective_values().popitem()[1].item() for driver in drivers])
+    designs = np.array([ScaledModel(driver).present()[0] for driver in drivers])
+    return {"objective": np.ptp(values) / np.abs(values).max(), "design": np.ptp(designs, axis=0).max()}
 
 
 def time_components(problem: om.Problem) -> dict[str, float]:

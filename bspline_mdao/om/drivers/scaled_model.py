@@ -78,7 +78,7 @@ class ScaledModel:
         self._model = driver._problem().model
         self._designs = dict(driver._designvars)
         self._constraints = dict(sorted(driver._cons.items(), key=lambda item: bool(item[1]["linear"])))
-        self._good_states = np.zeros(0)
+        self._good_states = self._kept_states = np.zeros(0)
         self._linear_totals: np.ndarray | None = None
         self._is_first = True
         driver._total_jac = driver._total_jac_linear = None
@@ -99,7 +99,7 @@ class ScaledModel:
         self._driver._check_for_missing_objective()
         self._driver._check_for_invalid_desvar_values()
         self._solve()
-        self._good_states = self._states().copy()
+        self._good_states, self._kept_states = self._states().copy(), self._states().copy()
         try:
             self._require_numbers("the objective or a constraint at the start", *self._responses())
         except AnalysisFailed as error:
@@ -129,6 +129,15 @@ class ScaledModel:
             raise AnalysisFailed(str(error)) from error
         self._good_states[:] = self._states()
         return objective, constraints
+
+    def keep(self) -> None:
+        """Keep the states of the last run, of which `restore` starts: those of the best point."""
+        self._kept_states[:] = self._good_states
+
+    def restore(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Run at the point (n,) whose states were kept, see `run`: from other ones a flow might not be found again."""
+        self._states()[:] = self._kept_states
+        return self.run(x)
 
     def place(self, x: np.ndarray) -> None:
         """Set the design variables (n,) and go back to the states of the last good point, without a run."""
