@@ -41,3 +41,50 @@ def test_exact_pressures_are_those_of_the_expansions(script):
     steps, cp = np.diff(z), 1.0 - 0.5 * (speed[1:] ** 2 + speed[:-1] ** 2)
     force = np.sum(1j * steps * cp) * np.exp(-1j * np.radians(exact.ALPHA))
     assert force == pytest.approx(1j * lift, abs=2e-6)
+
+
+def test_sections_of_two_families_approach_the_lift_published_and_no_drag(script, tmp_path, monkeypatch):
+    monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
+    numbers = script("validation_sections").main(quick=True, figures=tmp_path)
+    for mach, within in (("M 0.5", 0.05), ("M 0.8", 0.04)):
+        for family in ("O", "H-H"):
+            members = numbers[mach][family]["members"]
+            gaps = [abs(member["CL"] / numbers[mach]["CL_published"] - 1.0) for member in members]
+            assert max(member["residual"] for member in members) < 1e-8
+            assert gaps[-1] < within
+            assert gaps[-1] < gaps[0]
+    for family in ("O", "H-H"):
+        drags = [member["CD"] for member in numbers["M 0.5"][family]["members"]]
+        assert np.log2(drags[0] / drags[-1]) / 2.0 > 1.9
+        assert numbers["M 0.8"][family]["members"][-1]["CD"] == pytest.approx(0.0225, abs=0.002)
+    assert (tmp_path / "validation_sections.png").stat().st_size > 50_000
+
+
+def test_the_section_of_vassberg_and_jameson_closes(script):
+    section = script("validation_sections").sharp_section()
+    x, y = section.upper[-3:].T
+    np.testing.assert_allclose(y, (1.0 - x) * 0.14188, rtol=1e-3, atol=1e-9)
+    assert section.thickness == pytest.approx(0.12 / 1.00893, rel=1e-3)
+
+
+def test_published_limits_are_those_of_the_published_values(script):
+    sections = script("validation_sections")
+    for (values, end), order in zip(sections.PUBLISHED.values(), (1.154, 0.278)):
+        found = sections.limit(values[1:])
+        assert (found["order"], found["limit"]) == (pytest.approx(order, abs=1e-3), pytest.approx(end, rel=1e-5))
+
+
+def test_m6_has_the_pressures_measured_and_the_lift_of_another_solver(script, tmp_path):
+    m6 = script("validation_m6")
+    file = tmp_path / "measured.dat"  # two orifices and their station, as in the file of CFL3D
+    file.write_text(
+        "   WING DATA\n    7    .84       3.06\nSPAN STATION 1 PRESSURES ETA=.44\n   11   23    .44\n"
+        "  LOWER SURFACE (PORT, X/C, Cp)\n     1   .5750   -.230\n"
+        "  UPPER SURFACE  (PORT, X/C, Cp)\n    12   .3500   -.582\n"
+    )
+    np.testing.assert_array_equal(m6.read_measured(file)[0.44], [[0.575, -0.23, -1.0], [0.35, -0.582, 1.0]])
+    numbers = m6.main(quick=True, figures=tmp_path, measured=str(file))
+    assert max(member["residual"] for member in numbers["members"]) < 1e-8
+    assert numbers["members"][-1]["CL"] == pytest.approx(numbers["SU2"]["CL"], rel=0.1)
+    assert numbers["Cp_difference"]["0.44"] < 0.1
+    assert (tmp_path / "validation_m6.png").stat().st_size > 50_000
