@@ -13,7 +13,6 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.names import GRID
 from bspline_mdao.om.flow.flow_run import run_flow
@@ -76,7 +75,7 @@ def section_model(n_side: int) -> bm.FittedModel:
 
 def problem_of(model: bm.FittedModel, mach: float, iprint: int) -> om.Problem:
     """Pose a flow about the section."""
-    flow = bm.EulerFlow(model=model, reference_area=1.0, shock_threshold=SHOCK_THRESHOLD, iprint=iprint)
+    flow = bm.EulerFlow(model=model, reference_area=1.0, iprint=iprint)
     problem = om.Problem(flow, reports=None)
     problem.setup(mode="rev")
     problem.set_val("Mach_number", mach)

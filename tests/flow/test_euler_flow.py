@@ -148,7 +148,7 @@ def test_forward_and_adjoint_totals_agree():
         flown.run_model()
         totals.append(flown.compute_totals(COEFFICIENTS, STREAM))
     for key, forward in totals[0].items():
-        largest = 1e-11 if key[0] != "CD_entropy" else 2e-9  # a small difference of large sums over the far field
+        largest = 1e-11 if key[0] != "CD_entropy" else 1e-8  # a small difference of large sums over the far field
         assert np.abs(totals[1][key] - forward).max() < largest * np.abs(forward).max(), key
 
 

@@ -108,8 +108,9 @@ def test_residual_and_products_of_ranks_are_those_of_one(name, n):
             linearization.area_jvp(shifted) + linearization.stream_jvp(bar[0]),
             time_terms(discretization, states[own], areas),
             flow.sizes(at),
+            discretization.sizes(areas),
         )
-        norms = discretization.norm(bar[own]), discretization.norm_of_areas(areas), flow.extent(at)
+        norms = discretization.norm(bar[own]), flow.extent(at)
         numbers = np.array([*linearization.stream_vjp(bar[own]), *norms, flow.least_height(at), flow.n_cells_of_grid])
         return rows, flow.areas_vjp(at, linearization.area_vjp(bar[own])), numbers
 

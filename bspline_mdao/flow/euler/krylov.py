@@ -62,6 +62,7 @@ def solve_system(
     tolerance: float,
     max_products: int = 2000,
     comm=ONE,
+    most_left: float = np.inf,
 ) -> KrylovSolution:
     """Solve a linear system in the states of all cells by GMRES [1], restarted and preconditioned from the right.
 
@@ -85,6 +86,8 @@ def solve_system(
         Largest number of products with the matrix, in whole cycles of `RESTART`.
     comm : communicator
         The processes.
+    most_left : float
+        Part of the residual that a cycle may leave; the solve is given up where one leaves more.
 
     References
     ----------
@@ -97,14 +100,14 @@ def solve_system(
     def apply(vector):
         return product(precondition(vector.reshape(right.shape))).ravel()
 
-    target, n_products = tolerance * norm(right, comm), 0
+    target, n_products, left = tolerance * norm(right, comm), 0, np.inf
     y, rest, basis = np.zeros(right.size), right.ravel(), np.empty((RESTART + 1, right.size))
     with one_blas_thread:  # on a busy machine its threads only wait for each other
         for cycle in range(max(1, max_products // RESTART)):
             if cycle:
                 rest, n_products = right.ravel() - apply(y), n_products + 1
-            left = norm(rest, comm)
-            if not target < left < np.inf:
+            before, left = left, norm(rest, comm)
+            if not target < left < np.inf or left > most_left * before:
                 break
             weights, left = _cycle(apply, basis, rest, left, target, comm)
             y += weights @ basis[: len(weights)]

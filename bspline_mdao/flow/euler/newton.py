@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -41,8 +41,9 @@ STALLED = 15
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
 
-FORCING, LARGEST_SOLVE = 1e-2, 300
-"""Tolerance of the linear solves, and the products after which they have failed: a smaller CFL number is cheaper."""
+FORCING, LARGEST_SOLVE, MOST_LEFT = 1e-2, 300, 0.7
+"""Tolerance of the linear solves; the products after which they have failed, and the part of its residual that a cycle
+may leave: a smaller CFL number is cheaper."""
 
 
 @dataclass(frozen=True)
@@ -151,19 +152,20 @@ def solve_flow(
     - [3] C. T. Kelley, D. E. Keyes, "Convergence analysis of pseudo-transient continuation", SIAM J. Numer. Anal. 35
       (1998), 508-523.
     """
-    scale = _scale(discretization, areas, stream, tolerance)
+    field = _Field(discretization, areas, stream)
+    scale = field.scale(tolerance)
     states = discretization.uniform(stream) if states is None else states
-    residual = discretization.residual(states, areas, stream)
-    norm = discretization.norm(residual)
+    residual = field.residual(states)
+    norm = field.norm(residual)
     # a start that is near a solution, as after a small change of the design, needs less of the time terms
     cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         if _is_rounded(history) or _is_stalled(history):
             break
-        update, n_products = _update(discretization, pattern, states, areas, stream, residual, cfl)  # steps 1 to 3
-        states, residual, length = _advance(discretization, states, areas, stream, residual, update)  # step 4
-        before, norm = norm, discretization.norm(residual)
+        update, n_products = _update(field, pattern, states, residual, cfl)  # steps 1 to 3
+        states, residual, length = _advance(field, states, residual, update)  # step 4
+        before, norm = norm, field.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
             progress(history[-1], states)
@@ -173,14 +175,35 @@ def solve_flow(
 
 def relative_residual(discretization: Discretization, states, areas, stream, tolerance: float = 1e-10) -> float:
     """Norm of the residual of states relative to that of the uniform stream; arguments are those of `solve_flow`."""
-    residual = discretization.norm(discretization.residual(states, areas, stream))
-    return residual / _scale(discretization, areas, stream, tolerance)
+    field = _Field(discretization, areas, stream)
+    return field.norm(field.residual(states)) / field.scale(tolerance)
 
 
-def _scale(discretization: Discretization, areas, stream, tolerance: float) -> float:
-    """Norm of the residual of the uniform stream, but no less than rounding of the fluxes divided by the tolerance."""
-    scale = discretization.norm(discretization.residual(discretization.uniform(stream), areas, stream))
-    return max(scale, float(np.finfo(float).eps) * discretization.norm_of_areas(areas) / tolerance)
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """What is solved: a discretisation with its area vectors and stream, its residual per surface of the cells."""
+
+    discretization: Discretization
+    areas: np.ndarray
+    stream: np.ndarray
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """Surfaces of the cells (m^2), shape (n_cells, 1)."""
+        return self.discretization.sizes(self.areas)
+
+    def residual(self, states: np.ndarray) -> np.ndarray:
+        """What flows out of every cell, by its surface, shape (n_cells, 5)."""
+        return self.discretization.residual(states, self.areas, self.stream) / self.sizes
+
+    def norm(self, residual: np.ndarray) -> float:
+        return self.discretization.norm(residual)
+
+    def scale(self, tolerance: float) -> float:
+        """Norm of the residual of the uniform stream, but no less than rounding of the fluxes by the tolerance."""
+        uniform = self.discretization.uniform(self.stream)
+        rounding = float(np.finfo(float).eps) * self.norm(np.ones_like(uniform[:, :1]))
+        return max(self.norm(self.residual(uniform)), rounding / tolerance)
 
 
 def _is_rounded(history: list[NewtonStep]) -> bool:
@@ -195,31 +218,35 @@ def _is_stalled(history: list[NewtonStep]) -> bool:
     return bool(before) and min(lately) > 0.5 * min(before)
 
 
-def _update(discretization, pattern, states, areas, stream, residual, cfl):
+def _update(field: _Field, pattern: FactorPattern, states, residual, cfl):
     """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
-    linearization = discretization.linearize(states, areas, stream)  # step 1
-    diagonal = time_terms(discretization, states, areas) / cfl
+    discretization, sizes = field.discretization, field.sizes
+    linearization = discretization.linearize(states, field.areas, field.stream)  # step 1
+    diagonal = time_terms(discretization, states, field.areas) / cfl
     factor = compact_factor(linearization, pattern, diagonal)  # step 2
 
     def product(x):
-        return linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)
+        return (linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)) / sizes
+
+    def precondition(y):
+        return factor.solve(sizes * y)
 
     comm = discretization.halo.comm
-    solution = solve_system(product, factor.solve, -residual, FORCING, LARGEST_SOLVE, comm)
+    solution = solve_system(product, precondition, -residual, FORCING, LARGEST_SOLVE, comm, MOST_LEFT)
     is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.is_converged
     return (solution.x if is_usable else None), solution.n_products
 
 
-def _advance(discretization, states, areas, stream, residual, update):
+def _advance(field: _Field, states, residual, update):
     """Take as much of a step as keeps the states physical and the residual bounded."""
     if update is None:
         return states, residual, 0.0
-    largest = LARGEST_RISE * discretization.norm(residual)
-    length = _physical_length(states, update, discretization.halo.comm)
+    largest = LARGEST_RISE * field.norm(residual)
+    length = _physical_length(states, update, field.discretization.halo.comm)
     while length > SMALLEST_STEP:
         moved = states + length * update
-        after = discretization.residual(moved, areas, stream)
-        if discretization.norm(after) < largest:
+        after = field.residual(moved)
+        if field.norm(after) < largest:
             return moved, after, length
         length *= 0.5
     return states, residual, 0.0

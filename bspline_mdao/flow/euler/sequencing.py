@@ -28,7 +28,7 @@ __all__ = ["CoarseLevel", "coarse_levels", "states_from_coarse", "useful_levels"
 TOLERANCE, MAX_STEPS = 1e-3, 30
 """Residual of the flows on coarser members, and their Newton steps at most."""
 
-SMALLEST = 4_000
+SMALLEST = 250
 """Cells below which a coarser member saves nothing."""
 
 
@@ -121,7 +121,7 @@ def useful_levels(n_cells: int) -> int:
     Examples
     --------
     >>> useful_levels(10_000), useful_levels(36_864), useful_levels(1_000_000)
-    (0, 1, 2)
+    (1, 2, 3)
     """
     return max(0, int(np.log(n_cells / SMALLEST) / np.log(8.0)))
 

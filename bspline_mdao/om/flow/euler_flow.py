@@ -9,6 +9,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
+from ...flow.euler.discretization import SHOCK_THRESHOLD
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES
@@ -88,7 +89,8 @@ class EulerFlow(om.Group):
     axes : str
         Axes of the grid that point downstream, along the span, and up.
     shock_threshold : float
-        Of the sensor of shocks, 0.05 for transonic flow; 0, the default, for none.
+        Of the sensor of shocks; 0.05 by default, 0 for none. Flow slower than 0.83 of the speed of sound is the same to
+        the last bit with it and without.
     loaded : SurfaceGrid, optional
         Walls whose nodes are to have forces.
     trim : bool
@@ -109,7 +111,7 @@ class EulerFlow(om.Group):
         declare_references(self.options)
         declare_partition(self)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
-        self.options.declare("shock_threshold", default=0.0, lower=0.0, desc="of the sensor of shocks; 0 for none")
+        self.options.declare("shock_threshold", default=SHOCK_THRESHOLD, lower=0.0, desc="of the sensor; 0 for none")
         self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
         self.options.declare("trim", types=bool, default=False, desc="solve for alpha at a given lift")
         declare_solver(self.options)

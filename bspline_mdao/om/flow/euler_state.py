@@ -285,6 +285,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         settings["progress"] = self._progress(inputs) if iprint > 1 else None
         field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
         starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
+        # the plain norm, of the far field above all, tells whether states know the stream; gas at rest does not
         norms = [flow.discretization.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
         if norms[0] < norms[1]:
             yield solve_flow(*field, states=starts[0], **settings)
