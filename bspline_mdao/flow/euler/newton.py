@@ -17,8 +17,10 @@ from .krylov import solve_system
 from .preconditioner import FactorPattern, compact_factor, time_terms
 
 __all__ = [
+    "Field",
     "FlowSolution",
     "NewtonStep",
+    "advance",
     "relative_residual",
     "solve_by_dissipation",
     "solve_flow",
@@ -152,7 +154,7 @@ def solve_flow(
     - [3] C. T. Kelley, D. E. Keyes, "Convergence analysis of pseudo-transient continuation", SIAM J. Numer. Anal. 35
       (1998), 508-523.
     """
-    field = _Field(discretization, areas, stream)
+    field = Field(discretization, areas, stream)
     scale = field.scale(tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = field.residual(states)
@@ -164,7 +166,7 @@ def solve_flow(
         if _is_rounded(history) or _is_stalled(history):
             break
         update, n_products = _update(field, pattern, states, residual, cfl)  # steps 1 to 3
-        states, residual, length = _advance(field, states, residual, update)  # step 4
+        states, residual, length = advance(field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
@@ -175,12 +177,12 @@ def solve_flow(
 
 def relative_residual(discretization: Discretization, states, areas, stream, tolerance: float = 1e-10) -> float:
     """Norm of the residual of states relative to that of the uniform stream; arguments are those of `solve_flow`."""
-    field = _Field(discretization, areas, stream)
+    field = Field(discretization, areas, stream)
     return field.norm(field.residual(states)) / field.scale(tolerance)
 
 
 @dataclass(frozen=True, eq=False)
-class _Field:
+class Field:
     """What is solved: a discretisation with its area vectors and stream, its residual per surface of the cells."""
 
     discretization: Discretization
@@ -197,6 +199,7 @@ class _Field:
         return self.discretization.residual(states, self.areas, self.stream) / self.sizes
 
     def norm(self, residual: np.ndarray) -> float:
+        """Euclidean norm of an array of all cells."""
         return self.discretization.norm(residual)
 
     def scale(self, tolerance: float) -> float:
@@ -218,7 +221,7 @@ def _is_stalled(history: list[NewtonStep]) -> bool:
     return bool(before) and min(lately) > 0.5 * min(before)
 
 
-def _update(field: _Field, pattern: FactorPattern, states, residual, cfl):
+def _update(field: Field, pattern: FactorPattern, states, residual, cfl):
     """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
     discretization, sizes = field.discretization, field.sizes
     linearization = discretization.linearize(states, field.areas, field.stream)  # step 1
@@ -237,7 +240,7 @@ def _update(field: _Field, pattern: FactorPattern, states, residual, cfl):
     return (solution.x if is_usable else None), solution.n_products
 
 
-def _advance(field: _Field, states, residual, update):
+def advance(field: Field, states, residual, update):
     """Take as much of a step as keeps the states physical and the residual bounded."""
     if update is None:
         return states, residual, 0.0

@@ -12,6 +12,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
+from ...flow.euler.chord import solve_nearby
 from ...flow.euler.discretization import Linearization
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
@@ -61,9 +62,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     `Partition`.
 
     A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
-    they are still those of the last solution, they are changed by as much as the free stream. If that fails, and in a
-    first run, it starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of
-    flows with more dissipation.
+    they are still those of the last solution, they are changed by as much as the free stream. Steps are first made with
+    the Jacobian that the last derivatives were taken with, as long as it serves. If that fails, and in a first run, it
+    starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of flows with
+    more dissipation.
 
     Options
     -------
@@ -288,10 +290,22 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         # the plain norm, of the far field above all, tells whether states know the stream; gas at rest does not
         norms = [flow.discretization.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
         if norms[0] < norms[1]:
-            yield solve_flow(*field, states=starts[0], **settings)
+            yield self._from_nearby(inputs, outputs, field, starts[0], settings)
         cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
         yield solve_flow(*field, states=cold, **settings)
         yield solve_by_dissipation(*field, **settings)
+
+    def _from_nearby(self, inputs, outputs, field, start, settings) -> FlowSolution:
+        """Solve with the last Jacobian while that does, and then by steps with their own."""
+        tangent = self._tangent or self._tangent_at(inputs, outputs)
+        how = {name: value for name, value in settings.items() if name != "pattern"}
+        nearby = solve_nearby(*field, states=start, tangent=tangent, **how)
+        if nearby.is_converged:
+            return nearby
+        self._tangent = tangent = None  # it makes room for the next ones
+        settings = settings | {"max_steps": settings["max_steps"] - len(nearby.history) + 1}
+        solution = solve_flow(*field, states=nearby.states, **settings)
+        return replace(solution, history=nearby.history[:-1] + solution.history)
 
     def _progress(self, inputs):
         """What Newton's method calls with every step: it prints a line."""

@@ -1,0 +1,95 @@
+"""Steady states near one that is known: Newton steps with a Jacobian and a factor that stay as they are.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from .discretization import Discretization, Linearization
+from .krylov import solve_system
+from .newton import LARGEST_CFL, Field, FlowSolution, NewtonStep, advance
+from .preconditioner import BlockFactor
+
+__all__ = ["solve_nearby"]
+
+
+class Tangent(Protocol):
+    """Jacobians of a flow, and a factor that is made when it is first asked for."""
+
+    @property
+    def linearization(self) -> Linearization:
+        """Jacobians of all fluxes."""
+
+    @property
+    def factor(self) -> BlockFactor:
+        """Preconditioner of their Jacobian, without pseudo-time."""
+
+
+FORCING, MOST_PRODUCTS = 2e-2, 50
+"""Tolerance of the linear solves, and the products after which they have failed."""
+
+WORTH = 0.1
+"""Part of the residual that a step may leave at most; where it leaves more, new Jacobians are cheaper."""
+
+
+def solve_nearby(
+    discretization: Discretization,
+    areas: np.ndarray,
+    stream: np.ndarray,
+    *,
+    states: np.ndarray,
+    tangent: Tangent,
+    tolerance: float = 1e-10,
+    max_steps: int = 100,
+    progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
+) -> FlowSolution:
+    """Solve for the steady flow from states near it, with the Jacobian of a flow nearby, without pseudo-time.
+
+    A small change of the shape changes the Jacobian by little: each step leaves as much of the residual as its linear
+    solve and that change. Where that is too much, or a step has to be cut, it ends with the best states so far.
+
+    Parameters
+    ----------
+    discretization : Discretization
+    areas : ndarray, shape (n_faces, 3)
+        Area vectors (m^2).
+    stream : ndarray, shape (5,)
+        The free stream.
+    states : ndarray, shape (n_cells, 5)
+        To start from: those of the flow nearby.
+    tangent : Tangent
+        The Jacobian there, and its preconditioner.
+    tolerance, max_steps, progress
+        See `solve_flow`.
+    """
+    field = Field(discretization, areas, stream)
+    scale, residual = field.scale(tolerance), field.residual(states)
+    norm = field.norm(residual)
+    history = [NewtonStep(norm / scale, LARGEST_CFL, 0, 1.0)]
+
+    def product(x):
+        return tangent.linearization.state_jvp(x) / field.sizes
+
+    def precondition(y):
+        return tangent.factor.solve(field.sizes * y)
+
+    while history[-1].residual > tolerance and len(history) <= max_steps:
+        forcing = max(FORCING, 0.5 * tolerance * scale / norm)
+        solution = solve_system(product, precondition, -residual, forcing, MOST_PRODUCTS, discretization.halo.comm)
+        update = solution.x if solution.is_converged else None
+        moved, after, length = advance(field, states, residual, update)
+        is_better = length > 0.0 and field.norm(after) < norm
+        if is_better:
+            states, residual = moved, after
+        before, norm = norm, field.norm(residual)
+        history.append(NewtonStep(norm / scale, LARGEST_CFL, solution.n_products, length if is_better else 0.0))
+        if progress:
+            progress(history[-1], states)
+        if length < 1.0 or norm > WORTH * before:
+            break
+    return FlowSolution(states, stream, tuple(history), tolerance)
