@@ -42,6 +42,7 @@ from .evaluation.transfer import NodeTransfer as NodeTransfer
 from .fit.fitting import fit_blocks as fit_blocks
 from .fit.fitting import fit_grid as fit_grid
 from .fit.surface_fit import fit_surface as fit_surface
+from .flow.hinges import HingeMoment as HingeMoment
 from .flow.rigid_links import RigidLinks as RigidLinks
 from .generators.blended_wing_body import BlendedWingBody as BlendedWingBody
 from .generators.blended_wing_body import Rib as Rib

@@ -13,7 +13,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError
+from .axis_moments import AxisMoment
+from .hinges import HingeMoment
 from .induced_drag import InducedDrag
+from .section_loads import SECTION_LOADS, SectionLoads
 from .stream import stream_axes
 
 __all__ = ["ForceCoefficients", "WingCoefficients"]
@@ -106,18 +109,60 @@ class ForceCoefficients:
 
 @dataclass(frozen=True, eq=False)
 class WingCoefficients:
-    """Coefficients ``CL``, ``CD``, ``CM`` and ``CD_induced``, and the ``span_load`` (m).
+    """Coefficients ``CL``, ``CD``, ``CM`` and ``CD_induced``, moments about axes, and the loads along the span.
 
     Parameters
     ----------
     coefficients : ForceCoefficients
         The first three.
     induced : InducedDrag
-        The others.
+        ``CD_induced`` and ``span_load`` (m).
+    sections : SectionLoads
+        ``strip_span``, ``strip_chord``, ``strip_cl``, ``strip_cd`` and ``strip_cm``.
+    moments : dict of str to AxisMoment
+        ``CM_bending`` and whatever has an axis, by name.
     """
 
     coefficients: ForceCoefficients
     induced: InducedDrag
+    sections: SectionLoads
+    moments: dict[str, AxisMoment]
+
+    @classmethod
+    def of(
+        cls,
+        coefficients: ForceCoefficients,
+        induced: InducedDrag,
+        nodes: np.ndarray,
+        hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
+        faces: np.ndarray | None = None,
+    ) -> WingCoefficients:
+        """Add moments about axes and the loads of sections.
+
+        Parameters
+        ----------
+        coefficients, induced
+            See above.
+        nodes : ndarray, shape (n_nodes, 3)
+            Baseline nodes (m).
+        hinges : sequence of (HingeMoment, ndarray of bool)
+            Parts of the wall and their axes, and which faces belong to the patches of each.
+        faces : ndarray of int, shape (n_forces, 4), optional
+            Corners of the wall faces that the forces are on, which hinges need.
+
+        Raises
+        ------
+        InputError
+            If a hinge has no faces, or its name is another's.
+        """
+        points, references = coefficients.points, (coefficients.area, coefficients.chord)
+        bending = AxisMoment.bending(points, nodes, coefficients.axes, coefficients.reference, np.prod(references))
+        moments = {"CM_bending": bending}
+        for hinge, is_within in hinges:
+            if hinge.output in moments:
+                raise InputError(f"hinge {hinge.name}: there is a moment {hinge.output} already; give another name")
+            moments[hinge.output] = hinge.moment(points, references, induced.strips, nodes, faces, is_within)
+        return cls(coefficients, induced, SectionLoads(induced.strips, points), moments)
 
     def evaluate(self, forces: np.ndarray, nodes: np.ndarray, alpha) -> dict[str, np.ndarray]:
         """Compute them for forces divided by the dynamic pressure (m^2), nodes (m) and an angle of attack (rad).
@@ -125,12 +170,15 @@ class WingCoefficients:
         Arguments are those of `ForceCoefficients.evaluate`.
         """
         at = forces, nodes, alpha
-        return self._named(self.coefficients.evaluate(*at), *self.induced.evaluate(*at))
+        moments = {name: moment.evaluate(forces, nodes) for name, moment in self.moments.items()}
+        named = self._named(self.coefficients.evaluate(*at), *self.induced.evaluate(*at))
+        return named | moments | self.sections.evaluate(*at)
 
     def jvp(self, forces, nodes, alpha, d_forces, d_nodes, d_alpha) -> dict[str, np.ndarray]:
         """Derivatives of `evaluate` along a direction in all of its arguments."""
         at = forces, nodes, alpha, d_forces, d_nodes, d_alpha
-        return self._named(self.coefficients.jvp(*at), *self.induced.jvp(*at))
+        moments = {name: moment.jvp(forces, nodes, d_forces, d_nodes) for name, moment in self.moments.items()}
+        return self._named(self.coefficients.jvp(*at), *self.induced.jvp(*at)) | moments | self.sections.jvp(*at)
 
     def vjp(self, forces, nodes, alpha, bars: dict) -> tuple[np.ndarray, np.ndarray, float]:
         """Apply the transpose of `jvp` to derivatives with respect to some of the outputs, by name.
@@ -143,9 +191,16 @@ class WingCoefficients:
         """
         moment_bar, induced_bar = bars.get("CM", np.zeros(3)), bars.get("CD_induced", 0.0) / self.coefficients.area
         coefficients_bar = np.hstack([bars.get("CL", 0.0), bars.get("CD", 0.0), moment_bar])
-        of_forces = self.coefficients.vjp(forces, nodes, alpha, coefficients_bar)
-        of_wake = self.induced.vjp(forces, nodes, alpha, bars.get("span_load", 0.0), induced_bar)
-        return of_forces[0] + of_wake[0], of_forces[1] + of_wake[1], of_forces[2] + of_wake[2]
+        parts = [
+            self.coefficients.vjp(forces, nodes, alpha, coefficients_bar),
+            self.induced.vjp(forces, nodes, alpha, bars.get("span_load", 0.0), induced_bar),
+        ]
+        asked = self.moments.keys() & bars.keys()
+        parts += [(*self.moments[name].vjp(forces, nodes, np.sum(bars[name])), 0.0) for name in asked]
+        if bars.keys() & set(SECTION_LOADS):
+            parts.append(self.sections.vjp(forces, nodes, alpha, bars))
+        forces_bar, nodes_bar, alpha_bar = (sum(bars_of) for bars_of in zip(*parts))
+        return forces_bar, nodes_bar, alpha_bar
 
     def _named(self, coefficients, load, drag):
         lift, drag_of_forces, *_ = coefficients

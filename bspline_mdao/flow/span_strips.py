@@ -37,6 +37,8 @@ class SpanStrips:
         Weights of the wall faces in every strip; those of a face add up to 1.
     trailing : csr_array, shape (n + 1, n_nodes)
         Weights of the nodes of the grid in the points of the trailing edge at the stations.
+    leading : csr_array, shape (n + 1, n_nodes)
+        The same for the leading edge: the foremost points of the baseline.
     axes : ndarray, shape (3, 3)
         Rows are the directions downstream, along the span towards the last strip, and up.
     is_symmetric : bool
@@ -45,6 +47,7 @@ class SpanStrips:
 
     face_weights: csr_array
     trailing: csr_array
+    leading: csr_array
     axes: np.ndarray
     is_symmetric: bool
 
@@ -149,8 +152,8 @@ def _in_turn(strips: np.ndarray, edges: np.ndarray, root: int) -> np.ndarray | N
     return (n - 1 - steps).astype(int)[strips]
 
 
-def _along_grid_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.ndarray) -> tuple[csr_array, csr_array]:
-    """Weights of the faces, and points of the trailing edge: the last ones downstream on the lines between strips."""
+def _along_grid_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.ndarray) -> tuple[csr_array, ...]:
+    """Weights of the faces, and points of the edges: the last and first ones downstream on the lines between strips."""
     n, n_nodes = strips.max() + 1, len(downstream)
     last, first = np.full(n_nodes, -1), np.full(n_nodes, n)
     np.maximum.at(last, corners, strips[:, None])
@@ -159,7 +162,8 @@ def _along_grid_lines(corners: np.ndarray, downstream: np.ndarray, strips: np.nd
     first, last = first[on_wall], last[on_wall]
     stations = np.where((first < last) | (last == 0), last, n)
     face_weights = csr_array((np.ones(len(strips)), (strips, np.arange(len(strips)))), shape=(n, len(strips)))
-    return face_weights, _last_nodes(stations, on_wall, downstream)
+    edges = (_last_nodes(stations, on_wall, sign * downstream) for sign in (1.0, -1.0))
+    return face_weights, *edges
 
 
 def _last_nodes(stations: np.ndarray, rows: np.ndarray, downstream: np.ndarray) -> csr_array:
@@ -173,16 +177,17 @@ def _last_nodes(stations: np.ndarray, rows: np.ndarray, downstream: np.ndarray) 
     return csr_array((weights, (stations, rows)), shape=(len(furthest), len(downstream)))
 
 
-def _of_equal_width(corners, nodes, axes, n_strips) -> tuple[csr_array, csr_array]:
-    """Weights of the faces in strips of equal width, and points of the trailing edge between these."""
+def _of_equal_width(corners, nodes, axes, n_strips) -> tuple[csr_array, ...]:
+    """Weights of the faces in strips of equal width, and points of the trailing and leading edge between these."""
     span, downstream, edges = nodes @ axes[1], nodes @ axes[0], edges_of_quads(corners)
     used = span[corners]
     stations = np.linspace(used.min(), used.max(), n_strips + 1)
     low, near = used.min(axis=1), _NEAR * np.ptp(used)
     passed = np.clip((stations[:, None] - low) / np.maximum(np.ptp(used, axis=1), near), 0.0, 1.0)
     passed[-1] = 1.0  # quads that lie in the plane of the end as well
-    trailing = [_last_cut(cut_edges(edges, span - station, near), downstream) for station in stations]
-    return csr_array(np.diff(passed, axis=0)), vstack(trailing, format="csr")
+    cuts = [cut_edges(edges, span - station, near) for station in stations]
+    ends = (vstack([_last_cut(cut, sign * downstream) for cut in cuts], format="csr") for sign in (1.0, -1.0))
+    return csr_array(np.diff(passed, axis=0)), *ends
 
 
 def _last_cut(cuts, downstream: np.ndarray) -> csr_array:
@@ -191,10 +196,12 @@ def _last_cut(cuts, downstream: np.ndarray) -> csr_array:
     return points[[np.argmax(points @ downstream)]]
 
 
-def _widened(face_weights: csr_array, trailing: csr_array, points: np.ndarray) -> tuple[csr_array, csr_array]:
+def _widened(
+    face_weights: csr_array, trailing: csr_array, leading: csr_array, points: np.ndarray
+) -> tuple[csr_array, csr_array, csr_array]:
     """Join strips of no width to their neighbours; nodes are in the axes downstream, along the span, up."""
     widths = np.linalg.norm(np.diff((trailing @ points)[:, 1:], axis=0), axis=1)
     group = np.maximum(np.cumsum(widths > _SHORT * widths.sum()) - 1, 0)
     join = csr_array((np.ones(len(group)), (group, np.arange(len(group)))))
     stations = np.concatenate([[0], 1 + np.flatnonzero(np.diff(group)), [len(group)]])
-    return csr_array(join @ face_weights), csr_array(trailing[stations])
+    return csr_array(join @ face_weights), csr_array(trailing[stations]), csr_array(leading[stations])

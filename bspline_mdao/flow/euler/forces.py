@@ -5,6 +5,7 @@ Theory: ``docs/theory/euler.rst`` and ``docs/theory/far_field.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from ...numerics.halo import Halo
 from ...numerics.processes import gathered, summed_number
 from ...numerics.vectors import dots
 from ..force_coefficients import ForceCoefficients, WingCoefficients
+from ..hinges import HingeMoment
 from ..induced_drag import InducedDrag
 from ..span_strips import SpanStrips
 from .discretization import Discretization
@@ -33,7 +35,7 @@ _FLAT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class FlowForces:
-    """Forces of a flow: coefficients ``CL``, ``CD``, ``CM``, ``CD_induced``, ``CD_entropy``; ``Cp``; ``span_load`` (m).
+    """Forces of a flow: ``CL``, ``CD``, ``CM`` and the rest of `WingCoefficients`, ``CD_entropy`` and ``Cp``.
 
     Parameters
     ----------
@@ -57,7 +59,13 @@ class FlowForces:
 
     @classmethod
     def of(
-        cls, flow: FlowGrid, nodes: np.ndarray, area: float, chord: float = 1.0, reference=(0.0, 0.0, 0.0)
+        cls,
+        flow: FlowGrid,
+        nodes: np.ndarray,
+        area: float,
+        chord: float = 1.0,
+        reference=(0.0, 0.0, 0.0),
+        hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
     ) -> FlowForces:
         """Find the walls, the strips of the wing and the far field of a grid.
 
@@ -71,6 +79,8 @@ class FlowForces:
             Reference area (m^2) of what the grid shows, and chord (m).
         reference : sequence of three float
             Point that moments are taken about (m).
+        hinges : sequence of (HingeMoment, ndarray of bool)
+            Hinge moments, and which wall faces belong to the patches of each.
 
         Raises
         ------
@@ -87,7 +97,7 @@ class FlowForces:
             (np.full(wall.size, 0.25), wall.ravel(), 4 * np.arange(len(wall) + 1)), (len(wall), len(on_walls))
         )
         coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
-        wing = WingCoefficients(coefficients, induced)
+        wing = WingCoefficients.of(coefficients, induced, on_walls, hinges, wall)
         far = flow.faces.corners[flow.faces.faces_of("farfield")]
         return cls(flow.walls, far, flow.corners, WallPressure.of(flow), EntropyDrag.of(flow.discretization), wing)
 

@@ -52,9 +52,8 @@ class WallForces:
             Row in the grid vector of each node of the surface, ascending.
         """
         walls = flow.walls
-        corners = walls.corners if walls.rows is None else walls.rows[walls.corners]
-        ours = np.flatnonzero(np.isin(_keys(corners), _keys(rows[quads])))
-        corners = corners[ours]
+        ours = walls.faces_on(rows[quads])
+        corners = walls.rows_of_corners[ours]
         numbers, n = np.searchsorted(rows, corners), len(corners)
         shares = csr_array((np.full(4 * n, 0.25), numbers.ravel(), 4 * np.arange(n + 1)), (n, len(rows)))
         return cls(ours, csr_array(shares.T), WallPressure.of(flow))
@@ -118,9 +117,3 @@ class WallForces:
     def _corners(self) -> np.ndarray:
         """Corners of the faces among the nodes of the walls."""
         return self.pressure.walls.corners[self.faces]
-
-
-def _keys(corners: np.ndarray) -> np.ndarray:
-    """One value for each quad that tells it from others, whichever corner comes first: shape (n,)."""
-    ordered = np.ascontiguousarray(np.sort(corners, axis=1), dtype=np.int64)
-    return ordered.view([("", np.int64)] * 4).ravel()

@@ -73,6 +73,15 @@ class Walls:
         own = np.searchsorted(all_numbers[order], numbers)
         return cls(comm, corners.reshape(-1, 4), rows, own, held[places], places, len(own_rows))
 
+    @property
+    def rows_of_corners(self) -> np.ndarray:
+        """Rows in the grid vector of the corners of all wall faces, shape (n_wall, 4)."""
+        return self.corners if self.rows is None else self.rows[self.corners]
+
+    def faces_on(self, quads: np.ndarray) -> np.ndarray:
+        """Numbers of the wall faces that are among some quads, given by rows in the grid vector, shape (n, 4)."""
+        return np.flatnonzero(np.isin(_keys(self.rows_of_corners), _keys(quads)))
+
     def nodes(self, nodes: np.ndarray) -> np.ndarray:
         """Nodes of all walls, shape (n_nodes, 3), of those of this process."""
         if self.rows is None:
@@ -96,3 +105,9 @@ class Walls:
         on_walls = np.zeros(len(self.corners), values.dtype)
         on_walls[self.own] = values
         return summed(self.comm, on_walls)
+
+
+def _keys(corners: np.ndarray) -> np.ndarray:
+    """One value for each quad that tells it from others, whichever corner comes first: shape (n,)."""
+    ordered = np.ascontiguousarray(np.sort(corners, axis=1), dtype=np.int64)
+    return ordered.view([("", np.int64)] * 4).ravel()

@@ -14,6 +14,7 @@ from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES
 from ...flow.euler.sequencing import coarse_levels, useful_levels
+from ...flow.hinges import HingeMoment
 from ...flow.stream import RADIAN
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
@@ -24,7 +25,7 @@ from ..component import CheckedOnProcesses, add_bar, direction_in, fails_togethe
 from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
-from .references import REFERENCES, declare_references
+from .references import COEFFICIENTS, REFERENCES, declare_coefficients, declare_references
 from .trimmed_state import TrimmedState
 
 
@@ -50,7 +51,18 @@ class EulerFlow(om.Group):
     ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing, from the tip
     ``CD_induced``    output  (1,)                 induced drag from the wake far downstream
     ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ``CM_bending``    output  (1,)                 moment that bends the wing up at its plane of symmetry, about an
+                                                   axis downstream through span 0 at the height of the moment reference;
+                                                   the sum for both halves of a whole wing
+    ``CM_...``        output  (1,)                 hinge moments, one for each of the ``hinges``, by its name
+    ``strip_span``    output  (n_strips)    m      distance of the middle of every strip from span 0
+    ``strip_chord``   output  (n_strips)    m      its chord, from leading to trailing edge
+    ``strip_cl``,     output  (n_strips)           its lift and drag of the pressures, by its chord and width;
+    ``strip_cd``                                   ``strip_chord`` times ``strip_cl`` is ``span_load``
+    ``strip_cm``      output  (n_strips)           its moment about the quarter chord, positive nose up
     ================  ======  ============  =====  =====================================================================
+
+    Moments are divided by reference area and chord.
 
     On several processes ``grid`` and ``states`` are distributed, and ``grid`` has to be connected, such as to that of
     `GridEvaluate`; all other variables are the same on all of them. All processes raise the same error.
@@ -93,6 +105,8 @@ class EulerFlow(om.Group):
         the last bit with it and without.
     loaded : SurfaceGrid, optional
         Walls whose nodes are to have forces.
+    hinges : sequence of HingeMoment
+        Control surfaces whose moments are wanted.
     trim : bool
         Whether the angle of attack is solved for at a given lift, see `TrimmedState`.
     tolerance, linear_tolerance, max_steps, iprint
@@ -113,6 +127,7 @@ class EulerFlow(om.Group):
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")
         self.options.declare("shock_threshold", default=SHOCK_THRESHOLD, lower=0.0, desc="of the sensor; 0 for none")
         self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
+        self.options.declare("hinges", types=(list, tuple), default=(), recordable=False, desc="hinge moments")
         self.options.declare("trim", types=bool, default=False, desc="solve for alpha at a given lift")
         declare_solver(self.options)
 
@@ -126,7 +141,7 @@ class EulerFlow(om.Group):
         n_levels = useful_levels(flow.n_cells_of_grid)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
         settings = {name: self.options[name] for name in SOLVER_OPTIONS}
-        forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES))
+        forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES), hinges=self._hinges(flow))
         kind = TrimmedState if self.options["trim"] else EulerState
         state = kind(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
         self.add_subsystem("state", state, promotes=["*"])
@@ -141,6 +156,20 @@ class EulerFlow(om.Group):
         else:
             self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
+
+    def _hinges(self, flow: FlowGrid) -> list[tuple[HingeMoment, np.ndarray]]:
+        """The hinges, and which wall faces belong to the patches of each."""
+        parts = []
+        for hinge in self.options["hinges"]:
+            is_within = np.ones(len(flow.walls.corners), dtype=bool)
+            if hinge.patches is not None:
+                surface = hinge.patches
+                if not isinstance(surface, SurfaceGrid):
+                    surface = SurfaceGrid.of(self.options["model"], surface)
+                is_within[:] = False
+                is_within[flow.walls.faces_on(surface.rows[surface.quads])] = True
+            parts.append((hinge, is_within))
+        return parts
 
     @fails_together
     def _pieces(self) -> tuple[Partition, np.ndarray]:
@@ -177,6 +206,9 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     ``span_load``     output  (n_strips)    m      chord times lift coefficient of every strip of the wing
     ``CD_induced``    output  (1,)                 induced drag from the wake far downstream, see `InducedDrag`
     ``CD_entropy``    output  (1,)                 drag of the entropy that leaves through the far field
+    ``CM_bending``,   output                       moments about axes and loads of strips, see `EulerFlow`
+    ``CM_...``,
+    ``strip_...``
     ================  ======  ============  =====  =====================================================================
 
     Options
@@ -207,11 +239,10 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
         self.add_input("alpha", units="deg")
         self.add_input("Mach_number")
-        for name in ("CL", "CD", "CD_induced", "CD_entropy"):
+        declare_coefficients(self, self._forces.wing.induced.strips.n_strips)
+        for name in ("CD_entropy", *(name for name in self._forces.wing.moments if name not in COEFFICIENTS)):
             self.add_output(name)
-        self.add_output("CM", shape=3)
         self.add_output("Cp", shape=len(self._forces.walls.corners))
-        self.add_output("span_load", shape=self._forces.wing.induced.strips.n_strips, units="m")
 
     def compute(self, inputs, outputs):
         """Sum the pressures on the walls, and the rest of the outputs."""

@@ -22,7 +22,7 @@ from ...names import GRID, SURFACE
 from ...topology.partition import Partition
 from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
 from ..surface_measure import SurfaceMeasure
-from .references import REFERENCES, declare_references
+from .references import REFERENCES, declare_coefficients, declare_references
 from .vortex_lattice import LatticeStates
 
 
@@ -41,7 +41,9 @@ class LatticeFlow(om.Group):
     ``CD``              output  (1,)                  drag of the forces on the bound vortices
     ``CM``              output  (3,)                  moments about the axes x, y and z of the grid
     ``CD_induced``      output  (1,)                  drag of the wake far downstream: optimise with this one
+    ``CM_bending``      output  (1,)                  moment that bends the wing up at its root
     ``span_load``       output  (n_span - 1)   m      chord times lift coefficient of every strip, from the tip
+    ``strip_...``       output  (n_span - 1)          loads of strips, see `EulerFlow`
     ==================  ======  =============  =====  ==================================================================
 
     Options
@@ -220,7 +222,13 @@ class LatticeForces(om.ExplicitComponent):
     ``CL``, ``CD``      output  (1,)                                 lift and drag
     ``CM``              output  (3,)                                 moments about x, y and z of the grid
     ``CD_induced``      output  (1,)                                 induced drag from the wake, see `InducedDrag`
+    ``CM_bending``      output  (1,)                                 bending moment at the root, see `AxisMoment`
     ``span_load``       output  (n_span - 1)                  m      lift per length and dynamic pressure
+    ``strip_span``,     output  (n_span - 1)                  m      distance of the middle of every strip from span 0,
+    ``strip_chord``                                                  and its chord
+    ``strip_cl``,       output  (n_span - 1)                         lift, drag and moment of every strip, see
+    ``strip_cd``,                                                    `SectionLoads`
+    ``strip_cm``
     ==================  ======  ============================  =====  ===================================================
 
     Options
@@ -252,10 +260,7 @@ class LatticeForces(om.ExplicitComponent):
         self.add_input("panel_forces", shape=(n_chord - 1, n_span - 1, 3), units="N")
         self.add_input("camber_surface", val=nodes, units="m")
         self.add_input("alpha", units="deg")
-        for name in ("CL", "CD", "CD_induced"):
-            self.add_output(name)
-        self.add_output("CM", shape=3)
-        self.add_output("span_load", shape=n_span - 1, units="m")
+        declare_coefficients(self, n_span - 1)
         self._wing = self._coefficients()
 
     @fails_together
@@ -298,9 +303,11 @@ class LatticeForces(om.ExplicitComponent):
 
     def _coefficients(self) -> WingCoefficients:
         """Make the kernel that sums the forces."""
-        shape, references = self.options["camber"].shape, (self.options[name] for name in REFERENCES)
-        induced = InducedDrag.of_vortices(_strips(shape, self._axes))
-        return WingCoefficients(ForceCoefficients(_bound(shape), self._axes, *references), induced)
+        camber, references = self.options["camber"], (self.options[name] for name in REFERENCES)
+        induced = InducedDrag.of_vortices(_strips(camber.shape, self._axes))
+        coefficients = ForceCoefficients(_bound(camber.shape), self._axes, *references)
+        nodes = camber.evaluate(camber.surface.points).reshape(-1, 3) @ self._axes
+        return WingCoefficients.of(coefficients, induced, nodes)
 
 
 _VECTORS = ("panel_forces", "camber_surface")
@@ -308,11 +315,12 @@ _VECTORS = ("panel_forces", "camber_surface")
 
 
 def _strips(shape: tuple[int, int, int], axes: np.ndarray) -> SpanStrips:
-    """Rows of panels along the chord, from the tip, and the last row of nodes."""
+    """Rows of panels along the chord, from the tip, and the last and first row of nodes."""
     n_chord, n_span, _ = shape
     face_weights = kron(np.ones((1, n_chord - 1)), eye_array(n_span - 1), format="csr")
     trailing = eye_array(n_span, n_chord * n_span, k=(n_chord - 1) * n_span, format="csr")
-    return SpanStrips(csr_array(face_weights), csr_array(trailing), axes, is_symmetric=True)
+    leading = eye_array(n_span, n_chord * n_span, format="csr")
+    return SpanStrips(csr_array(face_weights), csr_array(trailing), csr_array(leading), axes, is_symmetric=True)
 
 
 def _bound(shape: tuple[int, int, int]) -> csr_array:

@@ -15,6 +15,7 @@ from ...movement.mover import Mover
 from ...names import GRID
 from ...numerics.processes import ONE
 from ..flow.euler_flow import EulerFlow
+from ..flow.references import COEFFICIENTS
 from .conventions import COORDINATES, COUPLING, INPUT, RESULT, VOLUME, Names, names_of
 from .distribution import nodes_of_rank
 from .geometry import SurfaceGeometry
@@ -28,8 +29,8 @@ __all__ = ["EulerBuilder", "FlowBuilder", "FlowGroup", "GeometryBuilder"]
 FLOW_RESULTS = {"CL": None, "CD": None, "CM": None, "CD_induced": None, "span_load": "m"}
 """Units of the outputs that every flow group has."""
 
-EULER_RESULTS = {**FLOW_RESULTS, "CD_entropy": None, "Cp": None}
-"""Units of the outputs of `EulerFlow`, but for its states."""
+EULER_RESULTS = {**COEFFICIENTS, "CD_entropy": None, "Cp": None}
+"""Units of the outputs of `EulerFlow`, but for its states, hinge moments and the angle of a given lift."""
 
 
 SCENARIOS = ("aerodynamic", "aerostructural")
@@ -165,7 +166,8 @@ class EulerBuilder(FlowBuilder):
     scenario : str
         "aerodynamic" or "aerostructural", see `FlowBuilder`.
     **options
-        Those of `EulerFlow`, such as ``reference_area``.
+        Those of `EulerFlow`, such as ``reference_area``. With ``trim`` there is ``CL_target`` in the place of the angle of
+        attack, and ``alpha`` is a result.
     """
 
     def __init__(
@@ -186,9 +188,13 @@ class EulerBuilder(FlowBuilder):
         def flow():
             return EulerFlow(model=model, **options)
 
+        results = {**EULER_RESULTS, **{hinge.output: None for hinge in options.get("hinges", ())}}
+        if options.get("trim"):
+            results["alpha"] = "deg"
+
         movement = {"mover": mover, "require_valid": require_valid}
         super().__init__(
-            model, flow, surface=surface, results=EULER_RESULTS, generation=generation, scenario=scenario, **movement
+            model, flow, surface=surface, results=results, generation=generation, scenario=scenario, **movement
         )
 
 
@@ -199,7 +205,7 @@ class FlowGroup(om.Group):
     name                   role    shape           units  meaning
     =====================  ======  ==============  =====  =========================================
     ``aero_vol_coords``    input   (3 n_nodes)            nodes of the grid (m)
-    ``angle_of_attack``    input   (1,)            deg    2 by default
+    ``angle_of_attack``    input   (1,)            deg    2 by default; ``CL_target`` where ``alpha`` is a result
     ``mach_number``        input   (1,)                   0.3 by default
     name of each result    output  the flow's own         coefficients and whatever else was named
     =====================  ======  ==============  =====  =========================================
@@ -250,7 +256,9 @@ class FlowGroup(om.Group):
         names, n_loaded = names_of(self.options["generation"], self.msginfo), self.options["n_loaded"]
         conditions = _conditions(3 * self.options["n_nodes"], names, self.comm)
         results = _results(self.options["results"])
-        targets = [pair.target for pair in conditions]
+        if "alpha" in self.options["results"]:
+            conditions[1] = _LIFT
+        targets = [GRID, "CL_target" if conditions[1] is _LIFT else "alpha", "Mach_number"]
         if n_loaded is not None:
             conditions.append(_pressure(names))
             targets.append("dynamic_pressure")
@@ -296,6 +304,10 @@ def _conditions(size: int, names: Names, comm) -> list[Renaming]:
         Renaming(names.angle_of_attack, "alpha", {**degrees, "tags": INPUT}, degrees),
         Renaming(names.mach_number, "Mach_number", {"val": 0.3, "tags": INPUT}, {"val": 0.3}),
     ]
+
+
+_LIFT = Renaming("CL_target", "lift_of_flow", {"val": 0.3, "tags": INPUT}, {"val": 0.3})
+"""The lift of a flow whose angle of attack is a result."""
 
 
 def _pressure(names: Names) -> Renaming:
