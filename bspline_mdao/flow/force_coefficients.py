@@ -5,6 +5,7 @@ Theory: ``docs/theory/far_field.rst``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -107,6 +108,10 @@ class ForceCoefficients:
         return np.concatenate([force, moment / self.chord]) / self.area
 
 
+NO_FACES = np.zeros((0, 4), dtype=int)
+"""Corners of the wall faces of a flow that has none, such as a lattice."""
+
+
 @dataclass(frozen=True, eq=False)
 class WingCoefficients:
     """Coefficients ``CL``, ``CD``, ``CM`` and ``CD_induced``, moments about axes, and the loads along the span.
@@ -135,7 +140,7 @@ class WingCoefficients:
         induced: InducedDrag,
         nodes: np.ndarray,
         hinges: Sequence[tuple[HingeMoment, np.ndarray]] = (),
-        faces: np.ndarray | None = None,
+        faces: np.ndarray = NO_FACES,
     ) -> WingCoefficients:
         """Add moments about axes and the loads of sections.
 
@@ -156,7 +161,7 @@ class WingCoefficients:
             If a hinge has no faces, or its name is another's.
         """
         points, references = coefficients.points, (coefficients.area, coefficients.chord)
-        bending = AxisMoment.bending(points, nodes, coefficients.axes, coefficients.reference, np.prod(references))
+        bending = AxisMoment.bending(points, nodes, coefficients.axes, coefficients.reference, math.prod(references))
         moments = {"CM_bending": bending}
         for hinge, is_within in hinges:
             if hinge.output in moments:
@@ -199,8 +204,8 @@ class WingCoefficients:
         parts += [(*self.moments[name].vjp(forces, nodes, np.sum(bars[name])), 0.0) for name in asked]
         if bars.keys() & set(SECTION_LOADS):
             parts.append(self.sections.vjp(forces, nodes, alpha, bars))
-        forces_bar, nodes_bar, alpha_bar = (sum(bars_of) for bars_of in zip(*parts))
-        return forces_bar, nodes_bar, alpha_bar
+        forces_bars, nodes_bars, alpha_bars = zip(*parts)
+        return np.sum(forces_bars, axis=0), np.sum(nodes_bars, axis=0), sum(alpha_bars)
 
     def _named(self, coefficients, load, drag):
         lift, drag_of_forces, *_ = coefficients

@@ -91,7 +91,8 @@ class SpanStrips:
             parts = _of_equal_width(corners, nodes, axes, n_strips)
         else:
             parts = _along_grid_lines(corners, nodes @ axes[0], numbers)
-        return cls(*_widened(*parts, nodes @ axes.T), axes, is_symmetric)
+        face_weights, trailing, leading = parts
+        return cls(*_widened(face_weights, trailing, leading, nodes @ axes.T), axes, is_symmetric)
 
     @property
     def n_strips(self) -> int:

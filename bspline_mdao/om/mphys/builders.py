@@ -166,8 +166,8 @@ class EulerBuilder(FlowBuilder):
     scenario : str
         "aerodynamic" or "aerostructural", see `FlowBuilder`.
     **options
-        Those of `EulerFlow`, such as ``reference_area``. With ``trim`` there is ``CL_target`` in the place of the angle of
-        attack, and ``alpha`` is a result.
+        Those of `EulerFlow`, such as ``reference_area``. With ``trim`` there is ``CL_target`` in the place of the angle
+        of attack, and ``alpha`` is a result.
     """
 
     def __init__(
