@@ -19,7 +19,7 @@ from topology_cases import (
 
 from bspline_mdao import ball_grid
 from bspline_mdao.cells.cell_faces import CellFaces
-from bspline_mdao.flow.euler.discretization import Discretization, Linearization
+from bspline_mdao.flow.euler.discretization import Discretization
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
@@ -227,8 +227,10 @@ class OpenEnds(Discretization):
 
     def linearize(self, states, areas, stream):
         parts = [Discretization.linearize(self, states, *part) for part in self._parts(areas)]
-        names = "state_jacobians", "area_jacobians", "cell_weights", "sensors"
-        return Linearization(self, *(sum(getattr(part, name) for part in parts) for name in names))
+        jacobians = parts[0].jacobians
+        values = sum(part.jacobians.values for part in parts)
+        vars(parts[0])["jacobians"] = replace(jacobians, values=values)
+        return parts[0]
 
     def _parts(self, areas):
         """Areas of the faces that share a state, all others 0, and the state: all other faces first."""

@@ -119,6 +119,21 @@ def test_products_and_their_transposes_agree(case, threshold, argument, product)
     assert forward == pytest.approx(reverse, rel=1e-13, abs=1e-13 * np.linalg.norm(direction) * np.linalg.norm(bar))
 
 
+@CASES
+@SENSORS
+def test_products_in_single_precision_are_the_exact_ones_to_single_precision(case, threshold):
+    case, single = case(threshold), np.finfo(np.float32).eps
+    direction, bar = np.random.default_rng(6).standard_normal((2, *case.states.shape))
+    exact, jacobians = case.linearization, case.linearization.jacobians
+    assert (len(jacobians.shocks) > 0) == (threshold > 0.0)
+    for ours, theirs in (
+        (jacobians.product(direction), exact.state_jvp(direction)),
+        (jacobians.transposed_product(bar), exact.state_vjp(bar)),
+    ):
+        assert ours.dtype == np.float32
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=20.0 * single * np.abs(theirs).max())
+
+
 def test_area_vectors_and_their_derivatives_agree_with_complex_step():
     case = every_kind()
     rng = np.random.default_rng(7)

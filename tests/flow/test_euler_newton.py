@@ -11,7 +11,7 @@ from topology_cases import smooth_box
 from bspline_mdao import flat_plate_grid
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.krylov import RESTART, solve_system
+from bspline_mdao.flow.euler.krylov import RESTART, solve_roughly, solve_system
 from bspline_mdao.flow.euler.newton import relative_residual
 from bspline_mdao.flow.euler.preconditioner import (
     BLOCK,
@@ -103,7 +103,11 @@ def test_solves_with_a_factor_and_its_transpose_agree(fill):
 
 def compact_jacobian(case, dissipation):
     """The compact neighbour of the Jacobian, from the Jacobians of the faces."""
-    stencil, faces, by_state = case.discretization.stencil, case.faces, case.linearization.state_jacobians
+    stencil, faces, by_state = (
+        case.discretization.stencil,
+        case.faces,
+        case.linearization.jacobians.values.astype(float),
+    )
     mean, jump = by_state[..., :BLOCK], by_state[..., BLOCK:]
     inner = slice(0, faces.n_inner)
     left, right = faces.left[inner], faces.right
@@ -196,7 +200,7 @@ def test_the_last_steps_are_those_of_newton():
 
 
 def test_a_step_solved_exactly_squares_the_residual(monkeypatch):
-    monkeypatch.setattr(newton, "FORCING", 1e-9)
+    monkeypatch.setattr(newton, "FORCING", 1e-5)  # what single precision can
     residuals = np.array([step.residual for step in sphere_case().solve(tolerance=1e-11).history])
     before = np.flatnonzero(residuals < 1e-2)[0]
     assert residuals[before + 1] < 10.0 * residuals[before] ** 2
@@ -219,10 +223,10 @@ def test_a_linear_solve_that_fails_cuts_the_time_step_and_leaves_the_states(monk
 
     def fails_at_second(*arguments, **options):
         calls.append(1)
-        solution = solve_system(*arguments, **options)
+        solution = solve_roughly(*arguments, **options)
         return replace(solution, is_converged=False) if len(calls) == 2 else solution
 
-    monkeypatch.setattr(newton, "solve_system", fails_at_second)
+    monkeypatch.setattr(newton, "solve_roughly", fails_at_second)
     flow = sphere_case().solve()
     failed = flow.history[2]
     assert failed.length == 0.0
@@ -233,10 +237,10 @@ def test_a_linear_solve_that_fails_cuts_the_time_step_and_leaves_the_states(monk
 
 def test_an_update_that_is_not_finite_counts_as_a_failed_solve(monkeypatch):
     def is_nan(*arguments, **options):
-        solution = solve_system(*arguments, **options)
+        solution = solve_roughly(*arguments, **options)
         return replace(solution, x=solution.x * np.nan)
 
-    monkeypatch.setattr(newton, "solve_system", is_nan)
+    monkeypatch.setattr(newton, "solve_roughly", is_nan)
     flow = sphere_case().solve(max_steps=3)
     assert not flow.is_converged
     assert np.isfinite(flow.states).all()
@@ -245,10 +249,10 @@ def test_an_update_that_is_not_finite_counts_as_a_failed_solve(monkeypatch):
 
 def test_density_and_pressure_stay_positive_however_large_the_update(monkeypatch):
     def overshoots(*arguments, **options):
-        solution = solve_system(*arguments, **options)
+        solution = solve_roughly(*arguments, **options)
         return replace(solution, x=-50.0 * np.abs(solution.x))
 
-    monkeypatch.setattr(newton, "solve_system", overshoots)
+    monkeypatch.setattr(newton, "solve_roughly", overshoots)
     flow = sphere_case().solve(max_steps=4)
     assert flow.states[:, [0, 4]].min() > 0.0
 

@@ -10,7 +10,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -18,17 +18,17 @@ from scipy.linalg import solve_triangular
 from ...numerics.processes import ONE, norm, summed
 from ...numerics.threads import one_blas_thread
 
-__all__ = ["KrylovSolution", "solve_refined", "solve_system"]
+__all__ = ["KrylovSolution", "solve_refined", "solve_roughly", "solve_system"]
 
 
-RESTART = 50
-"""Vectors after which GMRES starts again: more save few products and take 40 bytes per cell each."""
+RESTART = 30
+"""Vectors after which GMRES starts again: more save few products and take 20 bytes per cell each."""
 
 ROUNDING = 16.0 * np.finfo(float).eps
 """Residual relative to the norm of the solution, with a matrix of the size of one, that is left by rounding."""
 
-LEAST = 1e-10
-"""Smallest tolerance that one run of GMRES is asked for: its own residual drifts from the true one by rounding."""
+LEAST = 1e-4
+"""Smallest tolerance that one run of GMRES in single precision is asked for."""
 
 _ENOUGH = 0.5
 """Part of the square of a vector that the first pass has to leave; below, rounding of what it took away shows."""
@@ -79,7 +79,7 @@ def solve_system(
     product, precondition : callable
         Product with the matrix and approximate solution with it, of arrays of the shape of ``right``.
     right : ndarray, shape (n_cells, 5)
-        Right-hand side; rows of the cells of this process.
+        Right-hand side; rows of the cells of this process. All vectors are of its precision.
     tolerance : float
         Norm of the residual relative to that of the right-hand side.
     max_products : int
@@ -100,19 +100,20 @@ def solve_system(
     def apply(vector):
         return product(precondition(vector.reshape(right.shape))).ravel()
 
-    target, n_products, left = tolerance * norm(right, comm), 0, np.inf
-    y, rest, basis = np.zeros(right.size), right.ravel(), np.empty((RESTART + 1, right.size))
+    target, n_products = tolerance * norm(right, comm), 0
+    y, rest = np.zeros(right.size, right.dtype), right.ravel()
+    basis = np.empty((RESTART + 1, right.size), right.dtype)
     with one_blas_thread:  # on a busy machine its threads only wait for each other
         for cycle in range(max(1, max_products // RESTART)):
             if cycle:
                 rest, n_products = right.ravel() - apply(y), n_products + 1
-            before, left = left, norm(rest, comm)
-            if not target < left < np.inf or left > most_left * before:
+            before = left = norm(rest, comm)
+            if not target < left < np.inf:
                 break
             weights, left = _cycle(apply, basis, rest, left, target, comm)
-            y += weights @ basis[: len(weights)]
+            y += weights.astype(y.dtype) @ basis[: len(weights)]
             n_products += len(weights)
-            if left <= target:
+            if left <= target or left > most_left * before:
                 break
     return KrylovSolution(precondition(y.reshape(right.shape)), n_products, left <= target)
 
@@ -147,10 +148,10 @@ def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm) -> tuple[np.ndar
     """Take the parts of a vector along orthonormal ones away, in place: these parts, and the length of what is left."""
     parts, square, left = _parts(summed(comm, _products(basis, vector)))
     if left >= _ENOUGH * square:
-        vector -= parts @ basis
+        vector -= parts.astype(vector.dtype) @ basis
         return parts, float(np.sqrt(left))
     rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, vector, parts)))
-    vector -= rest @ basis
+    vector -= rest.astype(vector.dtype) @ basis
     return parts + rest, float(np.sqrt(max(left, 0.0)))
 
 
@@ -162,7 +163,7 @@ def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
 
 def _products(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Products of a vector with others and, last, with itself."""
-    return np.append(basis @ vector, vector @ vector)
+    return np.append(basis @ vector, vector @ vector).astype(float)
 
 
 def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> np.ndarray:
@@ -170,13 +171,33 @@ def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndar
     products = np.zeros(len(basis) + 1)
     for start in range(0, len(vector), PIECE):
         piece, near = vector[start : start + PIECE], basis[:, start : start + PIECE]
-        piece -= parts @ near
+        piece -= parts.astype(piece.dtype) @ near
         products += _products(near, piece)
     return products
 
 
+def solve_roughly(
+    product: Callable,
+    precondition: Callable,
+    right: np.ndarray,
+    tolerance: float,
+    max_products: int = 2000,
+    comm=ONE,
+    most_left: float = np.inf,
+) -> KrylovSolution:
+    """Solve a linear system in single precision, whatever the size of its right-hand side; the solution is in double.
+
+    Parameters are those of `solve_system`; products are of float32.
+    """
+    size = norm(right, comm)
+    unit = (right / size).astype(np.float32)
+    solution = solve_system(product, precondition, unit, tolerance, max_products, comm, most_left)
+    return replace(solution, x=size * solution.x.astype(float))
+
+
 def solve_refined(
     product: Callable,
+    rough_product: Callable,
     precondition: Callable,
     right: np.ndarray,
     tolerance: float,
@@ -185,11 +206,20 @@ def solve_refined(
 ) -> KrylovSolution:
     """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
 
-    Iterative refinement; parameters are those of `solve_system`:
+    Iterative refinement, of solutions in single precision by residuals in double precision:
 
     1. Find the true residual of the solution so far.
     2. End where it is small enough, or where the last correction has not halved it.
-    3. Solve for a correction, and add it.
+    3. Solve for a correction in single precision, and add it.
+
+    Parameters
+    ----------
+    product : callable
+        Product with the matrix, in double precision.
+    rough_product, precondition : callable
+        Product with a matrix that is the same up to rounding in single precision, and approximate solution with it.
+    right, tolerance, max_products, comm
+        See `solve_system`; products are those of both kinds.
     """
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
     asked = tolerance * norm(right, comm)
@@ -198,6 +228,6 @@ def solve_refined(
         if left <= asked or left > 0.5 * before or n_products >= max_products:  # step 2
             return KrylovSolution(x, n_products, bool(left <= max(asked, ROUNDING * norm(x, comm))))
         part = max(0.5 * asked / left, LEAST)
-        correction = solve_system(product, precondition, rest, part, max_products - n_products, comm)  # step 3
-        x, n_products, before = x + correction.x, n_products + correction.n_products, left
+        correction = solve_roughly(rough_product, precondition, rest, part, max_products - n_products, comm)  # step 3
+        x, n_products, before = x + correction.x, n_products + correction.n_products + 1, left
         rest = right - product(x)  # step 1

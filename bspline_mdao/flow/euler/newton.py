@@ -13,7 +13,7 @@ import numpy as np
 
 from ...numerics.processes import largest
 from .discretization import Discretization
-from .krylov import solve_system
+from .krylov import solve_roughly
 from .preconditioner import FactorPattern, compact_factor, time_terms
 
 __all__ = [
@@ -43,7 +43,7 @@ STALLED = 15
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
 
-FORCING, LARGEST_SOLVE, MOST_LEFT = 1e-2, 300, 0.7
+FORCING, LARGEST_SOLVE, MOST_LEFT = 1e-2, 300, 0.8
 """Tolerance of the linear solves; the products after which they have failed, and the part of its residual that a cycle
 may leave: a smaller CFL number is cheaper."""
 
@@ -223,19 +223,19 @@ def _is_stalled(history: list[NewtonStep]) -> bool:
 
 def _update(field: Field, pattern: FactorPattern, states, residual, cfl):
     """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
-    discretization, sizes = field.discretization, field.sizes
+    discretization, sizes = field.discretization, field.sizes.astype(np.float32)
     linearization = discretization.linearize(states, field.areas, field.stream)  # step 1
-    diagonal = time_terms(discretization, states, field.areas) / cfl
+    diagonal = (time_terms(discretization, states, field.areas) / cfl).astype(np.float32)
     factor = compact_factor(linearization, pattern, diagonal)  # step 2
 
     def product(x):
-        return (linearization.state_jvp(x) + np.einsum("cnm,cm->cn", diagonal, x)) / sizes
+        return (linearization.jacobians.product(x) + np.einsum("cnm,cm->cn", diagonal, x)) / sizes
 
     def precondition(y):
         return factor.solve(sizes * y)
 
     comm = discretization.halo.comm
-    solution = solve_system(product, precondition, -residual, FORCING, LARGEST_SOLVE, comm, MOST_LEFT)
+    solution = solve_roughly(product, precondition, -residual, FORCING, LARGEST_SOLVE, comm, MOST_LEFT)
     is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.is_converged
     return (solution.x if is_usable else None), solution.n_products
 

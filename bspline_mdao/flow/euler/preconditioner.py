@@ -22,8 +22,9 @@ from scipy.sparse import csr_array
 
 from ...sparse.blocks import Graph
 from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
-from .discretization import Discretization, Linearization
+from .discretization import Discretization
 from .gas import GAMMA
+from .linearization import Linearization
 from .reconstruction import FIRST, INNER, MEAN
 
 BLOCK = 5
@@ -54,35 +55,37 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     """
     stencil = linearization.discretization.stencil
     lower = np.zeros((len(pattern.columns), *diagonal.shape[1:]), np.float32)
-    upper, placed = np.zeros_like(lower), np.empty_like(diagonal)
+    upper, placed = np.zeros_like(lower), np.empty(diagonal.shape, lower.dtype)
     placed[pattern.rank] = diagonal
     index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
-    dissipation = max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation)
-    sensor = linearization.sensors[:, 0]
-    _place(
-        *index, linearization.state_jacobians, dissipation, sensor, pattern.rank, pattern.places, lower, upper, placed
-    )
+    dissipation = np.float32(max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation))
+    jacobians = linearization.jacobians
+    at_shocks = jacobians.shock_rows, jacobians.shocks
+    _place(*index, jacobians.values, dissipation, *at_shocks, pattern.rank, pattern.places, lower, upper, placed)
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _place(cells, weights, classes, roles, state_jacobians, dissipation, sensor, rank, places, lower, upper, diagonal):
+def _place(
+    cells, weights, classes, roles, jacobians, dissipation, shock_rows, shocks, rank, places, lower, upper, diagonal
+):
     """Add the blocks of all faces at their places; those between own cells and others have none off the diagonal."""
     n_own = len(rank)
     for f in range(len(cells)):
-        jacobian, b, c = state_jacobians[f], cells[f, 1], cells[f, 2]
+        jacobian, b, c = jacobians[f], cells[f, 1], cells[f, 2]
         left, right = (rank[b] if b < n_own else -1), (rank[c] if c < n_own else -1)
         if roles[f] != INNER:
             w = weights[classes[f]]
             mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
             diagonal[left] += mean * jacobian[:, :5] + w[FIRST, 1] * jacobian[:, 5:]
             continue
-        at, shock = places[f], sensor[f] if len(sensor) > 0 else 0.0
-        part = dissipation + shock * (1.0 - dissipation)
+        at, part = places[f], dissipation
+        if len(shock_rows) > 0 and shock_rows[f] >= 0:
+            part += shocks[shock_rows[f], 0] * (np.float32(1.0) - dissipation)
         for n in range(5):
             for m in range(5):
-                from_left = 0.5 * jacobian[n, m] - part * jacobian[n, 5 + m]
-                from_right = 0.5 * jacobian[n, m] + part * jacobian[n, 5 + m]
+                from_left = np.float32(0.5) * jacobian[n, m] - part * jacobian[n, 5 + m]
+                from_right = np.float32(0.5) * jacobian[n, m] + part * jacobian[n, 5 + m]
                 if left >= 0:
                     diagonal[left, n, m] += from_left
                 if right >= 0:
@@ -189,7 +192,7 @@ class BlockFactor:
     def of(cls, pattern: FactorPattern, lower, upper, diagonal) -> BlockFactor:
         """Factor a matrix whose blocks are in place, by rank; they are overwritten."""
         _factorize(pattern.starts, pattern.columns, lower, upper, diagonal)
-        return cls(pattern, lower, upper, diagonal.astype(lower.dtype))
+        return cls(pattern, lower, upper, diagonal.astype(lower.dtype, copy=False))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve ``L U x = right``, shape (n, 5)."""
@@ -282,7 +285,7 @@ def _invert(block, inverse):
 def _solve(rank, starts, columns, lower, upper, pivots, right):
     """Solve with L, then with U."""
     n = len(rank)
-    x = np.empty((n, BLOCK))
+    x = np.empty((n, BLOCK), right.dtype)
     for point in range(n):
         x[rank[point]] = right[point]
     for row in range(n):
@@ -293,7 +296,7 @@ def _solve(rank, starts, columns, lower, upper, pivots, right):
                 for b in range(BLOCK):
                     total += block[a, b] * z[b]
                 x[row, a] -= total
-    y = np.empty(BLOCK)
+    y = np.empty(BLOCK, right.dtype)
     for row in range(n - 1, -1, -1):
         for a in range(BLOCK):
             total = 0.0
@@ -315,10 +318,10 @@ def _solve(rank, starts, columns, lower, upper, pivots, right):
 def _solve_transposed(rank, starts, columns, lower, upper, pivots, right):
     """Solve with the transpose of U, then with that of L."""
     n = len(rank)
-    x = np.empty((n, BLOCK))
+    x = np.empty((n, BLOCK), right.dtype)
     for point in range(n):
         x[rank[point]] = right[point]
-    y = np.empty(BLOCK)
+    y = np.empty(BLOCK, right.dtype)
     for row in range(n):
         for entry in range(starts[row], starts[row + 1]):
             block, z = upper[entry], x[columns[entry]]

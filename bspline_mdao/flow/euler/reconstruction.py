@@ -15,12 +15,14 @@ Theory: ``docs/theory/euler.rst`` and, for shocks, ``docs/theory/euler_transonic
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 
 from ...cells.cell_faces import NONE, CellFaces
 from ...errors import InputError
+from .cell_sums import CellSums
 from .gas import GAMMA
 
 MEAN, FIRST, THIRD = 0, 1, 2
@@ -93,6 +95,11 @@ class Stencil:
             classes[part] = _BOUNDARY_CLASSES[KINDS[patch.kind]] + depths[part]
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
         return cls(cells, _WEIGHTS, classes, roles)
+
+    @cached_property
+    def sums(self) -> CellSums:
+        """Sums over the faces of every cell."""
+        return CellSums.of(self.cells, self.roles == INNER)
 
     def part(self, faces: slice) -> tuple[np.ndarray, ...]:
         """Cells, weights, classes and roles of a range of faces, as the kernels take them."""

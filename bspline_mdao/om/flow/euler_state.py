@@ -13,11 +13,11 @@ import openmdao.api as om
 
 from ...errors import InputError
 from ...flow.euler.chord import solve_nearby
-from ...flow.euler.discretization import Linearization
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from ...flow.euler.krylov import KrylovSolution, solve_refined
+from ...flow.euler.linearization import Linearization
 from ...flow.euler.newton import FlowSolution, relative_residual, solve_by_dissipation, solve_flow
 from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_factor
 from ...flow.euler.sequencing import states_from_coarse
@@ -221,9 +221,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if self._tangent is None or not self._everywhere(self._tangent.is_at(point)):
             self._tangent = None  # it makes room for the next
             flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
-            linearization = flow.discretization.linearize(outputs["states"].reshape(-1, N_STATES), *self._at(inputs))
-            sizes = np.maximum(flow.sizes(nodes), np.finfo(float).tiny)[:, None]
-            self._tangent = _Tangent(tuple(map(np.array, point)), linearization, sizes, flow.pattern)
+            point = tuple(map(np.array, point))
+            linearization = flow.discretization.linearize(point[0].reshape(-1, N_STATES), *self._at(inputs))
+            sizes = np.maximum(flow.sizes(nodes), np.finfo(np.float32).tiny)[:, None]
+            self._tangent = _Tangent(point, linearization, sizes, flow.pattern)
         return self._tangent
 
     @property
@@ -344,7 +345,7 @@ class _Tangent:
     @cached_property
     def factor(self) -> BlockFactor:
         """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
-        still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES))
+        still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES), np.float32)
         return compact_factor(self.linearization, self.pattern, still)
 
     @property
@@ -357,25 +358,27 @@ class _Tangent:
 
     def solve(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with the Jacobian with respect to the states."""
-
-        def product(x):
-            return self.linearization.state_jvp(x) / self.sizes
-
-        def precondition(y):
-            return self.factor.solve(self.sizes * y)
-
-        return solve_refined(product, precondition, right / self.sizes, tolerance, comm=self.comm)
+        rough, sizes = self.linearization.jacobians.product, self.sizes.astype(np.float32)
+        return solve_refined(
+            lambda x: self.linearization.state_jvp(x) / self.sizes,
+            lambda x: rough(x) / sizes,
+            lambda y: self.factor.solve(sizes * y),
+            right / self.sizes,
+            tolerance,
+            comm=self.comm,
+        )
 
     def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with the transpose of the Jacobian with respect to the states."""
-
-        def product(x):
-            return self.linearization.state_vjp(x / self.sizes)
-
-        def precondition(y):
-            return self.sizes * self.factor.solve_transposed(y)
-
-        solution = solve_refined(product, precondition, right, tolerance, comm=self.comm)
+        rough, sizes = self.linearization.jacobians.transposed_product, self.sizes.astype(np.float32)
+        solution = solve_refined(
+            lambda x: self.linearization.state_vjp(x / self.sizes),
+            lambda x: rough(x / sizes),
+            lambda y: sizes * self.factor.solve_transposed(y),
+            right,
+            tolerance,
+            comm=self.comm,
+        )
         return replace(solution, x=solution.x / self.sizes)
 
 

@@ -1,0 +1,136 @@
+"""Sums over the faces of every cell, and work on ranges of faces and cells on several threads.
+
+What faces give is written down face by face first, then added up cell by cell, in the order of the faces: no two
+threads write to the same number, and sums have the same bits on any number of threads.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ...numerics.threads import run_tasks, thread_count
+
+__all__ = ["CellSums", "visit"]
+
+PER_TASK = 16_384
+"""Faces or cells of a task; fewer are not worth the start of a thread."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellSums:
+    """Faces of every cell, and faces whose stencils a cell is in.
+
+    Parameters
+    ----------
+    starts : ndarray of int64, shape (n_cells + 1,)
+        Where the faces of each cell start; cells of other processes are among them.
+    entries : ndarray of int32
+        Faces, ascending; those that a cell is on the right of as ``-1 - face``.
+    stencil_starts : ndarray of int64, shape (n_cells + 1,)
+        Where the stencils with each cell start.
+    stencil_entries : ndarray of int32
+        Four times the face, plus the place of the cell in its stencil.
+    """
+
+    starts: np.ndarray
+    entries: np.ndarray
+    stencil_starts: np.ndarray
+    stencil_entries: np.ndarray
+
+    @classmethod
+    def of(cls, cells: np.ndarray, has_right: np.ndarray) -> CellSums:
+        """List the faces.
+
+        Parameters
+        ----------
+        cells : ndarray of int, shape (n_faces, 4)
+            Stencil of each face; the second is on its left, the third on its right.
+        has_right : ndarray of bool, shape (n_faces,)
+            Whether there is a cell on its right.
+        """
+        return cls(*_list(cells, has_right, int(cells.max(initial=-1)) + 1))
+
+    def of_faces(self, flux: np.ndarray, n_cells: int) -> np.ndarray:
+        """Sum what flows out of cells, shape (n_cells, 5), of fluxes from left to right, shape (n_faces, 5)."""
+        out = np.empty((n_cells, flux.shape[1]), flux.dtype)
+        visit(n_cells, lambda part: _sum_faces(self.starts, self.entries, flux, part.start, part.stop, out))
+        return out
+
+    def of_stencils(self, shares: np.ndarray, n_cells: int) -> np.ndarray:
+        """Sum numbers, shape (n_faces, 4, 5), of the four cells of every stencil: shape (n_cells, 5)."""
+        out, index = np.empty((n_cells, shares.shape[2]), shares.dtype), (self.stencil_starts, self.stencil_entries)
+        visit(n_cells, lambda part: _sum_stencils(*index, shares, part.start, part.stop, out))
+        return out
+
+
+def visit(n: int, task: Callable[[slice], None]) -> None:
+    """Call ``task(range)`` for ranges of `PER_TASK` of ``n`` numbers, on several threads.
+
+    Parameters
+    ----------
+    n : int
+    task : callable
+        Must not depend on the order of the calls, and release the interpreter lock.
+    """
+    n_tasks = -(-n // PER_TASK)
+    run_tasks(lambda k: task(slice(k * PER_TASK, min(n, (k + 1) * PER_TASK))), n_tasks, thread_count(None))
+
+
+@njit(cache=True, error_model="numpy")
+def _list(cells, has_right, n_cells):
+    """Count, then list the faces of every cell and the stencils that it is in."""
+    starts, stencil_starts = np.zeros(n_cells + 1, np.int64), np.zeros(n_cells + 1, np.int64)
+    for f in range(len(cells)):
+        starts[cells[f, 1] + 1] += 1
+        if has_right[f]:
+            starts[cells[f, 2] + 1] += 1
+        for k in range(4):
+            stencil_starts[cells[f, k] + 1] += 1
+    starts, stencil_starts = np.cumsum(starts), np.cumsum(stencil_starts)
+    entries, stencil_entries = np.empty(starts[-1], np.int32), np.empty(stencil_starts[-1], np.int32)
+    ends, stencil_ends = starts[:-1].copy(), stencil_starts[:-1].copy()
+    for f in range(len(cells)):
+        entries[ends[cells[f, 1]]] = f
+        ends[cells[f, 1]] += 1
+        if has_right[f]:
+            entries[ends[cells[f, 2]]] = -1 - f
+            ends[cells[f, 2]] += 1
+        for k in range(4):
+            stencil_entries[stencil_ends[cells[f, k]]] = 4 * f + k
+            stencil_ends[cells[f, k]] += 1
+    return starts, entries, stencil_starts, stencil_entries
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _sum_faces(starts, entries, flux, first, end, out):
+    for c in range(first, end):
+        for n in range(out.shape[1]):
+            out[c, n] = 0.0
+        if c + 1 >= len(starts):
+            continue
+        for at in range(starts[c], starts[c + 1]):
+            f = entries[at]
+            for n in range(5):
+                if f >= 0:
+                    out[c, n] += flux[f, n]
+                else:
+                    out[c, n] -= flux[-1 - f, n]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _sum_stencils(starts, entries, shares, first, end, out):
+    for c in range(first, end):
+        for n in range(out.shape[1]):
+            out[c, n] = 0.0
+        if c + 1 >= len(starts):
+            continue
+        for at in range(starts[c], starts[c + 1]):
+            f, k = entries[at] >> 2, entries[at] & 3
+            for n in range(5):
+                out[c, n] += shares[f, k, n]

@@ -1,0 +1,151 @@
+"""Vectors of five numbers of single precision, as values in kernels: states and columns of 5 x 5 blocks.
+
+LLVM does not find vector code for blocks of five by itself. Here they are the first five of eight lanes; the others are
+zero when they are loaded and not stored. Products and sums are marked as contractible and become fused where the
+machine has such instructions.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, register_model
+
+__all__ = ["add_product", "add_scaled", "lane_sums", "load", "store", "subtract_scaled", "zeros"]
+
+N, LANES = 5, 8
+
+_INT, _FLOAT = ir.IntType(32), ir.FloatType()
+_VECTOR, _MASK_TYPE = ir.VectorType(_FLOAT, LANES), ir.VectorType(ir.IntType(1), LANES)
+_MASK = ir.Constant(_MASK_TYPE, [int(k < N) for k in range(LANES)])
+_CONTRACT = ("contract",)
+
+
+class _Five(types.Type):
+    """Type of five numbers of single precision in a register."""
+
+    def __init__(self):
+        super().__init__(name="Five")
+
+
+FIVE = _Five()
+
+
+@register_model(_Five)
+class _FiveModel(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, _VECTOR)
+
+
+def _is_flat(array) -> bool:
+    return isinstance(array, types.Array) and array.dtype == types.float32 and array.layout == "C"
+
+
+def _pointer(context, builder, array_type, array, offset):
+    """Address of an element of the data of an array, whatever its dimensions."""
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.gep(data, [offset])
+
+
+@intrinsic
+def load(typingctx, array, offset):
+    """Five numbers from an offset into the data of an array in C order."""
+    if not _is_flat(array):
+        return None
+
+    def emit(context, builder, signature, args):
+        at = _pointer(context, builder, array, args[0], args[1])
+        kind = ir.FunctionType(_VECTOR, [_FLOAT.as_pointer(), _INT, _MASK_TYPE, _VECTOR])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.load.v8f32.p0")
+        zeros = ir.Constant(_VECTOR, [0.0] * LANES)
+        return builder.call(function, [at, ir.Constant(_INT, 4), _MASK, zeros])
+
+    return FIVE(array, types.int64), emit
+
+
+@intrinsic
+def store(typingctx, array, offset, vector):
+    """Write five numbers from an offset into the data of an array in C order."""
+    if not _is_flat(array):
+        return None
+
+    def emit(context, builder, signature, args):
+        at = _pointer(context, builder, array, args[0], args[1])
+        kind = ir.FunctionType(ir.VoidType(), [_VECTOR, _FLOAT.as_pointer(), _INT, _MASK_TYPE])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.masked.store.v8f32.p0")
+        builder.call(function, [args[2], at, ir.Constant(_INT, 4), _MASK])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, FIVE), emit
+
+
+def _broadcast(builder, number):
+    """Copy a number to all lanes."""
+    empty = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(empty, number, ir.Constant(_INT, 0))
+    return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES))
+
+
+@intrinsic
+def zeros(typingctx):
+    """Five zeros."""
+
+    def emit(context, builder, signature, args):
+        return ir.Constant(_VECTOR, [0.0] * LANES)
+
+    return FIVE(), emit
+
+
+@intrinsic
+def add_scaled(typingctx, total, factor, v):
+    """Five numbers ``total + factor v``."""
+
+    def emit(context, builder, signature, args):
+        product = builder.fmul(_broadcast(builder, args[1]), args[2], flags=_CONTRACT)
+        return builder.fadd(args[0], product, flags=_CONTRACT)
+
+    return FIVE(FIVE, types.float32, FIVE), emit
+
+
+@intrinsic
+def subtract_scaled(typingctx, total, factor, v):
+    """Five numbers ``total - factor v``."""
+
+    def emit(context, builder, signature, args):
+        product = builder.fmul(_broadcast(builder, args[1]), args[2], flags=_CONTRACT)
+        return builder.fsub(args[0], product, flags=_CONTRACT)
+
+    return FIVE(FIVE, types.float32, FIVE), emit
+
+
+@intrinsic
+def add_product(typingctx, total, u, v):
+    """Five numbers ``total + u v``, one by one."""
+
+    def emit(context, builder, signature, args):
+        return builder.fadd(args[0], builder.fmul(args[1], args[2], flags=_CONTRACT), flags=_CONTRACT)
+
+    return FIVE(FIVE, FIVE, FIVE), emit
+
+
+@intrinsic
+def lane_sums(typingctx, a, b, c, d, e):
+    """Sums of the five numbers of each of five vectors."""
+
+    def emit(context, builder, signature, args):
+        def fold(u, v, width):
+            groups = range(0, LANES, 2 * width)
+            low = [at + i for g in groups for at in (g, LANES + g) for i in range(width)]
+            index = ir.VectorType(_INT, LANES)
+            parts = (builder.shuffle_vector(u, v, ir.Constant(index, [k + shift for k in low])) for shift in (0, width))
+            return builder.fadd(*parts)
+
+        vectors = [*args, *[ir.Constant(_VECTOR, [0.0] * LANES)] * (LANES - N)]
+        width = 1
+        while width < LANES:
+            vectors = [fold(u, v, width) for u, v in zip(vectors[::2], vectors[1::2])]
+            width *= 2
+        return vectors[0]
+
+    return FIVE(FIVE, FIVE, FIVE, FIVE, FIVE), emit
