@@ -111,6 +111,7 @@ from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
 from .om.fit import Fit as Fit
+from .om.flow.error_estimate import error_estimate as error_estimate
 from .om.flow.euler_flow import EulerFlow as EulerFlow
 from .om.flow.lattice_flow import LatticeFlow as LatticeFlow
 from .om.flow.vortex_lattice import VortexLattice as VortexLattice

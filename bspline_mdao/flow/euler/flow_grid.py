@@ -6,6 +6,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +36,6 @@ class FlowGrid:
     Parameters
     ----------
     discretization : Discretization
-    pattern : FactorPattern
     axes : ndarray, shape (3, 3)
         Rows are the directions downstream, along the span, and up.
     walls : Walls
@@ -45,7 +45,6 @@ class FlowGrid:
     """
 
     discretization: Discretization
-    pattern: FactorPattern
     axes: np.ndarray
     walls: Walls
     corners: Halo = ALONE
@@ -91,7 +90,12 @@ class FlowGrid:
             faces, cells, corners = faces_of_share(topology, partition, comm, nodes)
             discretization = Discretization.of(faces, **settings, halo=cells)
             walls = Walls.of_share(faces, partition, corners)
-        return cls(discretization, factor_pattern(discretization), as_axes(axes, "flow"), walls, corners)
+        return cls(discretization, as_axes(axes, "flow"), walls, corners)
+
+    @cached_property
+    def pattern(self) -> FactorPattern:
+        """Pattern of the preconditioner; found when a flow is first solved."""
+        return factor_pattern(self.discretization)
 
     @property
     def comm(self):

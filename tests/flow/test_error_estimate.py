@@ -1,0 +1,79 @@
+"""Errors of coefficients by the adjoint, against flows that are solved on the finer member."""
+
+import numpy as np
+import openmdao.api as om
+import pytest
+
+from bspline_mdao import EulerFlow, InputError, error_estimate, fit_grid, infinite_wing_grid, naca_section
+from bspline_mdao.flow.euler.error_estimate import adjoint
+from bspline_mdao.flow.euler.gas import free_stream
+
+NAMES = "CL", "CD", "CD_entropy"
+
+
+def flown(model):
+    """Flow about a section at M 0.5 and 1.25 degrees."""
+    problem = om.Problem(EulerFlow(model=model, reference_area=1.0, iprint=0), reports=False)
+    problem.setup()
+    problem.set_val("Mach_number", 0.5)
+    problem.set_val("alpha", 1.25)
+    problem.run_model()
+    return problem
+
+
+@pytest.fixture(scope="module")
+def model():
+    return fit_grid(infinite_wing_grid(naca_section(0.12), (25, 17)), keep_residual=False)
+
+
+@pytest.fixture(scope="module")
+def coarse(model):
+    return flown(model)
+
+
+@pytest.fixture(scope="module")
+def estimates(coarse):
+    return error_estimate(coarse, NAMES)
+
+
+def test_the_estimates_are_the_errors_of_flows_on_the_finer_member(model, coarse, estimates):
+    finer = flown(model.member(2.0))
+    for name, estimate in estimates.items():
+        assert estimate.value == coarse.get_val(name)
+        error = coarse.get_val(name).item() - finer.get_val(name).item()
+        assert 0.7 < estimate.error / error < 1.3, name
+    assert abs(estimates["CD"].limit) < 0.3 * estimates["CD"].value  # it should be zero
+
+
+def test_contributions_of_the_cells_sum_to_what_the_residuals_make(coarse, estimates):
+    n_cells = coarse.get_val("states").size // 5
+    for estimate in estimates.values():
+        assert estimate.contributions.shape == (n_cells,)
+        assert abs(estimate.contributions.sum()) <= estimate.bound
+        assert estimate.remaining < estimate.bound
+    leaves = estimates["CD_entropy"]  # of the far field, where prolongation changes little
+    assert leaves.contributions.sum() == pytest.approx(leaves.error, abs=0.2 * abs(leaves.error))
+
+
+def test_the_limit_is_that_of_second_order(estimates):
+    estimate = estimates["CL"]
+    assert estimate.value - estimate.limit == pytest.approx(4.0 / 3.0 * estimate.error)
+    assert estimate.finer - estimate.limit == pytest.approx(estimate.error / 3.0)
+
+
+def test_adjoints_solve_the_transposed_system(coarse):
+    grid, states = coarse.model.state.options["flow"], coarse.get_val("states").reshape(-1, 5)
+    nodes, stream = coarse.get_val("grid").reshape(-1, 3), free_stream(0.5, np.radians(1.25), grid.axes)
+    bar = np.random.default_rng(0).standard_normal(states.shape)
+    (psi,) = adjoint(grid, states, nodes, stream, [bar])
+    product = grid.discretization.linearize(states, grid.areas(nodes), stream).state_vjp(psi)
+    np.testing.assert_allclose(product, bar, atol=1e-5 * np.linalg.norm(bar))
+
+
+def test_what_cannot_be_estimated_is_refused(coarse):
+    with pytest.raises(InputError, match="error estimate of CM; give any of CL, CD, CD_induced, CD_entropy"):
+        error_estimate(coarse, ["CL", "CM"])
+    with pytest.raises(InputError, match=r"factor 1\.0; give a number above 1, such as 2"):
+        error_estimate(coarse, factor=1.0)
+    with pytest.raises(InputError, match="a problem with one EulerFlow is wanted, it has none"):
+        error_estimate(om.Problem(om.Group(), reports=False).setup())
