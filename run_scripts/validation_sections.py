@@ -21,6 +21,7 @@ from bspline_mdao.names import GRID
 from bspline_mdao.om.flow.flow_run import run_flow
 from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure, wall_quads
 from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.topology.grid import Block, Grid
 
 ALPHA = 1.25
 """Angle of attack (deg)."""
@@ -67,7 +68,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     dict
         By Mach number, such as ``"M 0.5"``, for the families ``O`` and ``H-H``: ``members``, a list of what `run_flow`
         returns, and for ``CL`` and ``CD`` the order and the limit of the three, None where there are none; the lift
-        published; and for other grids what `run_flow` returns.
+        published; and for other grids what `run_flow` returns, or why they ``failed``.
     """
     numbers, drawn = {f"M {mach:g}": {"CL_published": PUBLISHED[mach][1]} for mach in PUBLISHED}, {}
     for family, make in (("O", o_grid), ("H-H", hh_grid)):
@@ -81,7 +82,10 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     for file, (name, axes) in OTHERS.items() if folder and not quick else ():
         model = bm.fit_grid(every_second_node(bm.read_grid(Path(folder) / file)))
         for mach in PUBLISHED:
-            numbers[f"M {mach:g}"][name], drawn[mach, name] = solve(model, mach, axes, iprint)
+            try:
+                numbers[f"M {mach:g}"][name], _ = solve(model, mach, axes, iprint)
+            except om.AnalysisError as error:
+                numbers[f"M {mach:g}"][name] = {"failed": str(error)}
     if figures:
         draw(figures, numbers, drawn)
     return numbers
@@ -112,9 +116,9 @@ def hh_grid(n: int) -> bm.Grid:
 def every_second_node(grid: bm.Grid) -> bm.Grid:
     """Make the grid of half the cells in each direction that has more than one, its patches guessed."""
     halved = [block.nodes[tuple(slice(None, None, 2 if n > 2 else 1) for n in block.shape)] for block in grid.blocks]
-    bare = bm.Grid(tuple(bm.Block(nodes, block.name) for nodes, block in zip(halved, grid.blocks)))
+    bare = Grid(tuple(Block(nodes, block.name) for nodes, block in zip(halved, grid.blocks)))
     patches = guess_patches(bare, [face.window for face in bm.find_topology(bare).boundary])
-    return bm.Grid(bare.blocks, patches)
+    return Grid(bare.blocks, patches)
 
 
 def solve(model: bm.FittedModel, mach: float, axes: str, iprint: int) -> tuple[dict, np.ndarray]:
@@ -148,9 +152,9 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
                 cells = np.sqrt([member["n_cells"] for member in members])
                 for axes, key in ((lift, "CL"), (drag, "CD")):
                     axes.semilogx(cells, [m[key] for m in members], "o-", color=color, label=f"{family}-grids")
-            for name in found.keys() & {name for name, _ in OTHERS.values()}:
-                for axes, key in ((lift, "CL"), (drag, "CD")):
-                    axes.plot(np.sqrt(found[name]["n_cells"]), found[name][key], "D", color=GREEN, label=name)
+            for (name, _), mark in zip(OTHERS.values(), "D^"):
+                for axes, key in ((lift, "CL"), (drag, "CD")) if "CL" in found.get(name, ()) else ():
+                    axes.plot(np.sqrt(found[name]["n_cells"]), found[name][key], mark, color=GREEN, label=name)
             values, end = PUBLISHED[mach]
             lift.semilogx(CELLS, values, "s-", color=GRAY, markersize=4, label="CFL3D, O-grids")
             lift.axhline(end, color=GRAY, linestyle=":", label="its limit")
