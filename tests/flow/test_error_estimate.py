@@ -5,7 +5,6 @@ import openmdao.api as om
 import pytest
 
 from bspline_mdao import EulerFlow, InputError, error_estimate, fit_grid, infinite_wing_grid, naca_section
-from bspline_mdao.flow.euler.error_estimate import adjoint
 from bspline_mdao.flow.euler.gas import free_stream
 
 NAMES = "CL", "CD", "CD_entropy"
@@ -65,7 +64,7 @@ def test_adjoints_solve_the_transposed_system(coarse):
     grid, states = coarse.model.state.options["flow"], coarse.get_val("states").reshape(-1, 5)
     nodes, stream = coarse.get_val("grid").reshape(-1, 3), free_stream(0.5, np.radians(1.25), grid.axes)
     bar = np.random.default_rng(0).standard_normal(states.shape)
-    (psi,) = adjoint(grid, states, nodes, stream, [bar])
+    psi = coarse.model.state.adjoint(bar, 1e-6)
     product = grid.discretization.linearize(states, grid.areas(nodes), stream).state_vjp(psi)
     np.testing.assert_allclose(product, bar, atol=1e-5 * np.linalg.norm(bar))
 
@@ -77,3 +76,13 @@ def test_what_cannot_be_estimated_is_refused(coarse):
         error_estimate(coarse, factor=1.0)
     with pytest.raises(InputError, match="a problem with one EulerFlow is wanted, it has none"):
         error_estimate(om.Problem(om.Group(), reports=False).setup())
+
+
+def test_trimmed_flow_has_the_estimates_of_its_angle(model, coarse, estimates):
+    trimmed = om.Problem(EulerFlow(model=model, reference_area=1.0, trim=True, iprint=0), reports=False)
+    trimmed.setup()
+    trimmed.set_val("Mach_number", 0.5)
+    trimmed.set_val("CL_target", coarse.get_val("CL"))
+    trimmed.run_model()
+    found = error_estimate(trimmed, ["CD"])["CD"]
+    assert found.error == pytest.approx(estimates["CD"].error, rel=1e-3)

@@ -5,7 +5,6 @@ Theory: ``docs/theory/error_estimates.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +15,8 @@ from ...numerics.vectors import dots
 from ...topology.topology import Topology
 from .flow_grid import FlowGrid
 from .forces import FlowForces
-from .gas import N_STATES
-from .krylov import solve_refined
-from .preconditioner import compact_factor
 
-__all__ = ["ErrorEstimate", "FinerMember", "adjoint"]
-
-ADJOINT_TOLERANCE = 1e-6
-"""Residual of the adjoints: their error is that of the estimate, relative to it."""
+__all__ = ["ErrorEstimate", "FinerMember"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +108,13 @@ class FinerMember:
         """
         finer = refined_topology(topology, factor)
         to_nodes, scheme = NodeTransfer.of(topology, finer), flow.discretization
-        settings = {"dissipation": scheme.dissipation, "shock_threshold": scheme.shock_threshold}
-        fine_flow = FlowGrid.of(finer, to_nodes.prolong(nodes), axes, **settings)
+        fine_flow = FlowGrid.of(
+            finer,
+            to_nodes.prolong(nodes),
+            axes,
+            dissipation=scheme.dissipation,
+            shock_threshold=scheme.shock_threshold,
+        )
         wing = forces.wing.coefficients
         references = wing.area, wing.chord, wing.reference
         fine_forces = FlowForces.of(fine_flow, to_nodes.prolong(nodes), *references)
@@ -155,45 +153,3 @@ class FinerMember:
         finer = float(np.ravel(seen)[0]) + float(np.sum(change))
         contributions = self.cells.restrict_sums(-change)
         return ErrorEstimate(value, finer, self.factor, contributions, float(np.sum(np.abs(left_out))))
-
-
-def adjoint(
-    flow: FlowGrid, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray, bars: Sequence[np.ndarray]
-) -> list[np.ndarray]:
-    """Adjoints of functionals at a solution, each shape (n_cells, 5).
-
-    Parameters
-    ----------
-    flow : FlowGrid
-    states : ndarray, shape (n_cells, 5)
-        The solution.
-    nodes : ndarray, shape (n_nodes, 3)
-        The grid (m).
-    stream : ndarray, shape (5,)
-        The free stream.
-    bars : sequence of ndarray, each of shape (n_cells, 5)
-        Derivatives of the functionals with respect to the states.
-
-    Raises
-    ------
-    ArithmeticError
-        If a linear system is not solved.
-    """
-    linearization = flow.discretization.linearize(states, flow.areas(nodes), stream)
-    factor = compact_factor(linearization, flow.pattern, np.zeros((len(states), N_STATES, N_STATES)))
-    sizes = flow.sizes(nodes)[:, None]
-    sizes = np.maximum(sizes, np.finfo(float).tiny)
-
-    def product(x):
-        return linearization.state_vjp(x / sizes)
-
-    def precondition(y):
-        return sizes * factor.solve_transposed(y)
-
-    found = []
-    for bar in bars:
-        solution = solve_refined(product, precondition, bar, ADJOINT_TOLERANCE)
-        if not solution.is_converged:
-            raise ArithmeticError(f"an adjoint is not solved by {solution.n_products} products")
-        found.append(solution.x / sizes)
-    return found

@@ -11,7 +11,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
-from ...flow.euler.error_estimate import ErrorEstimate, FinerMember, adjoint
+from ...flow.euler.error_estimate import ErrorEstimate, FinerMember
 from ...flow.euler.gas import N_STATES, free_stream
 from ...flow.stream import RADIAN
 from ...names import GRID
@@ -21,6 +21,9 @@ __all__ = ["error_estimate"]
 
 FUNCTIONALS = ("CL", "CD", "CD_induced", "CD_entropy")
 """Outputs that are single numbers."""
+
+ADJOINT_TOLERANCE = 1e-6
+"""Residual of the adjoints: their error is that of the estimate, relative to it."""
 
 
 def error_estimate(
@@ -53,8 +56,8 @@ def error_estimate(
     InputError
         If there is no flow or more than one, a coefficient is none of these, the factor is not above 1, the flow is
         on several processes, or the finer member has cells of negative volume.
-    ArithmeticError
-        If an adjoint cannot be solved.
+    om.AnalysisError
+        If the flow has not been solved, or an adjoint cannot be.
     """
     flow, names = flow or _only_flow(problem), list(of)
     unknown = [name for name in names if name not in FUNCTIONALS]
@@ -72,7 +75,7 @@ def error_estimate(
     member = FinerMember.of(grid, forces, flow.options["model"].topology, nodes, flow.options["axes"], factor)
     member.flow.require_volumes(member.nodes.prolong(nodes))
     bars = [forces.vjp(states, nodes, alpha, mach, {name: np.ones(1)})[0] for name in names]
-    adjoints = adjoint(grid, states, nodes, stream, bars)
+    adjoints = [flow.state.adjoint(bar, ADJOINT_TOLERANCE) for bar in bars]
     return {
         name: member.estimate(float(np.ravel(values[name])[0]), name, psi, states, nodes, stream, alpha, mach)
         for name, psi in zip(names, adjoints)

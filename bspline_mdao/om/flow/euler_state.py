@@ -167,14 +167,33 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         solution = solve(right["states"].reshape(-1, N_STATES), self.options["linear_tolerance"])
         out["states"] = self._accepted(solution).ravel()
 
-    def _accepted(self, solution: KrylovSolution) -> np.ndarray:
-        """Solution of a linear system, if it is one."""
+    def _accepted(self, solution: KrylovSolution, tolerance: float | None = None) -> np.ndarray:
+        """Solution of a linear system, if it is one, to a tolerance or that of the options."""
         if not solution.is_converged:
             raise om.AnalysisError(
                 f"{self.msginfo}: the linear system of the derivatives is not solved to "
-                f"{self.options['linear_tolerance']:g} by {solution.n_products} products; allow a larger one"
+                f"{tolerance or self.options['linear_tolerance']:g} by {solution.n_products} products; allow a larger "
+                f"one"
             )
         return solution.x
+
+    def adjoint(self, bar: np.ndarray, tolerance: float) -> np.ndarray:
+        """Adjoint, shape (n_cells, 5), of a functional of the states at a given angle, at the solution that is there.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_cells, 5)
+            Derivatives of the functional with respect to the states.
+        tolerance : float
+            Residual relative to that.
+        """
+        with self._unscaled_context(outputs=[self._outputs]):
+            tangent = self._tangent_at_solution(self._inputs_of_flow(), self._outputs)
+        return self._accepted(tangent.solve_transposed(bar, tolerance), tolerance)
+
+    def _inputs_of_flow(self):
+        """Grid, angle and Mach number, by name."""
+        return self._inputs
 
     @property
     def solution(self) -> FlowSolution | None:

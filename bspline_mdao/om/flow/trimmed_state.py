@@ -146,6 +146,9 @@ class TrimmedState(EulerState):
         out["states"] = (plain - angle * border).ravel()
         out["alpha"] = angle
 
+    def _inputs_of_flow(self):
+        return _merged(self._inputs, self._outputs)
+
     def _declare_angle(self):
         self._sensitivity: _Sensitivity | None = None
         self._borders: dict = {}
