@@ -17,9 +17,10 @@ from topology_cases import (
     two_block_plate,
 )
 
-from bspline_mdao import ball_grid
+from bspline_mdao import FarField, Spacing, ball_grid, infinite_wing_grid, naca_section
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.flow.euler.discretization import Discretization
+from bspline_mdao.flow.euler.far_vortex import FarVortex
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
@@ -147,6 +148,23 @@ def turned_blocks(shock_threshold=0.0):
     return case_of(grid, "farfield", mach=mach_of_cases(shock_threshold), shock_threshold=shock_threshold)
 
 
+@cache
+def lifting_section(shock_threshold=0.0):
+    """A section between planes of symmetry, with a vortex in the far field."""
+    grid = section_grid(7, 5)
+    case = case_of(grid, mach=mach_of_cases(shock_threshold), shock_threshold=shock_threshold)
+    discretization = case.discretization
+    seen = discretization.faces, discretization.stencil, case.nodes, AXES, discretization.halo
+    return replace(case, discretization=replace(discretization, vortex=FarVortex.of(*seen)))
+
+
+def section_grid(n_away, n_side, distance=5.0):
+    """Grid about a section with these nodes, a chord of one and the far field at some chords."""
+    return infinite_wing_grid(
+        naca_section(0.12), ((n_away, n_side, n_away), n_away), Spacing(0.05, 0.05, 0.05), FarField(distance)
+    )
+
+
 def mach_of_cases(shock_threshold):
     """Free stream of the cases above: the gate of the sensor of shocks, if there is one, is half open."""
     return np.sqrt(0.5 * (SHUT + OPEN)) if shock_threshold else 0.3
@@ -208,39 +226,22 @@ def cell_centres(nodes):
 class OpenEnds(Discretization):
     """A far field whose faces have states of their own on them, and take those inside from two cells.
 
-    The flux of the solver's far field is kept; it is called for all faces with the same state at a time.
+    The flux of the solver's far field is kept.
     """
 
-    outside: np.ndarray | None = None
+    ends: np.ndarray | None = None
 
     @classmethod
-    def around(cls, faces, outside):
+    def around(cls, faces, ends):
         """Take the states, shape (n_faces, 5), where the far field's faces are."""
         plain = Discretization.of(faces)
         weights = plain.stencil.weights.copy()
         (far,) = np.unique(plain.stencil.classes[plain.stencil.roles == FARFIELD])
         weights[far, MEAN, :2], weights[far, FIRST, :2] = (-0.25, 0.75), (0.5, -1.5)
-        return cls(faces, replace(plain.stencil, weights=weights), outside=outside)
+        return cls(faces, replace(plain.stencil, weights=weights), ends=ends)
 
-    def residual(self, states, areas, stream):
-        return sum(Discretization.residual(self, states, *part) for part in self._parts(areas))
-
-    def linearize(self, states, areas, stream):
-        parts = [Discretization.linearize(self, states, *part) for part in self._parts(areas)]
-        jacobians = parts[0].jacobians
-        values = sum(part.jacobians.values for part in parts)
-        vars(parts[0])["jacobians"] = replace(jacobians, values=values)
-        return parts[0]
-
-    def _parts(self, areas):
-        """Areas of the faces that share a state, all others 0, and the state: all other faces first."""
-        far = np.flatnonzero(self.stencil.roles == FARFIELD)
-        rounded, groups = np.unique(np.round(self.outside[far], 13), axis=0, return_inverse=True)
-        yield np.where(self.stencil.roles[:, None] == FARFIELD, 0.0, areas), rounded[0]
-        for number, state in enumerate(rounded):
-            part, members = np.zeros_like(areas), far[groups.ravel() == number]
-            part[members] = areas[members]
-            yield part, state
+    def outside(self, states, areas, stream):
+        return self.ends
 
 
 def slip_faces(case):

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from euler_cases import AXES, GRIDS, sphere_quarters, with_guessed_patches
+from euler_cases import AXES, GRIDS, section_grid, sphere_quarters, with_guessed_patches
 from rank_cases import on_ranks
 
 from bspline_mdao import InputError, onera_m6_grid
@@ -65,7 +65,7 @@ class Parts:
 
 @cache
 def parts_of(name):
-    return Parts.of(GRIDS[name](), KINDS)
+    return Parts.of(section_grid(7, 5)) if name == "section" else Parts.of(GRIDS[name](), KINDS)
 
 
 def of_cells(results, shares, n_cells):
@@ -88,7 +88,7 @@ def assert_same(ours, theirs, within=5e-15):
     assert np.abs(ours - theirs).max() <= within * np.abs(theirs).max()
 
 
-@pytest.mark.parametrize("name", GRIDS)
+@pytest.mark.parametrize("name", [*GRIDS, "section"])
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
 def test_residual_and_products_of_ranks_are_those_of_one(name, n):
     parts = parts_of(name)

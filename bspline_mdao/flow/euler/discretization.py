@@ -18,6 +18,7 @@ from ...cells.cell_faces import CellFaces
 from ...numerics.halo import ALONE, Halo
 from ...numerics.processes import norm
 from .cell_sums import CellSums, visit
+from .far_vortex import FarVortex
 from .flux import face_flux
 from .gas import N_STATES
 from .linearization import Linearization
@@ -49,6 +50,8 @@ class Discretization:
         Relative second difference of the pressure at which a face is half that of a shock; 0 for no sensor.
     halo : Halo
         Exchange of cells with other processes.
+    vortex : FarVortex, optional
+        That of a section, in the states outside the far field.
     """
 
     faces: CellFaces
@@ -56,6 +59,7 @@ class Discretization:
     dissipation: float = DISSIPATION
     shock_threshold: float = 0.0
     halo: Halo = ALONE
+    vortex: FarVortex | None = None
 
     @classmethod
     def of(
@@ -106,10 +110,28 @@ class Discretization:
         """
         dtype = np.result_type(states, areas, stream)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
-        rest = self.halo.extend(states), stream, self.dissipation, self.shock_threshold
+        states = self.halo.extend(states)
+        outside, rest = self.outside(states, areas, stream), (self.dissipation, self.shock_threshold)
         flux = np.zeros((self.faces.n_faces, N_STATES), dtype)
-        visit(len(flux), lambda part: fluxes(*self.stencil.part(part), areas[part], *rest, flux[part]))
+
+        def fill(part):
+            fluxes(*self.stencil.part(part), areas[part], states, outside[part], *rest, flux[part])
+
+        visit(len(flux), fill)
         return self.sums.of_faces(flux, self.faces.n_cells)
+
+    def outside(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
+        """States outside the far field, by the number of the face, of states with those of other processes' cells."""
+        return self.at_far_field(stream, self.vortex.outside(states, areas, stream) if self.vortex else None)
+
+    def at_far_field(self, stream: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        """Put rows of the faces of the far field at their numbers, or the same one everywhere: (n_faces, 5)."""
+        shape = (self.faces.n_faces, N_STATES)
+        if rows is None or self.vortex is None:
+            return np.broadcast_to(stream, shape)
+        room = np.zeros((shape[0], N_STATES + 1), rows.dtype)[:, :N_STATES]  # of one type with the above, for kernels
+        room[self.vortex.faces] = rows
+        return np.broadcast_to(room, shape)
 
     def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> Linearization:
         """Differentiate the residual with respect to the states, the area vectors and the free stream.
@@ -126,7 +148,7 @@ class Discretization:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def fluxes(cells, weights, classes, roles, areas, states, stream, dissipation, threshold, out):
+def fluxes(cells, weights, classes, roles, areas, states, outside, dissipation, threshold, out):
     """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), which are zero before.
 
     Faces without area, as on a collapsed edge, have no flux; the sensor and the speeds would divide by it.
@@ -139,7 +161,7 @@ def fluxes(cells, weights, classes, roles, areas, states, stream, dissipation, t
         sigma = 0.0 * states[0, 4]
         if role == INNER and threshold > 0.0:
             sigma = shock_sensor(states, near, threshold)[0]
-        mean, jump, _, _ = face_state(states, near, w, role, stream, dissipation, sigma)
+        mean, jump, _, _ = face_state(states, near, w, role, outside[f], dissipation, sigma)
         if role == SLIP:
             for n in range(3):
                 out[f, 1 + n] = mean[4] * s[n]

@@ -5,7 +5,7 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from ...numerics.processes import ONE, largest, summed_number, together
 from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .discretization import Discretization
+from .far_vortex import FarVortex
 from .preconditioner import FactorPattern, factor_pattern
 from .walls import Walls
 
@@ -90,7 +91,10 @@ class FlowGrid:
             faces, cells, corners = faces_of_share(topology, partition, comm, nodes)
             discretization = Discretization.of(faces, **settings, halo=cells)
             walls = Walls.of_share(faces, partition, corners)
-        return cls(discretization, as_axes(axes, "flow"), walls, corners)
+        directions = as_axes(axes, "flow")
+        seen = discretization.faces, discretization.stencil, corners.extend(nodes), directions, discretization.halo
+        discretization = replace(discretization, vortex=FarVortex.of(*seen))
+        return cls(discretization, directions, walls, corners)
 
     @cached_property
     def pattern(self) -> FactorPattern:

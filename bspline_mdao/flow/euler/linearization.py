@@ -18,8 +18,9 @@ import numpy as np
 from numba import njit
 
 from ...numerics.fives import add_product, add_scaled, lane_sums, load, store, zeros
-from ...numerics.processes import summed
+from ...numerics.processes import summed, summed_number
 from .cell_sums import visit
+from .far_vortex import VortexTangent
 from .flux import face_flux_jvp
 from .gas import N_STATES
 from .reconstruction import FARFIELD, INNER, SLIP, face_state, face_weights, shock_sensor
@@ -74,32 +75,60 @@ class Linearization:
             state_shares(*self._at(part), bar, shares[part])
 
         visit(len(shares), fill)
-        return discretization.halo.fold(discretization.sums.of_stencils(shares, len(self.states)))
+        change = discretization.halo.fold(discretization.sums.of_stencils(shares, len(self.states)))
+        if self.vortex:
+            change += self.vortex.by_state * self.vortex.circulation_vjp(self._outside_bars(bar))
+        return change
 
     def area_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `area_jvp`."""
         bar, out = self._seen(bar), np.zeros_like(self.areas)
         visit(len(out), lambda part: area_bars(*self._at(part), bar, out[part]))
+        if self.vortex:
+            out[self.vortex.vortex.walls] += self.vortex.by_area * self.vortex.circulation_vjp(self._outside_bars(bar))
         return out
 
     def stream_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `stream_jvp`."""
-        far = np.flatnonzero(self.discretization.stencil.roles == FARFIELD)
-        own = np.zeros((len(far), N_STATES))
-        stream_bars(*self._at(far), self._seen(bar), own)
-        return summed(self.discretization.halo.comm, own.sum(axis=0))
+        own = self._outside_bars(self._seen(bar))
+        own = self.vortex.stream_vjp(own) if self.vortex else own.sum(axis=0)
+        return summed(self.discretization.halo.comm, own)
+
+    @cached_property
+    def vortex(self) -> VortexTangent | None:
+        """Derivatives of the states outside the far field of a section."""
+        vortex = self.discretization.vortex
+        return vortex.linearize(self.states, self.areas, self.stream) if vortex else None
+
+    def of_circulation(self, vortex: VortexTangent) -> np.ndarray:
+        """Change of the residual, shape (n_cells, 5), with the circulation of a section."""
+        still = np.zeros_like(self.states), np.zeros_like(self.areas)
+        return self._sum_changes(*still, self.discretization.at_far_field(self.stream, vortex.by_circulation))
 
     def _change(self, d_states, d_areas, d_stream) -> np.ndarray:
         """Change of the residual in a direction, which counts cells of other processes."""
-        dtype = np.result_type(d_states, d_areas, d_stream)
-        d_states, d_areas, d_stream = (np.ascontiguousarray(d, dtype) for d in (d_states, d_areas, d_stream))
+        d_far = self.vortex.outside_jvp(d_states, d_areas, d_stream) if self.vortex else None
+        return self._sum_changes(d_states, d_areas, self.discretization.at_far_field(d_stream, d_far))
+
+    def _sum_changes(self, d_states, d_areas, d_outside) -> np.ndarray:
+        """Change of the residual with states, area vectors and the states outside."""
+        dtype = np.result_type(d_states, d_areas, d_outside)
+        d_states, d_areas = (np.ascontiguousarray(d, dtype) for d in (d_states, d_areas))
         flux = np.zeros((len(d_areas), N_STATES), dtype)
 
         def fill(part):
-            flux_changes(*self._at(part), d_states, d_areas[part], d_stream, flux[part])
+            flux_changes(*self._at(part), d_states, d_areas[part], d_outside[part], flux[part])
 
         visit(len(flux), fill)
         return self.discretization.sums.of_faces(flux, self.discretization.faces.n_cells)
+
+    def _outside_bars(self, bar: np.ndarray) -> np.ndarray:
+        """What the states outside the far field, shape (n_far, 5), get of rows of the residual."""
+        vortex = self.discretization.vortex
+        far = vortex.faces if vortex else np.flatnonzero(self.discretization.stencil.roles == FARFIELD)
+        out = np.zeros((len(far), N_STATES))
+        outside_bars(*self._at(far), bar, out)
+        return out
 
     def _seen(self, bar: np.ndarray) -> np.ndarray:
         """Rows of the cells of this process, with none at those of others."""
@@ -110,7 +139,12 @@ class Linearization:
         discretization, stencil = self.discretization, self.discretization.stencil
         index = stencil.cells[part], stencil.weights, stencil.classes[part], stencil.roles[part]
         settings = discretization.dissipation, discretization.shock_threshold
-        return *index, self.areas[part], self.states, self.stream, *settings
+        return *index, self.areas[part], self.states, self._outside[part], *settings
+
+    @cached_property
+    def _outside(self) -> np.ndarray:
+        """States outside the far field, by the number of the face."""
+        return self.discretization.outside(self.states, self.areas, self.stream)
 
 
 N_SHOCK = 23
@@ -131,12 +165,17 @@ class FaceJacobians:
         Row in ``shocks`` of each face; -1 where the sensor is shut. No faces where it is shut at all of them.
     shocks : ndarray of float32, shape (n_shocks, 23)
         See `N_SHOCK`.
+    of_circulation, circulation : ndarray of float32, shape (n_cells, 5)
+        Derivatives of the residual with respect to the circulation of a section, and of that with respect to the
+        states; no cells where the far field has no vortex.
     """
 
     discretization: Any  # a type of its own would have the two files import each other
     values: np.ndarray
     shock_rows: np.ndarray
     shocks: np.ndarray
+    of_circulation: np.ndarray
+    circulation: np.ndarray
 
     @classmethod
     def of(cls, linearization: Linearization) -> FaceJacobians:
@@ -156,11 +195,13 @@ class FaceJacobians:
             face_jacobians(*linearization._at(part), values[part], rows[part], shocks)
 
         visit(n, fill)
-        return cls(discretization, values, rows, shocks)
+        vortex = linearization.vortex
+        terms = (linearization.of_circulation(vortex), vortex.by_state) if vortex else 2 * (np.zeros((0, N_STATES)),)
+        return cls(discretization, values, rows, shocks, *(term.astype(np.float32) for term in terms))
 
     def product(self, d_states: np.ndarray) -> np.ndarray:
         """Change of the residual with the states, both of float32 and shape (n_cells, 5)."""
-        discretization, stencil = self.discretization, self.discretization.stencil
+        discretization, stencil, own = self.discretization, self.discretization.stencil, d_states
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
         flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, self._weights, d_states)
 
@@ -171,11 +212,11 @@ class FaceJacobians:
         visit(len(flux), fill)
         sums, out = discretization.sums, np.empty((discretization.faces.n_cells, N_STATES), np.float32)
         visit(len(out), lambda part: add_fluxes(sums.starts, sums.entries, part.start, part.stop, flux, out))
-        return out
+        return self._with_circulation(out, self.of_circulation, self.circulation, own)
 
     def transposed_product(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `product`."""
-        discretization, stencil = self.discretization, self.discretization.stencil
+        discretization, stencil, own = self.discretization, self.discretization.stencil, bar
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
         bars, senses = np.empty((len(self.values), 2 * N_STATES), np.float32), np.zeros(len(self.shocks), np.float32)
 
@@ -191,7 +232,13 @@ class FaceJacobians:
             add_bars(sums.stencil_starts, sums.stencil_entries, part.start, part.stop, *rest)
 
         visit(len(out), add)
-        return discretization.halo.fold(out)
+        return self._with_circulation(discretization.halo.fold(out), self.circulation, self.of_circulation, own)
+
+    def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
+        """Add the part of a product that goes through the circulation of a section, if there is one."""
+        if self.discretization.vortex:
+            out += column * np.float32(summed_number(self.discretization.halo.comm, float(np.vdot(row, vector))))
+        return out
 
     @cached_property
     def _weights(self) -> np.ndarray:
@@ -215,23 +262,23 @@ _AXIS = tuple(unit[:3] for unit in _UNIT[:3])
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def flux_changes(
-    cells, weights, classes, roles, areas, states, stream, dissipation, threshold, d_states, d_areas, d_stream, out
+    cells, weights, classes, roles, areas, states, outside, dissipation, threshold, d_states, d_areas, d_outside, out
 ):
-    """Change of the fluxes of all faces with states, area vectors and free stream at once."""
+    """Change of the fluxes of all faces with states, area vectors and states outside at once."""
     for f in range(len(cells)):
         s, ds = (areas[f, 0], areas[f, 1], areas[f, 2]), (d_areas[f, 0], d_areas[f, 1], d_areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
         near, role, w = cells[f], roles[f], weights[classes[f]]
-        sigma, change = 0.0, 0.0 * d_stream[0]
+        sigma, change = 0.0, 0.0 * d_states[0, 0]
         if role == INNER and threshold > 0.0:
             sigma, by_pressure, by_mean = shock_sensor(states, near, threshold)
             for k in range(4):
                 change += by_pressure[k] * d_states[near[k], 4]
             for n in range(5):
                 change += 0.5 * by_mean[n] * (d_states[near[0], n] + d_states[near[3], n])
-        mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, stream, dissipation, sigma)
-        d_mean, d_jump, _, _ = face_state(d_states, near, w, role, d_stream, dissipation, sigma)
+        mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, outside[f], dissipation, sigma)
+        d_mean, d_jump, _, _ = face_state(d_states, near, w, role, d_outside[f], dissipation, sigma)
         if role == SLIP:
             for n in range(3):
                 out[f, 1 + n] = d_mean[4] * s[n] + mean[4] * ds[n]
@@ -254,7 +301,7 @@ def _moved(a, factor, b):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def state_shares(cells, weights, classes, roles, areas, states, stream, dissipation, threshold, bar, out):
+def state_shares(cells, weights, classes, roles, areas, states, outside, dissipation, threshold, bar, out):
     """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
     jacobian, through, mean_bar, jump_bar = np.zeros((5, 10)), np.zeros(5), np.zeros(5), np.zeros(5)
     face_weight = np.zeros((2, 4))
@@ -274,7 +321,7 @@ def state_shares(cells, weights, classes, roles, areas, states, stream, dissipat
         if role == SLIP:
             mean_bar[4] = through[1] * s[0] + through[2] * s[1] + through[3] * s[2]
         else:
-            mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, stream, dissipation, sigma)
+            mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, outside[f], dissipation, sigma)
             _fill(mean, jump, s, sigma, jacobian)
             for n in range(5):
                 for m in range(5):
@@ -296,7 +343,7 @@ def state_shares(cells, weights, classes, roles, areas, states, stream, dissipat
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def area_bars(cells, weights, classes, roles, areas, states, stream, dissipation, threshold, bar, out):
+def area_bars(cells, weights, classes, roles, areas, states, outside, dissipation, threshold, bar, out):
     """What the area vectors, shape (n_faces, 3), get of rows of the residual."""
     jacobian, through = np.zeros((5, 3)), np.zeros(5)
     for f in range(len(cells)):
@@ -309,7 +356,7 @@ def area_bars(cells, weights, classes, roles, areas, states, stream, dissipation
         sigma = 0.0
         if role == INNER and threshold > 0.0:
             sigma = shock_sensor(states, near, threshold)[0]
-        mean, jump, _, _ = face_state(states, near, w, role, stream, dissipation, sigma)
+        mean, jump, _, _ = face_state(states, near, w, role, outside[f], dissipation, sigma)
         if role == SLIP:
             for n in range(3):
                 out[f, n] = mean[4] * through[1 + n]
@@ -323,7 +370,7 @@ def area_bars(cells, weights, classes, roles, areas, states, stream, dissipation
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def stream_bars(cells, weights, classes, roles, areas, states, stream, dissipation, threshold, bar, out):
+def outside_bars(cells, weights, classes, roles, areas, states, outside, dissipation, threshold, bar, out):
     """What the free stream gets of rows of the residual through faces of the far field, shape (n_faces, 5)."""
     jacobian = np.zeros((5, 10))
     for f in range(len(cells)):
@@ -331,7 +378,7 @@ def stream_bars(cells, weights, classes, roles, areas, states, stream, dissipati
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
         near = cells[f]
-        mean, jump, _, _ = face_state(states, near, weights[classes[f]], roles[f], stream, dissipation, 0.0)
+        mean, jump, _, _ = face_state(states, near, weights[classes[f]], roles[f], outside[f], dissipation, 0.0)
         _fill(mean, jump, s, 0.0, jacobian)
         for n in range(5):
             for m in range(5):
@@ -339,7 +386,7 @@ def stream_bars(cells, weights, classes, roles, areas, states, stream, dissipati
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def find_shocks(cells, weights, classes, roles, areas, states, stream, dissipation, threshold, out):
+def find_shocks(cells, weights, classes, roles, areas, states, outside, dissipation, threshold, out):
     """Write a zero for each face where the sensor is not shut."""
     for f in range(len(cells)):
         if roles[f] == INNER and shock_sensor(states, cells[f], threshold)[0] > 0.0:
@@ -348,7 +395,7 @@ def find_shocks(cells, weights, classes, roles, areas, states, stream, dissipati
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def face_jacobians(
-    cells, weights, classes, roles, areas, states, stream, dissipation, threshold, values, shock_rows, shocks
+    cells, weights, classes, roles, areas, states, outside, dissipation, threshold, values, shock_rows, shocks
 ):
     """Differentiate the fluxes of all faces; the last arguments are filled, see `FaceJacobians`."""
     face_weight = np.zeros((2, 4))
@@ -364,7 +411,7 @@ def face_jacobians(
         sigma = 0.0
         if at >= 0:
             sigma, by_pressure, by_mean = shock_sensor(states, near, threshold)
-        mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, stream, dissipation, sigma)
+        mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, outside[f], dissipation, sigma)
         if role == SLIP:
             for n in range(3):
                 values[f, 1 + n, 4] = s[n]

@@ -1,0 +1,245 @@
+r"""The far field of a lifting section: the free stream and the vortex whose circulation is that of the lift.
+
+Far from a section in the plane the stream is disturbed like :math:`1/r`, by its circulation
+:math:`\Gamma = L / (\rho_\infty q_\infty)`, L the lift per span. With the distances X along the stream and Y along the
+lift from the quarter of the chord, and :math:`\beta^2 = 1 - M^2`, the rule of Prandtl and Glauert gives
+
+.. math::
+    \delta \mathbf{u} = \frac{\Gamma \beta}{2 \pi} \, \frac{Y \mathbf{e}_1 - X \mathbf{e}_2}{X^2 + \beta^2 Y^2} ;
+
+density and pressure follow from the entropy and the total enthalpy of the stream. The circulation is that of the
+pressures on the walls, so that the residual of each cell at the far field depends on all of them: a term of rank one
+in the Jacobian. Vortex, places of the faces and depth of the grid are those of the baseline.
+
+References
+----------
+J. L. Thomas, M. D. Salas, "Far-field boundary conditions for transonic lifting solutions to the Euler equations", AIAA
+J. 24 (1986), 1074-1080.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...cells.cell_faces import CellFaces
+from ...cells.quads import area_vectors
+from ...numerics.halo import Halo
+from ...numerics.processes import largest, summed, summed_number
+from .gas import GAMMA, N_STATES
+from .reconstruction import MEAN, Stencil
+
+__all__ = ["FarVortex", "VortexTangent"]
+
+
+_FLAT = 1e-6
+"""Length or area, relative to those of the grid, that counts as zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class FarVortex:
+    """Vortex of a section, by which the states outside the far field differ from the free stream.
+
+    Parameters
+    ----------
+    faces : ndarray of int, shape (n_far,)
+        Faces of the far field, of this process as all here.
+    offsets : ndarray, shape (n_far, 3)
+        From the vortex to their middles (m).
+    walls : ndarray of int, shape (n_wall,)
+        Faces of the walls.
+    cells : ndarray of int, shape (n_wall, 4)
+        Cells whose pressures are extrapolated to them.
+    weights : ndarray, shape (n_wall, 4)
+        Weights of these cells.
+    turn : ndarray, shape (3, 3)
+        Turns the direction of the stream into that of the lift.
+    depth : float
+        Of the grid, along the span (m).
+    halo : Halo
+        Exchange of cells with other processes.
+    """
+
+    faces: np.ndarray
+    offsets: np.ndarray
+    walls: np.ndarray
+    cells: np.ndarray
+    weights: np.ndarray
+    turn: np.ndarray
+    depth: float
+    halo: Halo
+
+    @classmethod
+    def of(
+        cls, faces: CellFaces, stencil: Stencil, nodes: np.ndarray, axes: np.ndarray, halo: Halo
+    ) -> FarVortex | None:
+        """Find the vortex of a grid between two planes of symmetry across the span; None if the grid is none.
+
+        Parameters
+        ----------
+        faces : CellFaces
+        stencil : Stencil
+            Cells and weights of the walls.
+        nodes : ndarray, shape (n_nodes, 3)
+            Baseline nodes (m).
+        axes : ndarray, shape (3, 3)
+            Rows are the directions downstream, along the span, and up.
+        halo : Halo
+            Exchange of cells with other processes.
+        """
+        comm = halo.comm
+        walls, far = faces.faces_of("wall"), faces.faces_of("farfield")
+        places = nodes @ axes.T
+        low, high = _ends(comm, places)
+        bottom, top = _ends(comm, planes := places[faces.corners[faces.faces_of("symmetry")], 1].reshape(-1, 1))
+        flat = _FLAT * np.max(high - low)
+        strays = np.minimum(planes - bottom, top - planes).max(initial=0.0)
+        areas = area_vectors(nodes[faces.corners[walls]])
+        closure, surface = summed(comm, areas.sum(axis=0)), summed_number(comm, np.abs(areas).sum())
+        is_between = top[0] - bottom[0] > flat and largest(comm, strays) < flat and summed_number(comm, len(far))
+        if not is_between or np.abs(closure).max() >= _FLAT * surface:
+            return None
+        low, high = _ends(comm, places[faces.corners[walls]].reshape(-1, 3))
+        quarter = np.array([0.75 * low[0] + 0.25 * high[0], 0.0, 0.5 * (low[2] + high[2])])
+        offsets = nodes[faces.corners[far]].mean(axis=1) - quarter @ axes
+        turn = np.outer(axes[2], axes[0]) - np.outer(axes[0], axes[2])
+        weights = stencil.weights[stencil.classes[walls], MEAN]
+        return cls(far, offsets, walls, stencil.cells[walls], weights, turn, float(top[0] - bottom[0]), halo)
+
+    def outside(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
+        """States outside the far field, shape (n_far, 5), real or complex.
+
+        Parameters
+        ----------
+        states : ndarray, shape (n_cells + n_ghosts, 5)
+        areas : ndarray, shape (n_faces, 3)
+            Area vectors (m^2).
+        stream : ndarray, shape (5,)
+        """
+        return self._disturbed(stream, self._circulation(states, areas, stream))
+
+    def linearize(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> VortexTangent:
+        """Differentiate `outside`; arguments are the same."""
+        circulation, push = self._circulation(states, areas, stream), self.turn @ stream[1:4]
+        impulse = stream[0] * (stream[1:4] @ stream[1:4]) * self.depth
+        rise = self._pressures(states) - stream[4]
+        by_pressure = areas[self.walls] @ push / impulse
+        force = summed(self.halo.comm, rise @ areas[self.walls])
+        by_stream = np.empty(N_STATES)
+        by_stream[0] = -circulation / stream[0]
+        by_stream[1:4] = force @ self.turn / impulse - 2.0 * circulation * stream[1:4] / (stream[1:4] @ stream[1:4])
+        by_stream[4] = -summed_number(self.halo.comm, by_pressure.sum())
+        by_state = np.zeros_like(states)
+        np.add.at(by_state[:, 4], self.cells, self.weights * by_pressure[:, None])
+        columns = [self._disturbed_jvp(stream, circulation, *one) for one in zip(_STREAMS, _CIRCULATIONS)]
+        return VortexTangent(
+            self, np.stack(columns, axis=2), self.halo.fold(by_state), rise[:, None] * push / impulse, by_stream
+        )
+
+    def _pressures(self, states):
+        """Pressures on the walls, shape (n_wall,)."""
+        return np.sum(self.weights * states[self.cells, 4], axis=1)
+
+    def _circulation(self, states, areas, stream):
+        """Lift per span divided by density and speed of the stream; pressures count from that of the stream."""
+        force = (self._pressures(states) - stream[4]) @ areas[self.walls]
+        lift = summed_number(self.halo.comm, force @ (self.turn @ stream[1:4]))
+        return lift / (stream[0] * (stream[1:4] @ stream[1:4]) * self.depth)
+
+    def _disturbed(self, stream, circulation):
+        """States of the stream with a vortex. Faster than sound nothing of it comes upstream."""
+        rho, u, p = stream[0], stream[1:4], stream[4]
+        speed, sound = u @ u, GAMMA * p / rho
+        if (speed / sound).real >= 1.0:
+            return np.tile(stream, (len(self.faces), 1))
+        lift = self.turn @ u
+        beta, x, y = np.sqrt(1.0 - speed / sound), self.offsets @ u, self.offsets @ lift
+        factor = circulation * beta / (2.0 * np.pi) / (x * x + beta * beta * y * y)
+        v = u + factor[:, None] * (y[:, None] * u - x[:, None] * lift)
+        heat = 1.0 + 0.5 * (GAMMA - 1.0) * (speed - np.sum(v * v, axis=1)) / sound
+        return np.column_stack([rho * heat ** (1.0 / (GAMMA - 1.0)), v, p * heat ** (GAMMA / (GAMMA - 1.0))])
+
+    def _disturbed_jvp(self, stream, circulation, d_stream, d_circulation):
+        """Change of these states with the stream and the circulation."""
+        rho, u, p = stream[0], stream[1:4], stream[4]
+        d_rho, du, dp = d_stream[0], d_stream[1:4], d_stream[4]
+        speed, sound = u @ u, GAMMA * p / rho
+        d_speed, d_sound = 2.0 * (u @ du), sound * (dp / p - d_rho / rho)
+        if speed / sound >= 1.0:
+            return np.tile(d_stream, (len(self.faces), 1))
+        lift, d_lift = self.turn @ u, self.turn @ du
+        beta, x, y = np.sqrt(1.0 - speed / sound), self.offsets @ u, self.offsets @ lift
+        d_beta = -0.5 / beta * (d_speed - speed * d_sound / sound) / sound
+        dx, dy = self.offsets @ du, self.offsets @ d_lift
+        square = x * x + beta * beta * y * y
+        d_square = 2.0 * (x * dx + beta * d_beta * y * y + beta * beta * y * dy)
+        factor = circulation * beta / (2.0 * np.pi) / square
+        d_factor = (d_circulation * beta + circulation * d_beta) / (2.0 * np.pi) / square - factor * d_square / square
+        swirl = y[:, None] * u - x[:, None] * lift
+        d_swirl = dy[:, None] * u + y[:, None] * du - dx[:, None] * lift - x[:, None] * d_lift
+        v, dv = u + factor[:, None] * swirl, du + d_factor[:, None] * swirl + factor[:, None] * d_swirl
+        fall, d_fall = speed - np.sum(v * v, axis=1), d_speed - 2.0 * np.sum(v * dv, axis=1)
+        heat = 1.0 + 0.5 * (GAMMA - 1.0) * fall / sound
+        d_heat = 0.5 * (GAMMA - 1.0) * (d_fall - fall * d_sound / sound) / sound
+        density, pressure = rho * heat ** (1.0 / (GAMMA - 1.0)), p * heat ** (GAMMA / (GAMMA - 1.0))
+        d_density = density * (d_rho / rho + d_heat / heat / (GAMMA - 1.0))
+        return np.column_stack([d_density, dv, pressure * (dp / p + GAMMA / (GAMMA - 1.0) * d_heat / heat)])
+
+
+def _ends(comm, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest coordinates of points, shape (n, d), of all processes."""
+    lowest, highest = -points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    return -np.array([largest(comm, x) for x in lowest]), np.array([largest(comm, x) for x in highest])
+
+
+_STREAMS = np.vstack([np.eye(N_STATES), np.zeros(N_STATES)])
+
+_CIRCULATIONS = np.append(np.zeros(N_STATES), 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class VortexTangent:
+    """Derivatives of the states outside the far field and of the circulation.
+
+    Parameters
+    ----------
+    vortex : FarVortex
+    outside : ndarray, shape (n_far, 5, 6)
+        Derivatives of the states with respect to the free stream and to the circulation.
+    by_state : ndarray, shape (n_cells, 5)
+        Derivatives of the circulation with respect to the states,
+    by_area : ndarray, shape (n_wall, 3)
+        to the area vectors of the walls
+    by_stream : ndarray, shape (5,)
+        and to the free stream.
+    """
+
+    vortex: FarVortex
+    outside: np.ndarray
+    by_state: np.ndarray
+    by_area: np.ndarray
+    by_stream: np.ndarray
+
+    @property
+    def by_circulation(self) -> np.ndarray:
+        """Derivatives of the states outside with respect to the circulation, shape (n_far, 5)."""
+        return self.outside[..., N_STATES]
+
+    def outside_jvp(self, d_states: np.ndarray, d_areas: np.ndarray, d_stream: np.ndarray) -> np.ndarray:
+        """Change of the states outside, shape (n_far, 5), with states, area vectors and free stream."""
+        own = np.vdot(self.by_state, self.vortex.halo.cut(d_states)) + np.vdot(self.by_area, d_areas[self.vortex.walls])
+        d_circulation = summed_number(self.vortex.halo.comm, own) + self.by_stream @ d_stream
+        return self.outside[..., :N_STATES] @ d_stream + self.by_circulation * d_circulation
+
+    def circulation_vjp(self, bar: np.ndarray) -> float:
+        """Derivative with respect to the circulation, of those with respect to the states outside, (n_far, 5)."""
+        return summed_number(self.vortex.halo.comm, np.vdot(self.by_circulation, bar))
+
+    def stream_vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Derivatives with respect to the free stream, of this process's faces, of the same."""
+        return np.einsum("fnm,fn->m", self.outside[..., :N_STATES], bar) + self.by_stream * np.vdot(
+            self.by_circulation, bar
+        )
