@@ -34,6 +34,7 @@ from .design.user_defined import UserVariable as UserVariable
 from .errors import FitWarning as FitWarning
 from .errors import InputError as InputError
 from .errors import MovementError as MovementError
+from .errors import SpuriousDragWarning as SpuriousDragWarning
 from .evaluation.inversion import embed_points as embed_points
 from .evaluation.inversion import invert_points as invert_points
 from .evaluation.inversion import require_inside as require_inside

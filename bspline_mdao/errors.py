@@ -1,6 +1,6 @@
-"""Exceptions and warnings: unusable input, a movement that cannot be done, and a fit to look at."""
+"""Exceptions and warnings: unusable input, a movement that cannot be done, a fit and a drag to look at."""
 
-__all__ = ["FitWarning", "InputError", "MovementError"]
+__all__ = ["FitWarning", "InputError", "MovementError", "SpuriousDragWarning"]
 
 
 class InputError(ValueError):
@@ -24,4 +24,12 @@ class FitWarning(UserWarning):
 
     `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that says how many
     elements there are, where the worst is and what to do; the report of the model has it as well.
+    """
+
+
+class SpuriousDragWarning(UserWarning):
+    """Drag that is an objective or a constraint, of which more than a tenth comes from the errors of the grid.
+
+    `EulerFlow` gives one such warning for each problem, when it first runs. The message is one line that says how the
+    drag is made up and what to do. ``warnings.simplefilter("ignore", SpuriousDragWarning)`` silences it.
     """

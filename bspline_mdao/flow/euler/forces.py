@@ -26,7 +26,7 @@ from .gas import GAMMA
 from .reconstruction import MEAN
 from .walls import Walls
 
-__all__ = ["EntropyDrag", "FlowForces", "WallPressure"]
+__all__ = ["EntropyDrag", "FlowForces", "WallPressure", "entropy_scale", "relative_entropy"]
 
 
 _FLAT = 1e-6
@@ -255,7 +255,9 @@ class EntropyDrag:
     def evaluate(self, states: np.ndarray, areas: np.ndarray, mach):
         """Drag of states, shape (n_cells, 5), through faces with area vectors (m^2), shape (n_far, 3)."""
         w = states[self.cells]
-        return summed_number(self.comm, np.sum(w[:, 0] * dots(w[:, 1:4], areas) * _entropy(w))) / _scale(mach)
+        return summed_number(self.comm, np.sum(w[:, 0] * dots(w[:, 1:4], areas) * relative_entropy(w))) / entropy_scale(
+            mach
+        )
 
     def jvp(self, states, areas, mach, d_states, d_areas, d_mach):
         """Change of the drag with the states, the area vectors and the Mach number."""
@@ -272,8 +274,8 @@ class EntropyDrag:
 
     def _gradients(self, states, areas, mach):
         """Derivatives with respect to the cells' states, shape (n_far, 5), the area vectors and the Mach number."""
-        w, scale = states[self.cells], _scale(mach)
-        rho, entropy, through = w[:, 0], _entropy(w), dots(w[:, 1:4], areas)
+        w, scale = states[self.cells], entropy_scale(mach)
+        rho, entropy, through = w[:, 0], relative_entropy(w), dots(w[:, 1:4], areas)
         w_bar = np.empty_like(w)
         w_bar[:, 0] = through * (entropy - GAMMA)
         w_bar[:, 1:4] = (rho * entropy)[:, None] * areas
@@ -282,11 +284,11 @@ class EntropyDrag:
         return w_bar / scale, areas_bar, -3.0 / mach * self.evaluate(states, areas, mach)
 
 
-def _entropy(w: np.ndarray) -> np.ndarray:
+def relative_entropy(w: np.ndarray) -> np.ndarray:
     """Entropy above that of the free stream, divided by the specific heat at constant volume."""
     return np.log(GAMMA * w[:, 4]) - GAMMA * np.log(w[:, 0])
 
 
-def _scale(mach):
+def entropy_scale(mach):
     """Dynamic pressure times speed, divided by temperature of the stream and specific heat at constant volume."""
     return 0.5 * mach**3 * GAMMA * (GAMMA - 1.0)

@@ -26,6 +26,7 @@ from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
 from .references import COEFFICIENTS, REFERENCES, declare_coefficients, declare_references
+from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
 from .trimmed_state import TrimmedState
 
 
@@ -233,7 +234,7 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
     def setup(self):
         """Declare the variables."""
         check_on_grid(self, self.options["flow"], self.options["nodes"])
-        self._forces = self.options["forces"]
+        self._forces, self._is_looked_at = self.options["forces"], False
         is_shared = self.comm.size > 1
         self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_shared)
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
@@ -246,8 +247,15 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
 
     def compute(self, inputs, outputs):
         """Sum the pressures on the walls, and the rest of the outputs."""
-        for name, value in self._forces.evaluate(*_at(inputs)).items():
+        at = _at(inputs)
+        for name, value in self._forces.evaluate(*at).items():
             outputs[name] = value
+        if not self._is_looked_at and not np.iscomplexobj(at[0]):
+            self._is_looked_at = True
+            if is_optimised(self, "CD"):
+                sources = drag_sources(self.options["flow"], self._forces, *at)
+                if self.comm.rank == 0:
+                    warn_of_spurious_drag(self.pathname, sources)
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose."""

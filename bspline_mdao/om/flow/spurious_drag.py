@@ -1,0 +1,70 @@
+"""Drag that is the grid's: what it is made of, and a warning where it is optimised.
+
+Theory: ``docs/theory/far_field.rst``.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import SpuriousDragWarning
+from ...flow.euler.drag_sources import DragSources, wave_drag
+from ...flow.euler.flow_grid import FlowGrid
+from ...flow.euler.forces import FlowForces
+
+__all__ = ["drag_sources", "is_optimised", "warn_of_spurious_drag"]
+
+MOST_SPURIOUS = 0.1
+"""Part of the drag that may be spurious where it is optimised."""
+
+
+def drag_sources(flow: FlowGrid, forces: FlowForces, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> DragSources:
+    """Divide the drag of the pressures into that of the wake, of shocks, and what is spurious.
+
+    Parameters
+    ----------
+    flow : FlowGrid
+    forces : FlowForces
+    states : ndarray, shape (n_cells, 5)
+        A solution.
+    nodes : ndarray, shape (n_nodes, 3)
+        The grid (m).
+    alpha, mach : float
+        Angle of attack (rad) and Mach number.
+    """
+    values = forces.evaluate(states, nodes, alpha, mach)
+    total, induced = (float(np.ravel(values[name])[0]) for name in ("CD", "CD_induced"))
+    wave = wave_drag(flow.discretization, states, flow.areas(nodes), mach) / forces.wing.coefficients.area
+    return DragSources(total, induced, wave)
+
+
+def is_optimised(component: om.ExplicitComponent, name: str) -> bool:
+    """Whether an output of a component is an objective or a constraint of the problem, or one depends on it."""
+    model = component._problem_meta["model_ref"]()
+    found = model.get_objectives(get_sizes=False) | model.get_constraints(get_sizes=False)
+    wanted = {meta["source"] for meta in found.values()}
+    reached: set[str] = set()
+    new = {f"{component.pathname}.{name}"}
+    while new and not reached & wanted:
+        reached |= new
+        components = {to.rpartition(".")[0] for to, source in model._conn_global_abs_in2out.items() if source in new}
+        outputs = {*model._conn_global_abs_in2out.values(), *wanted}
+        new = {output for output in outputs if output.rpartition(".")[0] in components} - reached
+    return bool(reached & wanted)
+
+
+def warn_of_spurious_drag(path: str, sources: DragSources) -> None:
+    """Warn where more than a tenth of a drag that is optimised is of the grid."""
+    part = sources.spurious / sources.total if sources.total else 0.0
+    if abs(part) > MOST_SPURIOUS:
+        warnings.warn(
+            f"{path}: CD is optimised, but {100.0 * part:.0f} % of it is the grid's: CD {sources.total:.5f} = induced "
+            f"{sources.induced:.5f} + shocks {sources.wave:.5f} + spurious {sources.spurious:.5f}; an optimum would be "
+            f"one of these errors. Take a finer member of the grid, model.member(1.5), or, without shocks, CD_induced "
+            f"or CD_induced + CD_entropy for CD",
+            SpuriousDragWarning,
+            stacklevel=2,
+        )
