@@ -25,6 +25,7 @@ from ..component import CheckedOnProcesses, add_bar, direction_in, fails_togethe
 from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
+from .flow_files import load_states, save_states, write_fields
 from .references import COEFFICIENTS, REFERENCES, declare_coefficients, declare_references
 from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
 from .trimmed_state import TrimmedState
@@ -108,6 +109,8 @@ class EulerFlow(om.Group):
         Walls whose nodes are to have forces.
     hinges : sequence of HingeMoment
         Control surfaces whose moments are wanted.
+    restart : path-like, optional
+        File of states to start from, which `save_states` made of this grid or another member of its family.
     trim : bool
         Whether the angle of attack is solved for at a given lift, see `TrimmedState`.
     tolerance, linear_tolerance, max_steps, iprint
@@ -129,13 +132,15 @@ class EulerFlow(om.Group):
         self.options.declare("shock_threshold", default=SHOCK_THRESHOLD, lower=0.0, desc="of the sensor; 0 for none")
         self.options.declare("loaded", types=SurfaceGrid, default=None, allow_none=True, recordable=False)
         self.options.declare("hinges", types=(list, tuple), default=(), recordable=False, desc="hinge moments")
+        self.options.declare("restart", default=None, desc="file of states to start from")
         self.options.declare("trim", types=bool, default=False, desc="solve for alpha at a given lift")
         declare_solver(self.options)
 
     def setup(self):
         """Add the solution and what is made of it."""
         model = self.options["model"]
-        partition, nodes = self._pieces()
+        self._partition, nodes = self._pieces()
+        partition = self._partition
         shocks = self.options["shock_threshold"]
         how = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
@@ -145,6 +150,9 @@ class EulerFlow(om.Group):
         forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES), hinges=self._hinges(flow))
         kind = TrimmedState if self.options["trim"] else EulerState
         state = kind(flow=flow, levels=levels, nodes=nodes, forces=forces, **settings)
+        if self.options["restart"] is not None:
+            states, alpha = load_states(self.options["restart"], self.comm, model.topology, partition)
+            state.start_from(states, alpha)
         self.add_subsystem("state", state, promotes=["*"])
         self.add_subsystem("forces", EulerForces(flow=flow, nodes=nodes, forces=forces), promotes=["*"])
         if self.options["loaded"] is not None:
@@ -157,6 +165,61 @@ class EulerFlow(om.Group):
         else:
             self.set_input_defaults("alpha", val=2.0, units="deg")
         self.set_input_defaults("Mach_number", val=0.3)
+
+    def write_fields(self, path) -> None:
+        """Write the fields of the flow for ParaView: on all blocks, and pressures on the walls beside them.
+
+        ``Cp``, ``Mach``, ``velocity`` relative to the speed of the stream, ``density`` relative to that of the stream,
+        ``entropy`` above that of the stream by the specific heat at constant volume, and ``total_pressure_loss``
+        relative to that of the stream, on nodes and cells. Of several processes, all come here, and the first writes.
+
+        Parameters
+        ----------
+        path : path-like
+            ``something.vtm``; the walls go to ``something_walls.vtm``.
+
+        Raises
+        ------
+        InputError
+            If the model has not run, or a file cannot be written.
+        """
+        topology = self.options["model"].topology
+        names = [f"block {n}" for n in range(1, len(topology.shapes) + 1)]
+        write_fields(path, self.state, self.forces, topology, names, self._partition)
+
+    def save_states(self, path) -> None:
+        """Save the states, for the option ``restart`` or `load_states`.
+
+        Parameters
+        ----------
+        path : path-like
+            HDF5 file; one that is there is replaced when the new one is complete.
+
+        Raises
+        ------
+        InputError
+            If the model has not run, or the file cannot be written.
+        """
+        save_states(path, self.state, self.options["model"].topology, self._partition)
+
+    def load_states(self, path) -> None:
+        """Start the next run from saved states of this grid or of another member of its family, after ``setup``.
+
+        Parameters
+        ----------
+        path : path-like
+            File that `save_states` made.
+
+        Raises
+        ------
+        InputError
+            If it is missing, damaged, no file of states, or of another grid.
+        """
+        states, alpha = load_states(path, self.comm, self.options["model"].topology, self._partition)
+        self.state.start_from(states, alpha)
+        self.state.set_val("states", states.ravel())
+        if self.options["trim"]:
+            self.state.set_val("alpha", alpha, units="deg")
 
     def _hinges(self, flow: FlowGrid) -> list[tuple[HingeMoment, np.ndarray]]:
         """The hinges, and which wall faces belong to the patches of each."""

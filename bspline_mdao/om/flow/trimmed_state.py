@@ -153,7 +153,7 @@ class TrimmedState(EulerState):
         self._sensitivity: _Sensitivity | None = None
         self._borders: dict = {}
         self.add_input("CL_target")
-        self.add_output("alpha", val=2.0, units="deg")
+        self.add_output("alpha", val=2.0 if self._start is None else self._start[1], units="deg")
 
     def _trim(self, inputs, outputs) -> None:
         """Solve for the states, and change the angle until the lift is right."""

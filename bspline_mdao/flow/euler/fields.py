@@ -1,0 +1,181 @@
+"""Fields of a flow for pictures: pressures, Mach number, velocity, entropy and loss of total pressure.
+
+On nodes and cells of all blocks and on the walls, in the form that ParaView reads.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...io.vtk import write_vtk
+from ...topology.grid import Block, Grid
+from ...topology.held_nodes import face_rows, node_copies, source_rows
+from ...topology.holders import cell_shapes
+from ...topology.index_space import block_rows
+from ...topology.topology import Topology
+from .gas import GAMMA, mach_numbers
+
+__all__ = ["field_values", "node_means", "wall_path", "write_flow"]
+
+
+def field_values(states: np.ndarray, mach: float) -> dict[str, np.ndarray]:
+    """Compute the fields of states.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n, 5)
+        See `.gas`.
+    mach : float
+        Mach number of the free stream.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By name: ``Cp``; ``Mach``; ``velocity``, shape (n, 3), relative to the speed of the free stream; ``density``,
+        relative to that of the free stream; ``entropy`` above that of the free stream, divided by the specific heat at
+        constant volume; ``total_pressure_loss``, the total pressure that is lacking relative to that of the free
+        stream. The last two are zero in flow without shocks and without errors.
+    """
+    pressure, local = GAMMA * states[:, 4], mach_numbers(states)
+    total = pressure * _total(local) / _total(mach)
+    return {
+        "Cp": (pressure - 1.0) / (0.5 * GAMMA * mach**2),
+        "Mach": local,
+        "velocity": states[:, 1:4] / mach,
+        "density": states[:, 0].copy(),
+        "entropy": np.log(pressure) - GAMMA * np.log(states[:, 0]),
+        "total_pressure_loss": 1.0 - total,
+    }
+
+
+def _total(mach):
+    """Total pressure divided by pressure."""
+    return (1.0 + 0.5 * (GAMMA - 1.0) * mach**2) ** (GAMMA / (GAMMA - 1.0))
+
+
+def node_means(topology: Topology, values: np.ndarray) -> np.ndarray:
+    """Means at every node of the values of the cells around it, those beyond interfaces included.
+
+    Parameters
+    ----------
+    topology : Topology
+        How the blocks are joined.
+    values : ndarray, shape (n_cells, n)
+        Blocks in order, each in C order.
+
+    Returns
+    -------
+    ndarray, shape (n_nodes, n)
+    """
+    rows = source_rows(node_copies(topology), np.arange(topology.n_nodes))
+    sums, counts = np.zeros((topology.n_nodes, values.shape[1])), np.zeros(topology.n_nodes)
+    start = 0
+    for nodes, shape in zip(block_rows(topology.shapes), cell_shapes(topology.shapes)):
+        cells = values[start : start + math.prod(shape)]
+        start += len(cells)
+        for corner in np.ndindex(2, 2, 2):
+            at = rows[nodes[tuple(slice(c, c + n) for c, n in zip(corner, shape))].ravel()]
+            counts += np.bincount(at, minlength=len(counts))
+            for column, own in zip(sums.T, cells.T):
+                column += np.bincount(at, own, minlength=len(column))
+    return (sums / np.maximum(counts, 1.0)[:, None])[rows]
+
+
+def write_flow(
+    path: str | os.PathLike,
+    topology: Topology,
+    names: Sequence[str],
+    nodes: np.ndarray,
+    states: np.ndarray,
+    wall_pressures: np.ndarray,
+    mach: float,
+) -> None:
+    """Write the fields of a flow for ParaView, on nodes and cells, and the pressures on the walls beside them.
+
+    ``path`` is the index of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`.
+
+    Parameters
+    ----------
+    path : path-like
+        ``something.vtm``.
+    topology : Topology
+        How the blocks are joined.
+    names : sequence of str
+        Names of the blocks.
+    nodes : ndarray, shape (n_nodes, 3)
+        Nodes of the grid (m).
+    states : ndarray, shape (n_cells, 5)
+        States of all cells.
+    wall_pressures : ndarray, shape (n_wall,)
+        Pressure coefficients on the wall faces.
+    mach : float
+        Mach number of the free stream.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    on_cells, on_nodes = field_values(states, mach), field_values(node_means(topology, states), mach)
+    rows, shapes = block_rows(topology.shapes), cell_shapes(topology.shapes)
+    grid = Grid(tuple(Block(nodes[part], name) for part, name in zip(rows, names)), source=str(path))
+    starts = np.cumsum([0, *map(math.prod, shapes)])
+    cells = [slice(*ends) for ends in zip(starts[:-1], starts[1:])]
+    write_vtk(
+        path,
+        grid,
+        {name: [values[part] for part in rows] for name, values in on_nodes.items()},
+        {
+            name: [values[part].reshape(*shape, *values.shape[1:]) for part, shape in zip(cells, shapes)]
+            for name, values in on_cells.items()
+        },
+    )
+    _write_walls(wall_path(path), topology, nodes, on_nodes, wall_pressures)
+
+
+def wall_path(path: str | os.PathLike) -> Path:
+    """Path of the file of the walls beside that of a flow.
+
+    Examples
+    --------
+    >>> wall_path("flow.vtm").name
+    'flow_walls.vtm'
+    """
+    path = Path(path)
+    return path.with_name(f"{path.stem}_walls{path.suffix}")
+
+
+def _write_walls(path, topology: Topology, nodes, on_nodes, pressures) -> None:
+    """Write the faces of the walls, with the pressures that act on them, in the order of these: patch after patch."""
+    walls = [face for face in topology.boundary if face.kind == "wall"]
+    walls = [face for name in dict.fromkeys(face.patch for face in walls) for face in walls if face.patch == name]
+    rows = [face_rows(topology, face.window) for face in walls]
+    shapes = [tuple(max(n - 1, 1) for n in part.shape) for part in rows]
+    starts = np.cumsum([0, *map(math.prod, shapes)])
+    names = [f"{face.patch}, block {face.window.block + 1}" for face in walls]
+    at_nodes = {name: [values[part] for part in rows] for name, values in on_nodes.items() if name != "Cp"}
+    on_faces = [pressures[a:b].reshape(shape) for a, b, shape in zip(starts[:-1], starts[1:], shapes)]
+    at_nodes["Cp"] = _at_corners(topology, rows, on_faces)
+    grid = Grid(tuple(Block(nodes[part], name) for part, name in zip(rows, names)), source=str(path))
+    write_vtk(path, grid, at_nodes, {"Cp": on_faces})
+
+
+def _at_corners(topology: Topology, rows: list[np.ndarray], on_faces: list[np.ndarray]) -> list[np.ndarray]:
+    """Means at the nodes of walls of the pressures on the faces around them."""
+    copies = node_copies(topology)
+    sums, counts = np.zeros(topology.n_nodes), np.zeros(topology.n_nodes)
+    for part, values in zip(rows, on_faces):
+        for corner in np.ndindex(*(min(n, 2) for n in part.shape)):
+            sizes = zip(corner, values.shape)
+            at = source_rows(copies, part[tuple(slice(c, c + n) for c, n in sizes)].ravel())
+            np.add.at(sums, at, values.ravel())
+            np.add.at(counts, at, 1.0)
+    means = sums / np.maximum(counts, 1.0)
+    return [means[source_rows(copies, part.ravel())].reshape(part.shape) for part in rows]

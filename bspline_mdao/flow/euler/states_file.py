@@ -1,0 +1,159 @@
+"""Files of the states of a flow, to start from again: on any number of processes, or another member of the family.
+
+Layout, version 1 (HDF5)::
+
+    /           attributes: format, version, checksum
+    /document   JSON (UTF-8): shapes of the blocks (nodes), alpha (deg), Mach number, residual
+    /states     (n_cells, 5), blocks in order, each in C order
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ...errors import InputError
+from ...evaluation.family import IndexScaling, refined_topology
+from ...evaluation.transfer import CellTransfer
+from ...io.disk import deferred_interrupts, replaced_hdf5_file
+from ...model.model_file import checksum_of
+from ...topology.holders import cell_shapes
+from ...topology.topology import Topology
+from .gas import N_STATES
+
+__all__ = ["StatesFile", "read_states"]
+
+FORMAT, VERSION = "bspline_mdao flow states", 1
+
+LARGEST = 9
+"""Numerators and denominators of the factors of members that are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatesFile:
+    """States of a flow and what it was a flow of.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n_cells, 5)
+        States of all cells.
+    shapes : tuple of (int, int, int)
+        Nodes of every block in each direction.
+    alpha, mach : float
+        Angle of attack (deg) and Mach number.
+    residual : float
+        Residual, relative to that of the uniform stream.
+    """
+
+    states: np.ndarray
+    shapes: tuple[tuple[int, ...], ...]
+    alpha: float
+    mach: float
+    residual: float
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the file; one that is there is replaced only when the new one is complete.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        numbers = {"alpha": self.alpha, "Mach_number": self.mach, "residual": self.residual}
+        document = json.dumps({"shapes": self.shapes, **numbers}).encode()
+        with replaced_hdf5_file(path) as file, deferred_interrupts():
+            checksum = checksum_of(document, {"states": self.states})
+            file.attrs.update({"format": FORMAT, "version": VERSION, "checksum": checksum})
+            file["document"] = np.frombuffer(document, np.uint8)
+            file["states"] = self.states
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> StatesFile:
+        """Read a file and check it.
+
+        Raises
+        ------
+        InputError
+            If it is missing, damaged, or another file.
+        """
+        if not Path(path).is_file():
+            raise InputError(f"{path}: there is no such file; save states by save_states of a flow")
+        if not h5py.is_hdf5(path):
+            raise InputError(f"{path}: is no file of states, or its beginning is damaged; save states by save_states")
+        try:
+            with deferred_interrupts(), h5py.File(path, "r") as file:
+                if file.attrs.get("format") != FORMAT:
+                    raise InputError(f"{path}: is an HDF5 file, but no file of states; save states by save_states")
+                document, states = file["document"][()].tobytes(), file["states"][()]
+                if file.attrs["version"] > VERSION:
+                    raise InputError(f"{path}: is of version {file.attrs['version']}; update the program")
+                if file.attrs["checksum"] != checksum_of(document, {"states": states}):
+                    raise ValueError("checksum")
+            found = json.loads(document)
+            shapes = tuple(map(tuple, found["shapes"]))
+            if states.shape != (sum(map(math.prod, cell_shapes(shapes))), N_STATES):
+                raise ValueError("shape")
+            return cls(states, shapes, found["alpha"], found["Mach_number"], found["residual"])
+        except InputError:
+            raise
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{path}: the states are damaged; run the flow without them and save it again") from error
+
+
+def read_states(path: str | os.PathLike, topology: Topology) -> tuple[np.ndarray, float]:
+    """Read states for a grid: its own, or those of another member of its family, interpolated in index space.
+
+    Parameters
+    ----------
+    path : path-like
+        File that `StatesFile.save` made.
+    topology : Topology
+        Topology of the grid.
+
+    Returns
+    -------
+    states : ndarray, shape (n_cells, 5)
+        States of all cells.
+    alpha : float
+        Their angle of attack (deg).
+
+    Raises
+    ------
+    InputError
+        As `StatesFile.load`; also if the states are of a grid that is no member of the family.
+    """
+    file = StatesFile.load(path)
+    if file.shapes == tuple(map(tuple, topology.shapes)):
+        return file.states, file.alpha
+    member = _member(topology, file.shapes)
+    if member is None:
+        raise InputError(
+            f"{path}: the states are of a grid of {len(file.shapes)} blocks and {len(file.states)} cells that is no "
+            f"member of the family of {topology.source}; give states of that grid, or start without them"
+        )
+    # means of pieces, no polynomials: densities and pressures stay positive, at shocks as well
+    return CellTransfer.of(member, topology).spread(file.states), file.alpha
+
+
+def _member(topology: Topology, shapes) -> Topology | None:
+    """Topology of the member of the family that has these shapes, if there is one."""
+    if len(shapes) != len(topology.shapes):
+        return None
+    ratio = _edges(shapes) / _edges(topology.shapes)
+    tried = {Fraction(p, q) for p in range(1, LARGEST + 1) for q in range(1, LARGEST + 1)}
+    for factor in sorted(tried, key=lambda one: abs(math.log(one / ratio))):
+        if IndexScaling.of(topology, float(factor)).shapes == shapes:
+            return refined_topology(topology, float(factor))
+    return None
+
+
+def _edges(shapes) -> int:
+    """Cells along the edges of all blocks."""
+    return sum(n - 1 for shape in shapes for n in shape)
