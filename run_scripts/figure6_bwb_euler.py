@@ -46,7 +46,9 @@ PLACES = dict(zip((0.1, 0.5, 0.9, 1.3), (BLUE, ORANGE, GREEN, PURPLE)))
 """Colours of the sections along the span (m)."""
 
 
-def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool = False, iprint: int = 0) -> dict:
+def main(
+    paper: bool = False, figures=None, quick: bool = False, openfoam: bool = False, iprint: int = 0, fields=None
+) -> dict:
     """Move the grid, solve the flow, and differentiate the lift through the whole chain.
 
     Parameters
@@ -61,6 +63,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
         Ask OpenFOAM as well, where it is installed.
     iprint : int
         1 for a line when the flow is solved, 2 for one a Newton step.
+    fields : path-like, optional
+        File of the fields for ParaView, ``body.vtm``.
 
     Returns
     -------
@@ -90,6 +94,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, openfoam: bool 
     start = time.perf_counter()
     problem.compute_totals(["CL"], [SURFACE_CONTROL_POINTS])
     numbers["gradient_seconds"] = time.perf_counter() - start
+    if fields:
+        flow.write_fields(fields)
 
     nodes, other = problem.get_val(GRID).reshape(-1, 3), None
     if openfoam:

@@ -26,7 +26,7 @@ def without_renderer(monkeypatch):
 
 
 def test_the_flow_about_the_blended_wing_body_is_solved_on_the_moved_grid(script, without_renderer, tmp_path):
-    numbers = script("figure6_bwb_euler").main(quick=True, figures=tmp_path)
+    numbers = script("figure6_bwb_euler").main(quick=True, figures=tmp_path, fields=tmp_path / "body.vtm")
     assert numbers["n_cells"] == 6144
     assert numbers["residual"] < 1e-10
     assert 0.3 < numbers["CL"] < 0.45
@@ -37,6 +37,7 @@ def test_the_flow_about_the_blended_wing_body_is_solved_on_the_moved_grid(script
     assert numbers["gradient_seconds"] > 0.0
     assert numbers["drawn_by"] == "matplotlib"
     assert (tmp_path / "figure6_bwb_euler.png").stat().st_size > 50_000
+    assert (tmp_path / "body_walls.vtm").exists()
 
 
 def test_drag_falls_with_the_spacing_of_a_grid_family(script, tmp_path):
