@@ -71,6 +71,10 @@ class FittedModel:
         points = as_finite_points(getattr(self, name), n_points, f"{self.header.source}: {name.replace('_', ' ')}")
         object.__setattr__(self, name, points)
 
+    def __repr__(self) -> str:
+        sizes = f"{len(self.topology.shapes)} blocks, {self.n_nodes} nodes, {self.mesh.n_control_points} control points"
+        return f"<fitted {self.header.source}: {sizes}>"
+
     @property
     def n_nodes(self) -> int:
         """Nodes of all blocks of the grid."""

@@ -197,6 +197,9 @@ class ModelShare:
                 loaded = cls.of(share, **fields)
         return loaded
 
+    def __repr__(self) -> str:
+        return f"<share of fitted {self.topology.source}: {self.share.n_nodes} of {self.n_nodes} nodes>"
+
     @property
     def n_nodes(self) -> int:
         """Nodes of the whole grid."""

@@ -101,6 +101,9 @@ class FlowGrid:
         """Pattern of the preconditioner; found when a flow is first solved."""
         return factor_pattern(self.discretization)
 
+    def __repr__(self) -> str:
+        return f"<flow grid of {self.faces.n_cells} cells>"
+
     @property
     def comm(self):
         """The processes."""

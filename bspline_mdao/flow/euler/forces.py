@@ -101,6 +101,9 @@ class FlowForces:
         far = flow.faces.corners[flow.faces.faces_of("farfield")]
         return cls(flow.walls, far, flow.corners, WallPressure.of(flow), EntropyDrag.of(flow.discretization), wing)
 
+    def __repr__(self) -> str:
+        return f"<forces on {len(self.walls.corners)} wall faces>"
+
     def evaluate(self, states: np.ndarray, nodes: np.ndarray, alpha, mach) -> dict[str, np.ndarray]:
         """Compute all outputs by name; real or complex.
 

@@ -301,12 +301,14 @@ class EulerForces(CheckedOnProcesses, om.ExplicitComponent):
         is_shared = self.comm.size > 1
         self.add_input("states", shape=N_STATES * self.options["flow"].faces.n_cells, distributed=is_shared)
         self.add_input(GRID, val=self.options["nodes"].ravel(), units="m", distributed=is_shared)
-        self.add_input("alpha", units="deg")
-        self.add_input("Mach_number")
+        self.add_input("alpha", units="deg", desc="angle of attack")
+        self.add_input("Mach_number", desc="of the free stream")
         declare_coefficients(self, self._forces.wing.induced.strips.n_strips)
-        for name in ("CD_entropy", *(name for name in self._forces.wing.moments if name not in COEFFICIENTS)):
-            self.add_output(name)
-        self.add_output("Cp", shape=len(self._forces.walls.corners))
+        self.add_output("CD_entropy", desc="drag of the entropy that leaves through the far field")
+        for name in self._forces.wing.moments:
+            if name not in COEFFICIENTS:
+                self.add_output(name, desc="hinge moment")
+        self.add_output("Cp", shape=len(self._forces.walls.corners), desc="pressure coefficients on the wall faces")
 
     def compute(self, inputs, outputs):
         """Sum the pressures on the walls, and the rest of the outputs."""

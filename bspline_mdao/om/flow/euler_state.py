@@ -117,12 +117,12 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         check_on_grid(self, flow, nodes)
         self._solution = self._converged = self._tangent = None
         is_shared = self.comm.size > 1
-        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared)
+        self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
         self._declare_angle()
-        self.add_input("Mach_number")
+        self.add_input("Mach_number", desc="of the free stream")
         at_rest = flow.discretization.uniform(free_stream(0.0, 0.0, flow.axes))
         start = at_rest if self._start is None else self._start[0]
-        self.add_output("states", val=start.ravel(), distributed=is_shared)
+        self.add_output("states", val=start.ravel(), distributed=is_shared, desc="density, velocity, pressure of cells")
 
     def apply_nonlinear(self, inputs, outputs, residuals):
         """Sum what flows out of every cell."""
@@ -137,7 +137,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     def _declare_angle(self):
         """Declare the angle of attack."""
-        self.add_input("alpha", units="deg")
+        self.add_input("alpha", units="deg", desc="angle of attack")
 
     def _solve(self, inputs, outputs, tolerance: float) -> None:
         """Solve for the states at the inputs, or raise."""

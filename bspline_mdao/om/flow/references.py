@@ -8,15 +8,28 @@ from ...flow.section_loads import SECTION_LOADS
 
 __all__ = ["COEFFICIENTS", "REFERENCES", "declare_coefficients", "declare_references"]
 
-COEFFICIENTS = {
-    "CL": None,
-    "CD": None,
-    "CM": None,
-    "CD_induced": None,
-    "CM_bending": None,
-    "span_load": "m",
-    **{name: "m" if name in ("strip_span", "strip_chord") else None for name in SECTION_LOADS},
+_DESCRIPTIONS = {
+    "CL": "lift",
+    "CD": "drag of the pressures on the walls",
+    "CM": "moments about x, y and z of the grid",
+    "CD_induced": "induced drag from the wake far downstream",
+    "CM_bending": "moment that bends the wing up at its root",
+    "span_load": "chord times lift coefficient of every strip, from the tip",
+    **dict(
+        zip(
+            SECTION_LOADS,
+            (
+                "distance of the middle of every strip from span 0",
+                "chord of every strip",
+                "lift of every strip",
+                "drag of the pressures of every strip",
+                "moment of every strip about its quarter chord, nose up",
+            ),
+        )
+    ),
 }
+
+COEFFICIENTS = {name: "m" if name in ("span_load", "strip_span", "strip_chord") else None for name in _DESCRIPTIONS}
 """Units of what every flow about a wing has as outputs, by name."""
 
 REFERENCES = ("reference_area", "reference_chord", "moment_reference")
@@ -34,4 +47,4 @@ def declare_coefficients(component: om.Component, n_strips: int) -> None:
     """Add the outputs `COEFFICIENTS` of a wing with so many strips."""
     for name, units in COEFFICIENTS.items():
         shape = 3 if name == "CM" else n_strips if name.startswith(("span", "strip")) else 1
-        component.add_output(name, shape=shape, units=units)
+        component.add_output(name, shape=shape, units=units, desc=_DESCRIPTIONS[name])

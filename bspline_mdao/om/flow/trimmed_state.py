@@ -152,8 +152,9 @@ class TrimmedState(EulerState):
     def _declare_angle(self):
         self._sensitivity: _Sensitivity | None = None
         self._borders: dict = {}
-        self.add_input("CL_target")
-        self.add_output("alpha", val=2.0 if self._start is None else self._start[1], units="deg")
+        self.add_input("CL_target", desc="lift coefficient")
+        start = 2.0 if self._start is None else self._start[1]
+        self.add_output("alpha", val=start, units="deg", desc="angle of attack")
 
     def _trim(self, inputs, outputs) -> None:
         """Solve for the states, and change the angle until the lift is right."""
