@@ -122,13 +122,13 @@ class Discretization:
 
     def outside(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:
         """States outside the far field, by the number of the face, of states with those of other processes' cells."""
-        return self.at_far_field(stream, self.vortex.outside(states, areas, stream) if self.vortex else None)
+        return self.at_far_field(self.vortex.outside(states, areas, stream) if self.vortex else stream)
 
-    def at_far_field(self, stream: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-        """Put rows of the faces of the far field at their numbers, or the same one everywhere: (n_faces, 5)."""
+    def at_far_field(self, rows: np.ndarray) -> np.ndarray:
+        """Put rows of the faces of the far field, or one of shape (5,) for all, at their numbers: (n_faces, 5)."""
         shape = (self.faces.n_faces, N_STATES)
-        if rows is None or self.vortex is None:
-            return np.broadcast_to(stream, shape)
+        if self.vortex is None or rows.ndim == 1:
+            return np.broadcast_to(rows, shape)
         room = np.zeros((shape[0], N_STATES + 1), rows.dtype)[:, :N_STATES]  # of one type with the above, for kernels
         room[self.vortex.faces] = rows
         return np.broadcast_to(room, shape)
@@ -139,7 +139,9 @@ class Discretization:
         The arrays are kept, and must not change.
         """
         states, areas, stream = (np.ascontiguousarray(array) for array in (states, areas, stream))
-        return Linearization(self, self.halo.extend(states), areas, stream)
+        states = self.halo.extend(states)
+        vortex = self.vortex.linearize(states, areas, stream) if self.vortex else None
+        return Linearization(self, states, areas, self.outside(states, areas, stream), vortex)
 
     @property
     def sums(self) -> CellSums:

@@ -39,14 +39,17 @@ class Linearization:
         Where it is differentiated, with the cells of other processes. Must not change.
     areas : ndarray, shape (n_faces, 3)
         Area vectors (m^2). Must not change.
-    stream : ndarray, shape (5,)
-        The free stream.
+    outside : ndarray, shape (n_faces, 5)
+        States outside the far field, by the number of the face.
+    vortex : VortexTangent, optional
+        Derivatives of these states, where they are not the free stream.
     """
 
     discretization: Any  # a type of its own would have the two files import each other
     states: np.ndarray
     areas: np.ndarray
-    stream: np.ndarray
+    outside: np.ndarray
+    vortex: VortexTangent | None
 
     @cached_property
     def jacobians(self) -> FaceJacobians:
@@ -94,21 +97,15 @@ class Linearization:
         own = self.vortex.stream_vjp(own) if self.vortex else own.sum(axis=0)
         return summed(self.discretization.halo.comm, own)
 
-    @cached_property
-    def vortex(self) -> VortexTangent | None:
-        """Derivatives of the states outside the far field of a section."""
-        vortex = self.discretization.vortex
-        return vortex.linearize(self.states, self.areas, self.stream) if vortex else None
-
     def of_circulation(self, vortex: VortexTangent) -> np.ndarray:
         """Change of the residual, shape (n_cells, 5), with the circulation of a section."""
         still = np.zeros_like(self.states), np.zeros_like(self.areas)
-        return self._sum_changes(*still, self.discretization.at_far_field(self.stream, vortex.by_circulation))
+        return self._sum_changes(*still, self.discretization.at_far_field(vortex.by_circulation))
 
     def _change(self, d_states, d_areas, d_stream) -> np.ndarray:
         """Change of the residual in a direction, which counts cells of other processes."""
-        d_far = self.vortex.outside_jvp(d_states, d_areas, d_stream) if self.vortex else None
-        return self._sum_changes(d_states, d_areas, self.discretization.at_far_field(d_stream, d_far))
+        d_far = self.vortex.outside_jvp(d_states, d_areas, d_stream) if self.vortex else d_stream
+        return self._sum_changes(d_states, d_areas, self.discretization.at_far_field(d_far))
 
     def _sum_changes(self, d_states, d_areas, d_outside) -> np.ndarray:
         """Change of the residual with states, area vectors and the states outside."""
@@ -139,12 +136,7 @@ class Linearization:
         discretization, stencil = self.discretization, self.discretization.stencil
         index = stencil.cells[part], stencil.weights, stencil.classes[part], stencil.roles[part]
         settings = discretization.dissipation, discretization.shock_threshold
-        return *index, self.areas[part], self.states, self._outside[part], *settings
-
-    @cached_property
-    def _outside(self) -> np.ndarray:
-        """States outside the far field, by the number of the face."""
-        return self.discretization.outside(self.states, self.areas, self.stream)
+        return *index, self.areas[part], self.states, self.outside[part], *settings
 
 
 N_SHOCK = 23
