@@ -12,7 +12,18 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-__all__ = ["add_product", "add_scaled", "lane_sums", "load", "store", "subtract_scaled", "zeros"]
+__all__ = [
+    "add_product",
+    "add_scaled",
+    "combined",
+    "lane_sums",
+    "load",
+    "prefetch",
+    "store",
+    "subtract_combined",
+    "subtract_scaled",
+    "zeros",
+]
 
 N, LANES = 5, 8
 
@@ -30,6 +41,8 @@ class _Five(types.Type):
 
 
 FIVE = _Five()
+
+ROWS = types.UniTuple(FIVE, N)
 
 
 @register_model(_Five)
@@ -62,6 +75,20 @@ def load(typingctx, array, offset):
         return builder.call(function, [at, ir.Constant(_INT, 4), _MASK, zeros])
 
     return FIVE(array, types.int64), emit
+
+
+@intrinsic
+def prefetch(typingctx, array, offset):
+    """Ask for the numbers at an offset into the data of an array, which may lie beyond its end."""
+
+    def emit(context, builder, signature, args):
+        at = _pointer(context, builder, array, args[0], args[1])
+        kind = ir.FunctionType(ir.VoidType(), [_FLOAT.as_pointer(), _INT, _INT, _INT])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [at] + [ir.Constant(_INT, number) for number in (0, 3, 1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), emit
 
 
 @intrinsic
@@ -117,6 +144,38 @@ def subtract_scaled(typingctx, total, factor, v):
         return builder.fsub(args[0], product, flags=_CONTRACT)
 
     return FIVE(FIVE, types.float32, FIVE), emit
+
+
+def _combination(builder, factors, vectors):
+    """Sum of vectors times the numbers in the lanes of another."""
+    total = None
+    for k, vector in enumerate(vectors):
+        lanes = ir.Constant(ir.VectorType(_INT, LANES), [k] * LANES)
+        factor = builder.shuffle_vector(factors, ir.Constant(_VECTOR, ir.Undefined), lanes)
+        product = builder.fmul(factor, vector, flags=_CONTRACT)
+        total = product if total is None else builder.fadd(total, product, flags=_CONTRACT)
+    return total
+
+
+@intrinsic
+def combined(typingctx, factors, rows):
+    """Five numbers: the sum of five vectors times those in ``factors``, a row times a block."""
+
+    def emit(context, builder, signature, args):
+        return _combination(builder, args[0], cgutils.unpack_tuple(builder, args[1], N))
+
+    return FIVE(FIVE, ROWS), emit
+
+
+@intrinsic
+def subtract_combined(typingctx, total, factors, rows):
+    """Five numbers ``total - combined(factors, rows)``."""
+
+    def emit(context, builder, signature, args):
+        product = _combination(builder, args[1], cgutils.unpack_tuple(builder, args[2], N))
+        return builder.fsub(args[0], product, flags=_CONTRACT)
+
+    return FIVE(FIVE, FIVE, ROWS), emit
 
 
 @intrinsic

@@ -8,6 +8,7 @@ the OpenMP layer ends it after a fork.
 from __future__ import annotations
 
 import itertools
+import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -67,16 +68,30 @@ class Crew:
         except BaseException:  # an interrupt from the keyboard, which is not to wait until all is done
             is_over.set()
             raise
-        finally:
-            wait(others)
-        for other in others:
+        finally:  # those that have not begun would find nothing to do, and may be behind others that wait for them
+            begun = [other for other in others if not other.cancel()]
+            wait(begun)
+        for other in begun:
             other.result()
 
 
 def run_tasks(task, n_tasks: int, n_threads: int):
-    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`."""
-    with Crew(min(n_threads, n_tasks)) as crew:
-        crew.run(task, n_tasks)
+    """Call ``task(0) .. task(n_tasks - 1)``, each once, on up to ``n_threads`` threads; see `Crew.run`.
+
+    The threads stay for the next call: to start one takes as long as a product with a matrix of some thousand rows.
+    """
+    n_threads = min(n_threads, n_tasks)
+    if n_threads < 2:
+        for number in range(n_tasks):
+            task(number)
+        return
+    _crew(n_threads, os.getpid()).run(task, n_tasks)  # threads do not come along into a forked process
+
+
+@cache
+def _crew(n_threads: int, process: int) -> Crew:
+    """Threads of a process that stay."""
+    return Crew(n_threads)
 
 
 def map_tasks(task, items, n_threads: int):

@@ -10,11 +10,11 @@ from topology_cases import smooth_box
 
 from bspline_mdao import flat_plate_grid
 from bspline_mdao.flow.euler import newton
+from bspline_mdao.flow.euler.block_factor import BLOCK
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.krylov import RESTART, solve_roughly, solve_system
+from bspline_mdao.flow.euler.krylov import RESTART, solve_refined, solve_roughly, solve_system
 from bspline_mdao.flow.euler.newton import relative_residual
 from bspline_mdao.flow.euler.preconditioner import (
-    BLOCK,
     COMPACT_DISSIPATION,
     BlockFactor,
     FactorPattern,
@@ -24,7 +24,7 @@ from bspline_mdao.flow.euler.preconditioner import (
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
 
-SINGLE = np.finfo(np.float32).eps
+SINGLE = float(np.finfo(np.float32).eps)
 
 
 @cache
@@ -98,7 +98,7 @@ def test_less_fill_is_less_exact_and_takes_fewer_blocks():
 def test_solves_with_a_factor_and_its_transpose_agree(fill):
     factor = factor_of(*random_system(), fill=fill)
     a, b = np.random.default_rng(2).standard_normal((2, 23, BLOCK))
-    assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.solve_transposed(b)), rel=1e-13)
+    assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.solve_transposed(b)), abs=20.0 * SINGLE)
 
 
 def compact_jacobian(case, dissipation):
@@ -166,9 +166,11 @@ def test_linear_systems_are_solved_forwards_and_transposed_with_one_factor(is_tr
     linearization = case.discretization.linearize(sphere_flow().states, case.areas, case.stream)
     factor = compact_factor(linearization, factor_pattern(case.discretization), np.zeros((case.faces.n_cells, 5, 5)))
     product = linearization.state_vjp if is_transposed else linearization.state_jvp
+    jacobians = linearization.jacobians
+    rough = jacobians.transposed_product if is_transposed else jacobians.product
     precondition = factor.solve_transposed if is_transposed else factor.solve
     right = np.random.default_rng(3).standard_normal((case.faces.n_cells, 5))
-    solution = solve_system(product, precondition, right, 1e-10)
+    solution = solve_refined(product, rough, precondition, right, 1e-10)
     assert solution.is_converged
     assert np.linalg.norm(product(solution.x) - right) < 2e-10 * np.linalg.norm(right)
     assert solution.n_products < 100

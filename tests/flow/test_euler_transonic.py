@@ -13,7 +13,7 @@ from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flux import face_flux
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
-from bspline_mdao.flow.euler.krylov import solve_system
+from bspline_mdao.flow.euler.krylov import solve_refined
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
 from bspline_mdao.flow.stream import stream_axes
@@ -130,7 +130,9 @@ def adjoint_gradients(case, states):
     lift, drag = coefficients(case, states, MACH, DEGREES)
     by_stream = linearization.stream_jvp(free_stream_partials(MACH, angle, AXES)[1])
     for load, turned in zip(wall_load(case, MACH, DEGREES), (-drag, lift)):
-        adjoint = solve_system(linearization.state_vjp, factor.solve_transposed, load, 1e-12)
+        adjoint = solve_refined(
+            linearization.state_vjp, linearization.jacobians.transposed_product, factor.solve_transposed, load, 1e-12
+        )
         assert adjoint.is_converged
         yield np.radians(turned - np.vdot(adjoint.x, by_stream))
 

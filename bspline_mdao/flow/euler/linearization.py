@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ...numerics.fives import add_product, add_scaled, lane_sums, load, store, zeros
+from ...numerics.fives import add_product, add_scaled, lane_sums, load, prefetch, store, zeros
 from ...numerics.processes import summed, summed_number
 from .cell_sums import visit
 from .far_vortex import VortexTangent
@@ -245,6 +245,9 @@ class FaceJacobians:
         return out
 
 
+AHEAD = 16
+"""Faces ahead of the one in work whose Jacobians are asked for from memory."""
+
 _ZERO, _STILL = (0.0,) * 5, (0.0,) * 3
 
 _UNIT = tuple(tuple(float(n == m) for n in range(5)) for m in range(5))
@@ -454,6 +457,8 @@ def multiply(cells, classes, values, shock_rows, shocks, weights, d_states, out)
             state = load(d_states, 5 * cells[f, k])
             mean, jump = add_scaled(mean, by_mean, state), add_scaled(jump, by_jump, state)
         row = 50 * f
+        for line in range(4):
+            prefetch(values, row + 50 * AHEAD + 16 * line)
         flux = lane_sums(
             add_product(add_product(nothing, load(values, row), mean), load(values, row + 5), jump),
             add_product(add_product(nothing, load(values, row + 10), mean), load(values, row + 15), jump),
@@ -490,6 +495,8 @@ def multiply_transposed(cells, roles, values, shock_rows, shocks, bar, out, sens
     for f in range(len(cells)):
         b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if roles[f] == INNER else 0.0)
         mean = jump = zeros()
+        for line in range(4):
+            prefetch(values, 50 * (f + AHEAD) + 16 * line)
         for n in range(5):
             through, row = bar[b, n] - one * bar[c, n], 50 * f + 10 * n
             mean, jump = (

@@ -14,7 +14,7 @@ import numpy as np
 from ...numerics.processes import largest
 from .discretization import Discretization
 from .krylov import solve_roughly
-from .preconditioner import FactorPattern, compact_factor, time_terms
+from .preconditioner import FactorPattern, add_blocks, compact_factor, time_terms
 
 __all__ = [
     "Field",
@@ -229,7 +229,7 @@ def _update(field: Field, pattern: FactorPattern, states, residual, cfl):
     factor = compact_factor(linearization, pattern, diagonal)  # step 2
 
     def product(x):
-        return (linearization.jacobians.product(x) + np.einsum("cnm,cm->cn", diagonal, x)) / sizes
+        return add_blocks(diagonal, x, linearization.jacobians.product(x)) / sizes
 
     def precondition(y):
         return factor.solve(sizes * y)

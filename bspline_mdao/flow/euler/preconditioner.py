@@ -5,9 +5,7 @@ difference is dissipated: all of it at shocks, where the Jacobian itself is as c
 
 Each of several processes factors the part of its own cells: additive Schwarz without overlap.
 
-Blocks are 5 x 5, and the pattern, with level of fill, is symmetric. Entry ``(row, column)`` of the strict lower
-triangle holds the block of L there and the block of U at ``(column, row)``. Both triangles are made, and solved with,
-row by row of this one pattern, forwards and transposed.
+Blocks are 5 x 5, and the pattern, with level of fill, is symmetric. See `.block_factor` for the factor.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -15,19 +13,21 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
+from ...numerics.fives import add_product, add_scaled, lane_sums, load, store, subtract_scaled, zeros
 from ...sparse.blocks import Graph
 from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
+from .block_factor import BlockFactor, Schedule, levels_of
+from .cell_sums import visit
 from .discretization import Discretization
 from .gas import GAMMA
 from .linearization import Linearization
 from .reconstruction import FIRST, INNER, MEAN
-
-BLOCK = 5
 
 FILL = 1
 """Level of fill of the factor."""
@@ -61,43 +61,51 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     dissipation = np.float32(max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation))
     jacobians = linearization.jacobians
     at_shocks = jacobians.shock_rows, jacobians.shocks
-    _place(*index, jacobians.values, dissipation, *at_shocks, pattern.rank, pattern.places, lower, upper, placed)
+    sums = linearization.discretization.sums
+    rest = jacobians.values, dissipation, *at_shocks, pattern.rank, pattern.places, lower, upper, placed
+    visit(len(placed), lambda part: _place(sums.starts, sums.entries, part.start, part.stop, *index, *rest))
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(
-    cells, weights, classes, roles, jacobians, dissipation, shock_rows, shocks, rank, places, lower, upper, diagonal
-):
-    """Add the blocks of all faces at their places; those between own cells and others have none off the diagonal."""
-    n_own = len(rank)
-    for f in range(len(cells)):
-        jacobian, b, c = jacobians[f], cells[f, 1], cells[f, 2]
-        left, right = (rank[b] if b < n_own else -1), (rank[c] if c < n_own else -1)
-        if roles[f] != INNER:
-            w = weights[classes[f]]
-            mean = w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]
-            diagonal[left] += mean * jacobian[:, :5] + w[FIRST, 1] * jacobian[:, 5:]
-            continue
-        at, part = places[f], dissipation
-        if len(shock_rows) > 0 and shock_rows[f] >= 0:
-            part += shocks[shock_rows[f], 0] * (np.float32(1.0) - dissipation)
-        for n in range(5):
-            for m in range(5):
-                from_left = np.float32(0.5) * jacobian[n, m] - part * jacobian[n, 5 + m]
-                from_right = np.float32(0.5) * jacobian[n, m] + part * jacobian[n, 5 + m]
-                if left >= 0:
-                    diagonal[left, n, m] += from_left
-                if right >= 0:
-                    diagonal[right, n, m] -= from_right
-                if at < 0:
-                    continue
-                if left > right:
-                    lower[at, n, m] += from_right
-                    upper[at, n, m] -= from_left
-                else:
-                    lower[at, n, m] -= from_left
-                    upper[at, n, m] += from_right
+    face_starts, faces, first, end, cells, weights, classes, roles, jacobians, dissipation, shock_rows, shocks,
+    rank, places, lower, upper, diagonal,
+):  # fmt: skip
+    """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is.
+
+    Those between own cells and others have none off the diagonal.
+    """
+    n_own, half = len(rank), np.float32(0.5)
+    for cell in range(first, end):
+        row = rank[cell]
+        for at in range(face_starts[cell], face_starts[cell + 1]):
+            f = faces[at] if faces[at] >= 0 else -1 - faces[at]
+            if roles[f] != INNER:
+                w = weights[classes[f]]
+                mean, jump = np.float32(w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]), np.float32(w[FIRST, 1])
+                for n in range(5):
+                    block = add_scaled(load(diagonal, 25 * row + 5 * n), mean, load(jacobians, 50 * f + 10 * n))
+                    store(diagonal, 25 * row + 5 * n, add_scaled(block, jump, load(jacobians, 50 * f + 10 * n + 5)))
+                continue
+            part = dissipation
+            if len(shock_rows) > 0 and shock_rows[f] >= 0:
+                part += shocks[shock_rows[f], 0] * (np.float32(1.0) - dissipation)
+            sign = np.float32(1.0 if faces[at] >= 0 else -1.0)  # rows of the right cell get the negative
+            other = cells[f, 2] if faces[at] >= 0 else cells[f, 1]
+            is_later = other < n_own and rank[other] < row
+            place = 25 * places[f]
+            for n in range(5):
+                mean, jump = load(jacobians, 50 * f + 10 * n), load(jacobians, 50 * f + 10 * n + 5)
+                # of the row of this cell: from itself, and from the other
+                own = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
+                store(diagonal, 25 * row + 5 * n, subtract_scaled(own, part, jump))
+                if is_later:
+                    at_lower, at_upper = load(lower, place + 5 * n), load(upper, place + 5 * n)
+                    at_lower = add_scaled(add_scaled(at_lower, sign * half, mean), part, jump)
+                    at_upper = subtract_scaled(subtract_scaled(at_upper, sign * half, mean), -part, jump)
+                    store(lower, place + 5 * n, at_lower)
+                    store(upper, place + 5 * n, at_upper)
 
 
 def time_terms(discretization: Discretization, states: np.ndarray, areas: np.ndarray) -> np.ndarray:
@@ -109,6 +117,30 @@ def time_terms(discretization: Discretization, states: np.ndarray, areas: np.nda
     out = np.zeros((len(states), 5, 5))
     _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, out)
     return out
+
+
+def add_blocks(blocks: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Add the products of the blocks of all cells, shape (n_cells, 5, 5), with their states to an array, and return it.
+
+    All are of float32.
+    """
+    visit(len(x), lambda part: _add_blocks(blocks[part], x[part], out[part]))
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add_blocks(blocks, x, out):
+    for c in range(len(x)):
+        z, at = load(x, 5 * c), 25 * c
+        nothing = zeros()
+        product = lane_sums(
+            add_product(nothing, load(blocks, at), z),
+            add_product(nothing, load(blocks, at + 5), z),
+            add_product(nothing, load(blocks, at + 10), z),
+            add_product(nothing, load(blocks, at + 15), z),
+            add_product(nothing, load(blocks, at + 20), z),
+        )
+        store(out, 5 * c, add_scaled(product, np.float32(1.0), load(out, 5 * c)))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -146,9 +178,14 @@ class FactorPattern(IncompletePattern):
 
     places: np.ndarray
 
+    @cached_property
+    def schedule(self) -> Schedule:
+        """Order in which threads share the rows."""
+        return Schedule.of(self.starts, self.columns)
+
     @classmethod
     def of(cls, left: np.ndarray, right: np.ndarray, n: int, fill: int) -> FactorPattern:
-        """Order the cells by reverse Cuthill and McKee and find the fill.
+        """Order the cells by reverse Cuthill and McKee, those of a level next to each other, and find the fill.
 
         Parameters
         ----------
@@ -166,43 +203,10 @@ class FactorPattern(IncompletePattern):
         both.sum_duplicates()
         graph = Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
         found = incomplete_pattern(graph, narrow_order(graph), fill)
+        by_level = found.order[np.argsort(levels_of(found.starts, found.columns), kind="stable")]
+        found = incomplete_pattern(graph, by_level, fill)  # of the same blocks: rows still come after those they need
         places[is_own] = _find(found.starts, found.columns, found.rank[left], found.rank[right])
         return cls(found.order, found.rank, found.starts, found.columns, places)
-
-
-@dataclass(frozen=True, eq=False)
-class BlockFactor:
-    """Incomplete factor L U of a matrix of 5 x 5 blocks.
-
-    Parameters
-    ----------
-    pattern : FactorPattern
-    lower, upper : ndarray, shape (n_blocks, 5, 5)
-        Blocks of L below its unit diagonal and of U above its diagonal.
-    pivots : ndarray, shape (n, 5, 5)
-        Inverses of the diagonal blocks of U.
-    """
-
-    pattern: FactorPattern
-    lower: np.ndarray
-    upper: np.ndarray
-    pivots: np.ndarray
-
-    @classmethod
-    def of(cls, pattern: FactorPattern, lower, upper, diagonal) -> BlockFactor:
-        """Factor a matrix whose blocks are in place, by rank; they are overwritten."""
-        _factorize(pattern.starts, pattern.columns, lower, upper, diagonal)
-        return cls(pattern, lower, upper, diagonal.astype(lower.dtype, copy=False))
-
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solve ``L U x = right``, shape (n, 5)."""
-        p = self.pattern
-        return _solve(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
-
-    def solve_transposed(self, right: np.ndarray) -> np.ndarray:
-        """Solve ``U^T L^T x = right``, shape (n, 5)."""
-        p = self.pattern
-        return _solve_transposed(p.rank, p.starts, p.columns, self.lower, self.upper, self.pivots, right)
 
 
 @njit(cache=True, error_model="numpy")
@@ -213,132 +217,3 @@ def _find(starts, columns, left, right):
         row, column = max(left[n], right[n]), min(left[n], right[n])
         places[n] = starts[row] + np.searchsorted(columns[starts[row] : starts[row + 1]], column)
     return places
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _factorize(starts, columns, lower, upper, diagonal):
-    """Factor row by row in place, the diagonal blocks into their inverses.
-
-    For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
-
-    1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
-    2. ``L_ij = L_ij U_jj^-1``.
-    3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
-    """
-    n = len(starts) - 1
-    place_of = np.full(n, -1, np.int64)
-    product = np.empty((BLOCK, BLOCK))
-    for row in range(n):
-        for entry in range(starts[row], starts[row + 1]):
-            column = columns[entry]
-            for other in range(starts[column], starts[column + 1]):
-                place = place_of[columns[other]]
-                if place >= 0:  # step 1
-                    _subtract(lower[entry], lower[place], upper[other])
-                    _subtract(upper[entry], lower[other], upper[place])
-            product[:] = 0.0  # step 2
-            _subtract(product, lower[entry], diagonal[column])
-            lower[entry] = -product
-            _subtract(diagonal[row], lower[entry], upper[entry])  # step 3
-            place_of[column] = entry
-        for entry in range(starts[row], starts[row + 1]):
-            place_of[columns[entry]] = -1
-        product[:] = diagonal[row]
-        _invert(product, diagonal[row])
-
-
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"})
-def _subtract(block, left, right):
-    """Subtract the product of two blocks from a block."""
-    for a in range(BLOCK):
-        l0, l1, l2, l3, l4 = left[a, 0], left[a, 1], left[a, 2], left[a, 3], left[a, 4]
-        for b in range(BLOCK):
-            block[a, b] -= l0 * right[0, b] + l1 * right[1, b] + l2 * right[2, b] + l3 * right[3, b] + l4 * right[4, b]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _invert(block, inverse):
-    """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
-    for a in range(BLOCK):
-        for b in range(BLOCK):
-            inverse[a, b] = 1.0 if a == b else 0.0
-    for k in range(BLOCK):
-        pivot = k
-        for a in range(k + 1, BLOCK):
-            if abs(block[a, k]) > abs(block[pivot, k]):
-                pivot = a
-        for b in range(BLOCK):
-            block[k, b], block[pivot, b] = block[pivot, b], block[k, b]
-            inverse[k, b], inverse[pivot, b] = inverse[pivot, b], inverse[k, b]
-        inverse_pivot = 1.0 / block[k, k]
-        for b in range(BLOCK):
-            block[k, b] *= inverse_pivot
-            inverse[k, b] *= inverse_pivot
-        for a in range(BLOCK):
-            factor = block[a, k] if a != k else 0.0
-            for b in range(BLOCK):
-                block[a, b] -= factor * block[k, b]
-                inverse[a, b] -= factor * inverse[k, b]
-
-
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
-def _solve(rank, starts, columns, lower, upper, pivots, right):
-    """Solve with L, then with U."""
-    n = len(rank)
-    x = np.empty((n, BLOCK), right.dtype)
-    for point in range(n):
-        x[rank[point]] = right[point]
-    for row in range(n):
-        for entry in range(starts[row], starts[row + 1]):
-            block, z = lower[entry], x[columns[entry]]
-            for a in range(BLOCK):
-                total = 0.0
-                for b in range(BLOCK):
-                    total += block[a, b] * z[b]
-                x[row, a] -= total
-    y = np.empty(BLOCK, right.dtype)
-    for row in range(n - 1, -1, -1):
-        for a in range(BLOCK):
-            total = 0.0
-            for b in range(BLOCK):
-                total += pivots[row, a, b] * x[row, b]
-            y[a] = total
-        for entry in range(starts[row], starts[row + 1]):
-            block, z = upper[entry], x[columns[entry]]
-            for a in range(BLOCK):
-                total = 0.0
-                for b in range(BLOCK):
-                    total += block[a, b] * y[b]
-                z[a] -= total
-        x[row] = y
-    return x[rank]
-
-
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
-def _solve_transposed(rank, starts, columns, lower, upper, pivots, right):
-    """Solve with the transpose of U, then with that of L."""
-    n = len(rank)
-    x = np.empty((n, BLOCK), right.dtype)
-    for point in range(n):
-        x[rank[point]] = right[point]
-    y = np.empty(BLOCK, right.dtype)
-    for row in range(n):
-        for entry in range(starts[row], starts[row + 1]):
-            block, z = upper[entry], x[columns[entry]]
-            for a in range(BLOCK):
-                factor = z[a]
-                for b in range(BLOCK):
-                    x[row, b] -= block[a, b] * factor
-        y[:] = 0.0
-        for a in range(BLOCK):
-            for b in range(BLOCK):
-                y[b] += pivots[row, a, b] * x[row, a]
-        x[row] = y
-    for row in range(n - 1, -1, -1):
-        for entry in range(starts[row], starts[row + 1]):
-            block, z = lower[entry], x[columns[entry]]
-            for a in range(BLOCK):
-                factor = x[row, a]
-                for b in range(BLOCK):
-                    z[b] -= block[a, b] * factor
-    return x[rank]

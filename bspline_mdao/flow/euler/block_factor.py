@@ -1,0 +1,363 @@
+"""Incomplete factor L U of a matrix of 5 x 5 blocks in single precision, made and solved with on several threads.
+
+The pattern is symmetric. Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block
+of U at ``(column, row)``. Rows of a level need rows of lower levels only: threads share the rows of one level after
+another, and every number is the same on any number of threads.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+
+from ...numerics.claims import claim, counters, finish
+from ...numerics.fives import (
+    add_product,
+    combined,
+    lane_sums,
+    load,
+    prefetch,
+    store,
+    subtract_combined,
+    subtract_scaled,
+    zeros,
+)
+from ...numerics.threads import run_tasks, thread_count
+
+__all__ = ["BLOCK", "BlockFactor", "Schedule", "levels_of"]
+
+BLOCK = 5
+
+ROWS = 64
+"""Rows of a chunk at most: some microseconds of work."""
+
+AHEAD = 32
+"""Blocks ahead of the one in work that are asked for from memory."""
+
+ROWS_PER_THREAD = 2_000
+"""Fewer rows than this are not worth a thread."""
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Which rows can be done at a time, and the pattern by columns.
+
+    Parameters
+    ----------
+    ends : ndarray of int64, shape (n_chunks + 1,)
+        Rows between which each chunk lies, all of one level.
+    forwards, both : ndarray of int64, shapes (n_chunks,) and (2 n_chunks,)
+        Chunks that have to be done before each, for the rows upwards once, and upwards and then downwards.
+    column_starts : ndarray of int64, shape (n + 1,)
+        Where each column of the strict lower triangle starts.
+    column_entries, column_rows : ndarray of int32, shape (n_blocks,)
+        Entries of the columns, and their rows.
+    """
+
+    ends: np.ndarray
+    forwards: np.ndarray
+    both: np.ndarray
+    column_starts: np.ndarray
+    column_entries: np.ndarray
+    column_rows: np.ndarray
+
+    @classmethod
+    def of(cls, starts: np.ndarray, columns: np.ndarray) -> Schedule:
+        """Cut the rows of a pattern into chunks; rows of a level are best next to each other."""
+        n, levels = len(starts) - 1, levels_of(starts, columns)
+        edges = np.flatnonzero(np.diff(levels)) + 1
+        level_ends = np.concatenate([[0], edges, [n]]) if n else np.zeros(1, int)
+        n_chunks = -(-np.diff(level_ends) // ROWS)
+        firsts = np.cumsum(n_chunks) - n_chunks
+        parts = [lo + (hi - lo) * np.arange(m) // m for lo, hi, m in zip(level_ends, level_ends[1:], n_chunks)]
+        ends = np.append(np.concatenate([*parts, np.zeros(0, int)]), n).astype(np.int64)
+        forwards, total = np.repeat(firsts, n_chunks), int(n_chunks.sum())
+        backwards = 2 * total - np.repeat(firsts + n_chunks, n_chunks)[::-1]
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
+        entries = np.argsort(columns, kind="stable").astype(np.int32)
+        column_starts = np.zeros(n + 1, np.int64)
+        np.cumsum(np.bincount(columns, minlength=n), out=column_starts[1:])
+        return cls(ends, forwards, np.concatenate([forwards, backwards]), column_starts, entries, rows[entries])
+
+
+class Pattern(Protocol):
+    """Pattern of the strict lower triangle by rows, with the order of its points and a schedule."""
+
+    @property
+    def order(self) -> np.ndarray:
+        """Point of every row."""
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Where each row starts."""
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Columns of the rows."""
+
+    @property
+    def schedule(self) -> Schedule:
+        """Order of the work."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFactor:
+    """Incomplete factor L U of a matrix of 5 x 5 blocks.
+
+    Parameters
+    ----------
+    pattern : Pattern
+    lower, upper : ndarray of float32, shape (n_blocks, 5, 5)
+        Blocks of L below its unit diagonal and of U above its diagonal.
+    pivots : ndarray of float32, shape (n, 5, 5)
+        Inverses of the diagonal blocks of U.
+    """
+
+    pattern: Pattern
+    lower: np.ndarray
+    upper: np.ndarray
+    pivots: np.ndarray
+
+    @classmethod
+    def of(cls, pattern: Pattern, lower, upper, diagonal) -> BlockFactor:
+        """Factor a matrix whose blocks are in place, by rank; those of single precision are overwritten."""
+        lower, upper, diagonal = (np.ascontiguousarray(blocks, np.float32) for blocks in (lower, upper, diagonal))
+        schedule, numbers = pattern.schedule, counters()
+        how = schedule.ends, schedule.forwards, numbers
+        _together(len(diagonal), lambda: _factorize(pattern.starts, pattern.columns, *how, lower, upper, diagonal))
+        return cls(pattern, lower, upper, diagonal)
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """Solve ``L U x = right``, shape (n, 5), in single precision."""
+        return self._sweep(_solve, right)
+
+    def solve_transposed(self, right: np.ndarray) -> np.ndarray:
+        """Solve ``U^T L^T x = right``, shape (n, 5), in single precision."""
+        return self._sweep(_solve_transposed, right)
+
+    def _sweep(self, kernel, right: np.ndarray) -> np.ndarray:
+        pattern, schedule, single = self.pattern, self.pattern.schedule, np.ascontiguousarray(right, np.float32)
+        x, out, numbers = np.empty_like(single), np.empty_like(single), counters()
+        by_rows = pattern.order, pattern.starts, pattern.columns
+        by_columns = schedule.column_starts, schedule.column_entries, schedule.column_rows
+        how, factor = (schedule.ends, schedule.both, numbers), (self.lower, self.upper, self.pivots)
+        _together(len(single), lambda: kernel(*by_rows, *by_columns, *how, *factor, single, x, out))
+        return out.astype(right.dtype, copy=False)
+
+
+def _together(n: int, work: Callable[[], None]) -> None:
+    """Call a function whose chunks threads claim on as many as are worth it."""
+    n_threads = max(1, min(thread_count(None), n // ROWS_PER_THREAD))
+    run_tasks(lambda _: work(), n_threads, n_threads)
+
+
+@njit(cache=True, error_model="numpy")
+def levels_of(starts, columns):
+    """Level of each row: one more than the highest of the rows that it needs."""
+    levels = np.zeros(len(starts) - 1, np.int32)
+    for row in range(len(levels)):
+        for entry in range(starts[row], starts[row + 1]):
+            levels[row] = max(levels[row], levels[columns[entry]] + 1)
+    return levels
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _factorize(starts, columns, ends, needed, numbers, lower, upper, diagonal):
+    """Factor row by row in place, the diagonal blocks into their inverses.
+
+    For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
+
+    1. ``L_ij = A_ij - sum_k L_ik U_kj`` and ``U_ji = A_ji - sum_k L_jk U_ki``, over the k < j in both rows.
+    2. ``L_ij = L_ij U_jj^-1``.
+    3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
+    """
+    block, inverse, n_chunks = np.empty((BLOCK, BLOCK)), np.empty((BLOCK, BLOCK)), len(needed)
+    while True:
+        chunk = claim(numbers, n_chunks, needed)
+        if chunk < 0:
+            return
+        for row in range(ends[chunk], ends[chunk + 1]):
+            first, pivot = starts[row], _rows(diagonal, row)
+            for entry in range(first, starts[row + 1]):
+                column = columns[entry]
+                place, low, up = first, _rows(lower, entry), _rows(upper, entry)
+                for other in range(starts[column], starts[column + 1]):
+                    while place < entry and columns[place] < columns[other]:
+                        place += 1
+                    if place < entry and columns[place] == columns[other]:  # step 1
+                        low = _less(low, _rows(lower, place), _rows(upper, other))
+                        up = _less(up, _rows(lower, other), _rows(upper, place))
+                low = _times(low, _rows(diagonal, column))  # step 2
+                pivot = _less(pivot, low, up)  # step 3
+                _write(lower, entry, low)
+                _write(upper, entry, up)
+            _write(diagonal, row, pivot)
+            for a in range(BLOCK):
+                for b in range(BLOCK):
+                    block[a, b] = diagonal[row, a, b]
+            _invert(block, inverse)
+            for a in range(BLOCK):
+                for b in range(BLOCK):
+                    diagonal[row, a, b] = inverse[a, b]
+        finish(numbers)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _rows(blocks, at):
+    """Rows of a block."""
+    first = 25 * at
+    return (
+        load(blocks, first),
+        load(blocks, first + 5),
+        load(blocks, first + 10),
+        load(blocks, first + 15),
+        load(blocks, first + 20),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _write(blocks, at, rows):
+    """Write a block."""
+    first = 25 * at
+    store(blocks, first, rows[0])
+    store(blocks, first + 5, rows[1])
+    store(blocks, first + 10, rows[2])
+    store(blocks, first + 15, rows[3])
+    store(blocks, first + 20, rows[4])
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _less(block, left, right):
+    """Block less the product of two others."""
+    return (
+        subtract_combined(block[0], left[0], right),
+        subtract_combined(block[1], left[1], right),
+        subtract_combined(block[2], left[2], right),
+        subtract_combined(block[3], left[3], right),
+        subtract_combined(block[4], left[4], right),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _times(left, right):
+    """Product of two blocks."""
+    return (
+        combined(left[0], right),
+        combined(left[1], right),
+        combined(left[2], right),
+        combined(left[3], right),
+        combined(left[4], right),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _invert(block, inverse):
+    """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
+    for a in range(BLOCK):
+        for b in range(BLOCK):
+            inverse[a, b] = 1.0 if a == b else 0.0
+    for k in range(BLOCK):
+        pivot = k
+        for a in range(k + 1, BLOCK):
+            if abs(block[a, k]) > abs(block[pivot, k]):
+                pivot = a
+        for b in range(BLOCK):
+            block[k, b], block[pivot, b] = block[pivot, b], block[k, b]
+            inverse[k, b], inverse[pivot, b] = inverse[pivot, b], inverse[k, b]
+        inverse_pivot = 1.0 / block[k, k]
+        for b in range(BLOCK):
+            block[k, b] *= inverse_pivot
+            inverse[k, b] *= inverse_pivot
+        for a in range(BLOCK):
+            factor = block[a, k] if a != k else 0.0
+            for b in range(BLOCK):
+                block[a, b] -= factor * block[k, b]
+                inverse[a, b] -= factor * inverse[k, b]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _solve(
+    order, starts, columns, column_starts, column_entries, column_rows, ends, needed, numbers,
+    lower, upper, pivots, right, x, out,
+):  # fmt: skip
+    """Solve with L, then with U."""
+    n_chunks = len(needed)
+    while True:
+        chunk = claim(numbers, n_chunks, needed)
+        if chunk < 0:
+            return
+        if 2 * chunk < n_chunks:
+            for row in range(ends[chunk], ends[chunk + 1]):
+                a = b = c = d = e = zeros()
+                for entry in range(starts[row], starts[row + 1]):
+                    z, at = load(x, 5 * columns[entry]), 25 * entry
+                    prefetch(lower, at + 25 * AHEAD)
+                    prefetch(lower, at + 25 * AHEAD + 16)
+                    a, b = add_product(a, load(lower, at), z), add_product(b, load(lower, at + 5), z)
+                    c, d = add_product(c, load(lower, at + 10), z), add_product(d, load(lower, at + 15), z)
+                    e = add_product(e, load(lower, at + 20), z)
+                known = load(right, 5 * order[row])
+                store(x, 5 * row, subtract_scaled(known, np.float32(1.0), lane_sums(a, b, c, d, e)))
+        else:
+            back = n_chunks - 1 - chunk
+            for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
+                a = b = c = d = e = zeros()
+                for place in range(column_starts[row], column_starts[row + 1]):
+                    z, at = load(x, 5 * column_rows[place]), 25 * column_entries[place]
+                    ahead = 25 * column_entries[max(place - AHEAD, 0)]
+                    prefetch(upper, ahead)
+                    prefetch(upper, ahead + 16)
+                    a, b = add_product(a, load(upper, at), z), add_product(b, load(upper, at + 5), z)
+                    c, d = add_product(c, load(upper, at + 10), z), add_product(d, load(upper, at + 15), z)
+                    e = add_product(e, load(upper, at + 20), z)
+                z, at = subtract_scaled(load(x, 5 * row), np.float32(1.0), lane_sums(a, b, c, d, e)), 25 * row
+                nothing = zeros()
+                z = lane_sums(
+                    add_product(nothing, load(pivots, at), z),
+                    add_product(nothing, load(pivots, at + 5), z),
+                    add_product(nothing, load(pivots, at + 10), z),
+                    add_product(nothing, load(pivots, at + 15), z),
+                    add_product(nothing, load(pivots, at + 20), z),
+                )
+                store(x, 5 * row, z)
+                store(out, 5 * order[row], z)
+        finish(numbers)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _solve_transposed(
+    order, starts, columns, column_starts, column_entries, column_rows, ends, needed, numbers,
+    lower, upper, pivots, right, x, out,
+):  # fmt: skip
+    """Solve with the transpose of U, then with that of L."""
+    n_chunks = len(needed)
+    while True:
+        chunk = claim(numbers, n_chunks, needed)
+        if chunk < 0:
+            return
+        if 2 * chunk < n_chunks:
+            for row in range(ends[chunk], ends[chunk + 1]):
+                z = load(right, 5 * order[row])
+                for entry in range(starts[row], starts[row + 1]):
+                    prefetch(upper, 25 * (entry + AHEAD))
+                    prefetch(upper, 25 * (entry + AHEAD) + 16)
+                    z = subtract_combined(z, load(x, 5 * columns[entry]), _rows(upper, entry))
+                store(x, 5 * row, combined(z, _rows(pivots, row)))
+        else:
+            back = n_chunks - 1 - chunk
+            for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
+                z = load(x, 5 * row)
+                for place in range(column_starts[row], column_starts[row + 1]):
+                    ahead = 25 * column_entries[max(place - AHEAD, 0)]
+                    prefetch(lower, ahead)
+                    prefetch(lower, ahead + 16)
+                    z = subtract_combined(z, load(x, 5 * column_rows[place]), _rows(lower, column_entries[place]))
+                store(x, 5 * row, z)
+                store(out, 5 * order[row], z)
+        finish(numbers)

@@ -1,0 +1,80 @@
+"""The Euler solver on several threads: the same bits as on one."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from euler_cases import case_of, with_guessed_patches
+from numba import njit
+from topology_cases import grid_of, smooth_box, split
+
+from bspline_mdao.flow.euler import block_factor, cell_sums
+from bspline_mdao.flow.euler.block_factor import levels_of
+from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern, time_terms
+from bspline_mdao.numerics.claims import claim, counters, finish
+from bspline_mdao.numerics.threads import run_tasks
+
+
+@cache
+def case():
+    return case_of(with_guessed_patches(grid_of(*split(smooth_box(19, 17, 15), [9], [8], []))))
+
+
+def on_threads(monkeypatch, n_threads):
+    """Residual, products and solves, on so many threads with little work each."""
+    monkeypatch.setattr(cell_sums, "thread_count", lambda n: n_threads)
+    monkeypatch.setattr(block_factor, "thread_count", lambda n: n_threads)
+    monkeypatch.setattr(cell_sums, "PER_TASK", 100)
+    monkeypatch.setattr(block_factor, "ROWS_PER_THREAD", 1)
+    one, bar = case(), np.random.default_rng(3).standard_normal(case().states.shape)
+    linearization = one.discretization.linearize(one.states, one.areas, one.stream)
+    diagonal = time_terms(one.discretization, one.states, one.areas)
+    factor = compact_factor(linearization, factor_pattern(one.discretization), diagonal)
+    jacobians = linearization.jacobians
+    return [
+        one.residual(),
+        linearization.state_jvp(bar),
+        linearization.state_vjp(bar),
+        linearization.area_vjp(bar),
+        jacobians.product(bar),
+        jacobians.transposed_product(bar),
+        *(factor.lower, factor.upper, factor.pivots),
+        factor.solve(bar),
+        factor.solve_transposed(bar),
+    ]
+
+
+@pytest.mark.parametrize("n_threads", [2, 5])
+def test_residual_products_factor_and_sweeps_have_the_same_bits_on_any_number_of_threads(monkeypatch, n_threads):
+    for ours, theirs in zip(on_threads(monkeypatch, n_threads), on_threads(monkeypatch, 1)):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_rows_of_a_level_are_next_to_each_other_and_need_none_of_their_own():
+    pattern = factor_pattern(case().discretization)
+    levels, schedule = levels_of(pattern.starts, pattern.columns), pattern.schedule
+    assert (np.diff(levels) >= 0).all()
+    for first, end in zip(schedule.ends, schedule.ends[1:]):
+        assert len(set(levels[first:end])) == 1
+    rows = np.repeat(np.arange(len(levels)), np.diff(pattern.starts))
+    assert (levels[rows] > levels[pattern.columns]).all()
+    np.testing.assert_array_equal(pattern.columns[schedule.column_entries], np.sort(pattern.columns))
+
+
+@njit
+def end_chunk(numbers):
+    finish(numbers)
+
+
+def test_chunks_are_claimed_once_and_after_those_that_they_need():
+    numbers, needed, order = counters(), np.array([0, 0, 2, 2, 4]), []
+
+    def work(_):
+        while (chunk := claim(numbers, len(needed), needed)) >= 0:
+            order.append(chunk)
+            end_chunk(numbers)
+
+    run_tasks(work, 3, 3)
+    assert sorted(order) == list(range(5))
+    assert set(order[:2]) == {0, 1}
+    assert order[4] == 4
