@@ -109,6 +109,8 @@ from .movement.young_modulus import OrthogonalityLaw as OrthogonalityLaw
 from .movement.young_modulus import StiffnessLaw as StiffnessLaw
 from .movement.young_modulus import WallDistanceLaw as WallDistanceLaw
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
+from .om.drivers.combinations import combine as combine
+from .om.drivers.combinations import even_combinations as even_combinations
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
 from .om.fit import Fit as Fit

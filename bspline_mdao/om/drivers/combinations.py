@@ -1,0 +1,82 @@
+"""Combinations of a design variable's values along which a response changes evenly: the scaling that optimisers need.
+
+Optimisers take steps that are steepest in the variables that they are given, and learn curvatures one by one. Heights
+of control points change pressures the more the shorter the waves that they make together are, by factors of 10 to 1000;
+along the combinations of this module all change them alike.
+
+Theory: ``docs/theory/drivers.rst``, "Scaling of shapes".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+
+__all__ = ["combine", "even_combinations"]
+
+
+def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray:
+    """Find combinations of values that all change a response by one, and by vectors that are orthogonal.
+
+    Parameters
+    ----------
+    derivative : ndarray, shape (n_responses, n_values)
+        Derivative of the response, such as that of pressures times the roots of the areas that they act on. One forward
+        product of the model per value.
+    least : float
+        Singular values below this part of the largest count as that much: combinations that change the response
+        hardly at all stay bounded.
+
+    Returns
+    -------
+    ndarray, shape (n_values, n_combinations)
+        Values of the variable in the columns, for a unit of every combination.
+
+    Raises
+    ------
+    InputError
+        If the derivative is no finite matrix, or zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> combinations = even_combinations(np.array([[3.0, 0.0], [0.0, 0.5], [4.0, 0.0]]))
+    >>> np.abs(combinations).round(3).tolist()
+    [[0.2, 0.0], [0.0, 2.0]]
+    """
+    derivative = np.asarray(derivative, dtype=float)
+    if derivative.ndim != 2 or not np.isfinite(derivative).all() or not derivative.any():
+        raise InputError(
+            f"even combinations: a derivative of shape {derivative.shape}; give a finite matrix that is not zero"
+        )
+    _, values, vectors = np.linalg.svd(derivative, full_matrices=False)
+    return vectors.T / np.maximum(values, least * values[0])
+
+
+def combine(name: str, combinations: np.ndarray, units: str | None = None) -> om.ExecComp:
+    """Make the component that gives a variable as a sum of combinations: ``combinations``, zero at first, is its input.
+
+    Parameters
+    ----------
+    name : str
+        Name of the variable, which is zero on the baseline.
+    combinations : ndarray, shape (n_values, n_combinations)
+        Such as those of `even_combinations`.
+    units : str, optional
+        Units of the variable.
+
+    Returns
+    -------
+    openmdao.api.ExecComp
+        To be added in front of what takes the variable.
+    """
+    n_values, n_combinations = combinations.shape
+    return om.ExecComp(
+        f"{name} = dot(columns, combinations)",
+        columns={"val": combinations, "constant": True},
+        combinations={"val": np.zeros(n_combinations)},
+        **{name: {"shape": n_values, "units": units}},
+        do_coloring=False,
+    )

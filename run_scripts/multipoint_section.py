@@ -1,0 +1,182 @@
+"""One section for two Mach numbers: least mean drag at a given lift, on one grid that moves for both flows.
+
+The section starts as the NACA 0012 at M 0.72 and 0.75 and a lift coefficient of 0.4. Both angles of attack are solved
+for with the flows, so that the lift is no constraint. It takes ten minutes, with ``--quick`` one. What comes out are
+drag and angle of both flows at the start and at the optima, the same on a finer grid that no optimiser saw, how the
+optimisers went on, a check of the totals, and a picture of the section, its pressures and the histories.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+
+import bspline_mdao as bm
+from bspline_mdao.cells.quads import area_vectors
+from bspline_mdao.names import GRID
+from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
+from bspline_mdao.plotting import GRAY, draw_history, draw_optimality, draw_pressures, driver_colors, figure, wall_quads
+from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.testing import check_totals, perturb_design
+
+MACH_NUMBERS = {"slow": 0.72, "fast": 0.75}
+LIFT = 0.4
+
+THINNEST, PLACES = 0.85, (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""What must be left of the thickness at these parts of the chord, relative to that of the NACA 0012."""
+
+DRAG, PRESSURE = 0.01, 0.1
+"""Units of the objective, and of the combinations: the root mean square of the change of pressure coefficients. Smaller
+units of drag would make the first steps of the optimisers larger."""
+
+THROUGH = -0.8
+"""Lowest parts of the heights by which control points move: at -1 the sides would meet."""
+
+FINER = 1.5
+"""Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
+
+DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
+
+SIZES = {"quick": (32, 16, (11, 8), 3), "default": (64, 32, (19, 12), 200), "paper": (128, 64, (25, 14), 400)}
+"""Cells around the section and away from it, control points, and iterations at most."""
+
+
+def make_model(n_around: int, n_away: int, n_control) -> bm.FittedModel:
+    """Make the O-grid about the section and fit it; all members of its family have the section of the fit."""
+    grid = bm.section_o_grid(bm.naca_section(0.12), n_around, far=50.0, n_away=n_away)
+    return bm.fit_grid(grid, n_control=[(*n_control, 2)], keep_residual=False)
+
+
+def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Problem:
+    """Pose the problem: parts of the heights of control points, those of nose and trailing edge fixed. Not yet set up.
+
+    The two planes of the grid move alike. Without combinations of the heights, they are inputs.
+    """
+    mesh, wall = bm.moving_mesh(model), bm.SurfaceGrid.of(model, "wing")
+    rows = [np.searchsorted(mesh.surface_ids, mesh.blocks[0][:, 0, k]) for k in range(2)]
+    heights = mesh.points[mesh.surface_ids][rows[0], 1]
+    free = np.flatnonzero(np.abs(heights) > 1e-3 * np.abs(heights).max())
+    first, second = (row[free] for row in rows)
+    variable = bm.Local("heights", first, np.abs(heights[free])[:, None] * [0.0, 1.0, 0.0], units=None)
+    parametrization = bm.Parametrization(mesh, [variable], [bm.Linked(first, second)])
+    places = np.column_stack([PLACES, np.zeros(len(PLACES)), np.full(len(PLACES), 0.5)])
+    measures = [
+        bm.Thickness.at(wall, places, np.array([0.0, 1.0, 0.0]), relative=True),
+        bm.EnclosedVolume.of(wall, relative=True),
+    ]
+    problem, flows = om.Problem(reports=None), om.Group()
+    geometry = bm.GridMovement(
+        model=model,
+        parametrization=parametrization,
+        measures=measures,
+        mover=bm.LinearElasticity(mesh, n_increments=5),
+        fit=False,
+    )
+    if combinations is not None:
+        problem.model.add_subsystem("combine", bm.combine("heights", combinations), promotes=["*"])
+        problem.model.add_design_var("combinations", ref=PRESSURE)
+        problem.model.add_constraint("heights", lower=THROUGH)
+    problem.model.add_subsystem("geometry", geometry, promotes=["*"])
+    for name, mach in MACH_NUMBERS.items():
+        flow = bm.EulerFlow(model=model, reference_area=1.0, trim=True, tolerance=1e-12, iprint=0)
+        flows.add_subsystem(name, flow, promotes_inputs=[GRID, "CL_target", ("Mach_number", f"Mach_{name}")])
+        problem.model.set_input_defaults(f"Mach_{name}", val=mach)
+    problem.model.add_subsystem("flows", flows, promotes_inputs=["*"])
+    problem.model.add_subsystem("mean", om.ExecComp("drag = 0.5*(slow + fast)"), promotes_outputs=["*"])
+    for name in MACH_NUMBERS:
+        problem.model.connect(f"flows.{name}.CD", f"mean.{name}")
+    problem.model.set_input_defaults("CL_target", val=LIFT)
+    problem.model.add_constraint("thickness", lower=THINNEST)
+    problem.model.add_constraint("volume", lower=1.0)
+    problem.model.add_objective("drag", ref=DRAG)
+    return problem
+
+
+def even_pressures(model: bm.FittedModel) -> np.ndarray:
+    """Combinations of heights that change the pressures of both flows evenly, in the mean over the surface."""
+    problem = pose(model)
+    problem.setup(mode="fwd")
+    problem.run_model()
+    pressures = [f"flows.{name}.Cp" for name in MACH_NUMBERS]
+    derivatives = problem.compute_totals(pressures, ["heights"])
+    areas = np.linalg.norm(area_vectors(problem.get_val(GRID).reshape(-1, 3)[wall_quads(model)]), axis=1)
+    weights = np.sqrt(areas / (2.0 * areas.sum()))
+    return bm.even_combinations(np.vstack([weights[:, None] * derivatives[name, "heights"] for name in pressures]))
+
+
+def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS) -> dict:
+    """Find the section with every driver.
+
+    Parameters
+    ----------
+    paper, quick : bool
+        Another of `SIZES`; the quick one stops after some iterations.
+    figures : path-like, optional
+        Folder for ``multipoint_section.png``, the N2 diagram ``multipoint_section.html`` and the recorded cases.
+    drivers : dict
+        Makers of drivers by name.
+
+    Returns
+    -------
+    dict
+        ``n_cells``, ``n_variables``; the `summary` of the ``initial`` section, with that ``finer``, on the finer grid;
+        by ``drivers`` the same and what `RecordedRun.numbers` returns; by how much they ``differ``, see
+        `disagreement`; and ``totals``, see `check_totals`.
+    """
+    *counts, iterations = pick_size(SIZES, paper, quick)
+    model, name = make_model(*counts), "multipoint_section"
+    combinations = even_pressures(model)
+    start, away = (pose(model, combinations) for _ in range(2))
+    for problem in (start, away):
+        problem.setup(mode="rev")
+        problem.run_model()
+    runs = optimise_with(drivers, lambda: pose(model, combinations), 1e-10, iterations, figures, name)
+    if figures:
+        with figure(figures, name, (11.0, 7.0)) as canvas:
+            draw(canvas, model, start, runs)
+        om.n2(start, outfile=str(Path(figures) / f"{name}.html"), show_browser=False)
+
+    def with_finer(problem: om.Problem) -> dict:
+        return summary(problem) | {"finer": summary(run_at(problem, pose(model.member(FINER), combinations)))}
+
+    return {
+        "n_cells": counts[0] * counts[1],
+        "n_variables": start.get_val("heights").size,
+        "initial": with_finer(start),
+        "drivers": {name: each.numbers("flows") | with_finer(each.problem) for name, each in runs.items()},
+        "differ": disagreement(runs),
+        "totals": check_totals(perturb_design(away), n_directions=1, step=0.02, levels=2)._asdict(),
+    }
+
+
+def summary(problem: om.Problem) -> dict:
+    """Mean drag, measures, and what each flow has for lift, drag and angle of attack."""
+    flows = {
+        name: {part: problem.get_val(f"flows.{name}.{part}").item() for part in ("CL", "CD", "alpha")}
+        for name in MACH_NUMBERS
+    }
+    thinnest, volume = problem.get_val("thickness").min(), problem.get_val("volume").item()
+    return {"drag": problem.get_val("drag").item(), "thinnest": thinnest, "volume": volume, **flows}
+
+
+def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
+    """Draw the sections, the pressures at both Mach numbers and the histories."""
+    axes = canvas.subplot_mosaic([["slow", "fast", "section"], ["history", "history", "optimality"]])
+    colors, quads = {"NACA 0012": GRAY, **driver_colors(runs)}, wall_quads(model)
+    for name, problem in {"NACA 0012": start, **{name: each.problem for name, each in runs.items()}}.items():
+        corners = problem.get_val(GRID).reshape(-1, 3)[quads]
+        axes["section"].plot(*corners.mean(axis=1)[:, :2].T, color=colors[name], label=name)
+        for point, mach in MACH_NUMBERS.items():
+            pressures = problem.get_val(f"flows.{point}.Cp")
+            draw_pressures(axes[point], corners, pressures, 0.5, color=colors[name], label=name)
+            axes[point].set_title(f"M {mach:g}")
+    axes["section"].set(aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
+    axes["section"].legend(fontsize=8)
+    draw_history(axes["history"], runs, "drag", "mean drag (counts)", lambda values: values * 1e4)
+    draw_optimality(axes["optimality"], runs)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,37 @@
+"""Combinations of variables change a response evenly, and are variables of an optimisation."""
+
+import numpy as np
+import openmdao.api as om
+import pytest
+
+from bspline_mdao import InputError, combine, even_combinations
+
+
+def test_all_combinations_change_the_response_by_one_along_orthogonal_vectors():
+    derivative = np.random.default_rng(5).normal(size=(7, 4)) * [1.0, 0.3, 2.0, 0.1]
+    changes = derivative @ even_combinations(derivative, least=0.0)
+    np.testing.assert_allclose(changes.T @ changes, np.eye(4), atol=1e-13)
+
+
+def test_combinations_that_hardly_matter_stay_bounded():
+    derivative = np.diag([2.0, 1.0, 1e-9])
+    np.testing.assert_allclose(np.abs(even_combinations(derivative, least=0.1)), np.diag([0.5, 1.0, 5.0]))
+
+
+def test_a_derivative_that_scales_nothing_is_refused():
+    for derivative in (np.zeros((3, 2)), np.ones(3), np.array([[np.nan, 1.0]])):
+        with pytest.raises(InputError, match="give a finite matrix that is not zero"):
+            even_combinations(derivative)
+
+
+def test_the_variable_is_the_sum_of_its_combinations_in_both_modes():
+    columns = np.random.default_rng(6).normal(size=(5, 3))
+    for mode in ("fwd", "rev"):
+        problem = om.Problem(reports=None)
+        problem.model.add_subsystem("combine", combine("heights", columns, units="m"), promotes=["*"])
+        problem.setup(mode=mode)
+        problem.set_val("combinations", [1.0, -2.0, 0.5])
+        problem.run_model()
+        np.testing.assert_allclose(problem.get_val("heights", units="cm"), 100.0 * columns @ [1.0, -2.0, 0.5])
+        totals = problem.compute_totals(["heights"], ["combinations"])
+        np.testing.assert_allclose(totals["heights", "combinations"], columns, rtol=1e-12)
