@@ -38,11 +38,11 @@ MACH, LIFT = 0.8395, 0.27
 THINNEST = 0.9
 """What must be left of the thickness anywhere, relative to that of the M6."""
 
-DRAG, PRESSURE = 0.01, 0.1
+DRAG, PRESSURE = 0.04, 0.1
 """Units of the objective, and of the combinations: the root mean square of the change of pressure coefficients."""
 
-THROUGH = -0.8
-"""Lowest parts of the heights by which control points move: at -1 the sides would meet."""
+PARTS = -0.5, 0.5
+"""Parts of the heights within which control points move: at -1 the sides would meet, far above 1 cells would fold."""
 
 FINER = 1.5
 """Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
@@ -94,11 +94,11 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
     area = planform.semi_span**2 * 2.0 / planform.aspect_ratio
     flow = bm.EulerFlow(model=model, reference_area=area, trim=True, tolerance=1e-12, iprint=0)
     problem = om.Problem(reports=None)
-    problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     if combinations is not None:
         problem.model.add_subsystem("combine", bm.combine("heights", combinations), promotes=["*"])
         problem.model.add_design_var("combinations", ref=PRESSURE)
-        problem.model.add_constraint("heights", lower=THROUGH)
+        problem.model.add_constraint("heights", lower=PARTS[0], upper=PARTS[1])
+    problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     problem.model.add_subsystem("flow", flow, promotes=["*"])
     problem.model.set_input_defaults("Mach_number", val=MACH)
     problem.model.set_input_defaults("CL_target", val=LIFT)

@@ -27,19 +27,19 @@ LIFT = 0.4
 THINNEST, PLACES = 0.85, (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """What must be left of the thickness at these parts of the chord, relative to that of the NACA 0012."""
 
-DRAG, PRESSURE = 0.01, 0.1
+DRAG, PRESSURE = 0.02, 0.1
 """Units of the objective, and of the combinations: the root mean square of the change of pressure coefficients. Smaller
 units of drag would make the first steps of the optimisers larger."""
 
-THROUGH = -0.8
-"""Lowest parts of the heights by which control points move: at -1 the sides would meet."""
+PARTS = -0.8, 1.0
+"""Parts of the heights within which control points move: at -1 the sides would meet, far above 1 cells would fold."""
 
 FINER = 1.5
 """Cells per direction of the member of the grid family that the optima are flown on again, relative to the grid's."""
 
 DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
-SIZES = {"quick": (32, 16, (11, 8), 3), "default": (64, 32, (19, 12), 200), "paper": (128, 64, (25, 14), 400)}
+SIZES = {"quick": (32, 16, (11, 8), 3), "default": (64, 32, (15, 10), 200), "paper": (128, 64, (25, 14), 400)}
 """Cells around the section and away from it, control points, and iterations at most."""
 
 
@@ -77,7 +77,7 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
     if combinations is not None:
         problem.model.add_subsystem("combine", bm.combine("heights", combinations), promotes=["*"])
         problem.model.add_design_var("combinations", ref=PRESSURE)
-        problem.model.add_constraint("heights", lower=THROUGH)
+        problem.model.add_constraint("heights", lower=PARTS[0], upper=PARTS[1])
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     for name, mach in MACH_NUMBERS.items():
         flow = bm.EulerFlow(model=model, reference_area=1.0, trim=True, tolerance=1e-12, iprint=0)
@@ -173,7 +173,7 @@ def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
             draw_pressures(axes[point], corners, pressures, 0.5, color=colors[name], label=name)
             axes[point].set_title(f"M {mach:g}")
     axes["section"].set(aspect="equal", xlabel="$x / c$", ylabel="$y / c$")
-    axes["section"].legend(fontsize=8)
+    axes["slow"].legend(fontsize=8)
     draw_history(axes["history"], runs, "drag", "mean drag (counts)", lambda values: values * 1e4)
     draw_optimality(axes["optimality"], runs)
 
