@@ -17,7 +17,7 @@ import bspline_mdao as bm
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.names import GRID
 from bspline_mdao.om.flow.flow_run import run_flow
-from bspline_mdao.plotting import BLUE, GRAY, RED, draw_pressures, faces_around, figure, wall_quads
+from bspline_mdao.plotting import BLUE, RED, faces_around, figure, wall_quads
 from bspline_mdao.run_script import pick_size, run
 
 MACH, ALPHA = 0.8395, 3.06
@@ -132,10 +132,13 @@ def draw(folder, quads: np.ndarray, cp: np.ndarray, semi_span: float, points: di
     with figure(folder, "validation_m6", size=(11.0, 5.6)) as canvas:
         panels = canvas.subplots(2, 4, sharey=True).ravel()
         for station, axes in zip(STATIONS, panels):
-            draw_pressures(axes, quads, cp, station * semi_span, color=BLUE, linewidth=1.0, label="EulerFlow")
+            around, fractions, _ = section(quads, station * semi_span)
+            axes.plot(fractions, cp[around], ".", color=BLUE, markersize=3, label="EulerFlow")
             if station in points:
                 axes.plot(*points[station][:, :2].T, "o", color=RED, markersize=3, fillstyle="none", label="measured")
-            axes.set_title(f"$z / b$ = {station:.2f}", color=GRAY)
+            axes.set(title=f"$z / b$ = {station:.2f}", xlabel="$x / c$")
+        panels[0].invert_yaxis()  # of all
+        panels[0].set_ylabel("$C_p$")
         panels[0].legend(fontsize=9)
         panels[-1].set_axis_off()
 

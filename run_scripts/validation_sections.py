@@ -165,6 +165,10 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
             pressures.invert_yaxis()
             lift.set(xlabel="cells each way", ylabel="$C_L$")
             drag.set(xlabel="cells each way", ylabel="$C_D$")
+            for axes, last in ((lift, 2048), (drag, 128)):
+                ticks = [32 * 4**n for n in range(4) if 32 * 4**n <= last]
+                axes.set_xticks(ticks, ticks)
+                axes.minorticks_off()
             for axes in (pressures, lift, drag):
                 axes.legend(fontsize=8)
 
