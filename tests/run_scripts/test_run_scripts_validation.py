@@ -46,7 +46,7 @@ def test_exact_pressures_are_those_of_the_expansions(script):
 def test_sections_of_two_families_approach_the_lift_published_and_no_drag(script, tmp_path, monkeypatch):
     monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
     numbers = script("validation_sections").main(quick=True, figures=tmp_path)
-    for mach, within in (("M 0.5", 0.05), ("M 0.8", 0.04)):
+    for mach, within in (("M 0.5", 0.04), ("M 0.8", 0.06)):
         for family in ("O", "H-H"):
             members = numbers[mach][family]["members"]
             gaps = [abs(member["CL"] / numbers[mach]["CL_published"] - 1.0) for member in members]
