@@ -318,9 +318,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         norms = [flow.discretization.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
         if norms[0] < norms[1]:
             yield self._from_nearby(inputs, outputs, field, starts[0], settings)
-        elif self._is_given(
-            outputs
-        ):  # by another member of the family, which knows wide cells less well than near ones
+        elif self._is_given(outputs):  # such as those of another member of the family, which miss the stream far out
             yield solve_flow(*field, states=starts[0], **settings)
         cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
         yield solve_flow(*field, states=cold, **settings)

@@ -21,7 +21,7 @@ from .residual_log import ResidualLog
 
 __all__ = ["TrimmedState"]
 
-FIRST_TOLERANCE, CLOSER = 1e-2, 1e-2
+FIRST_TOLERANCE, CLOSER = 1e-3, 1e-3
 """Residual to which the flow is solved before the angle is first changed, and that of later flows relative to the
 error of the lift that was left."""
 
@@ -32,9 +32,9 @@ LARGEST_CHANGE, LARGEST_ANGLE, LARGEST_FALL = 5.0, 25.0, 0.5
 """Bounds of a change of the angle and of the angle itself (deg), and of the relative fall of densities and pressures
 with a change."""
 
-SLOW, MAX_CHANGES = 0.2, 20
-"""Part of the error of the lift that a change may leave before the states' change with the angle is found anew, and
-the most changes."""
+SLOW, UNSURE, MAX_CHANGES = 0.2, 100.0, 20
+"""Part of the error of the lift that a change may leave before the states' change with the angle is found anew, the
+error of the lift by the residual of the flow that says nothing about it, and the most changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +167,7 @@ class TrimmedState(EulerState):
             lack = target - float(self._lift(inputs, outputs))
             if tolerance <= final and abs(lack) <= final:
                 break
-            if self._sensitivity is None or abs(lack) > SLOW * before:
+            if self._sensitivity is None or abs(lack) > max(SLOW * before, UNSURE * tolerance):
                 self._sensitivity = None  # it makes room for the next
                 self._sensitivity = self._sensitivity_at(inputs, outputs)
             self._change(outputs, self._sensitivity, lack, target)
