@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from ...numerics.processes import ONE, norm, summed
-from ...numerics.threads import one_blas_thread
+from ...numerics.threads import one_blas_thread, run_tasks, thread_count
 
 __all__ = ["KrylovSolution", "solve_refined", "solve_roughly", "solve_system"]
 
@@ -33,7 +34,7 @@ LEAST = 1e-4
 _ENOUGH = 0.5
 """Part of the square of a vector that the first pass has to leave; below, rounding of what it took away shows."""
 
-PIECE = 4096
+PIECE = 16_384
 """Numbers of a vector at a time: as much of all of a basis as fits into a cache."""
 
 
@@ -148,10 +149,10 @@ def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm) -> tuple[np.ndar
     """Take the parts of a vector along orthonormal ones away, in place: these parts, and the length of what is left."""
     parts, square, left = _parts(summed(comm, _products(basis, vector)))
     if left >= _ENOUGH * square:
-        vector -= parts.astype(vector.dtype) @ basis
+        _subtract(basis, vector, parts)
         return parts, float(np.sqrt(left))
     rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, vector, parts)))
-    vector -= rest.astype(vector.dtype) @ basis
+    _subtract(basis, vector, rest)
     return parts + rest, float(np.sqrt(max(left, 0.0)))
 
 
@@ -163,17 +164,46 @@ def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
 
 def _products(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Products of a vector with others and, last, with itself."""
-    return np.append(basis @ vector, vector @ vector).astype(float)
+    return _by_pieces(vector, lambda piece: np.append(basis[:, piece] @ vector[piece], _square(vector[piece])))
 
 
 def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> np.ndarray:
     """Take parts along others away, in place, and return `_products` of what is left: each piece is read once."""
-    products = np.zeros(len(basis) + 1)
-    for start in range(0, len(vector), PIECE):
-        piece, near = vector[start : start + PIECE], basis[:, start : start + PIECE]
-        piece -= parts.astype(piece.dtype) @ near
-        products += _products(near, piece)
-    return products
+    parts = parts.astype(vector.dtype)
+
+    def work(piece):
+        near, left = basis[:, piece], vector[piece]
+        left -= parts @ near
+        return np.append(near @ left, _square(left))
+
+    return _by_pieces(vector, work)
+
+
+def _subtract(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> None:
+    """Take parts along others away, in place."""
+    parts = parts.astype(vector.dtype)
+
+    def work(piece):
+        vector[piece] -= parts @ basis[:, piece]
+        return 0.0
+
+    _by_pieces(vector, work)
+
+
+def _square(vector: np.ndarray) -> float:
+    return float(vector @ vector)
+
+
+def _by_pieces(vector: np.ndarray, work: Callable[[slice], Any]) -> Any:
+    """Sum what a function gives for each piece of a vector, in their order: the same bits on any number of threads."""
+    n = max(1, -(-len(vector) // PIECE))
+    found: list[Any] = [None] * n
+
+    def task(k):
+        found[k] = work(slice(k * PIECE, (k + 1) * PIECE))
+
+    run_tasks(task, n, thread_count(None))
+    return np.sum(found, axis=0, dtype=float)
 
 
 def solve_roughly(

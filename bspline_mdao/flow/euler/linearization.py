@@ -195,7 +195,7 @@ class FaceJacobians:
         """Change of the residual with the states, both of float32 and shape (n_cells, 5)."""
         discretization, stencil, own = self.discretization, self.discretization.stencil, d_states
         d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
-        flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, self._weights, d_states)
+        flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, self.class_weights, d_states)
 
         def fill(part):
             index = stencil.cells[part], stencil.classes[part]
@@ -218,7 +218,7 @@ class FaceJacobians:
 
         visit(len(bars), fill)
         sums, out = discretization.sums, np.empty_like(bar)
-        rest = self.shock_rows, self.shocks, self._weights, stencil.classes, bars, senses, out
+        rest = self.shock_rows, self.shocks, self.class_weights, stencil.classes, bars, senses, out
 
         def add(part):
             add_bars(sums.stencil_starts, sums.stencil_entries, part.start, part.stop, *rest)
@@ -233,7 +233,7 @@ class FaceJacobians:
         return out
 
     @cached_property
-    def _weights(self) -> np.ndarray:
+    def class_weights(self) -> np.ndarray:
         """Weights of the four cells in mean state and jump by the class of a face, shape (n_classes, 2, 4)."""
         stencil = self.discretization.stencil
         inner = np.zeros(len(stencil.weights), bool)
