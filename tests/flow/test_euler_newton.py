@@ -115,11 +115,11 @@ def compact_jacobian(case, dissipation):
     from_right = 0.5 * mean[inner] + dissipation * jump[inner]
     edge = slice(faces.n_inner, None)
     weights = stencil.weights[stencil.classes[edge]]
-    at_edge = weights[:, MEAN].sum(axis=1)[:, None, None] * mean[edge]
-    at_edge += weights[:, FIRST, 1][:, None, None] * jump[edge]
-    blocks = np.concatenate([from_left, from_right, -from_left, -from_right, at_edge])
-    rows = np.concatenate([left, left, right, right, faces.left[edge]])
-    columns = np.concatenate([left, right, left, right, faces.left[edge]])
+    at_edge = weights[:, MEAN, 1, None, None] * mean[edge] + weights[:, FIRST, 1, None, None] * jump[edge]
+    behind = weights[:, MEAN, [0, 2]].sum(axis=1)[:, None, None] * mean[edge]
+    blocks = np.concatenate([from_left, from_right, -from_left, -from_right, at_edge, behind])
+    rows = np.concatenate([left, left, right, right, faces.left[edge], faces.left[edge]])
+    columns = np.concatenate([left, right, left, right, faces.left[edge], stencil.cells[edge, 0]])
     assert (stencil.roles[inner] == INNER).all()
     return dense(blocks, rows, columns, faces.n_cells)
 

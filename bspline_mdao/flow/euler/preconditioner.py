@@ -2,6 +2,7 @@
 
 The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a part of their
 difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
+Pressures on walls are extrapolated from the first two cells, which takes a tenth fewer products than one.
 
 Each of several processes factors the part of its own cells: additive Schwarz without overlap.
 
@@ -19,6 +20,7 @@ import numpy as np
 from numba import njit
 from scipy.sparse import csr_array
 
+from ...cells.cell_faces import NONE
 from ...numerics.fives import add_product, add_scaled, lane_sums, load, store, subtract_scaled, zeros
 from ...sparse.blocks import Graph
 from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
@@ -40,7 +42,9 @@ unstable on grids with the spacing of boundary layers."""
 def factor_pattern(discretization: Discretization) -> FactorPattern:
     """Find the pattern of the factor, once per grid."""
     faces = discretization.faces
-    return FactorPattern.of(faces.left[: faces.n_inner], faces.right, faces.n_cells, FILL)
+    behind = faces.beyond_left[faces.n_inner :]
+    others = np.append(faces.right, np.where(behind == NONE, faces.n_cells, behind))
+    return FactorPattern.of(faces.left, others, faces.n_cells, FILL)
 
 
 def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> BlockFactor:
@@ -64,6 +68,8 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     sums = linearization.discretization.sums
     rest = jacobians.values, dissipation, *at_shocks, pattern.rank, pattern.places, lower, upper, placed
     visit(len(placed), lambda part: _place(sums.starts, sums.entries, part.start, part.stop, *index, *rest))
+    edge = linearization.discretization.faces.n_inner
+    _place_behind(edge, *index[:3], jacobians.values, pattern.rank, pattern.places, lower, upper)
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
@@ -83,7 +89,8 @@ def _place(
             f = faces[at] if faces[at] >= 0 else -1 - faces[at]
             if roles[f] != INNER:
                 w = weights[classes[f]]
-                mean, jump = np.float32(w[MEAN, 0] + w[MEAN, 1] + w[MEAN, 2]), np.float32(w[FIRST, 1])
+                behind = w[MEAN, 0] + w[MEAN, 2] if places[f] < 0 else 0.0
+                mean, jump = np.float32(w[MEAN, 1] + behind), np.float32(w[FIRST, 1])
                 for n in range(5):
                     block = add_scaled(load(diagonal, 25 * row + 5 * n), mean, load(jacobians, 50 * f + 10 * n))
                     store(diagonal, 25 * row + 5 * n, add_scaled(block, jump, load(jacobians, 50 * f + 10 * n + 5)))
@@ -106,6 +113,22 @@ def _place(
                     at_upper = subtract_scaled(subtract_scaled(at_upper, sign * half, mean), -part, jump)
                     store(lower, place + 5 * n, at_lower)
                     store(upper, place + 5 * n, at_upper)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _place_behind(first, cells, weights, classes, jacobians, rank, places, lower, upper):
+    """Add the blocks of boundary faces at the second cells inwards, which have what the third ones have too.
+
+    Apart from the others: a block may be where another row, and another thread, adds too.
+    """
+    for f in range(first, len(cells)):
+        if places[f] < 0:
+            continue
+        w, blocks = weights[classes[f]], lower if rank[cells[f, 0]] < rank[cells[f, 1]] else upper
+        behind = np.float32(w[MEAN, 0] + w[MEAN, 2])
+        for n in range(5):
+            for m in range(5):
+                blocks[places[f], n, m] += behind * jacobians[f, n, m]
 
 
 def time_terms(discretization: Discretization, states: np.ndarray, areas: np.ndarray) -> np.ndarray:
@@ -173,7 +196,8 @@ class FactorPattern(IncompletePattern):
     order, rank, starts, columns : ndarray
         See `IncompletePattern`; points are cells.
     places : ndarray of int64, shape (n_pairs,)
-        Entry of every pair of neighbours; -1 where one of them is a cell of another process.
+        Entry of every pair of neighbours, those at faces and, at the boundary, the first two cells inwards; -1 where
+        there is one cell alone, or one of them is a cell of another process.
     """
 
     places: np.ndarray
@@ -190,7 +214,7 @@ class FactorPattern(IncompletePattern):
         Parameters
         ----------
         left, right : ndarray of int, shape (n_pairs,)
-            Pairs of neighbours; pairs with cells of other processes, whose numbers are n or more, have no place: -1.
+            Pairs of neighbours; pairs with numbers of n or more, of cells of other processes or none, have no place.
         n : int
             Number of cells.
         fill : int
