@@ -20,6 +20,7 @@ from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .discretization import Discretization
 from .far_vortex import FarVortex
+from .kinks import with_kinks
 from .preconditioner import FactorPattern, factor_pattern
 from .walls import Walls
 
@@ -91,9 +92,10 @@ class FlowGrid:
             faces, cells, corners = faces_of_share(topology, partition, comm, nodes)
             discretization = Discretization.of(faces, **settings, halo=cells)
             walls = Walls.of_share(faces, partition, corners)
-        directions = as_axes(axes, "flow")
-        seen = discretization.faces, discretization.stencil, corners.extend(nodes), directions, discretization.halo
-        discretization = replace(discretization, vortex=FarVortex.of(*seen))
+        directions, seen = as_axes(axes, "flow"), corners.extend(nodes)
+        faces, stencil, halo = discretization.faces, discretization.stencil, discretization.halo
+        vortex = FarVortex.of(faces, stencil, seen, directions, halo)
+        discretization = replace(discretization, stencil=with_kinks(stencil, faces, seen, halo), vortex=vortex)
         return cls(discretization, directions, walls, corners)
 
     @cached_property
