@@ -89,7 +89,7 @@ def test_the_python_examples_of_mphys_run(tmp_path, monkeypatch):
 
 
 def test_the_python_example_of_the_flow_runs(capsys):
-    (example,) = code_blocks("flow.rst", "python")
+    example, *_ = code_blocks("flow.rst", "python")
     contents = {"__name__": __name__}
     exec(example, contents)
     problem = contents["problem"]
@@ -97,6 +97,15 @@ def test_the_python_example_of_the_flow_runs(capsys):
     totals = problem.compute_totals(["CL"], ["twist", "alpha"])
     assert totals["CL", "twist"].sum() == pytest.approx(totals["CL", "alpha"].item(), rel=0.05)  # all turn the same way
     assert "flow.state: residual" in capsys.readouterr().out
+
+
+def test_the_examples_of_lift_loads_and_files_of_a_flow_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    contents = {"__name__": __name__}
+    for example in code_blocks("flow.rst", "python"):
+        exec(example, contents)
+    assert abs(contents["problem"].get_val("CM_aileron").item()) > 0.0
+    assert {"wing.vtm", "wing_walls.vtm", "wing.h5"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
