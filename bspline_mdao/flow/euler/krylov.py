@@ -49,11 +49,14 @@ class KrylovSolution:
         Products with the matrix.
     is_converged : bool
         Whether the tolerance was reached.
+    left : float
+        Norm of the residual relative to that of the right-hand side.
     """
 
     x: np.ndarray
     n_products: int
     is_converged: bool
+    left: float
 
 
 def solve_system(
@@ -101,7 +104,8 @@ def solve_system(
     def apply(vector):
         return product(precondition(vector.reshape(right.shape))).ravel()
 
-    target, n_products = tolerance * norm(right, comm), 0
+    size, n_products = norm(right, comm), 0
+    target = tolerance * size
     y, rest = np.zeros(right.size, right.dtype), right.ravel()
     basis = np.empty((RESTART + 1, right.size), right.dtype)
     with one_blas_thread:  # on a busy machine its threads only wait for each other
@@ -116,7 +120,8 @@ def solve_system(
             n_products += len(weights)
             if left <= target or left > most_left * before:
                 break
-    return KrylovSolution(precondition(y.reshape(right.shape)), n_products, left <= target)
+    x, part = precondition(y.reshape(right.shape)), left / size if size else 0.0
+    return KrylovSolution(x, n_products, left <= target, part)
 
 
 def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
@@ -252,11 +257,13 @@ def solve_refined(
         See `solve_system`; products are those of both kinds.
     """
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
-    asked = tolerance * norm(right, comm)
+    size = norm(right, comm)
+    asked = tolerance * size
     while True:
         left = norm(rest, comm)
         if left <= asked or left > 0.5 * before or n_products >= max_products:  # step 2
-            return KrylovSolution(x, n_products, bool(left <= max(asked, ROUNDING * norm(x, comm))))
+            is_converged = bool(left <= max(asked, ROUNDING * norm(x, comm)))
+            return KrylovSolution(x, n_products, is_converged, left / size if size else 0.0)
         part = max(0.5 * asked / left, LEAST)
         correction = solve_roughly(rough_product, precondition, rest, part, max_products - n_products, comm)  # step 3
         x, n_products, before = x + correction.x, n_products + correction.n_products + 1, left

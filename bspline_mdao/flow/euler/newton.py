@@ -30,22 +30,32 @@ __all__ = [
 FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
 """CFL number of the first step from the uniform stream, and where growth and cuts end."""
 
-CFL_GROWTH = 1.5
-"""Growth of the CFL number in addition to that of the inverse residual: time terms fade faster than it falls."""
+CFL_GROWTH, LARGEST_GROWTH = 1.5, 10.0
+"""Growth of the CFL number in addition to that of the inverse residual, since time terms are to fade faster than it
+falls, and the most in a step."""
+
+NEAR = 1e3
+"""A start whose residual is smaller by more than this is near a solution and needs still less of the time terms."""
 
 LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Bounds of a step: largest relative fall of a density or pressure, largest rise of the residual, and the smallest
 part of a Newton step that is worth its residual."""
 
-STALLED = 15
+STALLED = 40
 """The residual has to be halved within so many steps, or the run ends, and another start is tried."""
 
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
 
-FORCING, LARGEST_SOLVE, MOST_LEFT = 1e-2, 300, 0.8
-"""Tolerance of the linear solves; the products after which they have failed, and the part of its residual that a cycle
-may leave: a smaller CFL number is cheaper."""
+ROUGH, FORCING, ROUGH_UNTIL = 0.1, 1e-2, 1e-4
+"""Tolerances of the linear solves before the residual has fallen by so much, and after."""
+
+WORTH, LARGEST_SOLVE, MOST_LEFT = 0.3, 300, 0.8
+"""Part of its right-hand side that a linear solve has to leave less of for a step; the products after which it ends,
+and the part of its residual that a cycle may leave: a smaller CFL number is cheaper."""
+
+MOST_PRODUCTS = 1500
+"""Products with the Jacobian after which a run has failed: three times what the flow about grids of others takes."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +120,7 @@ def solve_flow(
     states: np.ndarray | None = None,
     tolerance: float = 1e-10,
     max_steps: int = 100,
+    max_products: int = MOST_PRODUCTS,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
     """Solve for the steady flow by Newton steps with pseudo-time terms that fade out as the residual falls.
@@ -138,6 +149,8 @@ def solve_flow(
         Norm of the residual relative to that of the uniform stream.
     max_steps : int
         Largest number of Newton steps.
+    max_products : int
+        No step is begun after so many products with the Jacobian.
     progress : callable, optional
         Called with every step and the states after it, on all processes.
 
@@ -158,14 +171,19 @@ def solve_flow(
     scale = field.scale(tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = field.residual(states)
-    norm = field.norm(residual)
-    # a start that is near a solution, as after a small change of the design, needs less of the time terms
-    cfl = min(LARGEST_CFL, FIRST_CFL * max(1.0, scale / norm) ** 2) if norm else LARGEST_CFL
+    norm, n_left = field.norm(residual), max_products
+    if not np.isfinite(norm):  # a start with shocks on coarser members can be too harsh for the extrapolation here
+        states = discretization.uniform(stream)
+        residual = field.residual(states)
+        norm = field.norm(residual)
+    cfl = _first_cfl(scale / norm) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
-    while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
+    while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL and n_left > 0:
         if _is_rounded(history) or _is_stalled(history):
             break
-        update, n_products = _update(field, pattern, states, residual, cfl)  # steps 1 to 3
+        part = ROUGH if history[-1].residual > ROUGH_UNTIL else FORCING
+        update, n_products = _update(field, pattern, states, residual, cfl, part)  # steps 1 to 3
+        n_left -= n_products
         states, residual, length = advance(field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
@@ -221,7 +239,7 @@ def _is_stalled(history: list[NewtonStep]) -> bool:
     return bool(before) and min(lately) > 0.5 * min(before)
 
 
-def _update(field: Field, pattern: FactorPattern, states, residual, cfl):
+def _update(field: Field, pattern: FactorPattern, states, residual, cfl, part):
     """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
     discretization, sizes = field.discretization, field.sizes.astype(np.float32)
     linearization = discretization.linearize(states, field.areas, field.stream)  # step 1
@@ -235,8 +253,8 @@ def _update(field: Field, pattern: FactorPattern, states, residual, cfl):
         return factor.solve(sizes * y)
 
     comm = discretization.halo.comm
-    solution = solve_roughly(product, precondition, -residual, FORCING, LARGEST_SOLVE, comm, MOST_LEFT)
-    is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.is_converged
+    solution = solve_roughly(product, precondition, -residual, part, LARGEST_SOLVE, comm, MOST_LEFT)
+    is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
     return (solution.x if is_usable else None), solution.n_products
 
 
@@ -261,13 +279,19 @@ def _physical_length(states: np.ndarray, update: np.ndarray, comm) -> float:
     return min(1.0, LARGEST_FALL / max(fall, np.finfo(float).tiny))
 
 
+def _first_cfl(fall: float) -> float:
+    """CFL number of the first step from a start whose residual has fallen so many times from the uniform stream's."""
+    return min(LARGEST_CFL, FIRST_CFL * max(1.0, fall) * max(1.0, fall / NEAR))
+
+
 def _next_cfl(cfl: float, length: float, before: float, after: float) -> float:
     """CFL number of the next step, from the length of this one and the norms of the residual."""
-    if length < 0.1:
-        return 0.2 * cfl
+    if length < 1.0:  # while shocks travel, shorter time steps get further than parts of long ones
+        return cfl * min(1.0, max(0.2, 1.5 * length))
     if after > 1.5 * before:
         return 0.7 * cfl
-    return min(LARGEST_CFL, cfl * max(1.0, CFL_GROWTH * before / max(after, np.finfo(float).tiny)))
+    growth = CFL_GROWTH * before / max(after, np.finfo(float).tiny)
+    return min(LARGEST_CFL, cfl * min(LARGEST_GROWTH, max(1.0, growth)))
 
 
 LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)
