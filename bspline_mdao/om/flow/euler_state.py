@@ -149,7 +149,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                 self._converged = solution
                 outputs["states"] = solution.states.ravel()
                 return
-        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}")
+        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(areas, stream)}")
 
     def linearize(self, inputs, outputs, jacobian):
         """Refuse states that are no solution, and differentiate the residual."""
@@ -282,6 +282,18 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         finite_values(inputs["alpha"], "alpha", self.msginfo)
         if not 0.0 < inputs["Mach_number"][0] < np.inf:
             raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
+
+    def _worst_cell(self, areas, stream) -> str:
+        """Name the cell with the largest residual by its surface, and its Mach number: the same on all processes."""
+        discretization, states = self._discretization, self._solution.states
+        rows = discretization.residual(states, areas, stream) / discretization.sizes(areas)
+        sizes, found = np.linalg.norm(rows, axis=1), (-1.0, "")
+        if len(sizes):
+            cell = int(np.argmax(sizes))
+            mach = mach_numbers(states[cell : cell + 1])[0]
+            place = discretization.faces.place(cell)
+            found = float(sizes[cell]), f"it is largest in {place}, where the Mach number is {mach:.2g}"
+        return max(self.comm.allgather(found) if self.comm.size > 1 else [found])[1]
 
     def _everywhere(self, flag: bool) -> bool:
         """Whether something is true on all processes."""
@@ -440,5 +452,5 @@ def _complaint(solution: FlowSolution) -> str:
     residuals = " ".join(f"{step.residual:.1e}" for step in solution.history[-8:])
     return (
         f"the flow did not converge: residual {solution.residual:.1e}, relative to that of the uniform stream, after "
-        f"{len(solution.history) - 1} steps (the last: {residuals}); take a smaller step, or look for bad cells"
+        f"{len(solution.history) - 1} steps (the last: {residuals})"
     )
