@@ -188,7 +188,7 @@ def test_chain_from_design_variables_to_lift_has_a_taylor_remainder_of_second_or
         chain.run_model()
         return chain.get_val("CL").item()
 
-    remainders = [abs(lift(step) - lift(0.0) - step * slope) for step in (0.2, 0.1, 0.05)]
+    remainders = [abs(lift(step) - lift(0.0) - step * slope) for step in (0.1, 0.05, 0.025)]
     rates = np.log2(np.divide(remainders[:-1], remainders[1:]))
     assert np.all(rates > 1.9)
 
