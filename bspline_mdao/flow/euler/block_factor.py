@@ -34,7 +34,7 @@ __all__ = ["BLOCK", "BlockFactor", "Schedule", "levels_of"]
 
 BLOCK = 5
 
-ROWS = 64
+ROWS = 128
 """Rows of a chunk at most: some microseconds of work."""
 
 AHEAD = 32
