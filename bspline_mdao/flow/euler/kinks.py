@@ -26,6 +26,7 @@ from numba import njit
 
 from ...cells.cell_faces import CellFaces
 from ...numerics.halo import Halo
+from ...numerics.processes import summed_number
 from .reconstruction import MEAN, Stencil
 
 __all__ = ["with_kinks"]
@@ -35,6 +36,10 @@ WORTH = 100.0
 
 SMALLEST, LARGEST = 0.01, 0.5
 """Changes of a weight: smaller ones are not worth a class of faces of their own, larger ones are cut to this."""
+
+STRETCHED = 10.0
+"""Second length of a cell by its least: a grid with more at most of its walls keeps the weights of smooth lines, since
+with others Newton's steps do not converge on the spacing of boundary layers."""
 
 
 def with_kinks(stencil: Stencil, faces: CellFaces, nodes: np.ndarray, halo: Halo) -> Stencil:
@@ -52,6 +57,10 @@ def with_kinks(stencil: Stencil, faces: CellFaces, nodes: np.ndarray, halo: Halo
     """
     centres, spreads = cell_shapes(faces.corners, faces.left, faces.right, nodes, faces.n_cells + faces.n_ghosts)
     centres, spreads = (halo.extend(np.ascontiguousarray(halo.cut(part))) for part in (centres, spreads))
+    lengths = np.linalg.eigvalsh(spreads[faces.left[faces.faces_of("wall")]])
+    flat = lengths[:, 1] > STRETCHED**2 * lengths[:, 0]
+    if 2 * summed_number(halo.comm, int(flat.sum())) > summed_number(halo.comm, len(flat)):
+        return stencil
     inner = slice(0, faces.n_inner)
     changes = weight_changes(*stencil.part(inner), faces.corners[inner], nodes, centres, spreads)
     kinked = np.flatnonzero(np.abs(changes).max(axis=1, initial=0.0) > SMALLEST)
