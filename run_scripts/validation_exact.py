@@ -60,15 +60,17 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     dict
         For ``cylinder``, ``sphere`` and ``section``: ``members``, a list of what `run_flow` returns, and of the least
         ``Cp`` and its exact value, the root mean square error of Cp, and for the section the lift without
-        compressibility with its relative error; and ``orders`` of the errors between the two finest.
+        compressibility with its relative error; and ``orders`` of the errors between the two finest, None where the
+        error changes its sign.
     """
     sizes, numbers, drawn = pick_size(SIZES, paper, quick), {}, {}
     for name, case in CASES.items():
         solved = [study(case, n, iprint) for n in sizes[name]]
         members, drawn[name] = [member for member, _ in solved], solved[-1][1]
         keys = [key for key in ("n_along", *ERRORS) if key in members[0]]
-        falls = np.log([abs(members[-2][key] / members[-1][key]) for key in keys])
-        numbers[name] = {"members": members, "orders": dict(zip(keys[1:], falls[1:] / -falls[0]))}
+        finer, *falls = (members[-1][key] / members[-2][key] for key in keys)
+        orders = [-np.log(fall) / np.log(finer) if fall > 0.0 else None for fall in falls]
+        numbers[name] = {"members": members, "orders": dict(zip(keys[1:], orders))}
     if figures:
         draw(figures, numbers, drawn)
     return numbers
@@ -198,7 +200,8 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
             members, n = numbers[name]["members"], [member["n_along"] for member in numbers[name]["members"]]
             for key, order in numbers[name]["orders"].items():
                 errors, (label, color) = [abs(member[key]) for member in members], ERRORS[key]
-                lower.loglog(n, errors, "o-", color=color, label=f"{label}, order {order:.2f}")
+                suffix = f", order {order:.2f}" if order else ", changes sign"
+                lower.loglog(n, errors, "o-", color=color, label=label + suffix)
             lower.set(xlabel="cells along a quarter" if name == "sphere" else "cells around")
             lower.set_xticks(n, n)
             lower.minorticks_off()

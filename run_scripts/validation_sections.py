@@ -26,16 +26,23 @@ from bspline_mdao.topology.grid import Block, Grid
 ALPHA = 1.25
 """Angle of attack (deg)."""
 
+CHORD = 1.0089304113651427
+"""Of the section by the chord of the equation of NACA, where its thickness is zero."""
+
 CELLS = np.array([256, 512, 1024, 2048])
 PUBLISHED = {
-    0.5: (np.array([0.178366720, 0.179125033, 0.179487608, 0.179650543]), 0.179783519),
-    0.8: (np.array([0.359073197, 0.357580694, 0.355943711, 0.354593186]), 0.348226045),
+    0.5: (np.array([0.178366720, 0.179125033, 0.179487608, 0.179650543]) / CHORD, 0.179783519 / CHORD),
+    0.8: (np.array([0.359073197, 0.357580694, 0.355943711, 0.354593186]) / CHORD, 0.348226045 / CHORD),
 }
 """Lift by Mach number on O-grids of so many cells each way, and its limit: CFL3D, flux splitting, no vortex far away.
 
 J. C. Vassberg and A. Jameson, J. Aircraft 47 (2010), 1152-1166, Tables 7 and 8, read in a copy of these rows. The
-limits are those of the last three values, at the orders 1.154 and 0.278.
+limits are those of the last three values, at the orders 1.154 and 0.278. They are by a chord of one, and here by that
+of the section: potential flow has 0.18035 by the former, and the paper 0.1803 where it is grid-converged.
 """
+
+POTENTIAL = {0.5: 0.17875}
+"""Lift of the section by the equation of the full potential, spectrally in the plane of its circle."""
 
 GALERKIN = {0.8: {"CL": 0.333, "CD": 0.02135}}
 """V. Dolejší and F. Roskovec, Commun. Appl. Math. Comput. (2021), as cited by others: not seen in the original."""
@@ -68,9 +75,12 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     dict
         By Mach number, such as ``"M 0.5"``, for the families ``O`` and ``H-H``: ``members``, a list of what `run_flow`
         returns, and for ``CL`` and ``CD`` the order and the limit of the three, None where there are none; the lift
-        published; and for other grids what `run_flow` returns, or why they ``failed``.
+        published, and that of potential flow where there are no shocks; and for other grids what `run_flow` returns, or
+        why they ``failed``.
     """
-    numbers, drawn = {f"M {mach:g}": {"CL_published": PUBLISHED[mach][1]} for mach in PUBLISHED}, {}
+    numbers, drawn = {}, {}
+    for mach in PUBLISHED:
+        numbers[f"M {mach:g}"] = {"CL_published": PUBLISHED[mach][1], "CL_potential": POTENTIAL.get(mach)}
     for family, make in (("O", o_grid), ("H-H", hh_grid)):
         models = [bm.fit_grid(make(n)) for n in pick_size(SIZES, paper, quick)]
         for mach in PUBLISHED:
@@ -93,11 +103,11 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
 
 def sharp_section() -> bm.Section:
     """Make the section of Vassberg and Jameson: the equation of NACA until it closes, scaled to unit chord."""
-    powers, chord = (-0.1015, 0.2843, -0.3516, -0.1260), 1.0089304113651427
-    x = 0.5 * chord * (1.0 - np.cos(np.linspace(0.0, np.pi, 401)))
-    points = np.stack([x, 0.6 * (0.2969 * np.sqrt(x) + x * np.polyval(powers, x))], axis=1) / chord
+    powers = -0.1015, 0.2843, -0.3516, -0.1260
+    x = 0.5 * CHORD * (1.0 - np.cos(np.linspace(0.0, np.pi, 401)))
+    points = np.stack([x, 0.6 * (0.2969 * np.sqrt(x) + x * np.polyval(powers, x))], axis=1) / CHORD
     points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
-    return bm.Section.symmetric(points, nose_radius=0.5 * (0.6 * 0.2969) ** 2 / chord)
+    return bm.Section.symmetric(points, nose_radius=0.5 * (0.6 * 0.2969) ** 2 / CHORD)
 
 
 def o_grid(n: int) -> bm.Grid:
@@ -156,8 +166,10 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
                 for axes, key in ((lift, "CL"), (drag, "CD")) if "CL" in found.get(name, ()) else ():
                     axes.plot(np.sqrt(found[name]["n_cells"]), found[name][key], mark, color=GREEN, label=name)
             values, end = PUBLISHED[mach]
-            lift.semilogx(CELLS, values, "s-", color=GRAY, markersize=4, label="CFL3D, O-grids")
+            lift.semilogx(CELLS, values, "s-", color=GRAY, markersize=4, label="CFL3D, O-grids, no vortex")
             lift.axhline(end, color=GRAY, linestyle=":", label="its limit")
+            if mach in POTENTIAL:
+                lift.axhline(POTENTIAL[mach], color=GRAY, linestyle="--", label="potential flow")
             for key, value in GALERKIN.get(mach, {"CD": 0.0}).items():
                 label = "Galerkin, cited" if mach in GALERKIN else "exact"
                 {"CL": lift, "CD": drag}[key].axhline(value, color=GRAY, linestyle="--", label=label)
