@@ -113,7 +113,7 @@ class EulerFlow(om.Group):
         File of states to start from, which `save_states` made of this grid or another member of its family.
     trim : bool
         Whether the angle of attack is solved for at a given lift, see `TrimmedState`.
-    tolerance, linear_tolerance, max_steps, iprint
+    tolerance, linear_tolerance, max_steps, iprint, anchored
         See `EulerState`.
 
     Raises

@@ -84,6 +84,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     iprint : int
         0 and below for no output, 1 for a line a solution, 2 for one a Newton step as well. ``set_solver_print`` of a
         problem or a group sets it as those of solvers.
+    anchored : bool
+        Whether every run starts from the solution of the last derivatives instead of that of the last run. Where one
+        design has several flows, those of small steps of an optimiser stay with that of the point it steps from.
     forces : FlowForces
         For lift and drag in these lines.
 
@@ -107,6 +110,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     _start: tuple[np.ndarray, float] | None = None
 
+    _anchor: dict[str, np.ndarray] | None = None
+
     def start_from(self, states: np.ndarray, alpha: float) -> None:
         """Give states to start from, shape (n_cells, 5), and their angle of attack (deg)."""
         self._start = states, alpha
@@ -115,7 +120,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Declare the variables."""
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
-        self._solution = self._converged = self._tangent = None
+        self._solution = self._converged = self._tangent = self._anchor = None
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
         self._declare_angle()
@@ -132,6 +137,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def solve_nonlinear(self, inputs, outputs):
         """Solve for the states, from those that are there or else afresh."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm)
+        self._return_to_anchor(inputs, outputs)
         self._solve(inputs, outputs, self.options["tolerance"])
         self._tell(self._solution)
 
@@ -169,10 +175,25 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Solve with the Jacobian at the inputs and states that are there, or with its transpose: the adjoint."""
         with self._unscaled_context(outputs=[self._outputs]):  # OpenMDAO scales them here, and hands none over
             tangent = self._tangent_at_solution(self._inputs, self._outputs)
+            self._drop_anchor()
         right, out = (d_residuals, d_outputs) if mode == "fwd" else (d_outputs, d_residuals)
         solve = tangent.solve if mode == "fwd" else tangent.solve_transposed
         solution = solve(right["states"].reshape(-1, N_STATES), self.options["linear_tolerance"])
         out["states"] = self._accepted(solution).ravel()
+
+    def _drop_anchor(self) -> None:
+        """Keep the solution for the next runs, if they are to start from it."""
+        if self.options["anchored"]:
+            self._anchor = {name: self._outputs[name].copy() for name in self._outputs}
+
+    def _return_to_anchor(self, inputs, outputs) -> None:
+        """Set the outputs to the solution to start from, unless they are one themselves, such as a restored one."""
+        if self._anchor is None:
+            return
+        states = outputs["states"].reshape(-1, N_STATES)
+        if not relative_residual(self._discretization, states, *self._at(inputs)) <= LARGEST_RESIDUAL:
+            for name, value in self._anchor.items():
+                outputs[name] = value
 
     def _accepted(self, solution: KrylovSolution, tolerance: float | None = None) -> np.ndarray:
         """Solution of a linear system, if it is one, to a tolerance or that of the options."""
@@ -428,7 +449,7 @@ class _Tangent:
         return replace(solution, x=solution.x / self.sizes)
 
 
-SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint")
+SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint", "anchored")
 """Options of `EulerState` that a group around it hands on."""
 
 
@@ -438,6 +459,7 @@ def declare_solver(options) -> None:
     options.declare("linear_tolerance", default=1e-14, lower=0.0, desc="of the linear systems of derivatives")
     options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
     options.declare("iprint", types=int, default=1, desc="0 or less, 1 line a solution, or 2 for one a step")
+    options.declare("anchored", types=bool, default=False, desc="start from the solution of the last derivatives")
 
 
 def check_on_grid(component: om.Component, flow: FlowGrid, nodes: np.ndarray) -> None:

@@ -66,7 +66,7 @@ class TrimmedState(EulerState):
 
     Options
     -------
-    flow, levels, nodes, forces, tolerance, linear_tolerance, max_steps, iprint
+    flow, levels, nodes, forces, tolerance, linear_tolerance, max_steps, iprint, anchored
         See `EulerState`; the lift coefficient is met to ``tolerance`` as well.
 
     Raises
@@ -80,6 +80,7 @@ class TrimmedState(EulerState):
         """Solve for states and angle, from those that are there."""
         self._log = ResidualLog(self.pathname, self.options["forces"], self.comm, shows_alpha=True)
         finite_values(inputs["CL_target"], "CL_target", self.msginfo)
+        self._return_to_anchor(_merged(inputs, outputs), outputs)
         start = {name: outputs[name].copy() for name in ("states", "alpha")}
         try:
             self._trim(inputs, outputs)
@@ -128,6 +129,7 @@ class TrimmedState(EulerState):
         with self._unscaled_context(outputs=[self._outputs]):
             at, outputs = _merged(self._inputs, self._outputs), self._outputs
             tangent = self._tangent_at_solution(at, outputs)
+            self._drop_anchor()
             bars = self._lift_vjp(at, outputs, 1.0)
             column = tangent.linearization.stream_jvp(self._stream_partials(at)["alpha"])
             right, out = (d_residuals, d_outputs) if mode == "fwd" else (d_outputs, d_residuals)
