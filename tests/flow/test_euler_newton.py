@@ -8,9 +8,10 @@ import pytest
 from euler_cases import case_of, one_of_each_kind, sphere_quarters
 from topology_cases import smooth_box
 
-from bspline_mdao import flat_plate_grid
+from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_factor import BLOCK
+from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.krylov import RESTART, solve_refined, solve_roughly, solve_system
 from bspline_mdao.flow.euler.newton import relative_residual
@@ -23,6 +24,7 @@ from bspline_mdao.flow.euler.preconditioner import (
     time_terms,
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
+from bspline_mdao.generators.wing import cambered_section
 
 SINGLE = float(np.finfo(np.float32).eps)
 
@@ -160,6 +162,15 @@ def test_a_linear_system_whose_cycles_do_not_get_on_is_given_up_after_the_first(
     assert stuck.n_products <= RESTART + 1
 
 
+def test_cycles_that_do_not_get_on_are_followed_by_longer_ones():
+    right = np.zeros((9, 5))
+    right[0, 0] = 1.0
+    # of the shift of 45 numbers around, no fewer than 45 vectors tell anything of the solution
+    solution = solve_system(lambda x: np.roll(x, 1), lambda x: x, right, 1e-10, max_products=200)
+    np.testing.assert_allclose(solution.x, np.roll(right, -1), atol=1e-12)
+    assert solution.n_products == RESTART + 1 + right.size
+
+
 @pytest.mark.parametrize("is_transposed", [False, True])
 def test_linear_systems_are_solved_forwards_and_transposed_with_one_factor(is_transposed):
     case = sphere_case()
@@ -283,3 +294,14 @@ def test_the_uniform_stream_is_a_solution_where_nothing_turns_it(case):
     flow = case.solve()
     assert flow.is_converged
     np.testing.assert_allclose(flow.states, case.discretization.uniform(case.stream), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_flows_about_random_sections_converge(seed):
+    rng = np.random.default_rng(seed)
+    section = cambered_section(rng.uniform(0.08, 0.15), rng.uniform(0.0, 0.03))
+    grid = infinite_wing_grid(section, (9, 10), Spacing(0.03, 0.04, 0.04))
+    conditions = {"mach": rng.uniform(0.3, 0.85), "degrees": rng.uniform(-2.0, 6.0)}
+    solution = case_of(grid, shock_threshold=SHOCK_THRESHOLD, **conditions).solve()
+    assert solution.is_converged
+    assert sum(step.n_products for step in solution.history) < 300

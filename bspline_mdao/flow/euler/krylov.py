@@ -25,6 +25,10 @@ __all__ = ["KrylovSolution", "solve_refined", "solve_roughly", "solve_system"]
 RESTART = 30
 """Vectors after which GMRES starts again: more save few products and take 20 bytes per cell each."""
 
+LONG, SLOW = 60, 0.5
+"""Vectors of the cycles that follow one which leaves more than this part of its residual: systems about cells with the
+spacing of boundary layers need them, and others have the memory to themselves."""
+
 ROUNDING = 16.0 * np.finfo(float).eps
 """Residual relative to the norm of the solution, with a matrix of the size of one, that is left by rounding."""
 
@@ -87,7 +91,7 @@ def solve_system(
     tolerance : float
         Norm of the residual relative to that of the right-hand side.
     max_products : int
-        Largest number of products with the matrix, in whole cycles of `RESTART`.
+        No cycle is begun that could take more products with the matrix in all, but for the first.
     comm : communicator
         The processes.
     most_left : float
@@ -109,8 +113,8 @@ def solve_system(
     y, rest = np.zeros(right.size, right.dtype), right.ravel()
     basis = np.empty((RESTART + 1, right.size), right.dtype)
     with one_blas_thread:  # on a busy machine its threads only wait for each other
-        for cycle in range(max(1, max_products // RESTART)):
-            if cycle:
+        while not n_products or n_products + len(basis) <= max_products:
+            if n_products:
                 rest, n_products = right.ravel() - apply(y), n_products + 1
             before = left = norm(rest, comm)
             if not target < left < np.inf:
@@ -118,18 +122,21 @@ def solve_system(
             weights, left = _cycle(apply, basis, rest, left, target, comm)
             y += weights.astype(y.dtype) @ basis[: len(weights)]
             n_products += len(weights)
-            if left <= target or left > most_left * before:
+            if not len(weights) or left <= target or left > most_left * before:
                 break
+            if left > SLOW * before and len(basis) <= LONG:
+                del basis  # it makes room for the longer one
+                basis = np.empty((LONG + 1, right.size), right.dtype)
     x, part = precondition(y.reshape(right.shape)), left / size if size else 0.0
     return KrylovSolution(x, n_products, left <= target, part)
 
 
 def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
     """Weights of the vectors that reduce the residual most, steps 1 to 4, and what they leave of it."""
-    triangle, rotations = np.zeros((RESTART, RESTART)), np.zeros((RESTART, 2))
-    reduced = np.zeros(RESTART + 1)
+    most = len(basis) - 1
+    triangle, rotations, reduced = np.zeros((most, most)), np.zeros((most, 2)), np.zeros(most + 1)
     basis[0], reduced[0], n = rest / beta, beta, 0
-    while n < RESTART and abs(reduced[n]) > target:
+    while n < most and abs(reduced[n]) > target:
         vector = apply(basis[n])  # step 1
         column, length = _orthogonalize(basis[: n + 1], vector, comm)  # step 2
         if not np.isfinite(length):

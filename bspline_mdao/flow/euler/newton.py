@@ -309,6 +309,7 @@ def solve_by_dissipation(
     pattern: FactorPattern,
     tolerance: float = 1e-10,
     max_steps: int = 200,
+    max_products: int = MOST_PRODUCTS,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
     """Solve for the steady flow from the uniform stream by continuation in the dissipation.
@@ -318,7 +319,7 @@ def solve_by_dissipation(
     from the uniform stream; from there the dissipation is lowered to that of the scheme. Such flows need not be the
     only ones of their grid, and the way can end at a dissipation below which there is none nearby.
 
-    Parameters and result are those of `solve_flow`.
+    Parameters and result are those of `solve_flow`; the bounds are for all flows on the way together.
 
     The history is that of all flows on the way, each relative to its own uniform stream; where one ends, it has
     the residual with the dissipation of the next.
@@ -330,10 +331,17 @@ def solve_by_dissipation(
     n_left = max_steps
     for level in levels:
         stage, n_steps = replace(discretization, dissipation=level), min(STAGE_STEPS, n_left)
-        solution = solve(stage, states=states, tolerance=max(tolerance, STAGE_TOLERANCE), max_steps=n_steps)
+        end, n_products = max(tolerance, STAGE_TOLERANCE), _products_left(max_products, history)
+        solution = solve(stage, states=states, tolerance=end, max_steps=n_steps, max_products=n_products)
         states, history = solution.states, history[:-1] + solution.history
         n_left = max_steps - len(history) + 1 if solution.is_converged else 0
         if not n_left:
             break
-    solution = solve(discretization, states=states, tolerance=tolerance, max_steps=n_left)
+    n_products = _products_left(max_products, history)
+    solution = solve(discretization, states=states, tolerance=tolerance, max_steps=n_left, max_products=n_products)
     return replace(solution, history=history[:-1] + solution.history)
+
+
+def _products_left(most: int, history: tuple[NewtonStep, ...]) -> int:
+    """Products with the Jacobian that a history leaves of the most."""
+    return most - sum(step.n_products for step in history)
