@@ -158,3 +158,15 @@ def test_the_transonic_m6_saves_drag_on_the_finer_grid_as_well(script, tmp_path)
     assert found["finer"]["CD"] < numbers["initial"]["finer"]["CD"]
     assert found["thinnest"] > 0.9 - 1e-8
     assert_drawn_and_recorded(tmp_path, "m6_transonic", n_drivers=1)
+
+
+def test_no_thinner_section_has_less_drag_at_zero_lift(script, tmp_path):
+    numbers = script("adodg1_naca0012").main(quick=True, figures=tmp_path, drivers=ONE_DRIVER)
+    assert_totals_are_exact(numbers["totals"])
+    (found,) = numbers["drivers"].values()
+    assert found["lowest"] > -1e-9
+    assert found["violation"] < 1e-8
+    assert found["cold"] > (1.0 - 1e-6) * found["drag"]  # of two flows, that of the optimum is the one of less drag
+    assert found["drag"] < 0.8 * numbers["initial"]["drag"]
+    assert found["finer"]["drag"] < 0.8 * numbers["initial"]["finer"]["drag"]
+    assert_drawn_and_recorded(tmp_path, "adodg1_naca0012", n_drivers=1)
