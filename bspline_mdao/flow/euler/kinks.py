@@ -77,9 +77,12 @@ def _face_centre(nodes, corners):
     a, b, c, d = nodes[corners[0]], nodes[corners[1]], nodes[corners[2]], nodes[corners[3]]
     one, other = 0.5 * np.cross(b - a, c - a), 0.5 * np.cross(c - a, d - a)
     p, q = np.sqrt(np.sum(one * one)), np.sqrt(np.sum(other * other))
-    if p + q == 0.0:
+    third, fourth = 0.5 * np.cross(b - a, d - a), 0.5 * np.cross(c - b, d - b)
+    r, t = np.sqrt(np.sum(third * third)), np.sqrt(np.sum(fourth * fourth))
+    if p + q + r + t == 0.0:
         return 0.25 * (a + b + c + d), one + other
-    return (p * (a + b + c) + q * (a + c + d)) / (3.0 * (p + q)), one + other
+    first = p * (a + b + c) + q * (a + c + d) + r * (a + b + d) + t * (b + c + d)
+    return first / (3.0 * (p + q + r + t)), one + other
 
 
 @njit(cache=True, error_model="numpy")
