@@ -84,7 +84,7 @@ def of_nodes(results, shares, n_nodes):
     return whole
 
 
-def assert_same(ours, theirs, within=5e-15):
+def assert_same(ours, theirs, within=2e-14):
     assert np.abs(ours - theirs).max() <= within * np.abs(theirs).max()
 
 

@@ -19,6 +19,7 @@ from bspline_mdao.cells.aggregates import AGGREGATES
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.rigid_links import RigidLinks
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
@@ -93,11 +94,13 @@ def links():
     return RigidLinks.to_beam(points, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
 
 
-def flow_of(kind, **options):
+def flow_of(kind, shock_threshold=0.0, **options):
     """A component of the Euler flow about a small wing."""
     nodes = wing().regenerate().to_vector().reshape(-1, 3)
-    settings = {"shock_threshold": options.pop("shock_threshold", 0.0)}
-    return kind(flow=FlowGrid.of(wing().topology, nodes, **settings), nodes=nodes, **options)
+    flow = FlowGrid.of(wing().topology, nodes, shock_threshold=shock_threshold)
+    if kind is not EulerWallForces:
+        options["forces"] = FlowForces.of(flow, nodes, 1.16, 1.0, (0.3, 0.1, -0.2))
+    return kind(flow=flow, nodes=nodes, **options)
 
 
 COMPONENTS = {
@@ -128,7 +131,7 @@ COMPONENTS = {
     "Monotonic": lambda: Monotonic(variable="twist", size=6),
     "EulerState": lambda: flow_of(EulerState, iprint=0),
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),
-    "EulerForces": lambda: flow_of(EulerForces, reference_area=1.16, moment_reference=(0.3, 0.1, -0.2)),
+    "EulerForces": lambda: flow_of(EulerForces),
     "EulerWallForces": lambda: flow_of(EulerWallForces, surface=SurfaceGrid.of(wing())),
     "LatticeForces": lambda: LatticeForces(camber=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5), reference_area=1.16),
     "UnfoldedLattice": lambda: UnfoldedLattice(measure=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5)),
