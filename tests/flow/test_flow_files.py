@@ -135,7 +135,7 @@ def test_another_member_of_the_family_starts_from_the_states(flown, factor, gain
     assert flown.get_val("states").min() <= states.min() <= states.max() <= flown.get_val("states").max()
     run(cold, alpha=3.0, Mach_number=0.4)
     run(warm, alpha=3.0, Mach_number=0.4)
-    assert n_products(warm) < gain * n_products(cold)
+    assert n_products(warm) <= gain * n_products(cold)
     assert warm.model.flow.state.solution.history[0].residual != 1.0
     np.testing.assert_allclose(warm.get_val("CL"), cold.get_val("CL"), rtol=1e-8)
 

@@ -34,6 +34,7 @@ from bspline_mdao.om.flow.euler_flow import EulerForces
 from bspline_mdao.om.flow.euler_state import EulerState
 from bspline_mdao.om.flow.euler_wall_forces import EulerWallForces
 from bspline_mdao.om.flow.lattice_flow import LatticeForces, UnfoldedLattice
+from bspline_mdao.om.flow.trimmed_state import TrimmedState
 from bspline_mdao.om.flow.vortex_lattice import WakeForces
 from bspline_mdao.om.grid_evaluate import GridEvaluate
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
@@ -131,6 +132,7 @@ COMPONENTS = {
     "Monotonic": lambda: Monotonic(variable="twist", size=6),
     "EulerState": lambda: flow_of(EulerState, iprint=0),
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),
+    "TrimmedState": lambda: flow_of(TrimmedState, iprint=0),
     "EulerForces": lambda: flow_of(EulerForces),
     "EulerWallForces": lambda: flow_of(EulerWallForces, surface=SurfaceGrid.of(wing())),
     "LatticeForces": lambda: LatticeForces(camber=CamberSurface.of(SurfaceGrid.of(wing()), 3, 5), reference_area=1.16),
@@ -155,6 +157,7 @@ STREAM = {"alpha": 3.0, "Mach_number": 0.3}
 VALUES = {
     "EulerState": STREAM,
     "EulerState with shocks": {"alpha": 2.0, "Mach_number": 0.8},
+    "TrimmedState": {"CL_target": 0.2, "Mach_number": 0.3},
     "EulerForces": STREAM,
     "EulerWallForces": {"Mach_number": 0.3, "dynamic_pressure": 0.7},
     "LatticeForces": {"alpha": 3.0},
