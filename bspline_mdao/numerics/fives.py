@@ -8,13 +8,14 @@ machine has such instructions.
 from __future__ import annotations
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 __all__ = [
     "add_product",
     "add_scaled",
+    "block_product",
     "combined",
     "lane_sums",
     "load",
@@ -208,3 +209,16 @@ def lane_sums(typingctx, a, b, c, d, e):
         return vectors[0]
 
     return FIVE(FIVE, FIVE, FIVE, FIVE, FIVE), emit
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def block_product(blocks, at, z):
+    """Five numbers: the block of five rows from an offset into the data of an array, times a vector."""
+    nothing = zeros()
+    return lane_sums(
+        add_product(nothing, load(blocks, at), z),
+        add_product(nothing, load(blocks, at + 5), z),
+        add_product(nothing, load(blocks, at + 10), z),
+        add_product(nothing, load(blocks, at + 15), z),
+        add_product(nothing, load(blocks, at + 20), z),
+    )

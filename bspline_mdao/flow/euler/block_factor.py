@@ -19,6 +19,7 @@ from numba import njit
 from ...numerics.claims import claim, counters, finish
 from ...numerics.fives import (
     add_product,
+    block_product,
     combined,
     lane_sums,
     load,
@@ -316,15 +317,9 @@ def _solve(
                     a, b = add_product(a, load(upper, at), z), add_product(b, load(upper, at + 5), z)
                     c, d = add_product(c, load(upper, at + 10), z), add_product(d, load(upper, at + 15), z)
                     e = add_product(e, load(upper, at + 20), z)
-                z, at = subtract_scaled(load(x, 5 * row), np.float32(1.0), lane_sums(a, b, c, d, e)), 25 * row
-                nothing = zeros()
-                z = lane_sums(
-                    add_product(nothing, load(pivots, at), z),
-                    add_product(nothing, load(pivots, at + 5), z),
-                    add_product(nothing, load(pivots, at + 10), z),
-                    add_product(nothing, load(pivots, at + 15), z),
-                    add_product(nothing, load(pivots, at + 20), z),
-                )
+                known = load(x, 5 * row)
+                known = subtract_scaled(known, np.float32(1.0), lane_sums(a, b, c, d, e))
+                z = block_product(pivots, 25 * row, known)
                 store(x, 5 * row, z)
                 store(out, 5 * order[row], z)
         finish(numbers)

@@ -21,7 +21,7 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from ...cells.cell_faces import NONE
-from ...numerics.fives import add_product, add_scaled, lane_sums, load, store, subtract_scaled, zeros
+from ...numerics.fives import add_scaled, block_product, load, store, subtract_scaled
 from ...sparse.blocks import Graph
 from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
 from .block_factor import BlockFactor, Schedule, levels_of
@@ -154,15 +154,7 @@ def add_blocks(blocks: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.ndarray
 @njit(cache=True, error_model="numpy", nogil=True)
 def _add_blocks(blocks, x, out):
     for c in range(len(x)):
-        z, at = load(x, 5 * c), 25 * c
-        nothing = zeros()
-        product = lane_sums(
-            add_product(nothing, load(blocks, at), z),
-            add_product(nothing, load(blocks, at + 5), z),
-            add_product(nothing, load(blocks, at + 10), z),
-            add_product(nothing, load(blocks, at + 15), z),
-            add_product(nothing, load(blocks, at + 20), z),
-        )
+        product = block_product(blocks, 25 * c, load(x, 5 * c))
         store(out, 5 * c, add_scaled(product, np.float32(1.0), load(out, 5 * c)))
 
 
