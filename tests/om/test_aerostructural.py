@@ -100,7 +100,8 @@ def test_the_wing_bends_up_and_the_beam_carries_what_the_flow_presses(coupled):
 
 @pytest.mark.slow
 def test_totals_of_the_coupled_wing_are_those_of_differences(coupled):
-    of, wrt = ["cruise.CL", "cruise.CD", "cruise.failure"], {"twist": 0.1, "cruise.spar_thickness": 1e-5}
+    of = ["cruise.CL", "cruise.CD", "cruise.failure"]
+    wrt = {"twist": 0.1, "cruise.spar_thickness": 4e-5}  # steps far above the noise of the coupled states
     totals = coupled.compute_totals(of, list(wrt))
     for name, step in wrt.items():
         start, along, found = coupled.get_val(name).copy(), np.array([1.0, -0.6]), []
