@@ -111,6 +111,7 @@ from .movement.young_modulus import WallDistanceLaw as WallDistanceLaw
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.drivers.combinations import combine as combine
 from .om.drivers.combinations import even_combinations as even_combinations
+from .om.drivers.combinations import even_pressures as even_pressures
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
 from .om.fit import Fit as Fit

@@ -18,7 +18,6 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.cells.quads import area_vectors
 from bspline_mdao.names import GRID
 from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, scipy_slsqp
 from bspline_mdao.plotting import GRAY, draw_history, draw_optimality, draw_pressures, driver_colors, figure, wall_quads
@@ -91,16 +90,6 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
     return problem
 
 
-def even_pressures(model: bm.FittedModel) -> np.ndarray:
-    """Combinations of heights that change the pressures evenly, in the mean over the surface."""
-    problem = pose(model)
-    problem.setup(mode="fwd")
-    problem.run_model()
-    derivative = problem.compute_totals(["Cp"], ["heights"])["Cp", "heights"]
-    areas = np.linalg.norm(area_vectors(problem.get_val(GRID).reshape(-1, 3)[wall_quads(model)]), axis=1)
-    return bm.even_combinations(np.sqrt(areas / areas.sum())[:, None] * derivative)
-
-
 def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS) -> dict:
     """Find the section with every driver.
 
@@ -122,7 +111,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     *counts, iterations = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "adodg1_naca0012"
-    combinations = even_pressures(model)
+    combinations = bm.even_pressures(pose(model), model, "heights")
     start, away = (pose(model, combinations) for _ in range(2))
     for problem in (start, away):
         problem.setup(mode="rev")

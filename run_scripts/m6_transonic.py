@@ -16,7 +16,6 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.cells.quads import area_vectors
 from bspline_mdao.names import GRID
 from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
 from bspline_mdao.plotting import (
@@ -108,16 +107,6 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
     return problem
 
 
-def even_pressures(model: bm.FittedModel) -> np.ndarray:
-    """Combinations of heights that change the pressures evenly, in the mean over the surface."""
-    problem = pose(model)
-    problem.setup(mode="fwd")
-    problem.run_model()
-    areas = np.linalg.norm(area_vectors(problem.get_val(GRID).reshape(-1, 3)[wall_quads(model)]), axis=1)
-    derivative = problem.compute_totals(["Cp"], ["heights"])["Cp", "heights"]
-    return bm.even_combinations(np.sqrt(areas / areas.sum())[:, None] * derivative)
-
-
 def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS) -> dict:
     """Find the sections with every driver.
 
@@ -139,7 +128,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     *counts, iterations = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "m6_transonic"
-    finer, combinations = model.member(FINER), even_pressures(model)
+    finer, combinations = model.member(FINER), bm.even_pressures(pose(model), model, "heights")
     start, away = (pose(model, combinations) for _ in range(2))
     for problem in (start, away):
         problem.setup(mode="rev")

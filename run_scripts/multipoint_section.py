@@ -14,7 +14,6 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.cells.quads import area_vectors
 from bspline_mdao.names import GRID
 from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
 from bspline_mdao.plotting import GRAY, draw_history, draw_optimality, draw_pressures, driver_colors, figure, wall_quads
@@ -94,18 +93,6 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
     return problem
 
 
-def even_pressures(model: bm.FittedModel) -> np.ndarray:
-    """Combinations of heights that change the pressures of both flows evenly, in the mean over the surface."""
-    problem = pose(model)
-    problem.setup(mode="fwd")
-    problem.run_model()
-    pressures = [f"flows.{name}.Cp" for name in MACH_NUMBERS]
-    derivatives = problem.compute_totals(pressures, ["heights"])
-    areas = np.linalg.norm(area_vectors(problem.get_val(GRID).reshape(-1, 3)[wall_quads(model)]), axis=1)
-    weights = np.sqrt(areas / (2.0 * areas.sum()))
-    return bm.even_combinations(np.vstack([weights[:, None] * derivatives[name, "heights"] for name in pressures]))
-
-
 def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS) -> dict:
     """Find the section with every driver.
 
@@ -127,7 +114,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
     """
     *counts, iterations = pick_size(SIZES, paper, quick)
     model, name = make_model(*counts), "multipoint_section"
-    combinations = even_pressures(model)
+    combinations = bm.even_pressures(pose(model), model, "heights", [f"flows.{name}.Cp" for name in MACH_NUMBERS])
     start, away = (pose(model, combinations) for _ in range(2))
     for problem in (start, away):
         problem.setup(mode="rev")

@@ -4,7 +4,9 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import InputError, combine, even_combinations
+from bspline_mdao import InputError, combine, even_combinations, even_pressures, fit_grid, onera_m6_grid
+from bspline_mdao.cells.cell_faces import CellFaces
+from bspline_mdao.cells.quads import area_vectors
 
 
 def test_all_combinations_change_the_response_by_one_along_orthogonal_vectors():
@@ -35,3 +37,22 @@ def test_the_variable_is_the_sum_of_its_combinations_in_both_modes():
         np.testing.assert_allclose(problem.get_val("heights", units="cm"), 100.0 * columns @ [1.0, -2.0, 0.5])
         totals = problem.compute_totals(["heights"], ["combinations"])
         np.testing.assert_allclose(totals["heights", "combinations"], columns, rtol=1e-12)
+
+
+def test_pressures_change_evenly_along_the_combinations():
+    """A stand-in for flows: pressures that are linear in the values, on the walls of a fitted wing."""
+    rng, model = np.random.default_rng(7), fit_grid(onera_m6_grid((5, 5, 5)))
+    nodes = model.regenerate().to_vector()
+    faces = CellFaces.of(model.topology, nodes.reshape(-1, 3))
+    walls = nodes.reshape(-1, 3)[faces.corners[faces.faces_of("wall")]]
+    first, second = rng.normal(size=(2, len(walls), 3)) * [1.0, 20.0, 2.0]
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("grid", om.IndepVarComp("grid", nodes), promotes=["*"])
+    for name, columns in {"slow": first, "fast": second}.items():
+        flow = om.ExecComp("Cp = dot(columns, heights)", columns=columns, heights=np.zeros(3), Cp=np.zeros(len(walls)))
+        problem.model.add_subsystem(name, flow, promotes_inputs=["heights"])
+    combinations = even_pressures(problem, model, "heights", ["slow.Cp", "fast.Cp"])
+    areas = np.linalg.norm(area_vectors(walls), axis=1)
+    changes = [columns @ combinations for columns in (first, second)]
+    means = np.mean([np.einsum("fc,f,fd->cd", each, areas / areas.sum(), each) for each in changes], axis=0)
+    np.testing.assert_allclose(means, np.eye(3), atol=1e-12)

@@ -9,12 +9,18 @@ Theory: ``docs/theory/drivers.rst``, "Scaling of shapes".
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import openmdao.api as om
 
+from ...cells.cell_faces import CellFaces
+from ...cells.quads import area_vectors
 from ...errors import InputError
+from ...model.fitted_model import FittedModel
+from ...names import GRID
 
-__all__ = ["combine", "even_combinations"]
+__all__ = ["combine", "even_combinations", "even_pressures"]
 
 
 def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray:
@@ -53,6 +59,45 @@ def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray
         )
     _, values, vectors = np.linalg.svd(derivative, full_matrices=False)
     return vectors.T / np.maximum(values, least * values[0])
+
+
+def even_pressures(
+    problem: om.Problem, model: FittedModel, variable: str, pressures: Iterable[str] = ("Cp",), grid: str = GRID
+) -> np.ndarray:
+    """Find combinations of a variable along which the pressures on the walls change evenly, in the mean over the walls.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        Chain from the variable to one flow or several, in which the variable is an input. It is set up in forward mode
+        and run.
+    model : FittedModel
+        The fitted grid of the flows.
+    variable : str
+        Name of the variable.
+    pressures : iterable of str
+        Names of the outputs of pressure coefficients, as `EulerFlow` gives them; all count alike.
+    grid : str
+        Name of the grid that the flows are solved on.
+
+    Returns
+    -------
+    ndarray, shape (n_values, n_combinations)
+        As of `even_combinations`: a unit of each changes the root mean square of the pressure coefficients by one.
+
+    Raises
+    ------
+    InputError
+        If the pressures do not depend on the variable.
+    """
+    problem.setup(mode="fwd")
+    problem.run_model()
+    nodes, names = problem.get_val(grid).reshape(-1, 3), list(pressures)
+    faces = CellFaces.of(model.topology, nodes)
+    areas = np.linalg.norm(area_vectors(nodes[faces.corners[faces.faces_of("wall")]]), axis=1)
+    weights = np.sqrt(areas / (len(names) * areas.sum()))[:, None]
+    totals = problem.compute_totals(names, [variable])
+    return even_combinations(np.vstack([weights * totals[name, variable] for name in names]))
 
 
 def combine(name: str, combinations: np.ndarray, units: str | None = None) -> om.ExecComp:
