@@ -77,7 +77,7 @@ def pose(model: bm.FittedModel, stations: int, flow: str, mach: float) -> om.Pro
     span = planform.semi_span * np.array([0.02, 0.9])
     leading, trailing = (np.column_stack([planform.x(part, span), 0.0 * span, span]) for part in (0.1, 0.9))
     measures = [  # relative to the M6, thickness along lines between the edges
-        bm.Thickness.grid(wall, leading, trailing, 5, 5, relative=True),
+        bm.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
         bm.EnclosedVolume.of(wall, relative=True),
         bm.ProjectedArea.of(wall, relative=True),
     ]

@@ -84,7 +84,7 @@ def pose(model: bm.FittedModel, combinations: np.ndarray | None = None) -> om.Pr
         model=model,
         parametrization=bm.Parametrization(mesh, [variable]),
         measures=[
-            bm.Thickness.grid(wall, leading, trailing, 5, 5, relative=True),
+            bm.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
             bm.EnclosedVolume.of(wall, relative=True),
         ],
         mover=bm.LinearElasticity(mesh, n_increments=3),

@@ -64,7 +64,7 @@ def pose(model: bm.FittedModel, lattice: bm.CamberSurface) -> om.Problem:
         mover=bm.LinearElasticity(mesh, n_increments=1),
         fit=False,
     )
-    nodes = lattice.evaluate(lattice.surface.points).reshape(lattice.shape)
+    nodes = lattice.evaluate(lattice.surface.points)
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("geometry", geometry, promotes=["*"])
     problem.model.add_subsystem("flow", Aerostructure(lattice=nodes, spar=Spar(THICKNESS)), promotes=["*"])

@@ -98,8 +98,10 @@ def assert_derivatives_are_exact(measure, size=0.01, seed=5):
     points = roughened(measure.surface, size, seed)
     change, bar = rng.normal(size=points.shape), rng.normal(size=int(np.prod(measure.shape)))
     jacobian = measure.partials(points)
-    exact = measure.evaluate(points + 1e-40j * change).imag / 1e-40
+    values = measure.evaluate(points + 1e-40j * change)
+    exact = values.imag.ravel() / 1e-40
     forward, reverse = jacobian @ change.ravel(), jacobian.T @ bar
+    assert values.shape == tuple(measure.shape)
     assert jacobian.shape == (bar.size, points.size)
     assert np.abs(exact).max() > 0.0
     np.testing.assert_allclose(forward, exact, rtol=1e-10, atol=1e-10 * np.abs(exact).max())

@@ -119,8 +119,8 @@ class CamberSurface:
         return cls(surface, csr_array(rows[order]), turn, (n_chord, n_span, 3), name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Mesh of the nodes, shape (n, 3), in metres; shape (3 n_chord n_span,)."""
-        return (self.weights @ points @ self.axes.T).ravel()
+        """Mesh (m), shape (n_chord, n_span, 3), of the nodes, shape (n, 3)."""
+        return (self.weights @ points @ self.axes.T).reshape(self.shape)
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`: the same at all nodes."""

@@ -45,10 +45,10 @@ class Measure(Protocol):
         """The surface that is measured: what is discrete is decided on its baseline nodes, once and for all."""
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Measure nodes, shape (n, 3), in metres, real or complex; shape (size,), in the C order of ``shape``."""
+        """Measure nodes, shape (n, 3), in metres, real or complex; of the shape ``shape``."""
 
     def partials(self, points: np.ndarray) -> csr_array:
-        """Differentiate `evaluate`: shape (size, 3 n), of a pattern that does not depend on the nodes."""
+        """Differentiate `evaluate` in C order: shape (size, 3 n), of a pattern that does not depend on the nodes."""
 
 
 def relative_to_baseline(measure, least: float):

@@ -17,8 +17,13 @@ from ..numerics.vectors import lengths, unit_vectors
 from .area import planform_normal
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, as_points, opposite_probes
+from .section_thickness import cuts_along_span, section_edges
 
-__all__ = ["Thickness", "ruled_normals", "ruled_points"]
+__all__ = ["Thickness", "ruled_normals", "ruled_points", "within_edges"]
+
+CHORD, SPAN = (0.05, 0.95), (0.02, 0.98)
+"""Parts of the chord and of the span between which the thickness is measured: at a rounded tip, and at an edge, there
+is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +123,15 @@ class Thickness:
     def grid(
         cls,
         surface: SurfaceGrid,
-        leading: np.ndarray,
-        trailing: np.ndarray,
         n_chord: int,
         n_span: int,
         relative: bool = False,
         name: str = "thickness",
+        *,
+        leading: np.ndarray | None = None,
+        trailing: np.ndarray | None = None,
+        chord: tuple[float, float] = CHORD,
+        span: tuple[float, float] = SPAN,
     ) -> Thickness:
         """Measure on a grid of lines, at right angles to the ruled surface between two polylines.
 
@@ -131,12 +139,15 @@ class Thickness:
         ----------
         surface : SurfaceGrid
             The surface.
-        leading, trailing : ndarray, shape (m, 3)
-            Polylines within the body (m), a little behind the leading and before the trailing edge.
         n_chord, n_span : int
             Lines along the chord and along the span, evenly spread from end to end.
         relative, name
             As for `at`.
+        leading, trailing : ndarray, shape (m, 3), optional
+            Polylines within the body (m), a little behind the leading and before the trailing edge. By default they are
+            found on the surface, see `within_edges`.
+        chord, span : tuple of float
+            Parts of the chord and of the span between which they are found: 0 is the leading edge and the root.
 
         Returns
         -------
@@ -147,16 +158,27 @@ class Thickness:
         ------
         InputError
             As `at`; also if a polyline has no length, or fewer than two lines are asked for either way.
+
+        Examples
+        --------
+        >>> from bspline_mdao import fit_grid, onera_m6_grid
+        >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((17, 17, 13)), n_control=(9, 8, 7)))
+        >>> Thickness.grid(surface, n_chord=3, n_span=2).evaluate(surface.points).round(3)
+        array([[0.058, 0.091, 0.012],
+               [0.026, 0.04 , 0.005]])
         """
+        if leading is None or trailing is None:
+            found = within_edges(surface, chord, span, max(n_span, 2), name)
+            leading, trailing = (line if line is not None else own for line, own in zip((leading, trailing), found))
         points = ruled_points(leading, trailing, n_chord, n_span, name)
         return cls.at(surface, points, ruled_normals(points), relative, name)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
-        """Distances, shape (n,), of nodes, shape (n_points, 3)."""
-        return lengths(self.across.vectors(points)[0]) / self.scales
+        """Distances, of the shape of the output, of nodes, shape (n_points, 3)."""
+        return (lengths(self.across.vectors(points)[0]) / self.scales).reshape(self.shape)
 
     def partials(self, points: np.ndarray) -> csr_array:
-        """Derivatives of the distances, shape (n, 3 n_points)."""
+        """Derivatives of the distances, shape (n, 3 n_points), in C order."""
         along = unit_vectors(self.across.vectors(points)[0], self.directions, ROUND_OFF * self.surface.size)
         return self.across.chain([along / self.scales[:, None]])
 
@@ -171,6 +193,45 @@ def _require_thickness(baseline, surface, points, name):
             f"{name}: no thickness on the baseline at probe {number + 1} of {len(points)}, ({x:g}, {y:g}, {z:g}), "
             f"to be relative to; leave it out, or take relative=False"
         )
+
+
+def within_edges(
+    surface: SurfaceGrid,
+    chord: tuple[float, float] = CHORD,
+    span: tuple[float, float] = SPAN,
+    n: int = 9,
+    what: str = "edges",
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the polylines at two parts of the chord of plane sections across the span.
+
+    Parameters
+    ----------
+    surface : SurfaceGrid
+        A wing.
+    chord, span : tuple of float
+        Parts of the chord, 0 the leading and 1 the trailing edge, and of the span, 0 the root and 1 the tip.
+    n : int
+        Sections, at least 2.
+    what : str
+        Purpose of the lines, for messages.
+
+    Returns
+    -------
+    leading, trailing : ndarray, shape (n, 3)
+        Points of the chord lines on the baseline (m), the root first.
+
+    Raises
+    ------
+    InputError
+        If two parts do not rise within 0 to 1, or a section has no chord.
+    """
+    for name, parts in (("chord", chord), ("span", span)):
+        if len(parts) != 2 or not 0.0 <= parts[0] < parts[1] <= 1.0:
+            raise InputError(f"{what}: {name} {parts}; give two rising parts of it within 0 to 1, such as (0.05, 0.95)")
+    ends = section_edges(surface, cuts_along_span(surface, np.linspace(*span, n).tolist()), what)
+    start, end = (probes.matrix(surface.n_points) @ surface.points for probes in ends)
+    leading, trailing = (start + part * (end - start) for part in chord)
+    return leading, trailing
 
 
 def ruled_points(leading: np.ndarray, trailing: np.ndarray, n_chord: int, n_span: int, what: str) -> np.ndarray:

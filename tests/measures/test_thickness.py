@@ -29,7 +29,8 @@ from bspline_mdao import (
 from bspline_mdao.errors import InputError
 from bspline_mdao.measures.section_thickness import Cut, cuts_along_span
 
-LINES = ([[0.1, 0.0, 0.0], [0.1, 0.0, 2.8]], [[1.8, 0.0, 0.0], [1.8, 0.0, 2.8]])
+LEADING, TRAILING = [[0.1, 0.0, 0.0], [0.1, 0.0, 2.8]], [[1.8, 0.0, 0.0], [1.8, 0.0, 2.8]]
+LINES = {"leading": LEADING, "trailing": TRAILING}
 """Polylines in the rectangular wing, a little within its edges."""
 
 
@@ -72,20 +73,33 @@ def test_the_thickness_of_a_sphere_is_approached_with_the_square_of_the_spacing(
 
 
 def test_a_wing_is_as_thick_as_its_section():
-    thickness = Thickness.grid(rectangular_wing(n_chord=201), *LINES, n_chord=12, n_span=4)
+    thickness = Thickness.grid(rectangular_wing(n_chord=201), n_chord=12, n_span=4, **LINES)
     assert thickness.shape == (4, 12)
     expected = 2.0 * naca_thickness(np.linspace(0.05, 0.9, 12))
-    np.testing.assert_allclose(measured(thickness).reshape(4, 12), np.tile(expected, (4, 1)), atol=2e-5)
+    np.testing.assert_allclose(measured(thickness), np.tile(expected, (4, 1)), atol=2e-5)
 
 
 def test_the_lines_of_a_grid_stand_on_the_sheet_between_its_polylines():
     surface = turned(rectangular_wing())
     wing = rectangular_wing()
     turn = np.linalg.lstsq(wing.points - wing.points[0], surface.points - surface.points[0], rcond=None)[0]
-    lines = [np.array(line) @ turn + (surface.points[0] - wing.points[0] @ turn) for line in LINES]
-    thickness = Thickness.grid(surface, *lines, n_chord=5, n_span=4)
+    lines = [np.array(line) @ turn + (surface.points[0] - wing.points[0] @ turn) for line in (LEADING, TRAILING)]
+    thickness = Thickness.grid(surface, n_chord=5, n_span=4, leading=lines[0], trailing=lines[1])
     np.testing.assert_allclose(np.abs(thickness.directions @ turn[1]), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(measured(thickness), measured(Thickness.grid(wing, *LINES, 5, 4)), rtol=1e-10)
+    np.testing.assert_allclose(measured(thickness), measured(Thickness.grid(wing, 5, 4, **LINES)), rtol=1e-10)
+
+
+def test_lines_are_found_between_the_edges_of_the_surface_unless_they_are_given():
+    wing = rectangular_wing(n_chord=201)
+    x, z = 2.0 * np.linspace(0.05, 0.95, 7), 3.0 * np.linspace(0.02, 0.98, 4)
+    thickness = measured(Thickness.grid(wing, 7, 4))
+    np.testing.assert_allclose(thickness, np.tile(2.0 * naca_thickness(x / 2.0), (4, 1)), atol=2e-4)
+    given = {"leading": [[x[0], 0.0, z[0]], [x[0], 0.0, z[-1]]]}
+    np.testing.assert_allclose(measured(Thickness.grid(wing, 7, 4, **given)), thickness, atol=2e-4)
+    inner = measured(Thickness.grid(turned(wing), 3, 2, chord=(0.2, 0.6), span=(0.0, 0.5)))
+    np.testing.assert_allclose(inner, np.tile(2.0 * naca_thickness(np.array([0.2, 0.4, 0.6])), (2, 1)), atol=2e-4)
+    with pytest.raises(InputError, match=r"^thickness: chord \(0.9, 0.1\); give two rising parts of it within 0 to 1"):
+        Thickness.grid(wing, 3, 3, chord=(0.9, 0.1))
 
 
 @pytest.mark.slow
@@ -95,12 +109,12 @@ def test_the_direction_is_normal_to_the_planform_unless_told_otherwise(m6):
     thickness = Thickness.at(surface, points)
     assert thickness.shape == (1, 2)
     np.testing.assert_allclose(measured(thickness), measured(Thickness.at(surface, points, [0.0, 1.0, 0.0])))
-    np.testing.assert_allclose(measured(thickness), [0.09, 0.085], atol=5e-3)
+    np.testing.assert_allclose(measured(thickness), [[0.09, 0.085]], atol=5e-3)
 
 
 @pytest.mark.parametrize("relative", [False, True])
 def test_thickness_does_not_change_with_a_rigid_motion_and_goes_with_the_size(relative):
-    thickness = Thickness.grid(rectangular_wing(), *LINES, 5, 4, relative=relative)
+    thickness = Thickness.grid(rectangular_wing(), 5, 4, relative=relative, **LINES)
     before, points = measured(thickness), thickness.surface.points
     np.testing.assert_allclose(thickness.evaluate(turned(thickness.surface).points), before, rtol=1e-11)
     np.testing.assert_allclose(thickness.evaluate(3.0 * points), 3.0 * before, rtol=1e-13)
@@ -129,12 +143,12 @@ def test_a_probe_beside_the_wing_is_named():
 @pytest.mark.parametrize(("n_chord", "n_span"), [(1, 3), (3, 1)])
 def test_a_grid_has_two_lines_either_way_at_least(n_chord, n_span):
     with pytest.raises(InputError, match="give at least 2"):
-        Thickness.grid(rectangular_wing(), *LINES, n_chord, n_span)
+        Thickness.grid(rectangular_wing(), n_chord, n_span, **LINES)
 
 
 def test_a_polyline_has_a_length():
     with pytest.raises(InputError, match="thickness, leading: a polyline without length"):
-        Thickness.grid(rectangular_wing(), [[0.1, 0.0, 0.0]], LINES[1], 3, 3)
+        Thickness.grid(rectangular_wing(), 3, 3, leading=[[0.1, 0.0, 0.0]], trailing=TRAILING)
 
 
 def test_sections_of_a_naca_0012_wing_are_12_percent_thick():
@@ -211,7 +225,7 @@ def test_derivatives_are_exact(relative):
     points, directions = np.random.default_rng(7).uniform(-0.6, 0.6, (2, 11, 3))
     rough = with_points(sphere(6), roughened(sphere(6), 0.01))
     assert_derivatives_are_exact(Thickness.at(rough, points, directions, relative))
-    assert_derivatives_are_exact(Thickness.grid(rectangular_wing(), *LINES, 4, 5, relative))
+    assert_derivatives_are_exact(Thickness.grid(rectangular_wing(), 4, 5, relative, **LINES))
 
 
 @pytest.mark.parametrize("smallest", [False, True])
@@ -229,7 +243,7 @@ def test_derivatives_are_exact_on_plates_and_wings(plate, m6):
 
 def test_partials_of_the_components_are_exact():
     problem, surface = om.Problem(), rectangular_wing()
-    measures = Thickness.grid(surface, *LINES, 3, 4), SectionThickness.at(surface, [0.2, 0.6], 5)
+    measures = Thickness.grid(surface, 3, 4, **LINES), SectionThickness.at(surface, [0.2, 0.6], 5)
     for number, measure in enumerate(measures):
         problem.model.add_subsystem(f"measure{number}", SurfaceMeasure(measure=measure))
     problem.setup(force_alloc_complex=True)
