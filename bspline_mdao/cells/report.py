@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..numerics.processes import from_all, on_first, together
+from ..shown import InNotebook
 from .block_cells import BlockCells
 from .first_cells import FirstCells, WallNode
 from .grid_quality import GridQuality
@@ -86,7 +87,7 @@ class InvertedCell:
 
 
 @dataclass(frozen=True)
-class QualityReport:
+class QualityReport(InNotebook):
     """Quality of a grid.
 
     Parameters
@@ -119,6 +120,12 @@ class QualityReport:
     inverted: tuple[InvertedCell, ...]
     histogram: Distribution
     heights: tuple[PatchHeights, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"QualityReport({self.n_cells:,} cells, Q {self.q_min:.3g} to mean {self.q_mean:.3g}, smallest corner "
+            f"{self.min_corner:.3g}, {self.n_inverted:,} inverted)"
+        )
 
 
 def distribution(q: np.ndarray, n_bins: int = 50) -> Distribution:

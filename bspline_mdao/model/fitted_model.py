@@ -11,6 +11,7 @@ from ..checks import as_finite_points
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.family import IndexScaling, refine
 from ..io.cgns import CgnsDialect
+from ..shown import Shown
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import BoundarySurface
 from ..topology.grid import Grid, Patch
@@ -26,7 +27,7 @@ from .records import FitReport, FitSettings, GridHeader
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel:
+class FittedModel(Shown):
     """A multi-block grid as a B-spline mesh.
 
     Parameters
@@ -72,8 +73,9 @@ class FittedModel:
         object.__setattr__(self, name, points)
 
     def __repr__(self) -> str:
-        sizes = f"{len(self.topology.shapes)} blocks, {self.n_nodes} nodes, {self.mesh.n_control_points} control points"
-        return f"<fitted {self.header.source}: {sizes}>"
+        n_blocks = len(self.topology.shapes)
+        sizes = f"{n_blocks} block{'s' * (n_blocks != 1)}, {self.n_nodes:,} nodes"
+        return f"FittedModel({sizes}, {self.mesh.n_control_points:,} control points, RMS {self.report.rms:.1e} m)"
 
     @property
     def n_nodes(self) -> int:

@@ -86,7 +86,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Camera:
-    """Place from which a scene is seen, in parallel projection with y upwards.
+    """Place from which a scene is seen, in parallel projection.
 
     Parameters
     ----------
@@ -96,16 +96,19 @@ class Camera:
         From there towards the camera.
     height : float
         Of what the picture shows (m).
+    up : tuple of float
+        What is upwards in the picture; y by default.
     """
 
     focus: tuple[float, float, float]
     direction: tuple[float, float, float]
     height: float
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     def axes(self) -> np.ndarray:
         """Directions to the right, upwards and towards the camera, as rows."""
         towards = np.array(self.direction) / np.linalg.norm(self.direction)
-        right = np.cross([0.0, 1.0, 0.0], towards)
+        right = np.cross(self.up, towards)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(towards, right), towards])
 
@@ -135,7 +138,7 @@ def patch_faces(model: FittedModel, name: str, arrays) -> list[np.ndarray]:
     return [_cut_face(arrays[window.block], window) for window in windows]
 
 
-def draw_scene(axes, scene: Scene, camera: Camera, size: tuple[float, float]) -> str:
+def draw_scene(axes, scene: Scene, camera: Camera, size: tuple[float, float], by_matplotlib: bool = False) -> str:
     """Draw a scene into empty axes of a figure.
 
     Parameters
@@ -148,6 +151,8 @@ def draw_scene(axes, scene: Scene, camera: Camera, size: tuple[float, float]) ->
         Where it is seen from.
     size : tuple of float
         Width and height of the picture in inches.
+    by_matplotlib : bool
+        Draw polygons, which is quick for small scenes, even where PyVista renders.
 
     Returns
     -------
@@ -163,7 +168,7 @@ def draw_scene(axes, scene: Scene, camera: Camera, size: tuple[float, float]) ->
     axes.set(xticks=[], yticks=[], aspect="equal")
     height, width = camera.height, camera.height * size[0] / size[1]
     axes.set(xlim=(-width / 2, width / 2), ylim=(-height / 2, height / 2))
-    if has_renderer():
+    if not by_matplotlib and has_renderer():
         image = _rendered(scene, camera, size)
         axes.imshow(image, extent=(-width / 2, width / 2, -height / 2, height / 2), interpolation="lanczos")
         return "pyvista"
@@ -212,7 +217,7 @@ def _rendered(scene, camera, size) -> np.ndarray:
     if scene.paint is not None:
         _add_paint(plotter, scene.paint)
     focus, direction = np.array(camera.focus), camera.axes()[2]
-    plotter.camera_position = [focus + 4.0 * camera.height * direction, focus, (0.0, 1.0, 0.0)]
+    plotter.camera_position = [focus + 4.0 * camera.height * direction, focus, camera.up]
     plotter.camera.parallel_projection = True
     plotter.camera.parallel_scale = 0.5 * camera.height
     plotter.enable_anti_aliasing("ssaa")

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..checks import as_array, require_kind
 from ..errors import InputError
+from ..shown import OneLine, Shown
 from .index_space import Interface, Window
 
 PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
@@ -45,8 +46,8 @@ class Patch:
         object.__setattr__(self, "windows", tuple(self.windows))
 
 
-@dataclass(frozen=True)
-class Block:
+@dataclass(frozen=True, repr=False)
+class Block(OneLine):
     """A structured block: its nodes, and PLOT3D blanking.
 
     Parameters
@@ -90,7 +91,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(Shown):
     """A multi-block structured grid: blocks, declared patches and connections, and how it was written.
 
     Parameters
@@ -126,6 +127,11 @@ class Grid:
             object.__setattr__(self, name, items)
         if not self.blocks:
             raise InputError(f"{self.source}: has no blocks; give one or more")
+
+    def __repr__(self) -> str:
+        n_blocks, n_patches = len(self.blocks), len(self.patches)
+        sizes = f"{n_blocks} block{'s' * (n_blocks != 1)}, {self.n_nodes:,} nodes"
+        return f"Grid({self.source}: {sizes}, {n_patches} patch{'es' * (n_patches != 1)})"
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
