@@ -53,7 +53,7 @@ DRIVERS = {"SciPy SLSQP": scipy_slsqp, "NLopt LD_SLSQP": nlopt}
 
 SIZES = {
     "quick": (((5, 9, 5), (6, 6), (5, 5)), ((4, 6, 4), (5, 5), (4, 4)), 3),
-    "default": (((7, 17, 7), (9, 9), (11, 5)), ((5, 8, 5), (6, 6), (5, 4)), 200),
+    "default": (((9, 25, 9), (13, 13), (15, 7)), ((5, 9, 5), (6, 6), (6, 4)), 200),
     "paper": (((17, 33, 17), (25, 25), (25, 13)), ((7, 11, 7), (9, 9), (9, 7)), 400),
 }
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span, and
