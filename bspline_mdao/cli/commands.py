@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from inspect import cleandoc
 from pathlib import Path
 
 import click
 
 from .. import __version__
+from ..fit.options import EXPONENTS, METHODS
 from ..io.formats import read_names, written_names
 from .movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
 from .sources import BUILT_IN
-
-PROGRAM = "bspline-mdao"
+from .words import DEFINITIONS, PROGRAM
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -27,6 +28,7 @@ NAMES = {
     "read": read_names(),
     "written": written_names(),
     "built_in": f"{' or '.join(f'@{name}' for name in BUILT_IN)}, at another size as @{next(iter(BUILT_IN))}:45x65x33",
+    "definitions": DEFINITIONS,
 }
 """What stands in braces in the texts of commands."""
 
@@ -40,7 +42,9 @@ def command(*examples: str) -> Callable[[Callable], click.Command]:
     """Return what makes a command of a function: its docstring is the help, with `NAMES` put in."""
 
     def declare(function: Callable) -> click.Command:
-        return bspline_mdao.command(help=(function.__doc__ or "").format(**NAMES), epilog=example(*examples))(function)
+        return bspline_mdao.command(help=cleandoc(function.__doc__ or "").format(**NAMES), epilog=example(*examples))(
+            function
+        )
 
     return declare
 
@@ -132,16 +136,15 @@ def inspect(**options) -> None:
 @patches_option
 @click.option(
     "--method",
-    type=click.Choice(["valid", "least_squares", "quasi_interpolant"]),
-    default="valid",
+    type=click.Choice(tuple(METHODS)),
+    default=next(iter(METHODS)),
     show_default=True,
-    help="How control points are found: valid is least squares, and a quasi-interpolant where these fold the control "
-    "mesh; least_squares lets it fold; quasi_interpolant solves nothing.",
+    help=f"How control points are found. {'; '.join(f'{name}: {what}' for name, what in METHODS.items())}.",
 )
 @click.option(
     "--parametrization",
-    type=click.Choice(["chord_length", "centripetal", "uniform"]),
-    default="chord_length",
+    type=click.Choice(tuple(EXPONENTS)),
+    default=next(iter(EXPONENTS)),
     show_default=True,
     help="Parameters of the nodes along grid lines.",
 )
@@ -172,7 +175,7 @@ def fit(**options) -> None:
 def refine(**options) -> None:
     """Write a finer or coarser member of the grid family of a model.
 
-    The name of GRID tells the format: {written}.
+    The name of GRID tells the format: {written}. Folders that are missing are made.
     """
     from .refine import refine_model
 
@@ -236,9 +239,12 @@ def refine(**options) -> None:
 def move(model: Path, output: Path, json: Path | None, **options) -> None:
     """Deform the design surface of a model, move the control mesh behind it and write the grid.
 
-    The name of GRID tells the format: {written}.
+    The name of GRID tells the format: {written}. Folders that are missing are made.
+
     PATCH is a name or a pattern, such as 'wing*'; --deform, --design, --slide, --fix and --release may be given more
     than once.
+
+    {definitions}
     """
     from .move import MoveOptions, move_model
 
@@ -268,6 +274,8 @@ def quality(**options) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
     GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
+
+    {definitions}
     """
     from .quality import measure_quality
 

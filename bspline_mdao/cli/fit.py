@@ -13,7 +13,11 @@ from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import CANDIDATES, Fallback, FitReport
 from ..numerics.processes import world
+from ..topology.grid import Grid
+from ..topology.stored_grid import StoredGrid
+from ..wording import counted
 from .output import (
+    MEANING_OF_INVALID,
     check_outputs,
     counts_text,
     print_lines,
@@ -24,6 +28,7 @@ from .output import (
     written_json,
 )
 from .sources import file_of, load_grid, stored_grid
+from .words import PROGRAM
 
 
 def fit_model(
@@ -86,12 +91,36 @@ def fit_model(
         progress(0.0, "reading")
         model: FittedModel | FittedBlocks
         if comm.size == 1:
-            model = fit_grid(load_grid(grid_name, patches), progress=progress, **options)
+            grid = load_grid(grid_name, patches)
+            _warn_of_patches(grid, grid_name)
+            model = fit_grid(grid, progress=progress, **options)
         else:
-            model = fit_blocks(stored_grid(grid_name, patches, comm), comm, progress=progress, **options)
+            stored = stored_grid(grid_name, patches, comm)
+            _warn_of_patches(stored, grid_name)
+            model = fit_blocks(stored, comm, progress=progress, **options)
     with written_json(json, fit_numbers(model), comm):
         model.save(output)
     show_fit(model, output)
+
+
+def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
+    """Say before the fit what will not be possible with its model, where no patch is a wall."""
+    if not grid.patches:
+        print_warnings(
+            [
+                f"{grid_name} has no patches: the model can be refined, but there is no design surface to move and no "
+                f"wall for flows, heights of first cells and measures of the surface. Write patches by '{PROGRAM} "
+                f"inspect {grid_name} --draft patches.toml', and fit with --patches patches.toml"
+            ]
+        )
+    elif all(patch.kind != "wall" for patch in grid.patches):
+        names = ", ".join(patch.name for patch in grid.patches)
+        print_warnings(
+            [
+                f"no patch of {grid_name} is a wall ({names}): 'move' will need --design PATCH, and flows and heights "
+                f"of first cells will find nothing; give the body the kind wall in a file for --patches"
+            ]
+        )
 
 
 def fit_numbers(model: FittedModel | FittedBlocks) -> dict:
@@ -122,7 +151,8 @@ def fit_numbers(model: FittedModel | FittedBlocks) -> dict:
 def show_fit(model: FittedModel | FittedBlocks, output: Path) -> None:
     """Print the report of a fit."""
     report, worst = model.report, model.report.worst
-    print_title(f"{model.header.source}: {report.n_nodes:,} nodes, {report.n_control_points:,} control points")
+    sizes = f"{counted(report.n_nodes, 'node')}, {counted(report.n_control_points, 'control point')}"
+    print_title(f"{model.header.source}: {sizes}")
     rows = [
         (number, counts_text(shape), " + ".join(map(counts_text, counts)), math.hypot(*block.rms), *block.max_error)
         for number, (block, shape, counts) in enumerate(zip(report.blocks, model.topology.shapes, _counts(model)), 1)
@@ -142,17 +172,19 @@ def show_fit(model: FittedModel | FittedBlocks, output: Path) -> None:
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
     print_lines([f"{output} written, {report.seconds:.2f} s"])
     print_warnings(report.warnings)
+    if report.n_invalid:
+        print_lines([MEANING_OF_INVALID])
 
 
 def _fallback_lines(report: FitReport, fallback: Fallback) -> list[str]:
     """Say what the control points are, and what least squares would be."""
     counts = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in zip(CANDIDATES, fallback.n_points) if n)
     lines = [f"control points, by what most of each is: {counts}"]
-    if fallback.least_squares_rms is not None:
+    if fallback.least_squares_rms is not None and fallback.least_squares_invalid is not None:
         lines.append(
             f"{fallback.n_moved:,} of {report.n_control_points:,} are not least squares alone, which leave "
-            f"{fallback.least_squares_invalid:,} invalid elements, RMS error {fallback.least_squares_rms:.3e} m, "
-            f"largest {fallback.least_squares_max:.3e} m"
+            f"{counted(fallback.least_squares_invalid, 'invalid element')}, RMS error "
+            f"{fallback.least_squares_rms:.3e} m, largest {fallback.least_squares_max:.3e} m"
         )
     return lines
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ..cells.wall_spacing import wall_spacings
 from ..io.disk import replaced_file
-from ..io.patch_guess import draft_patches, guess_patches
+from ..io.patch_certainty import SURENESS, Certainty, how_sure
+from ..io.patch_guess import draft_patches, guess_undeclared
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
 from ..topology.periodic import PeriodicPair, find_periodic
 from ..topology.topology import NearMiss, Topology
+from ..wording import counted
 from .output import (
     check_outputs,
     counts_text,
@@ -56,17 +59,27 @@ def inspect_grid(
         progress(0.5, "topology")
         topology = find_topology(grid)
         progress(0.9, "walls")
-        spacings = wall_spacings(_with_guesses(grid, topology))
-    with written_json(json, {**grid_numbers(grid, topology), "walls": spacing_numbers(spacings, reynolds)}):
+        guesses = guess_undeclared(grid, topology)
+        certainties = how_sure(grid, guesses)
+        spacings = wall_spacings(_with_guesses(grid, guesses))
+    numbers = {**grid_numbers(grid, topology), "walls": spacing_numbers(spacings, reynolds)}
+    numbers["guesses"] = [_guess_numbers(*guess) for guess in zip(guesses, certainties)]
+    with written_json(json, numbers):
         if draft:
-            write_draft(draft, grid, topology)
+            declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
+            write_draft(draft, grid, [patch for patch in declared if patch.windows], guesses, certainties)
     show_grid(grid, topology)
     show_spacings(spacings, reynolds)
     if draft:
+        show_guesses(grid, guesses, certainties)
         print_lines([f"{draft} written: give the faces their names and kinds, then pass it as --patches {draft}"])
+    elif guesses:
+        print_lines(["boundary that nobody declared is guessed at; --draft FILE.toml shows how, and how sure it is"])
 
 
-def write_draft(path: Path, grid: Grid, topology: Topology) -> None:
+def write_draft(
+    path: Path, grid: Grid, declared: Sequence[Patch], guesses: Sequence[Patch], certainties: Sequence[Certainty]
+) -> None:
     """Write a TOML file with what is declared, and a guess at the rest of the boundary.
 
     Parameters
@@ -75,33 +88,48 @@ def write_draft(path: Path, grid: Grid, topology: Topology) -> None:
         File to make or to replace.
     grid : Grid
         The grid.
-    topology : Topology
-        Its topology.
+    declared, guesses : sequence of Patch
+        Its patches, and guessed ones.
+    certainties : sequence of Certainty
+        How sure each guess is.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
+    remarks = {
+        patch.name: f"{certainty.level}: {describe(certainty.window, grid)}, {certainty.reason}"
+        for patch, certainty in zip(guesses, certainties)
+    }
     with replaced_file(path) as part:
-        part.write_text(draft_patches(grid, _all_patches(grid, topology)), encoding="utf-8")
+        part.write_text(draft_patches(grid, [*declared, *guesses], remarks), encoding="utf-8")
 
 
-def _all_patches(grid: Grid, topology: Topology) -> list[Patch]:
-    """Return what is declared and no interface, and a guess at the rest of the boundary under names that are free."""
-    guessed = guess_patches(grid, [face.window for face in topology.boundary if face.patch is None])
-    taken = {patch.name for patch in grid.patches}
-    renamed = [replace(p, name=f"{p.name}_guessed") if p.name in taken else p for p in guessed]
-    declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
-    return [*(patch for patch in declared if patch.windows), *renamed]
+def show_guesses(grid: Grid, guesses: Sequence[Patch], certainties: Sequence[Certainty]) -> None:
+    """Print what was guessed, how sure it is, and why, for the face of each patch that is least so."""
+    rows = [
+        (patch.name, patch.kind, *sure.n_windows.values(), f"{describe(sure.window, grid)}: {sure.reason}")
+        for patch, sure in zip(guesses, certainties)
+    ]
+    if rows:
+        print_lines(["guesses at what nobody declared, by the number of faces, and why of the least sure one:"])
+        print_table(["guess", "kind", *SURENESS, "least sure"], rows)
+    if "wall" not in {patch.kind for patch in (*grid.patches, *guesses)}:
+        print_warnings(["no face looks like a wall, so nothing would move; give one the kind wall in the draft"])
 
 
-def _with_guesses(grid: Grid, topology: Topology) -> Grid:
-    """The grid with what is declared, and a guess at the rest of the boundary under names that say so."""
-    declared = {patch.name for patch in grid.patches}
-    patches = _all_patches(grid, topology)
-    named = (p if p.name in declared else replace(p, name=f"{p.name} (guessed)") for p in patches)
-    return replace(grid, patches=tuple(named))
+def _with_guesses(grid: Grid, guesses: Sequence[Patch]) -> Grid:
+    """The grid with guessed patches under names that say so."""
+    named = (replace(patch, name=f"{patch.name.removesuffix('_guessed')} (guessed)") for patch in guesses)
+    return replace(grid, patches=(*grid.patches, *named))
+
+
+def _guess_numbers(patch: Patch, certainty: Certainty) -> dict:
+    """Collect the numbers of a guess for JSON."""
+    worst = _place(certainty.window)
+    reason = {"reason": certainty.reason, "least_sure": worst}
+    return {"name": patch.name, "kind": patch.kind, "sureness": certainty.level, **certainty.n_windows, **reason}
 
 
 def _boundary_windows(patch: Patch, topology: Topology) -> tuple[Window, ...]:
@@ -146,14 +174,15 @@ def _miss_numbers(miss: NearMiss) -> dict:
 
 def show_grid(grid: Grid, topology: Topology) -> None:
     """Print blocks, boundary faces, interfaces and what looks wrong."""
-    print_title(f"{grid.source}: {len(grid.blocks)} blocks, {grid.n_nodes:,} nodes")
+    print_title(f"{grid.source}: {counted(len(grid.blocks), 'block')}, {counted(grid.n_nodes, 'node')}")
     columns = ["block", "nodes", "interfaces", "boundary", "collapsed", "name"]
     print_table(columns, _block_rows(grid, topology))
     print_table(["patch", "kind", "faces", "where"], _patch_rows(grid, topology))
     print_lines(
         [
-            f"{len(topology.interfaces)} interfaces, {len(topology.boundary)} boundary faces, "
-            f"{len(_collapsed_faces(topology))} collapsed faces, {len(topology.near_misses)} near misses"
+            f"{counted(len(topology.interfaces), 'interface')}, {counted(len(topology.boundary), 'boundary face')}, "
+            f"{counted(len(_collapsed_faces(topology)), 'collapsed face')}, "
+            f"{counted(len(topology.near_misses), 'near miss', 'near misses')}"
         ]
     )
     print_lines([_describe_pair(pair, grid) for pair in _periodic(grid, topology)])

@@ -13,7 +13,8 @@ import click
 
 from ..errors import InputError, MovementError
 from ..numerics.processes import from_first, world
-from .commands import PROGRAM, bspline_mdao
+from .commands import bspline_mdao
+from .words import PROGRAM
 
 FAILED, INTERRUPTED = 2, 130
 

@@ -34,8 +34,10 @@ from ..movement.mover import MEND, IncrementReport, Movement, MovementReport
 from ..topology.grid import Grid
 from ..topology.sharing import node_sharing
 from ..walls.wall_correction import WallCorrection
+from ..wording import counted
 from .movers import MoverOptions
 from .output import (
+    MEANING_OF_INVALID,
     check_outputs,
     height_numbers,
     height_warnings,
@@ -57,7 +59,7 @@ QUALITY = {
 }
 """Labels of what is shown of the quality."""
 
-INCREMENT_COLUMNS = ("number", "inverted", "worst corner", "time (s)", "residual", "iterations", "digits")
+INCREMENT_COLUMNS = ("number", "invalid", "new", "corner", "time (s)", "residual", "iterations", "digits")
 """Columns of the table of increments."""
 
 FEW_DIGITS = 8.0
@@ -250,6 +252,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "increments": [
             {
                 **(vars(increment.solve) if increment.solve else {}),
+                "n_invalid": increment.n_invalid,
                 "n_tangled": increment.n_tangled,
                 "place": increment.place,
                 "min_corner": increment.min_corner,
@@ -258,6 +261,8 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
             for increment in report.increments
         ],
         "n_increments": report.n_increments,
+        "n_elements": len(moved.mesh.elements),
+        "n_invalid_before": moved.mesh.n_invalid,
         "digits": report.digits,
         "tried": [vars(trial) for trial in report.tried],
         "seconds": report.seconds,
@@ -272,11 +277,13 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
 def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions) -> None:
     """Print the report of a move."""
     report = moved.movement.report
-    print_title(f"{model_file}: {moved.mesh.n_points:,} control points, {len(moved.surface):,} on the design surface")
+    sizes = f"{counted(moved.mesh.n_points, 'control point')}, {len(moved.surface):,} on the design surface"
+    print_title(f"{model_file}: {sizes}")
     rows = [_row(number, increment) for number, increment in enumerate(report.increments, start=1)]
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
     print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}", _chosen(report)])
+    print_lines(_of_elements(moved))
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
         ["quality of the grid", "before", "after"],
@@ -289,9 +296,18 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     print_lines([f"{output} written, {report.seconds:.2f} s for the move"])
 
 
+def _of_elements(moved: Moved) -> list[str]:
+    """Say how many elements of the control mesh are invalid before and after, and what that means; nothing of none."""
+    mesh, last = moved.mesh, moved.movement.report.increments[-1]
+    if not (mesh.n_invalid or last.n_invalid):
+        return []
+    counts = f"{mesh.n_invalid:,} of {counted(len(mesh.elements), 'element')} invalid before, {last.n_invalid:,} after"
+    return [f"control mesh: {counts}, {last.n_tangled:,} of these new", MEANING_OF_INVALID]
+
+
 def _chosen(report: MovementReport) -> str:
     """Say in how many increments a move was made, and why."""
-    what = "1 increment" if report.n_increments == 1 else f"{report.n_increments} increments"
+    what = counted(report.n_increments, "increment")
     if not report.tried:
         return what
     kept = ", ".join(
@@ -303,7 +319,7 @@ def _chosen(report: MovementReport) -> str:
 
 def _row(number: int, increment: IncrementReport) -> tuple:
     """Row of the table of increments: the solver only where there is one."""
-    row = number, increment.n_tangled, increment.min_corner
+    row = number, increment.n_invalid, increment.n_tangled, increment.min_corner
     solve = increment.solve
     return (*row, solve.seconds, solve.residual, solve.iterations, f"{solve.digits:.0f}") if solve else row
 
@@ -316,12 +332,12 @@ def _warnings(moved: Moved) -> list[str]:
     stranded = moved.mesh.stranded_blocks()
     if stranded:
         warnings.append(
-            f"warning: {len(stranded)} of {len(moved.mesh.blocks)} blocks stay where they are, {stranded[0]} among "
-            f"them: no point of theirs is shared with the part of the grid that moves; see 'bspline-mdao inspect'"
+            f"warning: blocks that stay where they are, {len(stranded)} of {len(moved.mesh.blocks)}, such as "
+            f"{stranded[0]}: no point there is shared with the part of the grid that moves; see 'bspline-mdao inspect'"
         )
     if moved.newly_inverted:
         worst = moved.newly_inverted[0]
-        warnings.append(f"warning: {moved.after.n_inverted:,} cells are inverted now, the worst {worst}")
+        warnings.append(f"warning: {counted(moved.after.n_inverted, 'inverted cell')} now, the worst {worst}")
     warnings += [f"warning: {text}" for text in height_warnings(moved.after.heights)]
     digits = moved.movement.report.digits
     if digits < FEW_DIGITS:
@@ -332,7 +348,7 @@ def _warnings(moved: Moved) -> list[str]:
     last = moved.movement.report.increments[-1]
     if last.n_tangled:
         warnings.append(
-            f"warning: {last.n_tangled:,} elements of the control mesh are inverted, the worst {last.place}"
+            f"warning: {counted(last.n_tangled, 'newly invalid element')} of the control mesh, the worst {last.place}"
         )
     return warnings
 
@@ -354,10 +370,9 @@ def complaint(model: FittedModel, moved: Moved, options: MoverOptions) -> str:
     str
     """
     cause, cure = _cause_and_cure(model, moved, options)
-    n = moved.after.n_inverted
     return (
-        f"the move leaves {n:,} cell{'s' * (n > 1)} inverted, the worst {moved.newly_inverted[0]}; {cause}; "
-        f"nothing was written; {cure}, or --allow-invalid to see it"
+        f"the move leaves {counted(moved.after.n_inverted, 'cell')} inverted, the worst {moved.newly_inverted[0]}; "
+        f"{cause}; nothing was written; {cure}, or --allow-invalid to see it"
     )
 
 
@@ -365,8 +380,8 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
     """Find the first cause that applies, and what cures it."""
     mesh, report = moved.mesh, moved.movement.report
     if mesh.n_invalid:
-        n = f"{mesh.n_invalid:,} of {len(mesh.elements):,}"
-        return f"{n} elements of the control mesh are invalid before the move", MEND
+        n = f"{mesh.n_invalid:,} of {counted(len(mesh.elements), 'element')}"
+        return f"{n} of the control mesh invalid before the move", MEND
     missed = None if model.residual is None else np.linalg.norm(model.residual, axis=1).max()
     if missed and _is_the_residual(model, moved):
         cause = f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m, is in the way"

@@ -24,6 +24,7 @@ from ..errors import InputError
 from ..io.disk import replaced_file
 from ..io.formats import format_of_name
 from ..numerics.processes import ONE, on_first, together
+from ..wording import counted
 
 COMPILING = "compiling, once"
 """Shown while numba compiles kernels, which it does when they are first needed on a machine."""
@@ -44,7 +45,7 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | 
     Raises
     ------
     InputError
-        If a folder is missing or closed, or if an output would replace an input or another output.
+        If a folder is closed or none, or if an output would replace an input or another output.
     """
     on_first(comm, lambda: _check_outputs(outputs, inputs))
 
@@ -55,8 +56,9 @@ def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str |
         folder = Path(os.path.realpath(path)).parent
         if path.exists() and not (path.is_file() or _is_folder_of_grid(path)):
             raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'device'}; name a file")
+        folder = next(place for place in (folder, *folder.parents) if place.exists())  # what is missing is made
         if not folder.is_dir():
-            raise InputError(f"{path}: there is no folder '{folder}'; make it first")
+            raise InputError(f"{path}: '{folder}' is no folder; name another one")
         if not os.access(folder, os.W_OK):
             raise InputError(f"{path}: no permission to write to '{folder}'; choose another folder")
         if os.path.realpath(path) in taken:
@@ -221,6 +223,13 @@ def _shown_compilation(bar: _Bar) -> Iterator[None]:
         yield
 
 
+MEANING_OF_INVALID = (
+    "an element is invalid where one of its corners is folded or flat: where its triple product is not positive. The "
+    "cells of the grid may be valid there, and are what counts; they fold there first when the grid moves"
+)
+"""What `fit` and `move` say where elements of the control mesh are invalid."""
+
+
 HEIGHTS = ("height_min", "height_median", "height_max")
 """What is written of heights where there is no baseline to compare with."""
 
@@ -241,7 +250,7 @@ def show_heights(heights: Sequence[PatchHeights]) -> None:
         columns = ["first cells at", "nodes", "height (m): min", "median", "max"]
         print_table(columns, [(h.patch, h.n_nodes, *_metres(h)) for h in heights])
     print_lines(
-        [f"'{h.patch}': {h.n_left_out:,} nodes have no height and are left out" for h in heights if h.n_left_out]
+        [f"'{h.patch}': {counted(h.n_left_out, 'node')} without height left out" for h in heights if h.n_left_out]
     )
 
 

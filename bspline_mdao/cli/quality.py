@@ -20,6 +20,7 @@ from ..topology.detection import find_topology
 from ..topology.grid import Grid
 from ..topology.partition import Partition
 from ..topology.stored_grid import StoredBlock, StoredGrid
+from ..wording import counted
 from .output import (
     check_outputs,
     counts_text,
@@ -184,7 +185,7 @@ def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, n
 
 def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> None:
     """Print the measures of the cells, the first cells at walls, and inverted cells."""
-    print_title(f"{grid_name}: {report.n_cells:,} cells")
+    print_title(f"{grid_name}: {counted(report.n_cells, 'cell')}")
     rows = [
         ("smallest Q", f"{report.q_min:.4g}"),
         ("mean Q", f"{report.q_mean:.4g}"),

@@ -8,6 +8,7 @@ from ..errors import InputError
 from ..evaluation.family import refined_topology
 from ..io.files import check_grid_name, write_grid
 from ..model.fitted_model import FittedModel, family_member
+from ..wording import counted
 from .output import (
     check_outputs,
     counts_text,
@@ -55,7 +56,9 @@ def refine_model(model: Path, factor: float, output: Path, json: Path | None) ->
         progress(0.8, "writing")
         with written_json(json, {**numbers, "blocks": grid.shapes, "n_nodes": grid.n_nodes}):
             write_grid(output, grid, topology)
-    print_title(f"{output}: {grid.n_nodes:,} nodes, {grid.n_nodes / fitted.n_nodes:.3g} times those of {model}")
+    print_title(
+        f"{output}: {counted(grid.n_nodes, 'node')}, {grid.n_nodes / fitted.n_nodes:.3g} times those of {model}"
+    )
     rows = [
         (number, counts_text(before), counts_text(block.shape), block.name)
         for number, (block, before) in enumerate(zip(grid.blocks, fitted.topology.shapes), start=1)

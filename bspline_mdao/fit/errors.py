@@ -200,8 +200,8 @@ def _warn_of_invalid(problem: FitProblem, solution: FitSolution, n_invalid: int,
     if n_invalid:
         worst, n_elements = invalid[0], sum(_n_elements(volume.n_control) for volume in problem.mesh.volumes)
         yield (
-            f"{n_invalid} of {n_elements:,} control elements are invalid, the worst is element ({worst.i}, {worst.j}, "
-            f"{worst.k}) of {worst.name} with corner triple product {worst.measure:.2g}; "
+            f"{n_invalid:,} of {n_elements:,} elements of the control mesh invalid, the worst is element ({worst.i}, "
+            f"{worst.j}, {worst.k}) of {worst.name} with corner triple product {worst.measure:.2g}; "
             f"{_advise(problem, solution, invalid)}"
         )
 

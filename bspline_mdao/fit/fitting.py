@@ -29,7 +29,8 @@ from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments, require_agreement
 from .errors import report_errors
 from .fit_nodes import FitNodes
-from .parameters import EXPONENTS, as_parameters, chord_length_parameters
+from .options import EXPONENTS, METHODS
+from .parameters import as_parameters, chord_length_parameters
 from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
 from .validity import make_valid
 
@@ -42,10 +43,7 @@ def _interpolate(problem: FitProblem, parameters, nodes: np.ndarray, progress: P
     return make_valid(problem, parameters, nodes, None)
 
 
-_SOLVERS = {"valid": _solve_valid, "least_squares": solve_fit, "quasi_interpolant": _interpolate}
-
-METHODS = tuple(_SOLVERS)
-"""How control points are found, see `fit_grid`."""
+_SOLVERS = dict(zip(METHODS, (_solve_valid, solve_fit, _interpolate), strict=True))
 
 
 def fit_grid(
@@ -88,13 +86,14 @@ def fit_grid(
         is regenerated, see `bspline_mdao.walls.grid_map`. Without, grids are ``A b``, Eq. (3), plus the residual.
     parametrization : str or sequence of ndarray
         Parameters of the nodes along every grid line: ``"chord_length"``; ``"centripetal"``, by square roots of chord
-        lengths; ``"uniform"`` or ``"index"``, proportional to the index; or the user's own, an array of shape
+        lengths; ``"uniform"``, proportional to the index; or the user's own, an array of shape
         (ni, nj, nk, 3) for every block (or segment), rising from 0 to 1 along every line and equal where blocks meet.
     method : str
-        One of `METHODS`: ``"valid"`` is least squares where these give a valid control mesh; where they fold, control
-        points fall back on a quasi-interpolant, as far as is needed (`bspline_mdao.fit.validity`).
-        ``"least_squares"`` stays with least squares, as the paper. ``"quasi_interpolant"`` solves nothing: it takes no
-        more memory than the grid, and falls back likewise where the iterated quasi-interpolant folds.
+        One of `bspline_mdao.fit.options.METHODS`: ``"valid"`` is least squares where these give a valid control mesh;
+        where they fold, control points fall back on a quasi-interpolant, as far as is needed
+        (`bspline_mdao.fit.validity`). ``"least_squares"`` stays with least squares, as the paper.
+        ``"quasi_interpolant"`` solves nothing: it takes no more memory than the grid, and falls back likewise where the
+        iterated quasi-interpolant folds.
     progress : callable, optional
         Called with the fraction done and a word on what is being done.
 

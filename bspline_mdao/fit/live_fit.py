@@ -41,7 +41,8 @@ from .design_matrix import DesignMatrix, LiveMatrix, build_design_matrix
 from .edge_knots import joined_corners, knots_of_segment_jvp, knots_of_segment_vjp, knots_of_segments
 from .entities import Entity
 from .least_squares import FitStep
-from .parameters import EXPONENTS, chord_length_parameters, chord_length_parameters_jvp, chord_length_parameters_vjp
+from .options import EXPONENTS
+from .parameters import chord_length_parameters, chord_length_parameters_jvp, chord_length_parameters_vjp
 from .problem import FitProblem, problem_of_mesh
 from .quasi_interpolant import Mixture
 
@@ -204,7 +205,7 @@ class LiveMapping:
     kind : str
         Kind of knots.
     exponent : float
-        Power of the chords that parameters are made of, see `bspline_mdao.fit.parameters.EXPONENTS`.
+        Power of the chords that parameters are made of, see `bspline_mdao.fit.options.EXPONENTS`.
     nodes : ndarray, shape (n_nodes, 3)
         The baseline grid (m).
     parameters : tuple of ndarray, each of shape (L0, L1, L2, 3)

@@ -14,9 +14,6 @@ from ..errors import InputError
 from ..topology.index_space import whole_slices
 from ..topology.topology import Link, Topology
 
-EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0, "index": 0.0}
-"""Kinds of parametrization by the power of the chord lengths; uniform parameters are proportional to the index."""
-
 LARGEST_DIFFERENCE = 1e-9
 """Most that the user's parameters of a node that two segments share may differ by, or their sum from one where a
 direction runs backwards."""
@@ -36,7 +33,7 @@ def chord_length_parameters(nodes: np.ndarray, exponent: float = 1.0) -> np.ndar
     nodes : ndarray, shape (L0, L1, L2, 3)
         Nodes, in metres.
     exponent : float
-        Power of the chords, see `EXPONENTS`.
+        Power of the chords, see `bspline_mdao.fit.options.EXPONENTS`.
 
     Returns
     -------

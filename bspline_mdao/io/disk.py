@@ -40,21 +40,21 @@ def replaced_file(path: str | os.PathLike) -> Iterator[Path]:
     Parameters
     ----------
     path : path-like
-        File to make or to replace; a symbolic link is followed.
+        File to make or to replace; a symbolic link is followed, and folders that are missing are made.
 
     Yields
     ------
     Path
-        Path to write to. When the block raises, it is removed and ``path`` stays as it was.
+        Path to write to. When the block raises, it is removed and ``path`` stays as it was or is not made.
 
     Raises
     ------
     InputError
-        When the folder does not exist or cannot be written to, or when ``path`` is a device or a pipe.
+        When the folder cannot be made or written to, or when ``path`` is a device or a pipe.
     """
     target = Path(os.path.realpath(path))
     _check_replaceable(path, target)
-    with _os_error_is_input_error(path), _private_folder(target.parent) as folder:
+    with _os_error_is_input_error(path), _folder(target.parent), _private_folder(target.parent) as folder:
         yield folder / _NEW
         _flush(folder / _NEW)
         _put(folder / _NEW, target)
@@ -81,24 +81,36 @@ def replaced_folder(path: str | os.PathLike) -> Iterator[Path]:
         When the folder cannot be made or written to, or has a folder by the name of one of the files.
     """
     target = Path(os.path.realpath(path))
-    with _os_error_is_input_error(path):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with _private_folder(target.parent) as folder:
-            new = folder / _NEW
-            new.mkdir()
-            yield new
-            files = sorted(new.iterdir())
+    with _os_error_is_input_error(path), _folder(target.parent), _private_folder(target.parent) as folder:
+        new = folder / _NEW
+        new.mkdir()
+        yield new
+        files = sorted(new.iterdir())
+        for file in files:
+            _flush(file)
+        if target.exists():
             for file in files:
-                _flush(file)
-            if target.exists():
-                for file in files:
-                    _check_replaceable(Path(path) / file.name, target / file.name)
-                for file in files:
-                    _put(file, target / file.name)
-            else:
-                os.rename(new, target)
-            _flush_folder(target)
-            _flush_folder(target.parent)
+                _check_replaceable(Path(path) / file.name, target / file.name)
+            for file in files:
+                _put(file, target / file.name)
+        else:
+            os.rename(new, target)
+        _flush_folder(target)
+        _flush_folder(target.parent)
+
+
+@contextmanager
+def _folder(folder: Path) -> Iterator[None]:
+    """Make a folder and those above it that are missing; when the block raises, they are removed again."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # others may have put something there
+            for place in missing:
+                place.rmdir()
+        raise
 
 
 def _check_replaceable(path: str | os.PathLike, target: Path) -> None:

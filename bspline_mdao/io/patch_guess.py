@@ -6,7 +6,7 @@ Theory: ``docs/theory/grid_files.rst``.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,9 @@ from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import FACE_NAMES, Window
 from ..topology.periodic import find_periodic
+from ..topology.topology import Topology
 
-__all__ = ["draft_patches", "guess_patches", "kind_of_name", "with_guessed_patches"]
+__all__ = ["GridFrame", "draft_patches", "guess_patches", "guess_undeclared", "kind_of_name", "with_guessed_patches"]
 
 _KIND_OF_PREFIX = {
     "sym": "symmetry",
@@ -55,17 +56,42 @@ translation lays onto each other, far field for distant faces, wall for the rest
 
 
 @dataclass(frozen=True)
-class _Frame:
-    """Extent of a grid and where most of its nodes are."""
+class GridFrame:
+    """Extent of a grid and where most of its nodes are.
+
+    Parameters
+    ----------
+    low, high : ndarray, shape (3,)
+        Corners of the box of the grid (m).
+    middle : ndarray, shape (3,)
+        Where most nodes are (m).
+    radius : float
+        Distance of the farthest node from there (m).
+    """
 
     low: np.ndarray
     high: np.ndarray
     middle: np.ndarray
     radius: float
 
+    @classmethod
+    def of(cls, grid: Grid) -> GridFrame:
+        """Measure a grid; its middle is judged from nodes spread over it."""
+        low = np.min([block.nodes.min(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
+        high = np.max([block.nodes.max(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
+        step = 1 + grid.n_nodes // _NODES_SAMPLED
+        sample = np.concatenate([block.nodes.reshape(-1, 3)[::step] for block in grid.blocks])
+        middle = np.median(sample, axis=0)
+        return cls(low, high, middle, float(np.linalg.norm(sample - middle, axis=1).max()))
+
     @property
     def size(self) -> float:
+        """Longest side of the box (m)."""
         return float((self.high - self.low).max())
+
+    def distance(self, nodes: np.ndarray) -> float:
+        """Smallest distance of nodes (..., 3) from the middle, as a part of the radius."""
+        return float(np.linalg.norm(nodes - self.middle, axis=-1).min() / self.radius)
 
 
 def kind_of_name(name: str) -> str:
@@ -103,8 +129,28 @@ def with_guessed_patches(grid: Grid) -> Grid:
     Grid
         The grid with its patches, and with guessed ones on the rest of its boundary.
     """
-    undeclared = [face.window for face in find_topology(grid).boundary if face.patch is None]
-    return replace(grid, patches=(*grid.patches, *guess_patches(grid, undeclared))) if undeclared else grid
+    guessed = guess_undeclared(grid, find_topology(grid))
+    return replace(grid, patches=(*grid.patches, *guessed)) if guessed else grid
+
+
+def guess_undeclared(grid: Grid, topology: Topology) -> tuple[Patch, ...]:
+    """Guess what the boundary of a grid is where nobody declared it, under names that are free.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid, with patches or without.
+    topology : Topology
+        Its topology.
+
+    Returns
+    -------
+    tuple of Patch
+        See `guess_patches`; a name that a declared patch has gets ``_guessed`` behind it.
+    """
+    guessed = guess_patches(grid, [face.window for face in topology.boundary if face.patch is None])
+    taken = {patch.name for patch in grid.patches}
+    return tuple(replace(p, name=f"{p.name}_guessed") if p.name in taken else p for p in guessed)
 
 
 def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
@@ -127,7 +173,9 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
         Patches ``symmetry_x`` (or y, z), ``wall``, ``periodic_1a`` and ``periodic_1b`` (and so on) and ``farfield``,
         those that were found.
     """
-    frame = _frame(grid)
+    if not windows:
+        return ()
+    frame = GridFrame.of(grid)
     found: dict[str, list[Window]] = {}
     for window in windows:
         found.setdefault(_guess(grid, window, frame), []).append(window)
@@ -141,27 +189,16 @@ def guess_patches(grid: Grid, windows: Sequence[Window]) -> tuple[Patch, ...]:
     return tuple(Patch(name, _KINDS[name.split("_")[0]], tuple(found[name])) for name in order)
 
 
-def _frame(grid: Grid) -> _Frame:
-    """Measure a grid; its middle is judged from nodes spread over it."""
-    low = np.min([block.nodes.min(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
-    high = np.max([block.nodes.max(axis=(0, 1, 2)) for block in grid.blocks], axis=0)
-    step = 1 + grid.n_nodes // _NODES_SAMPLED
-    sample = np.concatenate([block.nodes.reshape(-1, 3)[::step] for block in grid.blocks])
-    middle = np.median(sample, axis=0)
-    return _Frame(low, high, middle, float(np.linalg.norm(sample - middle, axis=1).max()))
-
-
-def _guess(grid: Grid, window: Window, frame: _Frame) -> str:
+def _guess(grid: Grid, window: Window, frame: GridFrame) -> str:
     """Name what a window probably is, periodic planes apart."""
     nodes = grid.blocks[window.block].nodes[window.slices].reshape(-1, 3)
     for axis, letter in enumerate("xyz"):
         if _is_symmetry(grid, window, nodes[:, axis], frame, axis):
             return f"symmetry_{letter}"
-    is_far = np.linalg.norm(nodes - frame.middle, axis=1).min() > FAR * frame.radius
-    return "farfield" if is_far else "wall"
+    return "farfield" if frame.distance(nodes) > FAR else "wall"
 
 
-def _is_symmetry(grid: Grid, window: Window, values: np.ndarray, frame: _Frame, axis: int) -> bool:
+def _is_symmetry(grid: Grid, window: Window, values: np.ndarray, frame: GridFrame, axis: int) -> bool:
     """Whether a window is a plane of symmetry normal to an axis, from its nodes' values along it."""
     tolerance = PLANAR * frame.size
     level = float(values.mean())
@@ -173,7 +210,7 @@ def _is_symmetry(grid: Grid, window: Window, values: np.ndarray, frame: _Frame, 
     return is_one_deep or abs(level) <= tolerance
 
 
-def draft_patches(grid: Grid, patches: Sequence[Patch]) -> str:
+def draft_patches(grid: Grid, patches: Sequence[Patch], remarks: Mapping[str, str] | None = None) -> str:
     """Write patches as the text of a TOML patches file.
 
     Parameters
@@ -182,6 +219,8 @@ def draft_patches(grid: Grid, patches: Sequence[Patch]) -> str:
         The grid.
     patches : sequence of Patch
         Declared or guessed patches of it.
+    remarks : mapping of str to str
+        What to say of patches, by their names; a comment above each.
 
     Returns
     -------
@@ -194,6 +233,8 @@ def draft_patches(grid: Grid, patches: Sequence[Patch]) -> str:
     tables = tomlkit.aot()
     for patch in patches:
         table = tomlkit.table()
+        if remarks and patch.name in remarks:
+            table.add(tomlkit.comment(remarks[patch.name]))
         table["name"] = patch.name
         table["kind"] = patch.kind
         faces = tomlkit.array()

@@ -36,12 +36,15 @@ class Tangling:
     corner_ratio : float
         Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements:
         1 where nothing has changed, 0 or less where the mesh tangles.
+    n_invalid : int
+        Elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them.
     """
 
     n_tangled: int
     place: str
     min_corner: float
     corner_ratio: float
+    n_invalid: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,13 +185,14 @@ class MovingMesh:
 
     def tangled(self, points: np.ndarray) -> Tangling:
         """Find the elements that are valid on the baseline and not with these points, shape (n_points, 3)."""
-        n_tangled, place, least, ratio = 0, "", np.inf, np.inf
+        n_tangled, place, least, ratio, n_invalid = 0, "", np.inf, np.inf, 0
         for name, ids, degenerate_corners, baseline in zip(
             self.names, self.blocks, self._degenerate_corners, self._baseline_quality
         ):
             quality = cell_quality(points[ids], degenerate_corners)
             corner = quality.min_corner if quality.handedness == baseline.handedness else -np.abs(quality.min_corner)
             corner = np.where(np.isnan(corner), -np.inf, corner)
+            n_invalid += int(np.count_nonzero(corner <= 0.0))
             corner = np.where(baseline.is_valid, corner, np.inf)
             n_tangled += int(np.count_nonzero(corner <= 0.0))
             ratio = min(ratio, float(np.min(corner / np.where(baseline.is_valid, baseline.min_corner, 1.0))))
@@ -196,7 +200,7 @@ class MovingMesh:
             if corner[worst] < least:
                 least = float(corner[worst])
                 place = "" if least > 0.0 else _place("element", worst, name) + self._obstacle(ids, worst)
-        return Tangling(n_tangled, place, least, ratio)
+        return Tangling(n_tangled, place, least, ratio, n_invalid)
 
     def _obstacle(self, ids: np.ndarray, element) -> str:
         """Say which of the `obstacles` an element of a block lies on; nothing where it lies on none."""

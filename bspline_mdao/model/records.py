@@ -74,9 +74,9 @@ class FitSettings:
     corrections : int
         Cycles of parameter correction.
     parametrization : str
-        Of the nodes, before correction: one of `bspline_mdao.fit.parameters.EXPONENTS`, or ``"given"`` for the user's.
+        Of the nodes, before correction: one of `bspline_mdao.fit.options.EXPONENTS`, or ``"given"`` for the user's.
     method : str
-        One of `bspline_mdao.fit.fitting.METHODS`; what came of it are the model's ``candidate_weights``.
+        One of `bspline_mdao.fit.options.METHODS`; what came of it are the model's ``candidate_weights``.
     wall_layer : bool
         Whether nodes near walls follow them as a rigid body and the residual turns with its surroundings.
     """

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..wording import counted
 
 __all__ = [
     "IncrementReport",
@@ -90,6 +91,8 @@ class IncrementReport:
         Smallest corner triple product of the elements that are valid on the baseline.
     corner_ratio : float
         Smallest ratio of an element's smallest corner triple product to its own on the baseline, of the same elements.
+    n_invalid : int
+        Elements that are invalid, whatever they are on the baseline: counted as the report of a fit counts them.
     """
 
     solve: SolveReport | None
@@ -97,6 +100,7 @@ class IncrementReport:
     place: str
     min_corner: float
     corner_ratio: float
+    n_invalid: int
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ class MovementReport:
     where: str = ""
 
     def __str__(self) -> str:
-        what = "1 increment" if self.n_increments == 1 else f"{self.n_increments} increments"
+        what = counted(self.n_increments, "increment")
         solve = self.increments[-1].solve if self.increments else None
         how = f" by {solve.solver}, {self.digits:.0f} digits" if solve else ""
         return f"{what}{how}, {self.seconds:.2f} s{f', {self.where}' if self.where else ''}"
@@ -180,7 +184,8 @@ class MovementReport:
         number, first = tangled
         raise MovementError(
             f"movement: increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
-            f"{first.min_corner:.2g}); {self.increments[-1].n_tangled} elements are inverted at the end; {self.advice}"
+            f"{first.min_corner:.2g}); {counted(self.increments[-1].n_tangled, 'element')} newly "
+            f"invalid at the end; {self.advice}"
         )
 
     @property
@@ -191,7 +196,8 @@ class MovementReport:
         torsional springs now and then.
         """
         if self.n_invalid:
-            return f"{self.n_invalid:,} others are invalid before the move, which is the likely cause: {MEND}"
+            others = f"{self.n_invalid:,} {'other is' if self.n_invalid == 1 else 'others are'}"
+            return f"{others} invalid before the move, which is the likely cause: {MEND}"
         if self.tried:
             numbers = ", ".join(str(trial.n_increments) for trial in self.tried)
             return f"take a smaller step (tried with {numbers} increments)"
@@ -328,7 +334,7 @@ def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, poin
         return
     if mesh.n_invalid:
         cause = (
-            f"{mesh.n_invalid} of {len(mesh.elements)} elements are invalid before the move; {MEND}, or with fewer "
+            f"{mesh.n_invalid:,} of {len(mesh.elements):,} elements invalid before the move; {MEND}, or with fewer "
             f"control points"
         )
     else:

@@ -54,7 +54,7 @@ class Motion:
 
     def __str__(self) -> str:
         if self.axis:
-            return f"rotation about {self.axis} by {np.degrees(self.angle):.6g} degrees"
+            return f"rotation about {self.axis} by {np.degrees(self.angle):.6g} deg"
         return f"translation by ({', '.join(f'{s:.6g}' for s in self.shift)}) m"
 
     @property

@@ -63,7 +63,18 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     assert (found["n_control_points"], found["n_surface_control_points"]) == (mesh.n_points, len(surface))
     assert found["largest_displacement"] == pytest.approx(0.02, rel=0.5)
     assert [set(row) for row in found["increments"]] == [
-        {"solver", "iterations", "residual", "seconds", "digits", "n_tangled", "place", "min_corner", "corner_ratio"}
+        {
+            "solver",
+            "iterations",
+            "residual",
+            "seconds",
+            "digits",
+            "n_invalid",
+            "n_tangled",
+            "place",
+            "min_corner",
+            "corner_ratio",
+        }
     ]
     assert found["n_increments"] == 1
     (tried,) = found["tried"]
@@ -220,7 +231,27 @@ def test_blocks_that_stay_are_reported(tmp_path, monkeypatch, capsys):
     fit_grid(grid_of(nodes, nodes + 2.0, patches=[floor])).save("apart.h5")
     assert run(["move", "apart.h5", "--deform", "translate=0/0/0.1", "-o", "moved.xyz"]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "warning: 1 of 2 blocks stay where they are, block 2 among them" in said
+    assert "warning: blocks that stay where they are, 1 of 2, such as block 2: no point there" in said
+
+
+@pytest.mark.slow
+def test_fit_and_move_count_invalid_elements_alike_and_say_what_it_means(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        run(["fit", "@onera_m6:9x9x7", "--order", "4", "--method", "least_squares", "-o", "m6.h5", "--json", "f.json"])
+        == 0
+    )
+    fitted = " ".join(capsys.readouterr().out.split())
+    command = ["move", "m6.h5", "--deform", "translate=0/1e-9/0", "--mover", "held", "--allow-invalid"]
+    assert run([*command, "-o", "moved.xyz", "--json", "m.json"]) == 0
+    moved = " ".join(capsys.readouterr().out.split())
+    n, found = numbers("f.json")["n_invalid_control_elements"], numbers("m.json")
+    assert n > 0
+    assert found["n_invalid_before"] == n
+    assert [(step["n_invalid"], step["n_tangled"]) for step in found["increments"]] == [(n, 0)]
+    assert f"{n} of {found['n_elements']} elements of the control mesh invalid" in fitted
+    assert f"{n} of {found['n_elements']} elements invalid before, {n} after, 0 of these new" in moved
+    assert all("an element is invalid where" in text for text in (fitted, moved))
 
 
 def test_a_plane_that_is_fixed_beside_the_surface_is_named_as_the_cause(strip, capsys):
@@ -246,7 +277,7 @@ def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, caps
 @pytest.mark.parametrize(
     ("method", "options", "cause", "cure"),
     [
-        ("least_squares", [], "of 1,200 elements of the control mesh are invalid before the move", "--method valid"),
+        ("least_squares", [], "of 1,200 elements of the control mesh invalid before the move", "--method valid"),
         ("valid", ["--mover", "idw"], "tangles in increment 1 of 1, element (", "take --mover elasticity or"),
         ("valid", ["--increments", "1"], "tangles in increment 1 of 1, element (", "take --increments auto, a"),
     ],
@@ -285,7 +316,7 @@ def test_a_grid_with_inverted_cells_is_written_where_that_is_wanted(workplace, c
     found = numbers("m.json")
     assert found["newly_inverted"][0]["corner"] == found["after"]["min_corner"]
     assert found["after"]["min_corner"] < 0.0
-    assert f"warning: {found['after']['n_inverted']:,} cells are inverted now" in capsys.readouterr().out
+    assert f"warning: {found['after']['n_inverted']:,} inverted cells now" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -327,7 +358,7 @@ def test_increments_are_shown_on_a_terminal(workplace, monkeypatch):
         ([*FLOOR, "--solver", "abacus"], ["--solver abacus", "cholesky"]),
         ([*FLOOR, "--increments", "0"], ["--increments"]),
         ([*FLOOR, "--surface", "moved.xyz"], ["moved.xyz", "twice"]),
-        ([*FLOOR, "--surface", "no/new.csv"], ["no/new.csv", "folder"]),
+        ([*FLOOR, "--surface", "floor.h5/new.csv"], ["floor.h5/new.csv", "no folder"]),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(workplace, capsys, arguments, words):

@@ -90,7 +90,7 @@ def test_an_unknown_kind_of_knots_is_named():
         knots_of_segment(chord_length_parameters(lattice(5, 5, 5)), (4, 4, 4), (4, 4, 4), "wavy")
 
 
-KINDS = ("chord_length", "centripetal", "uniform", "index")
+KINDS = ("chord_length", "centripetal", "uniform")
 
 
 def wavy_parameters(shape):
@@ -110,9 +110,8 @@ def test_centripetal_parameters_are_sums_of_roots_and_uniform_ones_go_with_the_i
     steps = np.sqrt(np.linalg.norm(np.diff(grid.blocks[0].nodes, axis=1), axis=-1))
     found = parameters_along(grid, "centripetal")[:, 1:, :, 1]
     np.testing.assert_allclose(found, np.cumsum(steps, axis=1) / steps.sum(axis=1, keepdims=True), atol=1e-15)
-    for kind in ("uniform", "index"):
-        uniform = parameters_along(grid, kind)
-        np.testing.assert_array_equal(uniform[..., 2], np.broadcast_to(np.arange(7) / 6, (9, 8, 7)))
+    uniform = parameters_along(grid, "uniform")
+    np.testing.assert_array_equal(uniform[..., 2], np.broadcast_to(np.arange(7) / 6, (9, 8, 7)))
     assert parameters_along(grid, "chord_length").tobytes() == fit_grid(grid).parameters[0].tobytes()
 
 

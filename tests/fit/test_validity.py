@@ -240,7 +240,7 @@ def test_a_fit_with_invalid_elements_says_so_once_at_the_line_that_asked_for_it(
     assert "\n" not in str(warning.message)
     for words in (
         model.header.source,
-        f"{model.report.n_invalid} of 768 control elements",
+        f"{model.report.n_invalid} of 768 elements of the control mesh invalid",
         model.report.invalid[0].name,
         "leave the order and the number of control points out",
     ):
@@ -259,7 +259,7 @@ def test_the_command_fit_tells_what_control_points_are_and_what_least_squares_wo
     with warnings.catch_warnings():
         warnings.simplefilter("error", FitWarning)  # what is printed is not warned of as well
         assert run([*command, "--method", "least_squares"]) == 0
-        assert "control elements are invalid" in capsys.readouterr().out
+        assert "elements of the control mesh invalid" in capsys.readouterr().out
         assert run(command) == 0
     out = " ".join(capsys.readouterr().out.split())
     fallback = FittedModel.load(tmp_path / "thin.h5").report.fallback

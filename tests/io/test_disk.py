@@ -160,6 +160,19 @@ def test_a_disk_that_fills_up_at_any_file_changes_nothing(tmp_path, tmp_path_fac
     assert all(content != b"precious" for content in tree(tmp_path).values())
 
 
+def test_folders_that_are_missing_are_made_and_removed_again_where_the_writing_fails(tmp_path):
+    for write in (replaced_file, replaced_folder):
+        with pytest.raises(ZeroDivisionError), write(tmp_path / "a" / "b" / "out"):
+            raise ZeroDivisionError
+        assert tree(tmp_path) == {}
+    with replaced_file(tmp_path / "a" / "b" / "out") as part:
+        part.write_text("whole")
+    assert (tmp_path / "a" / "b" / "out").read_text() == "whole"
+    with pytest.raises(ZeroDivisionError), replaced_file(tmp_path / "a" / "c" / "out"):
+        raise ZeroDivisionError
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["b"]
+
+
 def test_other_files_of_a_folder_stay(tmp_path):
     write_polymesh(tmp_path / "polyMesh", two_blocks())
     (tmp_path / "polyMesh" / "sets").mkdir()

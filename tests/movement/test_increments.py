@@ -98,7 +98,7 @@ def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
 
 
 def test_elements_that_were_folded_before_the_move_are_named_as_the_likely_cause():
-    tangled = IncrementReport(None, 3, "element (1, 2, 3) of block 4", -0.1, -2.0)
+    tangled = IncrementReport(None, 3, "element (1, 2, 3) of block 4", -0.1, -2.0, 5)
     with pytest.raises(
         MovementError, match=r"3 elements .* at the end; 7 others are .* before the move.*--method valid"
     ):

@@ -62,7 +62,7 @@ def test_a_folded_mesh_that_runs_away_is_refused_with_a_cause_and_advice_that_he
                 MovementError, match=r"moved .* m away by a surface that moves by 0.181 m at most"
             ) as error:
                 mover.move(mesh.points, surface)
-            assert f"{mesh.n_invalid} of {len(mesh.elements)} elements are invalid before the move" in str(error.value)
+            assert f"{mesh.n_invalid:,} of {len(mesh.elements):,} elements invalid before the move" in str(error.value)
             assert 'method="valid"' in str(error.value)
         else:
             assert amplification(mover, surface) < 5.0

@@ -99,7 +99,7 @@ def test_periodic_planes_of_real_grids_are_named(real_grids):
     assert [[window.block + 1 for window in side] for side in (pair.windows, pair.others)] == [[1, 7], [5, 13]]
     bump = read_grid(real_grids / "cfl3d_axibump.fmt")
     (pair,) = find_periodic(bump, boundary(bump))
-    assert str(pair.motion) == "rotation about x by 1 degrees"
+    assert str(pair.motion) == "rotation about x by 1 deg"
     found = grid_numbers(bump, find_topology(bump))["periodic"]
     assert found[0]["motion"] == str(pair.motion)
     for name in ("cfl3d_sduct.bin", "vtk_bluntfin.bin", "aither_uniform_10blocks.xyz", "cgns_5blocks.cgns"):

@@ -1,0 +1,13 @@
+"""What `fit_grid` offers by name, for it and for the help of the command, which should not wait for NumPy and numba."""
+
+from __future__ import annotations
+
+METHODS = {
+    "valid": "least squares, and a quasi-interpolant where these fold the control mesh",
+    "least_squares": "lets it fold",
+    "quasi_interpolant": "solves nothing",
+}
+"""How control points are found, see `bspline_mdao.fit_grid`, and what each does in a word."""
+
+EXPONENTS = {"chord_length": 1.0, "centripetal": 0.5, "uniform": 0.0}
+"""Kinds of parametrization by the power of the chord lengths; uniform parameters are proportional to the index."""
