@@ -8,20 +8,18 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import openmdao.api as om
 from openmdao.core.driver import Driver
 from threadpoolctl import threadpool_limits
 
+from .case_history import Convergence, read_history
 from .nlopt_driver import NLoptDriver
-from .nlopt_problem import Point, Statement
-from .optimality import optimality, optimality_of
+from .optimality import optimality_of
 from .scaled_model import ScaledModel
 
 __all__ = [
-    "Convergence",
     "RecordedRun",
     "disagreement",
     "nlopt",
@@ -78,24 +76,6 @@ def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") ->
     violation = max(1e-8, 0.1 * tolerance)
     stop = {"ftol_abs": tolerance, "ftol_rel": 0.0, "maxeval": 3 * max_iterations}
     return NLoptDriver(optimizer=algorithm, constraint_tolerance=violation, **stop, **QUIET)
-
-
-class Convergence(NamedTuple):
-    """Residuals and violations of the points of an optimisation, in units of the driver.
-
-    Parameters
-    ----------
-    violations : ndarray, shape (n,)
-        Largest violation of the constraints at every evaluation.
-    differentiated : ndarray of int, shape (m,)
-        Evaluations that had a gradient, from 0.
-    residuals : ndarray, shape (m,)
-        Residuals of the first-order conditions there.
-    """
-
-    violations: np.ndarray
-    differentiated: np.ndarray
-    residuals: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +170,7 @@ def optimise(make_problem: Callable[[], om.Problem], driver: Driver, cases=None)
             problem.run_driver()
         seconds["rest"] = time.perf_counter() - start - sum(seconds.values())
         problem.cleanup()
-        history, convergence = _read(problem, file)
+        history, convergence = _read(file)
     return RecordedRun(problem, history, dict(seconds), float(np.linalg.norm(gradient)), convergence)
 
 
@@ -293,71 +273,11 @@ def time_components(problem: om.Problem) -> dict[str, float]:
     return seconds
 
 
-@dataclass(frozen=True)
-class Scaling:
-    """Turns recorded cases, which are in units of the model, into units of the driver.
-
-    Parameters
-    ----------
-    statement : Statement
-        Bounds and constraints in units of the driver.
-    objective, designs, constraints : dict
-        What OpenMDAO knows of them by name, in the order of the statement.
-    """
-
-    statement: Statement
-    objective: dict[str, dict]
-    designs: dict[str, dict]
-    constraints: dict[str, dict]
-
-    @classmethod
-    def of(cls, problem: om.Problem) -> Scaling:
-        """Find the scaling of a problem that has run."""
-        model, system = ScaledModel(problem.driver), problem.model
-        limits = model.design_limits(), model.constraint_limits()
-        metas = system.get_design_vars(), system.get_constraints()
-        named = ({limit.name: meta[limit.name] for limit in each} for each, meta in zip(limits, metas))
-        return cls(Statement.of(*limits, tolerance=0.0), system.get_objectives(), *named)
-
-    def point(self, case) -> Point:
-        """Make the point of a recorded case."""
-        parts = (
-            (self.designs, case.get_design_vars(scaled=False)),
-            (self.objective, case.get_objectives(scaled=False)),
-            (self.constraints, case.get_constraints(scaled=False)),
-        )
-        x, objective, constraints = (_scaled(metas, values) for metas, values in parts)
-        return self.statement.point(x, objective.item(), constraints)
-
-    def totals(self, derivatives) -> np.ndarray:
-        """Totals, shape (1 + m, n), of recorded derivatives."""
-        rows = ([derivatives[name, wrt] for wrt in self.designs] for name in (*self.objective, *self.constraints))
-        return np.vstack([np.hstack(row) for row in rows])
-
-
-def _scaled(metas: dict[str, dict], values) -> np.ndarray:
-    """Values of several variables in one vector, in units of the driver."""
-    parts = [np.zeros(0)]
-    for name, meta in metas.items():
-        adder, scaler = meta["total_adder"], meta["total_scaler"]
-        value = values[name] + (0.0 if adder is None else adder)
-        parts.append(np.ravel(value * (1.0 if scaler is None else scaler)))
-    return np.concatenate(parts)
-
-
-def _read(problem: om.Problem, file: Path) -> tuple[dict[str, np.ndarray], Convergence]:
-    """Responses of every evaluation, and how it converged; limits are not in the file, but in the problem."""
-    reader = om.CaseReader(str(file))
-    cases = [reader.get_case(name) for name in reader.list_cases("driver", out_stream=None)]
-    responses = [{**case.get_objectives(), **case.get_constraints()} for case in cases]
-    history = {name: np.array([values[name] for values in responses]) for name in responses[0]}
-    scaling = Scaling.of(problem)
-    points = [scaling.point(case) for case in cases]
-    # OpenMDAO files a gradient under the evaluation that comes next, in units of the driver
-    found = [(n, scaling.totals(after.derivatives)) for n, after in enumerate(cases[1:]) if after.derivatives]
-    residuals = [optimality(scaling.statement, points[n], totals) for n, totals in found]
-    violations = np.array([point.violation for point in points])
-    return history, Convergence(violations, np.array([n for n, _ in found], dtype=int), np.array(residuals))
+def _read(file: Path) -> tuple[dict[str, np.ndarray], Convergence]:
+    """Responses of every evaluation, and how it converged."""
+    found = read_history(file)
+    assert found.convergence is not None  # there is one objective
+    return {q.name: q.values for q in found.quantities if q.kind != "variable"}, found.convergence
 
 
 def _timed(method, seconds: dict[str, float], name: str):

@@ -1,0 +1,263 @@
+"""What a case file of OpenMDAO holds of an optimisation: values of all evaluations, limits, and how it converged.
+
+The file alone suffices, whichever driver wrote it. First-order conditions are checked where derivatives are recorded
+(``driver.recording_options["record_derivatives"] = True``).
+
+Theory: ``docs/theory/drivers.rst``, "How a run ends".
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import openmdao.api as om
+
+from ...errors import InputError
+from .nlopt_problem import Limits, Statement
+from .optimality import optimality
+
+__all__ = ["CaseHistory", "Convergence", "Quantity", "read_history"]
+
+FEASIBLE = 1e-6
+"""Violation, in units of the driver, up to which a point counts as feasible: the default tolerance of `NLoptDriver`."""
+
+NO_LIMIT = 1e16
+"""Limits beyond this are none: OpenMDAO writes 1e30 for infinity."""
+
+
+class Convergence(NamedTuple):
+    """Residuals and violations of the points of an optimisation, in units of the driver.
+
+    Parameters
+    ----------
+    violations : ndarray, shape (n,)
+        Largest violation of the constraints at every evaluation.
+    differentiated : ndarray of int, shape (m,)
+        Evaluations that had a gradient, from 0.
+    residuals : ndarray, shape (m,)
+        Residuals of the first-order conditions there.
+    """
+
+    violations: np.ndarray
+    differentiated: np.ndarray
+    residuals: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A design variable, an objective or a constraint.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the driver.
+    kind : {"variable", "objective", "constraint"}
+        Which of them it is.
+    units, text : str
+        Units and description of the variable of the model; empty where there are none.
+    lower, upper, equals : ndarray, shape (size,)
+        Limits in units of the model; infinite, and NaN for ``equals``, where there is none.
+    scaler, adder : ndarray, shape (size,)
+        The driver sees ``(value + adder) scaler``.
+    values : ndarray, shape (n, size)
+        Values of all evaluations in units of the model.
+    """
+
+    name: str
+    kind: str
+    units: str
+    text: str
+    lower: np.ndarray
+    upper: np.ndarray
+    equals: np.ndarray
+    scaler: np.ndarray
+    adder: np.ndarray
+    values: np.ndarray
+
+    def scaled(self, values: np.ndarray) -> np.ndarray:
+        """Values, or limits, as the driver sees them."""
+        return (values + self.adder) * self.scaler
+
+    def limits(self) -> Limits:
+        """Limits as the driver sees them."""
+        lower, upper = self.scaled(self.lower), self.scaled(self.upper)  # a negative scaler turns them around
+        return Limits(self.name, np.minimum(lower, upper), np.maximum(lower, upper), self.scaled(self.equals))
+
+
+@dataclass(frozen=True, eq=False)
+class CaseHistory:
+    """All evaluations of a driver that a case file holds.
+
+    Parameters
+    ----------
+    driver : str
+        Name of the driver.
+    quantities : tuple of Quantity
+        Design variables, objectives and constraints, in this order.
+    seconds : ndarray, shape (n,)
+        Wall time since the first evaluation (s).
+    convergence : Convergence or None
+        Violations and first-order residuals; None where there is no single objective.
+    best : int
+        The feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
+        last one where there is no single objective.
+    outputs : mapping of str to dict
+        Other recorded outputs of the model: for each name, the values by evaluation.
+    options : mapping of str to mapping
+        Options of the systems of the model, by their names.
+    """
+
+    driver: str
+    quantities: tuple[Quantity, ...]
+    seconds: np.ndarray
+    convergence: Convergence | None
+    best: int
+    outputs: Mapping[str, Mapping[int, np.ndarray]]
+    options: Mapping[str, Mapping[str, object]]
+
+    @property
+    def n_evaluations(self) -> int:
+        """Evaluations of the model."""
+        return len(self.seconds)
+
+    def of_kind(self, kind: str) -> tuple[Quantity, ...]:
+        """Quantities of one kind."""
+        return tuple(quantity for quantity in self.quantities if quantity.kind == kind)
+
+
+def read_history(file) -> CaseHistory:
+    """Read what a case file holds of an optimisation.
+
+    Parameters
+    ----------
+    file : path-like
+        Case file of ``om.SqliteRecorder``, attached to a driver.
+
+    Returns
+    -------
+    CaseHistory
+
+    Raises
+    ------
+    InputError
+        If it is missing, no case file, or has no case of a driver.
+    """
+    if not os.path.isfile(file):
+        raise InputError(f"{file}: there is no such case file; a recorder writes into the problem's folder of outputs")
+    try:
+        reader = om.CaseReader(str(file))
+        names = reader.list_cases("driver", recurse=False, out_stream=None)
+        cases = [reader.get_case(name) for name in names]
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError, sqlite3.Error) as error:
+        raise InputError(f"{file}: is no case file of OpenMDAO that can be read ({error})") from None
+    if not cases:
+        raise InputError(
+            f"{file}: holds no case of a driver; attach a recorder with "
+            f"problem.driver.add_recorder(om.SqliteRecorder(file)) and run the driver"
+        )
+    settings = (reader.problem_metadata or {}).get("variables", {})
+    version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
+    quantities = _quantities(cases, settings, is_scaled=version < (3, 44))
+    convergence = _convergence(quantities, cases)
+    stamps = np.array([case.timestamp for case in cases])
+    return CaseHistory(
+        driver=names[0].rpartition(":")[2].partition("|")[0],
+        quantities=quantities,
+        seconds=stamps - stamps[0],
+        convergence=convergence,
+        best=_best(quantities, convergence, cases),
+        outputs=_others(cases, {quantity.name for quantity in quantities}),
+        options=reader.list_model_options(out_stream=None) or {},
+    )
+
+
+def _quantities(cases, settings: Mapping[str, dict], is_scaled: bool) -> tuple[Quantity, ...]:
+    """Design variables, objectives and constraints; limits are scaled in files of older versions of OpenMDAO."""
+    found = []
+    for kind, take in (
+        ("variable", "get_design_vars"),
+        ("objective", "get_objectives"),
+        ("constraint", "get_constraints"),
+    ):
+        rows = [getattr(case, take)(scaled=False) for case in cases]
+        metas = cases[0].list_outputs(explicit=True, implicit=True, val=False, units=True, desc=True, out_stream=None)
+        by_name = {meta["prom_name"]: meta for _, meta in metas}
+        for name in rows[0]:
+            values = np.array([np.ravel(row[name]) for row in rows], dtype=float)
+            meta, about = settings.get(name, {}), by_name.get(name, {})
+            found.append(_quantity(name, kind, values, meta, about, is_scaled))
+    return tuple(found)
+
+
+def _quantity(name, kind, values, meta, about, is_scaled) -> Quantity:
+    """One quantity from its values and what the file says about it."""
+    size = values.shape[1]
+
+    def numbers(key, absent):
+        value = meta.get(key)
+        array = np.array(np.broadcast_to(absent if value is None else np.ravel(value), (size,)), dtype=float)
+        array[np.abs(array) >= NO_LIMIT] = absent
+        return array
+
+    scaler, adder = numbers("total_scaler", 1.0), numbers("total_adder", 0.0)
+    lower, upper, equals = numbers("lower", -np.inf), numbers("upper", np.inf), numbers("equals", np.nan)
+    if is_scaled:
+        lower, upper, equals = (limit / scaler - adder for limit in (lower, upper, equals))
+        lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
+    units = meta.get("units") or about.get("units") or ""
+    return Quantity(name, kind, units, about.get("desc") or "", lower, upper, equals, scaler, adder, values)
+
+
+def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
+    """Violations of all points, and residuals of the first-order conditions where there are derivatives."""
+    designs, objectives, constraints = (
+        [q for q in quantities if q.kind == kind] for kind in ("variable", "objective", "constraint")
+    )
+    if len(objectives) != 1 or objectives[0].values.shape[1] != 1:
+        return None
+    limits = (tuple(q.limits() for q in part) for part in (designs, constraints))
+    statement = Statement.of(*limits, tolerance=0.0)
+    x, objective, others = (_rows(part, len(cases)) for part in (designs, objectives, constraints))
+    points = [statement.point(*point) for point in zip(x, objective[:, 0], others)]
+    violations = np.array([point.violation for point in points])
+    found = []
+    for n, after in enumerate(cases[1:]):  # OpenMDAO files a gradient under the evaluation that comes next
+        totals = after.derivatives
+        if totals:
+            rows = ([totals[q.name, wrt.name] for wrt in designs] for q in (*objectives, *constraints))
+            found.append((n, optimality(statement, points[n], np.vstack([np.hstack(row) for row in rows]))))
+    numbers, residuals = zip(*found) if found else ((), ())
+    return Convergence(violations, np.array(numbers, dtype=int), np.array(residuals))
+
+
+def _rows(quantities: list[Quantity], n: int) -> np.ndarray:
+    """Values of several quantities in one row for every evaluation, as the driver sees them."""
+    return np.hstack([np.zeros((n, 0)), *(q.scaled(q.values) for q in quantities)])
+
+
+def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, cases) -> int:
+    """Number of the best evaluation."""
+    if convergence is None:
+        return len(cases) - 1
+    objective = next(q for q in quantities if q.kind == "objective")
+    values, violations = objective.scaled(objective.values)[:, 0], convergence.violations
+    has_run = np.array([bool(case.success) for case in cases]) & np.isfinite(values)
+    feasible = has_run & (violations <= FEASIBLE)
+    if feasible.any():
+        return int(np.argmin(np.where(feasible, values, np.inf)))
+    return int(np.argmin(np.where(has_run, violations, np.inf)))
+
+
+def _others(cases, taken: set[str]) -> dict[str, dict[int, np.ndarray]]:
+    """Other recorded outputs."""
+    found: dict[str, dict[int, np.ndarray]] = {}
+    for n, case in enumerate(cases):
+        for name in case.outputs.keys() if case.outputs is not None else ():
+            if name not in taken:
+                found.setdefault(name, {})[n] = np.asarray(case.outputs[name])
+    return found
