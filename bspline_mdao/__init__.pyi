@@ -137,6 +137,7 @@ from .om.surface_control import SurfaceControl as SurfaceControl
 from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit
 from .om.surface_evaluate import SurfaceEvaluate as SurfaceEvaluate
 from .om.surface_measure import SurfaceMeasure as SurfaceMeasure
+from .report.page import write_report as write_report
 from .sparse.cholesky import Cholesky as Cholesky
 from .sparse.cholmod import Cholmod as Cholmod
 from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients

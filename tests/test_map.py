@@ -13,10 +13,21 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 from make_map import PICTURE, beside, circles, file_arrows, floors, folder_arrows, picture, reduced  # noqa: E402
 
-FRAMEWORKS = {"openmdao", "mphys", "openaerostruct", "nlopt", "click", "rich", "matplotlib", "pyvista"}
+FRAMEWORKS = {
+    "openmdao",
+    "mphys",
+    "openaerostruct",
+    "nlopt",
+    "click",
+    "rich",
+    "matplotlib",
+    "pyvista",
+    "plotly",
+    "jinja2",
+}
 """What kernels know nothing of."""
 
-ABOVE = {"om", "cli", "plotting", "testing"}
+ABOVE = {"om", "cli", "plotting", "report", "testing"}
 """Folders that may know them."""
 
 

@@ -280,3 +280,35 @@ def quality(**options) -> None:
     from .quality import measure_quality
 
     measure_quality(**options)
+
+
+@command("report wing.h5 -o wing.html", "report case.sql --model wing.h5 -o optimum.html")
+@click.argument("source", metavar="MODEL.h5|CASE.sql", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="PAGE.html", required=True, help="Page to write."
+)
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    metavar="MODEL.h5",
+    help="The model that was optimised, for a case file: its grid and quality are shown as well.",
+)
+@click.option("--title", metavar="TEXT", help="Heading of the page; the name of the source by default.")
+@click.option(
+    "--triangles",
+    type=click.IntRange(min=100),
+    default=40_000,
+    show_default=True,
+    metavar="N",
+    help="Triangles of the walls that are drawn of each shape, about.",
+)
+@json_option
+def report(**options) -> None:
+    """Write a report on a model or on a recorded optimisation: one HTML file that needs no network.
+
+    It shows the grid and its control mesh in space, quality, wall heights and sections; of a case file of OpenMDAO's
+    SqliteRecorder also histories, first-order optimality, variables with their bounds and the N2 diagram.
+    """
+    from .report import report_on
+
+    report_on(**options)

@@ -220,8 +220,8 @@ def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
     )
     if len(objectives) != 1 or objectives[0].values.shape[1] != 1:
         return None
-    limits = (tuple(q.limits() for q in part) for part in (designs, constraints))
-    statement = Statement.of(*limits, tolerance=0.0)
+    bounds, limits = (tuple(q.limits() for q in part) for part in (designs, constraints))
+    statement = Statement.of(bounds, limits, tolerance=0.0)
     x, objective, others = (_rows(part, len(cases)) for part in (designs, objectives, constraints))
     points = [statement.point(*point) for point in zip(x, objective[:, 0], others)]
     violations = np.array([point.violation for point in points])

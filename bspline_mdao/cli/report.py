@@ -1,0 +1,48 @@
+"""The command ``report``: a page on a model or an optimisation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..report.page import write_report
+from .output import check_outputs, print_lines, print_title, print_warnings, progress_bar, written_json
+
+
+def report_on(
+    source: Path, output: Path, model: Path | None, title: str | None, triangles: int, json: Path | None
+) -> None:
+    """Write a page on a model or a case file, see `write_report`.
+
+    Parameters
+    ----------
+    source : Path
+        Model or case file.
+    output : Path
+        Page to write.
+    model : Path, optional
+        The model of a case file.
+    title : str, optional
+        Heading of the page.
+    triangles : int
+        Triangles of the walls that are drawn of each shape.
+    json : Path, optional
+        Numbers to write.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used or written, or a library is missing.
+    """
+    check_outputs([output, json], [source, model])
+    with progress_bar() as progress:
+        progress(0.0, "reading and drawing")
+        numbers = write_report(output, source, model, title=title, most_triangles=triangles)
+        progress(1.0, "written")
+    with written_json(json, {"source": str(source), **numbers}):
+        pass
+    print_title(f"{output}: {numbers['bytes'] / 1e6:.1f} MB, needs no network")
+    if numbers["triangles"] < numbers["triangles_of_walls"]:
+        drawn, walls = numbers["triangles"], numbers["triangles_of_walls"]
+        print_lines([f"{drawn:,} of {walls:,} triangles of the walls are drawn"])
+    print_warnings([f"not shown: {text}" for text in numbers["missing"]])
+    print_lines([f"{output} written"])

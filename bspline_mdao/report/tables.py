@@ -1,0 +1,173 @@
+"""Tables of the page: what is in their cells, ready to be printed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cells.first_cells import FirstCells
+from ..cells.report import QualityReport
+from ..model.fitted_model import FittedModel
+from ..om.drivers.case_history import CaseHistory
+from .cells import WorstCell
+from .contents import Shape
+
+__all__ = ["Table", "fit_table", "height_table", "history_table", "quality_table", "variable_table", "worst_table"]
+
+MOST_ROWS = 200
+"""Rows of a table; of more the first ones are shown, and it says how many there are."""
+
+AT_LIMIT = 1e-6
+"""Distance from a limit, by the distance of the limits, within which a variable is at it."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with headings.
+
+    Parameters
+    ----------
+    caption : str
+        What it is about.
+    columns : sequence of str
+        Headings.
+    rows : sequence of sequence of str
+        Cells; the first of each row names it.
+    note : str
+        A line below.
+    """
+
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Write a number, or a dash where there is none."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g}"
+
+
+def quality_table(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> Table:
+    """Extremes of the cells."""
+    rows = [
+        ("smallest Q", [number(r.q_min) for r in reports]),
+        ("mean Q", [number(r.q_mean) for r in reports]),
+        ("smallest corner triple product", [number(r.min_corner) for r in reports]),
+        ("smallest corner Jacobian", [number(r.min_jacobian) for r in reports]),
+        ("smallest volume (m³)", [number(r.min_volume) for r in reports]),
+        ("inverted cells", [f"{r.n_inverted:,} of {r.n_cells:,}" for r in reports]),
+    ]
+    note = (
+        "Q is the orthogonality of Eq. (9), 1 where all edges are at right angles; "
+        "a cell is inverted where a corner is folded or flat."
+    )
+    return Table("Quality of the cells", ("measure", *(s.label for s in shapes)), [(n, *v) for n, v in rows], note)
+
+
+def worst_table(shape: Shape, cells: Sequence[WorstCell]) -> Table:
+    """The worst cells, and where they are."""
+    rows = [
+        (c.block, f"{c.i}, {c.j}, {c.k}", number(c.q, 3), number(c.corner, 3), ", ".join(number(x, 4) for x in c.place))
+        for c in cells
+    ]
+    columns = ("block", "cell i, j, k", "Q", "corner", "place x, y, z (m)")
+    return Table(
+        f"Worst cells: {shape.label.lower()}",
+        columns,
+        rows,
+        "Inverted cells first, then the smallest Q; numbers are from 1.",
+    )
+
+
+def height_table(shapes: Sequence[Shape], cells: FirstCells) -> Table:
+    """Heights of the first cells at every wall."""
+    rows = []
+    for shape in shapes:
+        heights = cells.heights(shape.nodes)
+        for patch, ids in cells.by_patch():
+            own, ratios = heights[ids], heights[ids] / cells.baseline[ids]
+            values = number(own.min()), number(float(np.median(own))), number(own.max())
+            label = (cells.patches[patch], *([shape.label] if len(shapes) > 1 else []))
+            rows.append((*label, f"{ids.size:,}", *values, f"{ratios.min():.3f} to {ratios.max():.3f}"))
+    shape_column = ["grid"] if len(shapes) > 1 else []
+    columns = ("wall", *shape_column, "nodes", "lowest (m)", "median (m)", "highest (m)", "by the model's grid")
+    return Table("Heights of the first cells at walls", columns, rows)
+
+
+def history_table(history: CaseHistory) -> Table:
+    """Objective and constraints at the first, the best and the last evaluation, beside their limits."""
+    rows = []
+    for quantity in (*history.of_kind("objective"), *history.of_kind("constraint")):
+        for k in range(min(quantity.values.shape[1], MOST_ROWS)):
+            name = quantity.name + (f"[{k}]" if quantity.values.shape[1] > 1 else "")
+            values = [number(quantity.values[n, k], 6) for n in (0, history.best, -1)]
+            limits = [number(side[k]) for side in (quantity.lower, quantity.upper, quantity.equals)]
+            rows.append((name, quantity.kind, *values, *limits, quantity.units or "–"))
+    columns = (
+        "name",
+        "kind",
+        "first",
+        f"best (evaluation {history.best})",
+        "last",
+        "lower",
+        "upper",
+        "demanded",
+        "units",
+    )
+    return Table("Objective and constraints", columns, rows[:MOST_ROWS], _cut(len(rows)))
+
+
+def variable_table(history: CaseHistory) -> Table:
+    """Design variables with their bounds."""
+    rows = []
+    for quantity in history.of_kind("variable"):
+        for k in range(quantity.values.shape[1]):
+            name = quantity.name + (f"[{k}]" if quantity.values.shape[1] > 1 else "")
+            first, best = quantity.values[0, k], quantity.values[history.best, k]
+            lower, upper = quantity.lower[k], quantity.upper[k]
+            rows.append(
+                (
+                    name,
+                    number(lower),
+                    number(first),
+                    number(best),
+                    number(upper),
+                    _bound(best, lower, upper),
+                    quantity.units or "–",
+                )
+            )
+    columns = ("variable", "lower", "first", "best", "upper", "at a bound", "units")
+    return Table("Design variables", columns, rows[:MOST_ROWS], _cut(len(rows)))
+
+
+def fit_table(model: FittedModel) -> Table:
+    """How good the fit is."""
+    report, worst = model.report, model.report.worst
+    place = f"node ({worst.i}, {worst.j}, {worst.k}) of block {worst.block}"
+    rows = [
+        ("blocks", f"{len(model.topology.shapes):,}"),
+        ("nodes", f"{model.n_nodes:,}"),
+        ("control points", f"{model.mesh.n_control_points:,}"),
+        ("RMS distance of nodes from the splines (m)", number(report.rms)),
+        ("the same by the mean cell edge", number(report.relative_rms)),
+        ("largest distance (m)", f"{number(worst.error)}, at {place}"),
+        ("invalid control elements", f"{report.n_invalid:,}"),
+        ("residual carried", "yes: the grid that was read comes back" if model.residual is not None else "no"),
+        ("patches", ", ".join(f"{p.name} ({p.kind})" for p in model.header.patches) or "none declared"),
+    ]
+    return Table("The fitted model", ("what", "value"), rows)
+
+
+def _bound(value: float, lower: float, upper: float) -> str:
+    """Which bound a value is at."""
+    near = AT_LIMIT * (upper - lower if np.isfinite(upper - lower) else max(1.0, abs(value)))
+    return "lower" if value <= lower + near else "upper" if value >= upper - near else "no"
+
+
+def _cut(n_rows: int) -> str:
+    return f"The first {MOST_ROWS} of {n_rows:,} are shown." if n_rows > MOST_ROWS else ""
