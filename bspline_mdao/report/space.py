@@ -110,13 +110,12 @@ def camera(axes: Axes, points: np.ndarray, has_symmetry: bool) -> dict[str, Any]
     """Place from which points (n, 3) on walls are seen: from upstream, above, and the side of the tip."""
     eye, up = np.zeros(3), np.zeros(3)
     middle = 0.5 * (points[:, axes.span].min() + points[:, axes.span].max())
-    eye[axes.downstream], eye[axes.up] = -0.8, 0.75
-    eye[axes.span] = 0.8 if middle >= 0.0 or not has_symmetry else -0.8
+    eye[axes.downstream], eye[axes.up] = -1.0, 0.85
+    eye[axes.span] = 1.0 if middle >= 0.0 or not has_symmetry else -1.0
     up[axes.up] = 1.0
     return {
         "eye": dict(zip("xyz", eye.tolist())),
         "up": dict(zip("xyz", up.tolist())),
-        "projection": {"type": "orthographic"},
     }
 
 
@@ -164,7 +163,8 @@ def _mesh(points: np.ndarray, walls: DrawnWalls, light: np.ndarray, meta: dict) 
 
 def _painted(name: str, values: np.ndarray, limits: tuple[float, float]) -> dict[str, Any]:
     """Keywords that colour the walls by values at their nodes."""
-    bar = {"title": {"text": name, "side": "right"}, "thickness": 12, "len": 0.7, "x": 1.0, "xanchor": "right"}
+    title = {"text": name, "side": "top"}
+    bar = {"title": title, "orientation": "h", "thickness": 10, "len": 0.8, "y": 0.01, "yanchor": "bottom"}
     return {
         "intensity": values.astype(np.float32),
         "cmin": limits[0],
