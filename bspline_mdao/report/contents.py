@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,10 +12,13 @@ from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID
 from ..om.drivers.case_history import CaseHistory
 
-__all__ = ["RECORD", "Axes", "Contents", "Shape", "axes_of", "shapes_of"]
+__all__ = ["INCLUDES", "RECORD", "Axes", "Contents", "Shape", "axes_of", "shapes_of"]
+
+INCLUDES = "*control_points", "*Cp"
+"""Outputs that a report shows shapes and pressures of."""
 
 RECORD = 'problem.driver.recording_options["includes"] = ["*control_points", "*Cp"]'
-"""What makes a driver record all that a report shows of shapes and pressures."""
+"""What makes a driver record them."""
 
 PRESSURES = "Cp"
 """Ending of the names of pressure coefficients."""
@@ -92,6 +95,10 @@ class Contents:
     history: CaseHistory | None = None
     missing: tuple[str, ...] = ()
     diagram: str | None = None
+
+    def without(self, *texts: str) -> Contents:
+        """The same, and what cannot be shown besides."""
+        return replace(self, missing=(*self.missing, *texts))
 
 
 def shapes_of(

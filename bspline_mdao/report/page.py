@@ -31,6 +31,9 @@ from .walls import DrawnWalls, boundary_faces, wall_quads
 
 __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
 
+NO_MODEL = "The grid is not shown: each process has a part of it alone."
+"""What is missing where a problem has shares of a model."""
+
 MOST_TRIANGLES = 40_000
 """Triangles of the walls that are drawn of each shape: as many as a phone turns smoothly."""
 
@@ -132,7 +135,7 @@ def _contents(source, model, title: str | None) -> Contents:
             "The case file does not hold the grid: give the model that was optimised, --model MODEL.h5 or "
             "write_report(..., model=...), to see it with its quality."
         )
-        return replace(contents, missing=(text, *missing))
+        return contents.without(text)
     return with_model(contents, model if isinstance(model, FittedModel) else FittedModel.load(model))
 
 
@@ -143,9 +146,9 @@ def of_model(model: FittedModel, title: str | None) -> Contents:
 
 def with_model(contents: Contents, model: FittedModel) -> Contents:
     """Add the shapes of a model to what is reported."""
-    quads = wall_quads(model, model.regenerate().to_vector().reshape(-1, 3))
+    quads = wall_quads(model.topology, model.regenerate().to_vector().reshape(-1, 3))
     shapes, missing = shapes_of(model, contents.history, 0 if quads is None else len(quads))
-    return replace(contents, model=model, shapes=shapes, missing=(*contents.missing, *missing))
+    return replace(contents.without(*missing), model=model, shapes=shapes)
 
 
 def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
@@ -210,13 +213,13 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
     quality = GridQuality.of_baseline(model.regenerate())
     reports = [report_quality(quality, shape.nodes) for shape in shapes]
     worst = [worst_cells(quality, shape.nodes) for shape in shapes]
-    walls = DrawnWalls.of(model, most_triangles)
-    corners = wall_quads(model, shapes[0].nodes) if any(shape.pressures for shape in shapes) else None
+    walls = DrawnWalls.of(model.topology, shapes[0].nodes, most_triangles)
+    corners = wall_quads(model.topology, shapes[0].nodes) if any(shape.pressures for shape in shapes) else None
     cells = quality.first_cells if len(quality.first_cells.baseline) else None
     points = shapes[0].nodes[walls.rows]
     axes = axes_of(model, points, contents.history.options if contents.history else {})
     traces, colors = space_traces(contents, model, axes, walls, corners, cells, worst)
-    has_symmetry = bool(boundary_faces(model, "symmetry"))
+    has_symmetry = bool(boundary_faces(model.topology, shapes[0].nodes, "symmetry"))
     layout = {"scene": {"camera": camera(axes, points, has_symmetry), "aspectmode": "data"}}
     layers = {trace["meta"]["layer"] for trace in traces}
     numbers = {

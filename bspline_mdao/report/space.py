@@ -188,7 +188,7 @@ def _others(
         yield _wire("control", number, _lines([shape.control_points[net] for net in nets]), CONTROL, 2.0)
         points = shape.control_points[np.unique(np.concatenate([net.ravel() for net in nets]))]
         yield _marks("control", number, points, CONTROL, 2.5)
-    planes = boundary_faces(model, "symmetry") if walls.are_walls else ()
+    planes = boundary_faces(model.topology, shape.nodes, "symmetry") if walls.are_walls else ()
     if planes:
         near = _near([shape.nodes[face] for face in every_line(planes, MOST_POINTS)], shape.nodes[walls.rows])
         yield _wire("symmetry", number, near, PLANE, 1.0)

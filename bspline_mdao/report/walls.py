@@ -11,9 +11,9 @@ import numpy as np
 from ..cells.cell_faces import CellFaces
 from ..cells.first_cells import FirstCells
 from ..errors import InputError
-from ..model.fitted_model import FittedModel
 from ..topology.boundary_surface import facing, quads_in_turn
 from ..topology.held_nodes import face_layer_rows, node_copies, source_rows
+from ..topology.topology import Topology
 
 __all__ = ["DrawnWalls", "cut", "wall_quads"]
 
@@ -40,15 +40,14 @@ class DrawnWalls:
     are_walls: bool
 
     @classmethod
-    def of(cls, model: FittedModel, most_triangles: int) -> DrawnWalls:
-        """Choose what is drawn of the walls of a model with at most about so many triangles."""
-        faces = boundary_faces(model, "wall")
+    def of(cls, topology: Topology, nodes: np.ndarray, most_triangles: int) -> DrawnWalls:
+        """Choose what is drawn of the walls of a grid, nodes (n_nodes, 3), with at most about so many triangles."""
+        faces = boundary_faces(topology, nodes, "wall")
         are_walls = bool(faces)
-        faces = faces or boundary_faces(model, None)
+        faces = faces or boundary_faces(topology, nodes, None)
         step = _step(sum(_n_triangles(face) for face in faces), most_triangles)
         every = tuple(face[np.ix_(*(_every(n, step) for n in face.shape))] for face in faces)
-        rows = np.arange(model.n_nodes)
-        return cls(faces, every, source_rows(node_copies(model.topology), rows), are_walls)
+        return cls(faces, every, source_rows(node_copies(topology), np.arange(len(nodes))), are_walls)
 
     @property
     def n_triangles(self) -> int:
@@ -91,18 +90,17 @@ class DrawnWalls:
         return np.where(counts[at] > 0, sums[at] / np.maximum(counts[at], 1), heights.min(initial=np.inf))
 
 
-def boundary_faces(model: FittedModel, kind: str | None) -> tuple[np.ndarray, ...]:
+def boundary_faces(topology: Topology, nodes: np.ndarray, kind: str | None) -> tuple[np.ndarray, ...]:
     """Rows of the nodes of the boundary faces of a kind, or of all, that have quads; i x j points into the fluid."""
-    windows = [face.window for face in model.topology.boundary if kind is None or face.kind == kind]
-    layers = [face_layer_rows(model.topology, window) for window in windows if 1 in window.shape]
-    nodes = model.regenerate().to_vector().reshape(-1, 3) if layers else None
+    windows = [face.window for face in topology.boundary if kind is None or face.kind == kind]
+    layers = [face_layer_rows(topology, window) for window in windows if 1 in window.shape]
     return tuple(facing(*layer, nodes) for layer in layers if layer[0].ndim == 2 and min(layer[0].shape) > 1)
 
 
-def wall_quads(model: FittedModel, nodes: np.ndarray) -> np.ndarray | None:
+def wall_quads(topology: Topology, nodes: np.ndarray) -> np.ndarray | None:
     """Corners of the wall faces in the order of ``Cp``, shape (n, 4); None where blocks have no cells for a flow."""
     try:
-        faces = CellFaces.of(model.topology, nodes)
+        faces = CellFaces.of(topology, nodes)
     except InputError:
         return None
     return faces.corners[faces.faces_of("wall")]
