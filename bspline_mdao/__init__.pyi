@@ -77,6 +77,7 @@ from .io.files import write_grid as write_grid
 from .io.openfoam import CaseField as CaseField
 from .io.openfoam import write_case as write_case
 from .io.openfoam import write_polymesh as write_polymesh
+from .io.tecplot import write_tecplot as write_tecplot
 from .io.vtk import write_vtk as write_vtk
 from .measures.area import ProjectedArea as ProjectedArea
 from .measures.area import SurfaceArea as SurfaceArea
@@ -115,6 +116,7 @@ from .om.drivers.combinations import even_combinations as even_combinations
 from .om.drivers.combinations import even_pressures as even_pressures
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
+from .om.drivers.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.fit import Fit as Fit
 from .om.flow.error_estimate import error_estimate as error_estimate
 from .om.flow.euler_flow import EulerFlow as EulerFlow
@@ -133,6 +135,7 @@ from .om.mphys.rigid_links import RigidLinkBuilder as RigidLinkBuilder
 from .om.mphys.warper import VolumeWarper as VolumeWarper
 from .om.point_set import PointSet as PointSet
 from .om.quality import Quality as Quality
+from .om.snapshots import Snapshot as Snapshot
 from .om.surface_control import SurfaceControl as SurfaceControl
 from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit
 from .om.surface_evaluate import SurfaceEvaluate as SurfaceEvaluate

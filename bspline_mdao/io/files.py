@@ -112,7 +112,8 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
 def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = None) -> None:
     """Write a grid, whole or not at all.
 
-    The name chooses the format out of `bspline_mdao.io.formats.FORMATS`: ``.cgns``, ``.vtm`` (ParaView), a folder
+    The name chooses the format out of `bspline_mdao.io.formats.FORMATS`: ``.cgns``, ``.vtm`` (ParaView), ``.dat``
+    (Tecplot), both with the quality and the place of every cell, a folder
     ``polyMesh`` (OpenFOAM), or a suffix of PLOT3D. Under one of these, under none, or under that which it was read
     from, a grid read from PLOT3D is written in the dialect that it was read in; other grids become PLOT3D with 8-byte
     reals and a block count: ASCII for ``.fmt``, ``.p3dfmt`` and ``.txt``, else raw little-endian binary, either

@@ -99,7 +99,8 @@ FORMATS = (
         signatures=((0, HDF5), (512, HDF5), (1024, HDF5), (2048, HDF5), (0, ADF), (4, ADF)),
         takes_topology=True,
     ),
-    GridFormat("ParaView", "vtk", "write_vtk", suffixes=(".vtm",)),
+    GridFormat("ParaView", "fields", "write_with_quality", suffixes=(".vtm",)),
+    GridFormat("Tecplot", "fields", "write_with_quality", suffixes=(".dat", ".tec"), shown=(".dat",)),
     GridFormat("OpenFOAM", "openfoam", "write_polymesh", folder=POLYMESH, takes_topology=True),
 )
 """All formats, in the order in which help names them."""

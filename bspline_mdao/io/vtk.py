@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..topology.grid import Block, Grid, require_grid
 from .disk import replaced_file, replaced_folder
 
-__all__ = ["write_vtk"]
+__all__ = ["Fields", "check_fields", "write_vtk"]
 
 _TYPE_NAMES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 
@@ -31,7 +31,8 @@ def write_vtk(
     """Write a grid for ParaView.
 
     ``path`` becomes the index; the blocks go to files in a folder of the same name without ``.vtm``. IBLANK is written
-    as a node field. All files are complete before the first takes its place, and that of the index is the last.
+    as a node field, and the names of the patches, in their order, as the field data ``patches``. All files are complete
+    before the first takes its place, and that of the index is the last.
 
     Parameters
     ----------
@@ -58,8 +59,8 @@ def write_vtk(
     node_shapes = [block.shape for block in grid.blocks]
     cell_shapes = [tuple(max(n - 1, 1) for n in shape) for shape in node_shapes]
     node_fields, cell_fields = dict(node_fields or {}), dict(cell_fields or {})
-    _check_fields(node_fields, node_shapes, "node")
-    _check_fields(cell_fields, cell_shapes, "cell")
+    check_fields(node_fields, node_shapes, "node")
+    check_fields(cell_fields, cell_shapes, "cell")
     folder = path.with_suffix("")
     if folder == path:
         raise InputError(
@@ -72,11 +73,11 @@ def write_vtk(
             if block.iblank is not None:
                 on_nodes.setdefault("iblank", block.iblank)
             on_cells = {field: np.asarray(values[index]) for field, values in cell_fields.items()}
-            _write_block(new_folder / name, block, on_nodes, on_cells)
+            _write_block(new_folder / name, block, on_nodes, on_cells, [patch.name for patch in grid.patches])
         _write_index(new_index, grid, folder.name, names)
 
 
-def _check_fields(fields: Fields, shapes: Sequence[tuple[int, ...]], kind: str) -> None:
+def check_fields(fields: Fields, shapes: Sequence[tuple[int, ...]], kind: str) -> None:
     """Refuse fields that do not fit the blocks, or whose type VTK does not have."""
     for name, values in fields.items():
         if len(values) != len(shapes):
@@ -91,7 +92,7 @@ def _check_fields(fields: Fields, shapes: Sequence[tuple[int, ...]], kind: str) 
                 )
 
 
-def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Mapping) -> None:
+def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Mapping, patches: Sequence[str]) -> None:
     """Write one block: an XML head, then every array as its length in bytes and its bytes."""
     extent = " ".join(f"0 {n - 1}" for n in block.shape)
     appended = _Appended()
@@ -99,6 +100,7 @@ def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Ma
         '<?xml version="1.0"?>',
         f'<VTKFile type="StructuredGrid" version="1.0" byte_order="{_BYTE_ORDER}" header_type="UInt64">',
         f'<StructuredGrid WholeExtent="{extent}">',
+        *_names_element("patches", patches),
         f'<Piece Extent="{extent}">',
         "<PointData>",
         *(appended.declare(name, values) for name, values in node_fields.items()),
@@ -119,6 +121,15 @@ def _write_block(path: Path, block: Block, node_fields: Mapping, cell_fields: Ma
             file.write(np.uint64(array.nbytes).tobytes())
             file.write(array.tobytes())
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def _names_element(name: str, names: Sequence[str]) -> list[str]:
+    """Field data of names: the numbers of their characters, each name ended by 0."""
+    if not names:
+        return []
+    codes = " ".join(str(code) for text in names for code in (*text.encode(), 0))
+    head = f'<Array type="String" Name={quoteattr(name)} NumberOfTuples="{len(names)}" format="ascii">'
+    return ["<FieldData>", head, codes, "</Array>", "</FieldData>"]
 
 
 _BYTE_ORDER = "LittleEndian" if sys.byteorder == "little" else "BigEndian"

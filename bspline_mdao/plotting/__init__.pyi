@@ -19,6 +19,7 @@ from .looks import FIELD_LOOKS as FIELD_LOOKS
 from .looks import SURFACES as SURFACES
 from .looks import FieldLook as FieldLook
 from .looks import Panel as Panel
+from .looks import Snapshot as Snapshot
 from .looks import add_sheets as add_sheets
 from .looks import as_polydata as as_polydata
 from .looks import camera_of as camera_of
@@ -39,7 +40,6 @@ from .sheets import control_sheets as control_sheets
 from .sheets import flow_sheets as flow_sheets
 from .sheets import grid_sheets as grid_sheets
 from .sheets import worst_cells as worst_cells
-from .snapshots import Snapshot as Snapshot
 from .wings import draw_designs as draw_designs
 from .wings import draw_ellipse as draw_ellipse
 from .wings import draw_planform as draw_planform

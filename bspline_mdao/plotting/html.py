@@ -13,11 +13,11 @@ import numpy as np
 
 from ..cells.report import QualityReport
 from ..model.fitted_model import FittedModel
+from ..om.snapshots import Snapshot
 from ..topology.grid import Grid
 from .figures import BLUE, STYLE, require
 from .looks import Panel, camera_of, draw_panel
 from .sheets import Sheet, grid_sheets
-from .snapshots import Snapshot
 
 __all__ = ["html_of"]
 

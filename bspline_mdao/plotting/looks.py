@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..om.snapshots import Snapshot
 from .figures import RED, figure, require
 from .scenes import Camera, Paint, Scene, draw_scene, has_renderer
 from .sheets import Sheet, control_sheets, flow_sheets, grid_sheets, worst_cells
-from .snapshots import Snapshot
 
 __all__ = [
     "FIELD_LOOKS",

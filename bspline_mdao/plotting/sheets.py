@@ -14,6 +14,7 @@ from ..cells.cell_fields import cell_fields, face_layer
 from ..flow.euler.fields import field_values
 from ..flow.euler.gas import N_STATES
 from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
 from ..topology.grid import Grid
 from ..topology.index_space import Window
 from ..topology.topology import Topology
@@ -107,7 +108,7 @@ def values_behind(fields: Mapping[str, Sequence[np.ndarray]], grid: Grid, window
 
 
 def control_sheets(
-    model: FittedModel, control_points: np.ndarray | None = None, kinds: Sequence[str] = ("wall",)
+    model: FittedModel | ModelShare, control_points: np.ndarray | None = None, kinds: Sequence[str] = ("wall",)
 ) -> list[Sheet]:
     """Cut the faces of the control mesh on patches into sheets.
 
@@ -148,7 +149,11 @@ def _on_face(ids: np.ndarray, segment: Window, face: Window) -> np.ndarray | Non
 
 
 def flow_sheets(
-    model: FittedModel, grid: Grid, pressures: np.ndarray, states: np.ndarray | None = None, mach: float | None = None
+    model: FittedModel | ModelShare,
+    grid: Grid,
+    pressures: np.ndarray,
+    states: np.ndarray | None = None,
+    mach: float | None = None,
 ) -> list[Sheet]:
     """Give the sheets of a grid the fields of a flow.
 

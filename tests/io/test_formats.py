@@ -24,7 +24,10 @@ def test_functions_of_a_format_are_there_and_its_names_are_its_own(form):
 
 def test_names_in_help_are_those_of_the_table():
     assert read_names() == "PLOT3D or CGNS"
-    assert written_names() == ".xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), or a folder polyMesh (OpenFOAM)"
+    assert (
+        written_names()
+        == ".xyz, .fmt (PLOT3D), .cgns, .vtm (ParaView), .dat (Tecplot), or a folder polyMesh (OpenFOAM)"
+    )
 
 
 def test_a_suffix_before_that_of_compression_counts_where_a_format_may_be_compressed():
@@ -63,5 +66,5 @@ def test_a_format_is_a_module_and_a_line(tmp_path, simple_format):
     assert format_of_content(b"simple...") is simple_format
     assert read_names() == "PLOT3D, CGNS or Simple"
     assert written_names().endswith("a folder polyMesh (OpenFOAM), or .simple")
-    with pytest.raises(InputError, match=r"name it \.vtm \(ParaView\), \.cgns, \.simple, polyMesh"):
+    with pytest.raises(InputError, match=r"name it \.vtm \(ParaView\), \.dat \(Tecplot\), \.cgns, \.simple, polyMesh"):
         write_grid(tmp_path / "a.other", grid)

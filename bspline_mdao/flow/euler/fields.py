@@ -1,6 +1,6 @@
 """Fields of a flow for pictures: pressures, Mach number, velocity, entropy and loss of total pressure.
 
-On nodes and cells of all blocks and on the walls, in the form that ParaView reads.
+On nodes and cells of all blocks and on the walls, in the forms that ParaView and Tecplot read.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ...io.vtk import write_vtk
+from ...cells.cell_fields import face_layer
+from ...io.fields import quality_fields, writer_of
 from ...topology.grid import Block, Grid
 from ...topology.held_nodes import face_rows, node_copies, source_rows
 from ...topology.holders import cell_shapes
@@ -91,26 +91,25 @@ def node_means(topology: Topology, values: np.ndarray) -> np.ndarray:
 def write_flow(
     path: str | os.PathLike,
     topology: Topology,
-    names: Sequence[str],
-    nodes: np.ndarray,
+    grid: Grid,
     states: np.ndarray,
     wall_pressures: np.ndarray,
     mach: float,
 ) -> None:
-    """Write the fields of a flow for ParaView, on nodes and cells, and the pressures on the walls beside them.
+    """Write the fields of a flow, on nodes and cells, and those on the walls beside them, for ParaView or Tecplot.
 
-    ``path`` is the index of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`.
+    ``path`` is the file of the blocks; that of the walls has ``_walls`` after its name, see `wall_path`. Cells have
+    those of `bspline_mdao.cells.cell_fields` as well. Faces of walls have the fields of the cells behind them, but
+    their own pressures.
 
     Parameters
     ----------
     path : path-like
-        ``something.vtm``.
+        ``something.vtm`` for ParaView, ``something.dat`` for Tecplot.
     topology : Topology
         How the blocks are joined.
-    names : sequence of str
-        Names of the blocks.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of the grid (m).
+    grid : Grid
+        The grid, with its patches.
     states : ndarray, shape (n_cells, 5)
         States of all cells.
     wall_pressures : ndarray, shape (n_wall,)
@@ -123,21 +122,17 @@ def write_flow(
     InputError
         If a file cannot be written.
     """
+    write = writer_of(path)
     on_cells, on_nodes = field_values(states, mach), field_values(node_means(topology, states), mach)
     rows, shapes = block_rows(topology.shapes), cell_shapes(topology.shapes)
-    grid = Grid(tuple(Block(nodes[part], name) for part, name in zip(rows, names)), source=str(path))
     starts = np.cumsum([0, *map(math.prod, shapes)])
     cells = [slice(*ends) for ends in zip(starts[:-1], starts[1:])]
-    write_vtk(
-        path,
-        grid,
-        {name: [values[part] for part in rows] for name, values in on_nodes.items()},
-        {
-            name: [values[part].reshape(*shape, *values.shape[1:]) for part, shape in zip(cells, shapes)]
-            for name, values in on_cells.items()
-        },
-    )
-    _write_walls(wall_path(path), topology, nodes, on_nodes, wall_pressures)
+    fields = {
+        name: [values[part].reshape(*shape, *values.shape[1:]) for part, shape in zip(cells, shapes)]
+        for name, values in on_cells.items()
+    } | quality_fields(grid)
+    write(path, grid, {name: [values[part] for part in rows] for name, values in on_nodes.items()}, fields)
+    _write_walls(wall_path(path), topology, grid, on_nodes, fields, wall_pressures)
 
 
 def wall_path(path: str | os.PathLike) -> Path:
@@ -152,7 +147,7 @@ def wall_path(path: str | os.PathLike) -> Path:
     return path.with_name(f"{path.stem}_walls{path.suffix}")
 
 
-def _write_walls(path, topology: Topology, nodes, on_nodes, pressures) -> None:
+def _write_walls(path, topology: Topology, grid: Grid, on_nodes, fields, pressures) -> None:
     """Write the faces of the walls, with the pressures that act on them, in the order of these: patch after patch."""
     walls = [face for face in topology.boundary if face.kind == "wall"]
     walls = [face for name in dict.fromkeys(face.patch for face in walls) for face in walls if face.patch == name]
@@ -161,10 +156,15 @@ def _write_walls(path, topology: Topology, nodes, on_nodes, pressures) -> None:
     starts = np.cumsum([0, *map(math.prod, shapes)])
     names = [f"{face.patch}, block {face.window.block + 1}" for face in walls]
     at_nodes = {name: [values[part] for part in rows] for name, values in on_nodes.items() if name != "Cp"}
-    on_faces = [pressures[a:b].reshape(shape) for a, b, shape in zip(starts[:-1], starts[1:], shapes)]
-    at_nodes["Cp"] = _at_corners(topology, rows, on_faces)
-    grid = Grid(tuple(Block(nodes[part], name) for part, name in zip(rows, names)), source=str(path))
-    write_vtk(path, grid, at_nodes, {"Cp": on_faces})
+    on_faces = {
+        name: [face_layer(arrays[face.window.block], face.window, topology.shapes[face.window.block]) for face in walls]
+        for name, arrays in fields.items()
+    }
+    on_faces["Cp"] = [pressures[a:b].reshape(shape) for a, b, shape in zip(starts[:-1], starts[1:], shapes)]
+    at_nodes["Cp"] = _at_corners(topology, rows, on_faces["Cp"])
+    nodes = grid.to_vector().reshape(-1, 3)
+    surface = Grid(tuple(Block(nodes[part], name) for part, name in zip(rows, names)), source=str(path))
+    writer_of(path)(path, surface, at_nodes, on_faces)
 
 
 def _at_corners(topology: Topology, rows: list[np.ndarray], on_faces: list[np.ndarray]) -> list[np.ndarray]:

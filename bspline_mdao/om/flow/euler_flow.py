@@ -167,25 +167,26 @@ class EulerFlow(om.Group):
         self.set_input_defaults("Mach_number", val=0.3)
 
     def write_fields(self, path) -> None:
-        """Write the fields of the flow for ParaView: on all blocks, and pressures on the walls beside them.
+        """Write the fields of the flow for ParaView or Tecplot: on all blocks, and those on the walls beside them.
 
         ``Cp``, ``Mach``, ``velocity`` relative to the speed of the stream, ``density`` relative to that of the stream,
         ``entropy`` above that of the stream by the specific heat at constant volume, and ``total_pressure_loss``
-        relative to that of the stream, on nodes and cells. Of several processes, all come here, and the first writes.
+        relative to that of the stream, on nodes and cells, and on cells also those of `bspline_mdao.cells.cell_fields`:
+        quality, height at walls, block and patch. Walls have the fields of the cells behind them, but their own ``Cp``.
+        Of several processes, all come here, and the first writes.
 
         Parameters
         ----------
         path : path-like
-            ``something.vtm``; the walls go to ``something_walls.vtm``.
+            ``something.vtm`` (ParaView) or ``something.dat`` (Tecplot); the walls go to ``something_walls.vtm``.
 
         Raises
         ------
         InputError
             If the model has not run, or a file cannot be written.
         """
-        topology = self.options["model"].topology
-        names = [f"block {n}" for n in range(1, len(topology.shapes) + 1)]
-        write_fields(path, self.state, self.forces, topology, names, self._partition)
+        model = self.options["model"]
+        write_fields(path, self.state, self.forces, model.topology, model.header, self._partition)
 
     def save_states(self, path) -> None:
         """Save the states, for the option ``restart`` or `load_states`.

@@ -1,4 +1,4 @@
-"""Files of a flow: fields for ParaView, and states to start from again.
+"""Files of a flow: fields for ParaView or Tecplot, and states to start from again.
 
 Of several processes the first one reads and writes what all of them have.
 
@@ -8,7 +8,6 @@ Theory: ``docs/flow.rst``.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from ...flow.euler.fields import write_flow
 from ...flow.euler.gas import N_STATES
 from ...flow.euler.newton import FlowSolution
 from ...flow.euler.states_file import StatesFile, read_states
+from ...model.records import GridHeader
 from ...names import GRID
 from ...numerics.processes import from_all, on_first
 from ...topology.partition import Partition
@@ -33,7 +33,7 @@ def write_fields(
     state: EulerState,
     forces: om.ExplicitComponent,
     topology: Topology,
-    names: Sequence[str],
+    header: GridHeader,
     partition: Partition,
 ) -> None:
     """Write the fields of a flow that has run, see `write_flow`.
@@ -41,15 +41,15 @@ def write_fields(
     Parameters
     ----------
     path : path-like
-        ``something.vtm``.
+        ``something.vtm`` or ``something.dat``.
     state : EulerState
         The solved states.
     forces : EulerForces
         Gives the pressure coefficients on the walls.
     topology : Topology
         Of the grid.
-    names : sequence of str
-        Names of its blocks.
+    header : GridHeader
+        Names and patches of the grid.
     partition : Partition
         Who has which pieces.
 
@@ -62,7 +62,9 @@ def write_fields(
     nodes = _whole(state.comm, state.get_val(GRID, from_src=False).reshape(-1, 3), partition, "rows")
     states = _whole(state.comm, state.get_val("states").reshape(-1, N_STATES), partition, "cells")
     pressures, mach = forces.get_val("Cp"), state.get_val("Mach_number", from_src=False).item()
-    on_first(state.comm, lambda: write_flow(path, topology, names, nodes, states, pressures, mach))
+    on_first(
+        state.comm, lambda: write_flow(path, topology, header.grid(topology.shapes, nodes), states, pressures, mach)
+    )
 
 
 def save_states(path: str | os.PathLike, state: EulerState, topology: Topology, partition: Partition) -> None:

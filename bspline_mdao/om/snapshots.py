@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..model.fitted_model import FittedModel
+from ..flow.euler.fields import wall_path, write_flow
+from ..flow.euler.gas import N_STATES
+from ..io.fields import write_with_quality, writer_of
+from ..model.fitted_model import MODELS, FittedModel
+from ..model.model_share import ModelShare
 from ..names import CONTROL_POINTS, GRID
-from ..topology.grid import Grid
+from ..numerics.processes import from_all
+from ..topology.grid import Block, Grid
+from ..topology.partition import Partition, Share
 
 __all__ = ["Snapshot"]
 
@@ -25,7 +32,7 @@ class Snapshot:
         The grid.
     title : str
         What pictures call it.
-    model : FittedModel or None
+    model : FittedModel, ModelShare or None
         The fitted grid that it comes from.
     control_points : ndarray or None
         Its control points (m), shape (n_control_points, 3).
@@ -39,7 +46,7 @@ class Snapshot:
 
     grid: Grid
     title: str
-    model: FittedModel | None = None
+    model: FittedModel | ModelShare | None = None
     control_points: np.ndarray | None = None
     pressures: np.ndarray | None = None
     states: np.ndarray | None = None
@@ -85,9 +92,43 @@ class Snapshot:
             f"nothing to look at in a {type(what).__name__}; give a Grid, a FittedModel, or a problem that has run"
         )
 
+    def write(self, path) -> dict[str, Path]:
+        """Write what there is, for ParaView or Tecplot.
+
+        Parameters
+        ----------
+        path : path-like
+            ``something.vtm`` or ``something.dat``: the grid, with the quality and the place of its cells, and the flow,
+            see `EulerFlow.write_fields`. Walls go to ``something_walls``, the control mesh to ``something_control``.
+
+        Returns
+        -------
+        dict of str to Path
+            ``grid``, and where there are such ``walls`` and ``control mesh``: the files.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one, or a file cannot be written.
+        """
+        path = Path(path)
+        written, write = {"grid": path}, writer_of(path)
+        if self.model is not None and self.states is not None and self.pressures is not None and self.mach is not None:
+            states = self.states.reshape(-1, N_STATES)
+            write_flow(path, self.model.topology, self.grid, states, self.pressures, self.mach)
+            written["walls"] = wall_path(path)
+        else:
+            write_with_quality(path, self.grid)
+        if self.model is not None and self.control_points is not None:
+            nets = self.model.mesh.nets(self.control_points)
+            blocks = tuple(Block(net, name) for net, name in zip(nets, self.model.topology.segment_names))
+            written["control mesh"] = path.with_name(f"{path.stem}_control{path.suffix}")
+            write(written["control mesh"], Grid(blocks, source="control mesh"))
+        return written
+
 
 def _of_group(group, title: str) -> Snapshot:
-    """What a group of a problem holds now."""
+    """What a group of a problem holds now; several processes gather what each of them has."""
     systems = list(group.system_iter(include_self=True, recurse=True))
     model = next((found for system in systems if (found := _model_of(system)) is not None), None)
     if model is None:
@@ -96,8 +137,7 @@ def _of_group(group, title: str) -> Snapshot:
     if GRID not in values:
         raise InputError("the problem has no grid yet; run it first: problem.run_model()")
     grid = model.header.grid(model.topology.shapes, values[GRID].reshape(-1, 3))
-    points = values.get(CONTROL_POINTS)
-    mach = values.get("Mach_number")
+    points, mach = values.get(CONTROL_POINTS), values.get("Mach_number")
     return Snapshot(
         grid,
         title,
@@ -109,11 +149,10 @@ def _of_group(group, title: str) -> Snapshot:
     )
 
 
-def _model_of(system) -> FittedModel | None:
+def _model_of(system) -> FittedModel | ModelShare | None:
     """The fitted grid that a system was made with."""
-    if "model" in system.options and isinstance(system.options["model"], FittedModel):
-        return system.options["model"]
-    return None
+    found = system.options["model"] if "model" in system.options else None  # noqa: SIM401 (no mapping: it has no get)
+    return found if isinstance(found, MODELS) else None
 
 
 def _values(systems) -> dict[str, np.ndarray]:
@@ -123,5 +162,33 @@ def _values(systems) -> dict[str, np.ndarray]:
         own = system.get_io_metadata(metadata_keys=())
         for name in (GRID, CONTROL_POINTS, "Cp", "states", "Mach_number"):
             if name not in found and name in own:
-                found[name] = np.array(system.get_val(name, from_src=False))
+                value = np.array(system.get_val(name, from_src=False))
+                found[name] = value if system.comm.size == 1 else _gathered(systems, system, name, value)
     return found
+
+
+def _gathered(systems, system, name: str, value: np.ndarray) -> np.ndarray:
+    """All of a variable of which each process has a part: nodes by their rows, states by their cells."""
+    if name not in (GRID, "states"):
+        return value
+    share = _share(systems, system.comm)
+    numbers = share.rows if name == GRID else share.cells
+    every = from_all(system.comm, (numbers, value.reshape(len(numbers), -1)))
+    whole = np.empty((1 + max(int(own.max(initial=-1)) for own, _ in every), every[0][1].shape[1]))
+    for own, part in every:
+        whole[own] = part
+    return whole.ravel()
+
+
+def _share(systems, comm) -> Share:
+    """Nodes and cells of this process, as the components say that have parts of the grid."""
+    for system in systems:
+        given = "partition" in system.options and system.options["partition"]
+        if isinstance(given, Share):
+            return given
+        if isinstance(given, Partition):
+            return given.share(comm.rank)
+        if isinstance(model := _model_of(system), ModelShare):
+            return model.share
+    topology = next(model.topology for system in systems if (model := _model_of(system)) is not None)
+    return Partition.of(topology, comm.size).share(comm.rank)
