@@ -110,6 +110,8 @@ from .movement.young_modulus import OrthogonalityLaw as OrthogonalityLaw
 from .movement.young_modulus import StiffnessLaw as StiffnessLaw
 from .movement.young_modulus import WallDistanceLaw as WallDistanceLaw
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
+from .om.design_summary import DesignSummary as DesignSummary
+from .om.design_summary import design_summary as design_summary
 from .om.design_surface import DesignSurface as DesignSurface
 from .om.drivers.combinations import combine as combine
 from .om.drivers.combinations import even_combinations as even_combinations

@@ -252,6 +252,49 @@ def move(model: Path, output: Path, json: Path | None, **options) -> None:
     move_model(model, output, json, MoveOptions(mover=mover, **options))
 
 
+@command("init wing.xyz --patches wing.toml -o study.toml", "optimize study.toml -o out")
+@grid_argument
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="STUDY.toml", required=True, help="Study to write."
+)
+@patches_option
+@click.option("--overwrite", is_flag=True, help="Replace a study that is there.")
+def init(**options) -> None:
+    """Draft a study of a grid for the command optimize, with what was guessed in comments.
+
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
+    """
+    from .init import draft_study
+
+    draft_study(**options)
+
+
+@command("optimize study.toml -o out", "optimize study.toml -o out --overwrite --max-iterations 5")
+@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    required=True,
+    help="Folder for the results, which is made.",
+)
+@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty; results of another run are replaced.")
+@click.option(
+    "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
+)
+@json_option
+def optimize(**options) -> None:
+    """Optimize a shape as a study says, which names grid, variables, flow, objective, constraints and driver.
+
+    FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
+    and the Python script optimize.py that is run: it gives the same optimum without this command.
+    """
+    from .optimize import optimize_study
+
+    optimize_study(**options)
+
+
 @command("quality wing_moved.xyz --baseline wing.h5")
 @grid_argument
 @click.option(

@@ -74,8 +74,8 @@ def _run(arguments: Sequence[str], processes) -> int:
     try:
         bspline_mdao.main(args=list(arguments), prog_name=PROGRAM, standalone_mode=False)
         sys.stdout.flush()
-    except (KeyboardInterrupt, click.Abort):
-        _say("interrupted; each output is complete or as it was before")
+    except (KeyboardInterrupt, click.Abort) as error:
+        _say(str(error.__cause__ or error) or "interrupted; each output is complete or as it was before")
         return INTERRUPTED
     except BrokenPipeError:
         _close_stdout()  # the reader of a pipe had seen enough

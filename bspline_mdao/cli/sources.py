@@ -89,8 +89,14 @@ def stored_grid(grid_name: str, patches: Path | None, comm: Any) -> StoredGrid:
         return StoredGrid.of(load_grid(grid_name, patches))
 
 
-def _generate(grid_name: str) -> Grid:
-    """Make a built-in grid."""
+def generator_of(grid_name: str) -> tuple[str, tuple[int, int, int]]:
+    """Find the generator of a built-in grid: its place, and the nodes per block.
+
+    Raises
+    ------
+    InputError
+        If there is no such grid.
+    """
     match = re.fullmatch(r"@(\w+)(?::(\d+)x(\d+)x(\d+))?", grid_name)
     if not match or match[1] not in BUILT_IN:
         names = ", ".join(f"@{name}" for name in BUILT_IN)
@@ -99,4 +105,10 @@ def _generate(grid_name: str) -> Grid:
     shape = (int(match[2]), int(match[3]), int(match[4])) if match[2] else shape
     if math.prod(shape) > MOST_NODES:
         raise InputError(f"{grid_name}: has {math.prod(shape):,} nodes per block, more than {MOST_NODES:,}; lower them")
+    return generator, shape
+
+
+def _generate(grid_name: str) -> Grid:
+    """Make a built-in grid."""
+    generator, shape = generator_of(grid_name)
     return resolve_name(generator)(shape)

@@ -73,12 +73,38 @@ class SurfaceGrid:
         """
         if not isinstance(model, ModelShare):
             require_kind(model, FittedModel, "the model of a surface", "make it with fit_grid(grid)")
-        topology = model.topology
-        wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
-        found = [face for face in topology.boundary if face.patch in wanted]
-        if not found:
-            raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
+        topology, found = model.topology, _faces_of(model.topology, patches)
         nodes = _nodes_at_faces(model, [*found, *(face for face in topology.boundary if face.kind == "symmetry")])
+        return cls._of_faces(topology, nodes, found)
+
+    @classmethod
+    def of_nodes(cls, topology: Topology, nodes: np.ndarray, patches: str | Sequence[str] | None = None) -> SurfaceGrid:
+        """Take the surface of a grid that is not fitted.
+
+        Parameters
+        ----------
+        topology : Topology
+            Topology of the grid.
+        nodes : ndarray, shape (n_nodes, 3)
+            All nodes of the grid (m), blocks in order, each in C order.
+        patches : str or sequence of str, optional
+            Patches by name or pattern (``"wing*"``); all walls by default.
+
+        Returns
+        -------
+        SurfaceGrid
+
+        Raises
+        ------
+        InputError
+            As `of`.
+        """
+        return cls._of_faces(topology, nodes, _faces_of(topology, patches))
+
+    @classmethod
+    def _of_faces(
+        cls, topology: Topology, nodes: np.ndarray | NodesByRow, found: Sequence[BoundaryFace]
+    ) -> SurfaceGrid:
         whole = BoundarySurface.of(topology, nodes, found)
         names = tuple(f"{describe(face.window)}, {face.patch}" for face in found)
         patches, planes = tuple(str(face.patch) for face in found), _symmetry_planes(topology, nodes)
@@ -123,6 +149,15 @@ class SurfaceGrid:
         return tuple(number for number, patch in enumerate(self.patches) if patch in wanted)
 
 
+def _faces_of(topology: Topology, patches: str | Sequence[str] | None) -> list[BoundaryFace]:
+    """Boundary faces of some patches, of all walls by default."""
+    wanted = wall_patches(topology) if patches is None else matching_patches(topology, patches)
+    found = [face for face in topology.boundary if face.patch in wanted]
+    if not found:
+        raise InputError(f"{topology.source}: no patch is named; give names or patterns of patches, or none at all")
+    return found
+
+
 def _nodes_at_faces(model: FittedModel | ModelShare, faces: Sequence[BoundaryFace]) -> NodesByRow:
     """Nodes on some faces on the baseline, in the layer next to them, and those that these are copies of."""
     layers = [rows.ravel() for face in faces for rows in face_layer_rows(model.topology, face.window)]
@@ -131,7 +166,7 @@ def _nodes_at_faces(model: FittedModel | ModelShare, faces: Sequence[BoundaryFac
     return NodesByRow(rows, nodes_at(model, rows))
 
 
-def _symmetry_planes(topology: Topology, nodes: NodesByRow) -> tuple[Plane, ...]:
+def _symmetry_planes(topology: Topology, nodes: np.ndarray | NodesByRow) -> tuple[Plane, ...]:
     """Planes of the symmetry patches, each once."""
     planes: dict[tuple, Plane] = {}
     for face in topology.boundary:

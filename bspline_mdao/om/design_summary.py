@@ -1,0 +1,234 @@
+"""What an optimisation is about, in numbers: objective, variables, constraints and other outputs of a problem."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import openmdao.api as om
+
+from ..errors import InputError
+
+__all__ = ["DesignSummary", "SummaryEntry", "design_summary"]
+
+_MOST_VALUES = 12
+"""Values of one entry that a table shows; of more, it shows the smallest and the largest."""
+
+_UNBOUNDED = 1e29
+"""Bounds from here on are none, by OpenMDAO's convention of 1e30."""
+
+
+@dataclass(frozen=True, eq=False)
+class SummaryEntry:
+    """Values of one variable or response.
+
+    Parameters
+    ----------
+    role : str
+        ``"objective"``, ``"variable"``, ``"constraint"`` or ``"output"``.
+    name : str
+        Its name.
+    units : str
+        Its units, empty where there are none.
+    values, lower, upper : ndarray, shape (n,)
+        Values and bounds; not a number where there is no bound.
+    places : ndarray of int, shape (n,)
+        Which values of the variable or response they are, from 1.
+    """
+
+    role: str
+    name: str
+    units: str
+    values: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    places: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class DesignSummary:
+    """Objective, design variables, constraints and other outputs of a problem as it is; made by `design_summary`.
+
+    Parameters
+    ----------
+    entries : tuple of SummaryEntry
+        The objective first.
+    """
+
+    entries: tuple[SummaryEntry, ...]
+
+    def __str__(self) -> str:
+        """Write the table of its values."""
+        return self.table()
+
+    def table(self, before: DesignSummary | None = None) -> str:
+        """Write a table of the values, beside those of another summary of the problem.
+
+        Parameters
+        ----------
+        before : DesignSummary, optional
+            Summary of the same problem at another design.
+
+        Returns
+        -------
+        str
+            Lines of text.
+        """
+        heads = ("", "before", "after", "lower", "upper") if before else ("", "value", "lower", "upper")
+        rows: list[tuple[str, ...]] = []
+        for role, label, columns in self._rows(before, _MOST_VALUES):
+            if not rows or rows[-1][0] != role:
+                rows.append((role, *heads))
+            rows.append((role, label, *(_number(value) for value in columns)))
+        widths = [max(len(row[n]) for row in rows) for n in range(1, len(heads) + 1)]
+        lines = []
+        for role, label, *cells in rows:
+            title = f"{role}s" if label == "" and role != "objective" else role if label == "" else f"  {label}"
+            padded = (cell.rjust(width) for cell, width in zip(cells, widths[1:]))
+            lines.append(f"{title:<{max(widths[0] + 2, 12)}}  {'  '.join(padded)}".rstrip())
+        return "\n".join(lines)
+
+    def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
+        """Write all values to a CSV file: role, name with the number of the value from 1, values and bounds.
+
+        Parameters
+        ----------
+        path : path-like
+            File to make or to replace.
+        before : DesignSummary, optional
+            Summary of the same problem at another design.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        heads = ("role", "name", *(("before", "after") if before else ("value",)), "lower", "upper")
+        rows = self._rows(before, None)
+        try:
+            with open(path, "w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(heads)
+                writer.writerows([role, label, *map(_exact, columns)] for role, label, columns in rows)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another place") from error
+
+    def numbers(self) -> dict[str, dict]:
+        """Values and bounds by name, as lists, for JSON."""
+        return {
+            entry.name: {
+                "role": entry.role,
+                "units": entry.units or None,
+                "values": entry.values.tolist(),
+                "lower": entry.lower.tolist(),
+                "upper": entry.upper.tolist(),
+            }
+            for entry in self.entries
+        }
+
+    def _rows(self, before: DesignSummary | None, most: int | None) -> Iterator[tuple[str, str, list[float]]]:
+        """Role, label and numbers of every row; of entries with more values than ``most``, the extremes."""
+        previous = {entry.name: entry for entry in before.entries} if before else {}
+        for entry in self.entries:
+            columns = [entry.values, entry.lower, entry.upper]
+            if before:
+                if entry.name not in previous or len(previous[entry.name].values) != len(entry.values):
+                    raise InputError(f"summary: '{entry.name}' is not in the one before; give one of the same problem")
+                columns.insert(0, previous[entry.name].values)
+            units, n = f" ({entry.units})" if entry.units else "", len(entry.values)
+            if most is not None and n > most:
+                for word, extreme in (("smallest", np.min), ("largest", np.max)):
+                    yield entry.role, f"{entry.name}, {word} of {n}{units}", [float(extreme(x)) for x in columns]
+                continue
+            for number in range(n):
+                place = entry.places[number]
+                label = f"{entry.name}[{place}]{units}" if n > 1 or place > 1 else f"{entry.name}{units}"
+                yield entry.role, label, [float(x[number]) for x in columns]
+
+
+def design_summary(problem: om.Problem, outputs: Sequence[str] = ()) -> DesignSummary:
+    """Take down objective, design variables and constraints of a problem as it is, in their own units.
+
+    Parameters
+    ----------
+    problem : openmdao.api.Problem
+        A problem that has run.
+    outputs : sequence of str
+        Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once.
+
+    Returns
+    -------
+    DesignSummary
+
+    Raises
+    ------
+    InputError
+        If there is no such output.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("f", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> print(design_summary(problem))
+    objective     value  lower  upper
+      f               4
+    variables     value  lower  upper
+      x               1     -5      5
+    """
+    problem.final_setup()
+    driver = problem.driver
+    found = (
+        ("objective", driver._objs, driver.get_objective_values(driver_scaling=False)),
+        ("variable", driver._designvars, driver.get_design_var_values(driver_scaling=False)),
+        ("constraint", driver._cons, driver.get_constraint_values(driver_scaling=False)),
+    )
+    is_scaled = getattr(driver, "_autoscaler", None) is None
+    entries = [
+        _entry(role, metas[name], np.ravel(values), is_scaled)
+        for role, metas, all_values in found
+        for name, values in all_values.items()
+    ]
+    taken = {entry.name for entry in entries}
+    for name in (name for name in outputs if name not in taken):
+        try:
+            values, nothing = np.ravel(problem.get_val(name)), np.full(np.size(problem.get_val(name)), np.nan)
+        except KeyError:
+            raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
+        entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, np.arange(values.size) + 1))
+    return DesignSummary(tuple(entries))
+
+
+def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> SummaryEntry:
+    """Take down one variable or response, its bounds in its own units.
+
+    Up to OpenMDAO 3.43 the bounds are scaled when they are declared.
+    """
+
+    def bound_of(key: str) -> np.ndarray:
+        bound = meta.get("equals") if meta.get("equals") is not None else meta.get(key)
+        bound = np.broadcast_to(np.ravel(np.nan if bound is None else bound), values.shape).astype(float)
+        for step, factor in (("total_scaler", np.divide), ("total_adder", np.subtract)):
+            if is_scaled and meta.get(step) is not None:
+                bound = factor(bound, meta[step])
+        return np.where(np.abs(bound) < _UNBOUNDED, bound, np.nan)
+
+    name, indices = meta.get("alias") or meta["name"], meta.get("indices")
+    places = np.arange(values.size) if indices is None else np.ravel(indices.as_array())
+    lower, upper = bound_of("lower"), bound_of("upper")
+    return SummaryEntry(role, str(name), meta.get("units") or "", values.copy(), lower, upper, places + 1)
+
+
+def _number(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.6g}"
+
+
+def _exact(value: float) -> str:
+    return "" if np.isnan(value) else repr(value)

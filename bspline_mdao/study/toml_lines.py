@@ -1,0 +1,63 @@
+"""On which line of a TOML text each key stands: parsers do not keep that for what they have read."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["key_lines", "line_of"]
+
+_TOKEN = re.compile(
+    r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*|\n|[][{}=.,]|[^][\s{}=.,"\'#]+',
+    re.S,
+)
+
+Path = tuple[str, ...]
+
+
+def key_lines(text: str) -> dict[Path, int]:
+    r"""Find the lines of all tables and keys.
+
+    Parameters
+    ----------
+    text : str
+        TOML without errors.
+
+    Returns
+    -------
+    dict
+        Line, from 1, of every table and key by its path. Keys within inline tables are not among them.
+
+    Examples
+    --------
+    >>> key_lines("[flow]\nalpha = 3.0")
+    {('flow',): 1, ('flow', 'alpha'): 2}
+    """
+    found: dict[Path, int] = {}
+    table: Path = ()
+    parts: list[str] = []
+    depth, is_header, is_value = 0, False, False
+    for match in _TOKEN.finditer(text):
+        token = match[0]
+        if token == "\n":
+            if is_header:
+                table = tuple(parts)
+            if depth == 0:
+                parts, is_header, is_value = [], False, False
+        elif is_value:
+            depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token, 0)
+        elif token == "[" and not parts:
+            is_header = True
+        elif token == "=":
+            is_value = True
+        elif token not in ("]", ".") and not token.startswith("#"):
+            parts.append(token.strip("\"'"))
+            path = tuple(parts) if is_header else (*table, *parts)
+            found.setdefault(path, text.count("\n", 0, match.start()) + 1)
+    return found
+
+
+def line_of(lines: dict[Path, int], path: Path) -> int | None:
+    """Return the line of a key, or that of what it is in; None where that is the file as a whole."""
+    while path and path not in lines:
+        path = path[:-1]
+    return lines.get(path)
