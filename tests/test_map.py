@@ -27,7 +27,7 @@ FRAMEWORKS = {
 }
 """What kernels know nothing of."""
 
-ABOVE = {"om", "cli", "plotting", "report", "testing"}
+ABOVE = {"om", "cli", "plotting", "report", "study", "testing"}
 """Folders that may know them."""
 
 

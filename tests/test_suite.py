@@ -15,7 +15,7 @@ import pytest
 import bspline_mdao
 
 ROOT = Path(__file__).parents[1]
-FRAMEWORKS = ("cli", "om", "plotting", "report", "testing")
+FRAMEWORKS = ("cli", "om", "plotting", "report", "study", "testing")
 MODULES = [module.name for module in pkgutil.walk_packages(bspline_mdao.__path__, "bspline_mdao.")]
 
 

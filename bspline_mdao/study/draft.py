@@ -197,8 +197,8 @@ def _wing(body: _Body) -> Iterator[str]:
 
 def _shape(body: _Body) -> Iterator[str]:
     """Variables, objective and volume of a body that is no wing."""
-    yield "# No [flow] was drafted: the walls are no wing that a vortex lattice or the Euler equations could be about, with"
-    yield "# all of the boundary wall, symmetry or farfield. The wetted area is the objective."
+    yield "# No [flow] was drafted: the walls are no wing, or the rest of the boundary is not symmetry and farfield alone."
+    yield "# The wetted area is the objective."
     yield "[variables.shape]"
     yield 'kind = "control_points"'
     yield 'direction = "normal"'
