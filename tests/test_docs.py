@@ -3,15 +3,17 @@
 import os
 import re
 import shlex
+import shutil
 import sys
 import textwrap
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bspline_mdao import fit_grid, onera_m6_grid, write_grid
-from bspline_mdao.cli.main import run
+from bspline_mdao import fit_grid, onera_m6_grid, read_grid, write_grid
+from bspline_mdao.cli.main import run as cli
 
 pytestmark = pytest.mark.slow
 
@@ -34,18 +36,107 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_the_python_examples_of_the_quickstart_run(folder, monkeypatch):
+def run_blocks(page, **contents):
+    """Run all Python of a page, one block after another; return what there is at the end."""
+    contents = {"__name__": __name__, **contents}
+    for block in code_blocks(page, "python"):
+        exec(compile(block, page, "exec"), contents)
+    return contents
+
+
+def run_commands(page):
+    """Run the command lines of a page here; return the commands."""
+    lines = "\n".join(code_blocks(page, "sh")).splitlines()
+    commands = [shlex.split(line)[1:] for line in lines if line.startswith("bspline-mdao")]
+    for command in commands:
+        assert cli(command) == 0
+    return [command[0] for command in commands]
+
+
+def test_the_grid_comes_out_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    examples = code_blocks("quickstart.rst", "python")
-    assert len(examples) == 3
-    for example in examples:
-        exec(example, {})
-    assert (folder / "thicker.xyz").exists()
+    assert cli(["inspect", "wing.xyz", "--draft", "wing.toml"]) == 0
+    assert run_commands("howto/get_the_grid_out.rst") == [*("fit", "move", "move"), *("refine",) * 3, "quality"]
+    contents = run_blocks("howto/get_the_grid_out.rst")
+    longer = read_grid("longer.cgns").to_vector().reshape(-1, 3)
+    np.testing.assert_allclose(np.sort(longer, axis=0), np.sort(contents["grid"].to_vector().reshape(-1, 3), axis=0))
+    assert {"bent.xyz", "fine.xyz", "coarse.cgns", "wing.vtm", "thicker.xyz", "fine.cgns"} <= set(os.listdir(folder))
+
+
+def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    contents = run_blocks("howto/foreign_points.rst")
+    assert np.abs(contents["embedded"].forward(contents["moved"]) - contents["probes"]).max() > 0.01
+
+
+def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    shutil.copy("m6.h5", "wing.h5")
+    for case in "case", "twisted":
+        os.makedirs(f"{case}/constant")
+    assert run_commands("howto/openfoam.rst") == ["refine", "move"]
+    run_blocks("howto/openfoam.rst")
+    assert {"U", "p"} == set(os.listdir("wing_case/0"))
+
+
+def test_a_variable_of_ones_own_works_as_the_page_says():
+    contents = run_blocks("howto/own_variable.rst")
+    assert np.abs(contents["problem"].compute_totals(["corner_ks"], ["bow"])["corner_ks", "bow"]).min() > 0.0
+
+
+def test_a_flow_of_ones_own_works_as_the_page_says():
+    problem = run_blocks("howto/own_flow.rst")["problem"]
+    twist = problem.compute_totals(["CL"], ["twist"])["CL", "twist"]
+    assert twist.min() > 1e-3  # each station turns the lower side further into the stream
+
+
+def test_an_optimisation_for_several_conditions_runs_as_the_page_says():
+    contents = run_blocks("howto/multipoint.rst")
+    problem, conditions = contents["problem"], contents["conditions"]
+    for name, values in conditions.items():
+        assert problem.get_val(f"{name}.CL").item() == pytest.approx(values["CL_target"], abs=1e-8)
+    assert np.abs(problem.get_val("twist")).max() > 0.1
+
+
+def test_flows_and_optimisations_go_on_as_the_page_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    contents = run_blocks("howto/restart.rst")
+    assert len(contents["second"].model.state.solution.history) == 1  # no step, but for the look at the residual
+    assert contents["problem"].get_val("surface_area") <= contents["stopped"].get_val("surface_area")
+
+
+def masked(text):
+    """Words of a printed text, and its numbers, but for times."""
+    text = re.sub(r".*e-1\d .*|\d[\d.]* s\b", "", text)  # increments, with times and round-off, and other times
+    number = r"(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?"
+    return re.sub(r"[\s─]+", " ", re.sub(number, "#", text)), [
+        float(n.replace(",", "")) for n in re.findall(number, text)
+    ]
+
+
+def test_the_tutorial_prints_what_it_shows(tmp_path, monkeypatch):
+    sys.path.insert(0, str(DOCS))
+    from record_tutorial import SCRIPTS, run, steps
+
+    assert len(steps()) == 7
+    printed = run(tmp_path)
+    assert len(printed) == 7
+    for name, text in printed.items():
+        words, numbers = masked(text)
+        shown_words, shown = masked((SCRIPTS / name).read_text(encoding="utf-8"))
+        assert words == shown_words, f"{name}: run python docs/record_tutorial.py"
+        off = [pair for pair in zip(numbers, shown) if abs(pair[0] - pair[1]) > 1e-4 + 0.05 * abs(pair[1])]
+        assert off == [], f"{name}: run python docs/record_tutorial.py"
+    (report,) = code_blocks("tutorial.rst", "shell")
+    if find_spec("plotly"):
+        monkeypatch.chdir(tmp_path)
+        assert cli(shlex.split(report)[1:]) == 0
+        assert (tmp_path / "report.html").stat().st_size > 1e6
 
 
 def test_the_python_examples_of_the_components_run():
-    chain, nodes, spar, movers, own = code_blocks("components.rst", "python")
-    for example in (chain + nodes, spar, movers, own):
+    chain, nodes, spar, movers = code_blocks("components.rst", "python")
+    for example in (chain + nodes, spar, movers):
         contents = {"__name__": __name__}
         exec(example, contents)
         if "wing" in contents:
@@ -66,7 +157,7 @@ def test_the_python_examples_of_design_run():
 
 
 @pytest.mark.filterwarnings("ignore::openmdao.api.DistributedComponentWarning")
-def test_the_python_examples_of_mphys_run(tmp_path, monkeypatch):
+def test_the_python_examples_of_mphys_and_of_solvers_of_others_run(tmp_path, monkeypatch):
     pytest.importorskip("mphys", reason="MPhys is not installed")
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     from mphys_cases import stand_ins
@@ -77,12 +168,8 @@ def test_the_python_examples_of_mphys_run(tmp_path, monkeypatch):
     fit_grid(grid).save("wing.h5")
     for name, module in stand_ins(grid).items():
         monkeypatch.setitem(sys.modules, name, module)
-    problems = []
-    for example in code_blocks("mphys.rst", "python"):
-        contents = {"__name__": __name__}
-        exec(example, contents)
-        problems.append(contents["problem"])
-    adflow, dafoam, ours = problems
+    pages = ("howto/adflow.rst", "howto/dafoam.rst", "mphys.rst")
+    adflow, dafoam, ours = (run_blocks(page)["problem"] for page in pages)
     for problem, of in (adflow, "cruise.aero_post.cl"), (dafoam, "cruise.aero_post.CL"):
         assert np.abs(problem.compute_totals([of], ["twist"])[of, "twist"]).min() > 1e-3
     assert ours.get_val("climb.CL") > ours.get_val("cruise.CL")
@@ -109,8 +196,7 @@ def test_the_examples_of_lift_loads_and_files_of_a_flow_run(tmp_path, monkeypatc
 
 
 def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
-    contents = {"__name__": __name__}
-    exec(code_blocks("components.rst", "python")[-1], contents)
+    contents = run_blocks("howto/own_mover.rst")
     mover, random = contents["mover"], np.random.default_rng(1)
     initial, surface = mover.mesh.points, mover.mesh.points[mover.mesh.surface_ids] + [0.1, 0.2, 0.0]
     direction = mover.mesh.slide(random.standard_normal(initial.shape))
@@ -122,17 +208,3 @@ def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
     bar = random.standard_normal(initial.shape)
     initial_bar, _ = movement.vjp(bar)
     assert np.vdot(bar, change) == pytest.approx(np.vdot(initial_bar, direction), rel=1e-12)
-
-
-def test_the_commands_of_the_quickstart_run(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    lines = "\n".join(code_blocks("quickstart.rst", "sh")).splitlines()
-    commands = [shlex.split(line)[1:] for line in lines if line.startswith("bspline-mdao")]
-    assert [command[0] for command in commands] == [
-        *("fit", "move", "inspect", "fit", "move", "move", "quality", "fit", "refine", "refine", "refine")
-    ]
-    for command in commands:
-        assert run([word.replace("@onera_m6", "@onera_m6:9x9x9") for word in command]) == 0
-    assert {"m6.h5", "wing.toml", "wing.h5", "fine.xyz", "coarse.cgns", "wing.vtm", "moved.vtm", "bent.xyz"} <= set(
-        os.listdir(folder)
-    )
