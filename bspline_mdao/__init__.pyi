@@ -31,6 +31,7 @@ from .design.selection import OnPatch as OnPatch
 from .design.selection import OnSideOfPlane as OnSideOfPlane
 from .design.selection import SurfaceRows as SurfaceRows
 from .design.user_defined import UserVariable as UserVariable
+from .errors import DerivativeModeWarning as DerivativeModeWarning
 from .errors import FitWarning as FitWarning
 from .errors import InputError as InputError
 from .errors import MovementError as MovementError
@@ -109,6 +110,7 @@ from .movement.young_modulus import InverseVolumeLaw as InverseVolumeLaw
 from .movement.young_modulus import OrthogonalityLaw as OrthogonalityLaw
 from .movement.young_modulus import StiffnessLaw as StiffnessLaw
 from .movement.young_modulus import WallDistanceLaw as WallDistanceLaw
+from .om.case_recorder import CaseRecorder as CaseRecorder
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.design_summary import DesignSummary as DesignSummary
 from .om.design_summary import design_summary as design_summary

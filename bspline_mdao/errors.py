@@ -1,6 +1,6 @@
-"""Exceptions and warnings: unusable input, a movement that cannot be done, a fit and a drag to look at."""
+"""Exceptions and warnings: unusable input, a movement that cannot be done, what to look at in fits and flows."""
 
-__all__ = ["FitWarning", "InputError", "MovementError", "SpuriousDragWarning"]
+__all__ = ["DerivativeModeWarning", "FitWarning", "InputError", "MovementError", "SpuriousDragWarning"]
 
 
 class InputError(ValueError):
@@ -32,4 +32,12 @@ class SpuriousDragWarning(UserWarning):
 
     `EulerFlow` gives one such warning for each problem, when it first runs. The message is one line that says how the
     drag is made up and what to do. ``warnings.simplefilter("ignore", SpuriousDragWarning)`` silences it.
+    """
+
+
+class DerivativeModeWarning(UserWarning):
+    """Gradients that take at least twice as many linear solves of the flow as they would in the other mode.
+
+    `EulerFlow` gives one such warning for each problem, with its first gradient. The message is one line that says how
+    many they are in both modes, and which mode to set up.
     """

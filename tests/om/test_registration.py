@@ -12,6 +12,7 @@ import openmdao.api as om
 import pytest
 from component_cases import movable_model
 from openmdao.core.driver import Driver
+from openmdao.recorders.case_recorder import CaseRecorder
 
 import bspline_mdao
 from bspline_mdao.cells.aggregates import AGGREGATES
@@ -23,6 +24,7 @@ KINDS = {
     "openmdao_component": (om.ExplicitComponent, om.ImplicitComponent),
     "openmdao_group": om.Group,
     "openmdao_driver": Driver,
+    "openmdao_case_recorder": CaseRecorder,
 }
 
 

@@ -3,6 +3,7 @@
 Theory: ``docs/theory/drivers.rst``.
 """
 
+from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
 
@@ -11,6 +12,7 @@ from openmdao.core.driver import Driver
 
 from ...errors import InputError
 from ...numerics.processes import from_first
+from .familiar_options import translated
 from .led_model import LedModel, led
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
 from .nlopt_functions import Functions
@@ -41,7 +43,9 @@ class NLoptDriver(Driver):
     exception that is no ``om.AnalysisError`` passes through, with a note of the best point (Python 3.11 on), which
     stays in ``best``; the design variables are set to it.
 
-    Options are those of NLopt in scaled variables; zero switches a stopping criterion off.
+    Options are those of NLopt in scaled variables; zero switches a stopping criterion off. Those of OpenMDAO's
+    ``ScipyOptimizeDriver`` hold as well: ``tol``, ``maxiter``, ``disp`` and the dictionary ``opt_settings``, in which
+    ``ftol``, ``maxfun`` and others mean what they do in SciPy; what has no counterpart is refused.
 
     Parameters
     ----------
@@ -50,6 +54,8 @@ class NLoptDriver(Driver):
 
     Attributes
     ----------
+    opt_settings : dict
+        More options by the driver's names or by SciPy's, read when the run begins; they go before ``options``.
     outcome : Outcome or None
         The end of the last run.
     best : Point or None
@@ -82,6 +88,7 @@ class NLoptDriver(Driver):
             self.supports[feature] = False
         self.supports._read_only = True
         self._total_jac_format = "array"
+        self.opt_settings: dict = {}
         self.outcome: Outcome | None = None
         self.best: Point | None = None
         self.n_failed_analyses = 0
@@ -122,6 +129,7 @@ class NLoptDriver(Driver):
         self.iter_count, self.outcome, self.best, self.n_failed_analyses = 0, None, None, 0
         model = ScaledModel(self)
         designs, constraints = model.design_limits(), model.constraint_limits()
+        self._adopt_settings()
         settings = make_settings(self.options, _needs(model, designs, constraints))
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
 
@@ -138,6 +146,11 @@ class NLoptDriver(Driver):
         if comm.rank == 0:
             self._report(fail, self.best)
         return fail
+
+    def _adopt_settings(self) -> None:
+        """Make options of ``opt_settings``."""
+        for name, value in translated(self.opt_settings, [name for name, _ in self.options.items()]).items():
+            self.options[name] = value
 
     def _optimise(
         self, model: ScaledModel | LedModel, statement: Statement, settings: Settings
@@ -168,7 +181,7 @@ class NLoptDriver(Driver):
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
             log.add(functions.last, functions.best, norm)
 
-        return Functions(model, statement, recover, make_rules, start, watch)
+        return Functions(model, statement, recover, make_rules, start, watch, settings.maxiter)
 
     @property
     def is_feasible(self) -> bool:
@@ -309,6 +322,22 @@ def _declare_criteria(options) -> None:
     )
     options.declare("xtol_abs", 0.0, types=(Real, np.ndarray), desc="Stop at this change of all (or of each) variable.")
     options.declare("stopval", None, types=Real, allow_none=True, desc="Stop at a feasible point below this objective.")
+    options.declare(
+        "tol",
+        None,
+        types=Real,
+        lower=0.0,
+        allow_none=True,
+        desc="Stop at this change of the objective, as ScipyOptimizeDriver: ftol_abs without ftol_rel.",
+    )
+    options.declare(
+        "maxiter",
+        None,
+        types=Integral,
+        lower=1,
+        allow_none=True,
+        desc="Stop after so many iterations: points at which gradients were computed, after the first one.",
+    )
     options.declare("maxeval", 1000, types=Integral, lower=0, desc="Stop after so many evaluations; 0 for no limit.")
     options.declare("maxtime", 0.0, types=Real, lower=0.0, desc="Stop after so many seconds; 0 for no limit.")
     options.declare(
@@ -377,7 +406,18 @@ def make_settings(options, needs: Needs) -> Settings:
     _require_end(algorithm, options)
     for name in ("xtol_abs", "initial_step"):
         _require_length(options, name, needs.n_variables)
-    same = ("stopval", "maxtime", "initial_step", "population", "vector_storage", "seed", "parameters", "restarts")
+    _require_gradients(algorithm, options)
+    same = (
+        "stopval",
+        "maxiter",
+        "maxtime",
+        "initial_step",
+        "population",
+        "vector_storage",
+        "seed",
+        "parameters",
+        "restarts",
+    )
     return Settings(
         algorithm=algorithm,
         local_optimizer=_local_optimizer(algorithm, options, needs),
@@ -390,13 +430,25 @@ def make_settings(options, needs: Needs) -> Settings:
 def _criteria(options, prefix: str = "") -> Criteria:
     """Stopping criteria of the algorithm, or of the local one."""
     names = ("ftol_rel", "ftol_abs", "xtol_rel", "xtol_abs", "maxeval")
-    return Criteria(**{name: options[prefix + name] for name in names})
+    criteria = Criteria(**{name: options[prefix + name] for name in names})
+    is_told = options["tol"] is not None and not prefix
+    return replace(criteria, ftol_abs=options["tol"], ftol_rel=0.0) if is_told else criteria
 
 
 def _require_end(algorithm: Algorithm, options) -> None:
     """A global search needs something that ends it."""
     if algorithm.is_global and not (options["maxeval"] or options["maxtime"] or options["stopval"] is not None):
         raise InputError(f"NLoptDriver: {algorithm.name} never ends by itself; set maxeval, maxtime or stopval")
+
+
+def _require_gradients(algorithm: Algorithm, options) -> None:
+    """Iterations are counted by gradients."""
+    local = ALGORITHMS.get(options["local_optimizer"], algorithm)
+    if options["maxiter"] is not None and not (algorithm.gradients or local.gradients):
+        raise InputError(
+            f"NLoptDriver: {algorithm.name} takes no gradients, by which iterations are counted; set maxeval instead "
+            f"of maxiter"
+        )
 
 
 def _require_length(options, name: str, n_variables: int) -> None:

@@ -53,6 +53,8 @@ class Functions:
     watch : callable
         Called after every run of the model and after every computation of totals, with the norm of the gradient of
         the objective or None.
+    maxiter : int or None
+        Computations of totals after the first one; the next ends the search.
     last : Point
         The point where the model was last run.
     n_failed : int
@@ -67,9 +69,11 @@ class Functions:
     make_rules: Callable[[], AlgorithmRules]
     start: Point
     watch: Callable[[Functions, float | None], None] = lambda functions, norm: None
+    maxiter: int | None = None
     last: Point = field(init=False)
     n_failed: int = field(init=False, default=0)
     exception: BaseException | None = field(init=False, default=None)
+    _n_gradients: int = field(init=False, default=0)
     _totals: np.ndarray | None = field(init=False, default=None)
     _is_rejected: bool = field(init=False, default=False)
     _is_underway: bool = field(init=False, default=False)
@@ -187,8 +191,11 @@ class Functions:
 
     def _compute_totals(self, is_new: bool) -> np.ndarray:
         """Totals of the model where it was last run, or substitutes where they cannot be computed."""
+        if self.maxiter is not None and self._n_gradients > self.maxiter:
+            raise Stop("MAXITER_REACHED")
         try:
             totals = self.model.differentiate()
+            self._n_gradients += 1
         except AnalysisFailed:
             if not is_new:
                 raise Stop("BLOCKED") from None  # the algorithm has used the value already

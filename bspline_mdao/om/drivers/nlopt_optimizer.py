@@ -23,6 +23,7 @@ ENDS = {
     "FTOL_REACHED": "the objective changes by less than ftol_rel or ftol_abs",
     "XTOL_REACHED": "the design variables change by less than xtol_rel or xtol_abs",
     "MAXEVAL_REACHED": "maxeval evaluations were spent",
+    "MAXITER_REACHED": "maxiter iterations were done",
     "MAXTIME_REACHED": "maxtime seconds were spent",
     "FAILURE": "the algorithm gave up",
     "OUT_OF_MEMORY": "NLopt ran out of memory",
@@ -40,7 +41,7 @@ OPTIMAL, BLOCKED = 1e-5, 1e-3
 """Gradients of the Lagrangian, relative to the largest one of the objective, below which a point is an optimum, and
 above which it is none; between them NLopt's own end stands."""
 
-_SPENT = ("MAXEVAL_REACHED", "MAXTIME_REACHED")
+_SPENT = ("MAXEVAL_REACHED", "MAXITER_REACHED", "MAXTIME_REACHED")
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,8 @@ class Settings:
         When they stop.
     stopval : float or None
         Objective that is good enough.
+    maxiter : int or None
+        Gradients after the first one; None for no limit.
     maxtime : float
         Seconds; zero for no limit.
     initial_step : float, ndarray, shape (n,) or None
@@ -107,6 +110,7 @@ class Settings:
     criteria: Criteria
     local_criteria: Criteria
     stopval: float | None
+    maxiter: int | None
     maxtime: float
     initial_step: float | np.ndarray | None
     population: int

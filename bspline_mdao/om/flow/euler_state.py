@@ -36,6 +36,7 @@ from ..component import (
     finite_values,
     refuse_complex_step,
 )
+from .derivative_mode import warn_of_derivative_mode
 from .residual_log import ResidualLog
 
 INPUTS = (GRID, "alpha", "Mach_number")
@@ -121,6 +122,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
         self._solution = self._converged = self._tangent = self._anchor = None
+        self._is_mode_looked_at = False
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
         self._declare_angle()
@@ -159,6 +161,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     def linearize(self, inputs, outputs, jacobian):
         """Refuse states that are no solution, and differentiate the residual."""
+        if not self._is_mode_looked_at:
+            self._is_mode_looked_at = True
+            warn_of_derivative_mode(self, "states")
         self._tangent_at_solution(inputs, outputs)
 
     def apply_linear(self, inputs, outputs, d_inputs, d_outputs, d_residuals, mode):

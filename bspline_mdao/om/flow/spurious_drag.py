@@ -14,6 +14,7 @@ from ...errors import SpuriousDragWarning
 from ...flow.euler.drag_sources import DragSources, wave_drag
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
+from .derivative_mode import outputs_downstream
 
 __all__ = ["drag_sources", "is_optimised", "warn_of_spurious_drag"]
 
@@ -44,16 +45,8 @@ def drag_sources(flow: FlowGrid, forces: FlowForces, states: np.ndarray, nodes: 
 def is_optimised(component: om.ExplicitComponent, name: str) -> bool:
     """Whether an output of a component is an objective or a constraint of the problem, or one depends on it."""
     model = component._problem_meta["model_ref"]()
-    found = model.get_objectives(get_sizes=False) | model.get_constraints(get_sizes=False)
-    wanted = {meta["source"] for meta in found.values()}
-    reached: set[str] = set()
-    new = {f"{component.pathname}.{name}"}
-    while new and not reached & wanted:
-        reached |= new
-        components = {to.rpartition(".")[0] for to, source in model._conn_global_abs_in2out.items() if source in new}
-        outputs = {*model._conn_global_abs_in2out.values(), *wanted}
-        new = {output for output in outputs if output.rpartition(".")[0] in components} - reached
-    return bool(reached & wanted)
+    wanted = {meta["source"] for meta in model.get_responses(get_sizes=False).values()}
+    return not wanted.isdisjoint(outputs_downstream(model, {f"{component.pathname}.{name}"}))
 
 
 def warn_of_spurious_drag(path: str, sources: DragSources) -> None:

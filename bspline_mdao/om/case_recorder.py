@@ -1,0 +1,87 @@
+"""A recorder of cases that leaves out what is long: grids, states of flows, control points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+import openmdao.api as om
+
+__all__ = ["CaseRecorder"]
+
+
+class CaseRecorder(om.SqliteRecorder):
+    """OpenMDAO's recorder of cases in an SQLite file, without long arrays.
+
+    A driver's own records hold design variables, objective and constraints, which are short. Those of a problem, a
+    model or a solver, and of a driver that is told to include ``"*"``, hold every variable as text, and with them the
+    grid and the states of a flow, over and over. This recorder leaves out what has more values than ``longest``, unless
+    it is asked for or is a design variable or a response.
+
+    Parameters
+    ----------
+    filepath : path-like
+        File to write, in the folder of OpenMDAO's outputs unless it is absolute.
+    longest : int
+        Number of values up to which an array is recorded.
+    keep : sequence of str
+        Names, or patterns of names, of long variables that are recorded all the same, such as ``"surface"``: the part
+        of the absolute name behind the last dot, or all of it.
+    **options : dict
+        Those of `openmdao.api.SqliteRecorder`.
+
+    Attributes
+    ----------
+    left_out : set of str
+        What was left out so far, by names.
+
+    Examples
+    --------
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("copy", om.ExecComp("y = 2 * x", shape=1000), promotes=["*"])
+    >>> recorder = CaseRecorder("cases.sql", longest=999)
+    >>> problem.model.add_recorder(recorder)
+    >>> problem.setup()
+    >>> problem.run_model()
+    >>> "copy.y" in recorder.left_out
+    True
+    """
+
+    def __init__(self, filepath, longest: int = 10_000, keep: Sequence[str] = (), **options):
+        super().__init__(filepath, **options)
+        self.longest, self.keep = longest, (keep,) if isinstance(keep, str) else tuple(keep)
+        self.left_out: set[str] = set()
+
+    def record_iteration_driver(self, driver, data, metadata):
+        """Record an iteration of a driver: its design variables and responses, and what else is short."""
+        super().record_iteration_driver(driver, self._short(data, _sources(driver)), metadata)
+
+    def record_iteration_problem(self, problem, data, metadata):
+        """Record a case of a problem: its design variables and responses, and what else is short."""
+        super().record_iteration_problem(problem, self._short(data, _sources(problem.driver)), metadata)
+
+    def record_iteration_system(self, system, data, metadata):
+        """Record a run of a system, as far as it is short."""
+        super().record_iteration_system(system, self._short(data), metadata)
+
+    def record_iteration_solver(self, solver, data, metadata):
+        """Record an iteration of a solver, as far as it is short."""
+        super().record_iteration_solver(solver, self._short(data), metadata)
+
+    def _short(self, data: dict, wanted: frozenset[str] = frozenset()) -> dict:
+        """What is recorded of the inputs, outputs and residuals of a case."""
+        kinds = {kind: data[kind] for kind in ("input", "output", "residual") if data.get(kind)}
+        short = {kind: {k: v for k, v in of.items() if self._is_kept(k, v, wanted)} for kind, of in kinds.items()}
+        self.left_out |= {name for kind, of in kinds.items() for name in of.keys() - short[kind].keys()}
+        return {**data, **short}
+
+    def _is_kept(self, name: str, value, wanted: frozenset[str]) -> bool:
+        names = name, name.rpartition(".")[2]
+        is_asked = any(fnmatchcase(each, pattern) for pattern in self.keep for each in names)
+        return np.size(value) <= self.longest or name in wanted or is_asked
+
+
+def _sources(driver) -> frozenset[str]:
+    """Absolute names of the outputs that are design variables or responses."""
+    return frozenset(meta["source"] for found in (driver._designvars, driver._responses) for meta in found.values())
