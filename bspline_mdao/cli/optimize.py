@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,13 @@ from ..study.study import Study, read_study
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 from .sources import generator_of
 
-RESULTS = (SCRIPT, "model.h5", "grid_before.*", "grid_after.*", "cases.sql", "summary.csv")
+RESULTS = (SCRIPT, "model.h5", "grid_before.*", "grid_after.*", "cases.sql", "summary.csv", "report.html")
 """Files that a run makes, by name or pattern."""
+
+STOPPED = "all bounds hold but for 1e-4, and this may be no optimum: see max_iterations and tolerance in [driver]"
+"""What is said of a feasible design at which the driver did not converge."""
+
+REPORT_ADVICE = "pip install 'bspline_mdao[report]'"
 
 SLACK = 1e-4
 """Violation of a bound, relative to its size or 1, up to which a design counts as feasible."""
@@ -60,6 +66,7 @@ def optimize_study(
     found = read_study(study)
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
+    found = replace(found, output=found.output | {"report": _is_reported(found)})
     check_outputs([json], [study])
     generator = _generator(found)
     script = _prepare(output, overwrite) / SCRIPT
@@ -73,6 +80,16 @@ def optimize_study(
     with written_json(json, {"study": str(study), "folder": str(output), **numbers, "seconds": seconds}):
         pass
     _tell(output, problem, numbers)
+
+
+def _is_reported(study: Study) -> bool:
+    """Whether a report is written: where the packages for it are there, unless the study says otherwise."""
+    missing = [name for name in ("plotly", "jinja2") if find_spec(name) is None]
+    if missing and study.output["report"]:
+        raise InputError(f"{study.source}: the report needs {missing[0]}; {REPORT_ADVICE}, or leave report out")
+    if missing and study.output["report"] is None:
+        print_lines([f"no report will be written: {REPORT_ADVICE} for one"])
+    return not missing if study.output["report"] is None else study.output["report"]
 
 
 def _generator(study: Study) -> str:
@@ -160,6 +177,6 @@ def _tell(folder: Path, problem: om.Problem, numbers: dict[str, Any]) -> None:
             f"kept. Give wider bounds, other constraints or more iterations"
         )
     if not numbers["success"]:
-        print_warnings([f"{numbers['status']}; the design is feasible and no optimum. See max_iterations in [driver]"])
+        print_warnings([f"{numbers['status']}; {STOPPED}"])
     print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] else [])
     print_lines([f"{folder}: {_kept(folder)}"])

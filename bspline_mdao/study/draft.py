@@ -197,7 +197,7 @@ def _wing(body: _Body) -> Iterator[str]:
 
 def _shape(body: _Body) -> Iterator[str]:
     """Variables, objective and volume of a body that is no wing."""
-    yield "# No [flow] was drafted: the walls are no wing, or the rest of the boundary is not symmetry and farfield alone."
+    yield "# No [flow] was drafted: the walls are no wing, or other boundaries are not symmetry and farfield alone."
     yield "# The wetted area is the objective."
     yield "[variables.shape]"
     yield 'kind = "control_points"'

@@ -423,5 +423,8 @@ OUTPUT = {
         "suffix of the grids before and after",
         otherwise="cgns for CGNS, else xyz",
     ),
+    "report": Key(
+        FLAG, "whether the report page is written; it needs plotly and jinja2", otherwise="if they are there"
+    ),
 }
 """Table ``[output]``."""

@@ -260,6 +260,10 @@ class _Script:
         study = self.study
         suffix = study.output["grid"] or ("cgns" if Path(study.grid["file"]).suffix == ".cgns" else "xyz")
         yield 'driver.add_recorder(om.SqliteRecorder(str(HERE / "cases.sql")))'
+        if study.output["report"]:
+            recorded = ["control_points", *(["Cp"] if study.flow and study.flow["kind"] == "euler" else [])]
+            yield f'driver.recording_options["includes"] = {_python(recorded)}'
+            yield 'driver.recording_options["record_derivatives"] = True'
         yield "problem.setup()"
         for name, table in study.variables.items():
             if table["start"] is not None:
@@ -278,6 +282,9 @@ class _Script:
         yield f'bm.write_grid(HERE / "grid_after.{suffix}", grid.with_vector(problem.get_val("grid")))'
         yield 'after.write_csv(HERE / "summary.csv", before)'
         yield "print(after.table(before))"
+        if study.output["report"]:
+            title = _python(f"{study.source.stem}: {study.objective['of']}")
+            yield f'bm.write_report(HERE / "report.html", HERE / "cases.sql", model, title={title})'
 
 
 def _measure(name: str, table: Table) -> str:

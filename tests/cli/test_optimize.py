@@ -12,6 +12,7 @@ import openmdao.api as om
 import pytest
 
 from bspline_mdao import ball_grid, fit_grid, onera_m6_grid, read_grid, write_grid
+from bspline_mdao.cli import optimize
 from bspline_mdao.cli.main import run
 from bspline_mdao.om.drivers import nlopt_driver
 from bspline_mdao.study.study import read_study
@@ -29,6 +30,9 @@ upper = 1.4
 [objective]
 of = "surface_area"
 
+[output]
+report = false
+
 [constraints.volume]
 lower = 1.0
 
@@ -38,6 +42,7 @@ lower = 0.05
 pytestmark = pytest.mark.slow
 
 RESULTS = {"optimize.py", "model.h5", "grid_before.xyz", "grid_after.xyz", "cases.sql", "summary.csv"}
+"""Results without a report, for which packages may be missing."""
 
 
 @pytest.fixture
@@ -95,7 +100,7 @@ def test_a_folder_that_is_not_empty_is_left_alone(workplace, capsys):
     Path("out/grid_after.cgns").write_text("of another run")
     assert run(["optimize", "area.toml", "-o", "out", "--overwrite", "--max-iterations", "2"]) == 0
     assert names_in("out") == RESULTS | {"mine.txt"}
-    assert "max_iterations in [driver]" in capsys.readouterr().out
+    assert "this may be no optimum: see max_iterations" in capsys.readouterr().out
     assert "maxeval=2" in Path("out/optimize.py").read_text()
 
 
@@ -117,6 +122,24 @@ def test_an_interrupted_run_keeps_the_best_design(workplace, capsys, monkeypatch
 
 def interrupted_at_once(problem):
     raise KeyboardInterrupt
+
+
+def test_the_report_is_written_where_its_packages_are_there(workplace, capsys, monkeypatch):
+    text = Path("area.toml").read_text()
+    Path("reported.toml").write_text(text.replace("report = false", "report = true"))
+    Path("open.toml").write_text(text.replace("report = false", ""))
+    monkeypatch.setattr(optimize, "find_spec", lambda name: None)
+    assert run(["optimize", "reported.toml", "-o", "out"]) == 2
+    assert "reported.toml: the report needs plotly; pip install" in capsys.readouterr().err
+    assert run(["optimize", "open.toml", "-o", "out", "--max-iterations", "2"]) == 0
+    assert "no report will be written: pip install" in capsys.readouterr().out
+    assert names_in("out") == RESULTS
+    monkeypatch.undo()
+    monkeypatch.chdir(workplace)
+    pytest.importorskip("plotly", reason="plotly is not installed")
+    assert run(["optimize", "reported.toml", "-o", "out", "--overwrite", "--max-iterations", "2"]) == 0
+    assert names_in("out") == RESULTS | {"report.html"}
+    assert "surface_area" in Path("out/report.html").read_text()
 
 
 def test_constraints_that_nothing_satisfies_fail_and_say_so(workplace, capsys):
