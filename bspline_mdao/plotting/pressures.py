@@ -29,7 +29,7 @@ def wall_quads(model: FittedModel) -> np.ndarray:
 
 
 def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
-    """Find the wall faces at a place along the span, from the trailing edge over the upper side and back.
+    """Find the strip of wall faces at a place along the span, from the trailing edge over the upper side and back.
 
     Parameters
     ----------
@@ -43,7 +43,8 @@ def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
     ndarray of int
         Numbers of the faces.
     """
-    inner, outer = quads[..., 2].min(axis=1), quads[..., 2].max(axis=1)
+    inner, outer, middle = quads[..., 2].min(axis=1), quads[..., 2].max(axis=1), quads[..., 2].mean(axis=1)
+    place = middle[np.argmin(np.abs(middle - place))]  # off the lines between strips, which need not be straight
     around = np.flatnonzero((inner <= place) & (place < outer))
     order = quads[around, :, 0].mean(axis=1)
     is_upper = area_vectors(quads[around])[:, 1] < 0.0

@@ -140,6 +140,19 @@ def test_faces_around_a_swept_section_run_from_the_trailing_edge_over_the_upper_
     np.testing.assert_allclose(_chord_ends(quads[around[:, 1]]), [0.9, 1.9])
 
 
+def test_faces_around_a_section_are_one_strip_where_lines_between_strips_waver():
+    angle = np.linspace(0.0, 2.0 * np.pi, 9)
+    z = [0.0, 1.0, 2.0] + 1e-3 * np.random.default_rng(1).normal(size=(9, 3))
+    x, y = (
+        np.repeat(np.array(values)[:, None], 3, axis=1) for values in (0.5 + 0.5 * np.cos(angle), 0.1 * np.sin(angle))
+    )
+    nodes = np.stack([x, y, z], axis=-1)
+    quads = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]], axis=2).reshape(-1, 4, 3)
+    found = faces_around(quads, 1.0)
+    assert len(found) == 8
+    assert len(set(found % 2)) == 1
+
+
 def test_pressures_are_drawn_over_the_chord_with_suction_above(model, nodes, axes):
     quads = nodes.reshape(-1, 3)[wall_quads(model)]
     pressures = quads[..., 1].mean(axis=1)  # one for each face: its height
