@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..topology.grid import Grid, Patch
+from ..topology.grid import PATCH_KINDS, Grid, Patch
 from ..topology.index_space import Window
 from .grid_quality import GridQuality
 from .pieces import has_cells
@@ -16,9 +16,6 @@ __all__ = ["FIELDS", "cell_fields", "face_layer", "patch_numbers"]
 
 FIELDS = ("Q", "smallest_corner", "wall_height", "block", "patch")
 """Names of the fields, in the order in which files have them."""
-
-BY_IMPORTANCE = ("wall", "symmetry", "farfield", "other")
-"""Kinds of patches: a cell at several of them counts for the first."""
 
 
 def cell_fields(grid: Grid) -> dict[str, list[np.ndarray]]:
@@ -66,7 +63,7 @@ def patch_numbers(grid: Grid) -> list[np.ndarray]:
     """Number, from 1, of the patch at every cell; 0 where there is none. One array per block, see `cell_fields`."""
     found = [np.zeros(tuple(max(n - 1, 1) for n in shape), dtype=np.int32) for shape in grid.shapes]
     numbered = list(enumerate(grid.patches, 1))
-    for kind in reversed(BY_IMPORTANCE):
+    for kind in reversed(PATCH_KINDS):  # a cell at several patches counts for the first of the kinds
         for number, window in _windows(numbered, kind):
             face_layer(found[window.block], window, grid.shapes[window.block])[...] = number
     return found

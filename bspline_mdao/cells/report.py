@@ -18,10 +18,12 @@ import numpy as np
 from ..errors import InputError
 from ..numerics.processes import from_all, on_first, together
 from ..shown import InNotebook
+from ..topology.grid import PATCH_KINDS
 from .block_cells import BlockCells
 from .first_cells import FirstCells, WallNode
 from .grid_quality import GridQuality
 from .hexahedron import CellQuality
+from .pieces import Pieces
 
 __all__ = [
     "CellsAfterMove",
@@ -29,6 +31,7 @@ __all__ = [
     "InvertedCell",
     "PatchHeights",
     "QualityReport",
+    "WorstCell",
     "distribution",
     "inverted_cells",
     "judge_move",
@@ -38,6 +41,9 @@ __all__ = [
 
 MOST_NAMED = 50
 """Number of inverted cells that a report names, the worst first: enough to find the place, few enough to print."""
+
+MOST_WORST = 10
+"""Number of cells with the smallest corners that a report names."""
 
 KEPT = (0.9, 1.1)
 """Ratios of heights within which users of turbulence models take y+, which is in proportion, for unchanged."""
@@ -87,6 +93,37 @@ class InvertedCell:
 
 
 @dataclass(frozen=True)
+class WorstCell:
+    """A cell whose smallest corner is among the smallest, inverted or not.
+
+    Parameters
+    ----------
+    block : str
+        Name of the block.
+    i, j, k : int
+        Number of the cell, from 1.
+    corner, q : float
+        Smallest corner triple product of unit edges, and Q.
+    place : tuple of float
+        Middle of the cell (m).
+    patch : str
+        Patch that the cell is at, a wall before others; empty where it is at none.
+    """
+
+    block: str
+    i: int
+    j: int
+    k: int
+    corner: float
+    q: float
+    place: tuple[float, ...]
+    patch: str
+
+    def __str__(self) -> str:
+        return f"cell ({self.i}, {self.j}, {self.k}) of {self.block}"
+
+
+@dataclass(frozen=True)
 class QualityReport(InNotebook):
     """Quality of a grid.
 
@@ -108,6 +145,8 @@ class QualityReport(InNotebook):
         Distribution of Q.
     heights : tuple of PatchHeights
         Heights of the first cells at every wall, beside those of the baseline.
+    worst : tuple of WorstCell
+        The cells with the smallest corners, the worst first, also where none is inverted.
     """
 
     n_cells: int
@@ -120,6 +159,7 @@ class QualityReport(InNotebook):
     inverted: tuple[InvertedCell, ...]
     histogram: Distribution
     heights: tuple[PatchHeights, ...] = ()
+    worst: tuple[WorstCell, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -230,11 +270,12 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
     """
     _require_bins(n_bins)
     comm, cells = quality.pieces.comm, quality.cells_in_turn(nodes)
-    own, worst = [], []
+    own, worst, lowest = [], [], []
     with together(comm):
         for block, measures in zip(quality.blocks, cells):
             own.append(_Summary.of(measures, n_bins))
             worst += _worst(block, measures, newly=False)
+            lowest += _lowest(block, measures, nodes, quality.pieces)
     whole = _Summary.join(from_all(comm, _Summary.join(own, n_bins)), n_bins)
     q_min, min_corner, min_jacobian, min_volume = whole.least.tolist()
     return QualityReport(
@@ -248,6 +289,7 @@ def report_quality(quality: GridQuality, nodes: np.ndarray, n_bins: int = 50) ->
         inverted=_worst_of_all(comm, worst),
         histogram=_distribution(whole.counts, whole.n_negative),
         heights=report_heights(quality.first_cells, nodes),
+        worst=_worst_of_all(comm, lowest, MOST_WORST),
     )
 
 
@@ -332,10 +374,40 @@ def _worst(block: BlockCells, measures: CellQuality, newly: bool) -> list[tuple]
     return found
 
 
-def _worst_of_all(comm, worst: Sequence[tuple]) -> tuple[InvertedCell, ...]:
+def _lowest(block: BlockCells, measures: CellQuality, nodes: np.ndarray, pieces: Pieces) -> list[tuple]:
+    """Cells of a block with the smallest corners, each with what sorts it, as `_worst`."""
+    corners = np.where(np.isnan(measures.min_corner), -np.inf, measures.min_corner).ravel()
+    n = min(MOST_WORST, corners.size)
+    limit = np.partition(corners, n - 1)[n - 1]
+    # of those that are alike the first ones, whoever holds them
+    ids = np.append(np.flatnonzero(corners < limit), np.flatnonzero(corners == limit)[:n])
+    x, found = block.nodes_of(nodes), []
+    for cell in ids[np.argsort(corners[ids], kind="stable")][:MOST_WORST]:
+        index = np.unravel_index(cell, block.degenerate_in_block.shape)
+        i, j, k = block.number(cell)
+        place = tuple(x[tuple(slice(at, at + 2) for at in index)].reshape(-1, 3).mean(axis=0).tolist())
+        corner, q = (float(values.ravel()[cell]) for values in (measures.min_corner, measures.q))
+        patch = _patch_of((i - 1, j - 1, k - 1), block.window.block, pieces)
+        named = WorstCell(block.name, i, j, k, corner, q, place, patch)
+        found.append((float(corners[cell]), block.window.block, (i, j, k), named))
+    return found
+
+
+def _patch_of(cell: tuple[int, ...], block: int, pieces: Pieces) -> str:
+    """Patch that a cell of a block is at, the most important one; empty where it is at none."""
+    at: dict[str, str] = {}
+    for patch in pieces.patches:
+        for window in (window for window in patch.windows if window.block == block):
+            ends = zip(cell, window.lo, window.hi, pieces.shapes[block])
+            if all((lo <= c < hi) if lo < hi else c == min(lo, max(n - 2, 0)) for c, lo, hi, n in ends):
+                at.setdefault(patch.kind, patch.name)
+    return next((at[kind] for kind in PATCH_KINDS if kind in at), "")
+
+
+def _worst_of_all(comm, worst: Sequence[tuple], most: int = MOST_NAMED) -> tuple:
     """Join the worst cells of the blocks of all processes."""
-    every = (cell for part in from_all(comm, sorted(worst, key=_order)[:MOST_NAMED]) for cell in part)
-    return tuple(cell for *_, cell in sorted(every, key=_order)[:MOST_NAMED])
+    every = (cell for part in from_all(comm, sorted(worst, key=_order)[:most]) for cell in part)
+    return tuple(cell for *_, cell in sorted(every, key=_order)[:most])
 
 
 def _order(cell: tuple) -> tuple:

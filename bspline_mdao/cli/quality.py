@@ -10,7 +10,7 @@ import numpy as np
 
 from ..cells.grid_quality import GridQuality
 from ..cells.pieces import Pieces
-from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
+from ..cells.report import InvertedCell, QualityReport, WorstCell, inverted_cells, report_quality
 from ..errors import InputError
 from ..io.patches import merge_patches, read_patches
 from ..model.fitted_model import FittedModel
@@ -36,6 +36,9 @@ from .output import (
     written_json,
 )
 from .sources import file_of, load_grid, stored_grid
+
+MOST_WORST = 5
+"""Cells with the smallest corners that are printed."""
 
 MOST_SHOWN = 10
 """Inverted cells that are printed."""
@@ -175,12 +178,20 @@ def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, n
         "min_jacobian": report.min_jacobian,
         "min_volume": report.min_volume,
         "inverted": [vars(cell) for cell in report.inverted],
+        "worst": [vars(cell) for cell in report.worst],
         "histogram": {
             "edges": report.histogram.edges.tolist(),
             "density": report.histogram.density.tolist(),
             "n_negative": report.histogram.n_negative,
         },
     }
+
+
+def _worst_text(cell: WorstCell) -> str:
+    """Write what a cell is like and where it is."""
+    place = ", ".join(f"{x:.4g}" for x in cell.place)
+    patch = f", at {cell.patch}" if cell.patch else ""
+    return f"{cell}: corner {cell.corner:.3g}, Q {cell.q:.3g}, around ({place}) m{patch}"
 
 
 def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> None:
@@ -195,6 +206,8 @@ def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newl
         ("inverted cells", f"{report.n_inverted:,}"),
     ]
     print_table(["measure", "value"], rows)
+    print_lines(["cells with the smallest corners:"])
+    print_lines([f"  {_worst_text(cell)}" for cell in report.worst[:MOST_WORST]])
     show_heights(report.heights)
     if baseline_name is not None:
         show_height_ratios(report.heights)
