@@ -110,6 +110,7 @@ from .movement.young_modulus import InverseVolumeLaw as InverseVolumeLaw
 from .movement.young_modulus import OrthogonalityLaw as OrthogonalityLaw
 from .movement.young_modulus import StiffnessLaw as StiffnessLaw
 from .movement.young_modulus import WallDistanceLaw as WallDistanceLaw
+from .numerics.progress import show_progress as show_progress
 from .om.case_recorder import CaseRecorder as CaseRecorder
 from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.design_summary import DesignSummary as DesignSummary

@@ -7,13 +7,9 @@ valid one.
 
 from __future__ import annotations
 
-import logging
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -29,8 +25,9 @@ from ..mesh.boundary import moving_mesh
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
-from ..movement.increments import AUTO, LOGGER
+from ..movement.increments import AUTO
 from ..movement.mover import MEND, IncrementReport, Movement, MovementReport
+from ..numerics.progress import within
 from ..topology.grid import Grid
 from ..topology.sharing import node_sharing
 from ..walls.wall_correction import WallCorrection
@@ -164,7 +161,7 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
     initial = model.control_points
     deformation = parse_deformation(options.deform, model, mesh)
     surface = deformation.apply(initial[mesh.surface_ids])
-    with _shown_increments(lambda fraction, what: progress(0.1 + 0.6 * fraction, what)):
+    with within(0.1, 0.7):
         movement = mover.move(initial, surface)
     progress(0.7, "evaluating")
     baseline = model.regenerate()
@@ -208,34 +205,6 @@ def _write_points(path: Path, points: np.ndarray) -> None:
     """Write points (n, 3) as ``--deform`` reads them back."""
     with replaced_file(path) as part:
         np.savetxt(part, points, fmt="%.17g", delimiter=",", header="x,y,z")
-
-
-class _ShownIncrements(logging.Handler):
-    """Moves a bar at every record of an increment, which has its number and that of all as arguments."""
-
-    def __init__(self, progress: Callable[[float, str], None]):
-        super().__init__()
-        self.progress = progress
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Move the bar."""
-        number, n_increments = cast("tuple[int, ...]", record.args)[:2]
-        self.progress(number / n_increments, record.getMessage())
-
-
-@contextmanager
-def _shown_increments(progress: Callable[[float, str], None]) -> Iterator[None]:
-    """Show the increments of a move as they are done."""
-    handler = _ShownIncrements(progress)
-    level = LOGGER.level
-    LOGGER.addHandler(handler)
-    LOGGER.setLevel(logging.INFO)
-    progress(0.0, "first increment")
-    try:
-        yield
-    finally:
-        LOGGER.setLevel(level)
-        LOGGER.removeHandler(handler)
 
 
 def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOptions) -> dict:

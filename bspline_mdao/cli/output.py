@@ -6,14 +6,13 @@ import json
 import math
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -24,10 +23,8 @@ from ..errors import InputError
 from ..io.disk import replaced_file
 from ..io.formats import format_of_name
 from ..numerics.processes import ONE, on_first, together
+from ..numerics.progress import Progress, shown
 from ..wording import counted
-
-COMPILING = "compiling, once"
-"""Shown while numba compiles kernels, which it does when they are first needed on a machine."""
 
 
 def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str | None] = (), comm: Any = ONE) -> None:
@@ -174,53 +171,9 @@ def _cell(value: object) -> str:
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 
-@contextmanager
-def progress_bar() -> Iterator:
+def progress_bar() -> AbstractContextManager[Progress]:
     """Give a function of the fraction done and what is being done, which moves a bar on a terminal's standard error."""
-    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn()
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda fraction, what: None
-        return
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = _Bar(progress, progress.add_task("", total=1.0))
-        with _shown_compilation(bar):
-            yield bar.move
-
-
-class _Bar:
-    """A bar, which shows that kernels are compiled rather than what is being done while they are."""
-
-    def __init__(self, progress: Progress, task: TaskID):
-        self.progress, self.task, self.what, self.n_compiling = progress, task, "", 0
-
-    def move(self, fraction: float, what: str) -> None:
-        """Move the bar and say what is being done."""
-        self.what = what
-        self.progress.update(self.task, completed=fraction, description=what)
-
-    def on_start(self, event) -> None:
-        """Say that a kernel is compiled; one that calls others compiles them in between."""
-        self.n_compiling += 1
-        self.progress.update(self.task, description=COMPILING)
-
-    def on_end(self, event) -> None:
-        """Go back to what is being done once the outermost kernel is ready."""
-        self.n_compiling -= 1
-        if self.n_compiling == 0:
-            self.progress.update(self.task, description=self.what)
-
-
-@contextmanager
-def _shown_compilation(bar: _Bar) -> Iterator[None]:
-    """Show on a bar that numba compiles; kernels that come from the cache are not compiled."""
-    from numba.core import event  # numba takes a while to import: no command needs it for its help
-
-    class Listener(event.Listener):
-        on_start, on_end = staticmethod(bar.on_start), staticmethod(bar.on_end)
-
-    with event.install_listener("numba:compile", Listener()):
-        yield
+    return shown("")
 
 
 MEANING_OF_INVALID = (

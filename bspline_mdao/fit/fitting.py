@@ -18,6 +18,7 @@ from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import FitSettings, GridHeader
 from ..numerics.processes import ONE, together
+from ..numerics.progress import Progress, shown
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume
 from ..topology.detection import find_topology
@@ -31,7 +32,7 @@ from .errors import report_errors
 from .fit_nodes import FitNodes
 from .options import EXPONENTS, METHODS
 from .parameters import as_parameters, chord_length_parameters
-from .problem import FitProblem, Progress, no_progress, part_of, problem_of_mesh, solve_fit
+from .problem import FitProblem, no_progress, part_of, problem_of_mesh, solve_fit
 from .validity import make_valid
 
 
@@ -58,7 +59,7 @@ def fit_grid(
     wall_layer: bool = True,
     parametrization="chord_length",
     method: str = "valid",
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> FittedModel:
     """Fit a grid: parameters, knots, then corners, edges, faces and interiors.
 
@@ -94,8 +95,9 @@ def fit_grid(
         (`bspline_mdao.fit.validity`). ``"least_squares"`` stays with least squares, as the paper.
         ``"quasi_interpolant"`` solves nothing: it takes no more memory than the grid, and falls back likewise where the
         iterated quasi-interpolant folds.
-    progress : callable, optional
-        Called with the fraction done and a word on what is being done.
+    progress : callable or bool, optional
+        Called with the fraction done and a word on what is being done. By default a bar shows it where there is a
+        terminal; False turns that off, see `bspline_mdao.numerics.progress`.
 
     Returns
     -------
@@ -114,8 +116,9 @@ def fit_grid(
         and are not joined: once as well, with the worst place.
     """
     options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
-    options |= {"wall_layer": wall_layer, "parametrization": parametrization, "progress": progress}
-    _, parameters, residual, whole = _fit(grid, ONE, topology, **options)
+    options |= {"wall_layer": wall_layer, "parametrization": parametrization}
+    with shown("fitting", progress) as tell:
+        _, parameters, residual, whole = _fit(grid, ONE, topology, **options, progress=tell)
     _warn(grid, whole)
     return FittedModel(parameters=tuple(parameters), residual=residual if keep_residual else None, **whole)
 
@@ -157,7 +160,8 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     FitWarning
         As `fit_grid`, from the first process.
     """
-    sharing, parameters, residual, whole = _fit(grid, comm, **options)
+    with shown("fitting", options.pop("progress", None)) as tell:
+        sharing, parameters, residual, whole = _fit(grid, comm, **options, progress=tell)
     if comm.rank == 0:
         _warn(grid, whole)
     return FittedBlocks(
@@ -189,10 +193,11 @@ def _fit(
     wall_layer: bool = True,
     parametrization="chord_length",
     method: str = "valid",
-    progress: Progress | None = None,
+    *,
+    progress: Progress,
 ) -> tuple[FitNodes, list[np.ndarray], np.ndarray, dict[str, Any]]:
     """Fit a grid: the nodes of this process, their parameters and residual, and the rest of the model."""
-    start, progress = time.perf_counter(), progress or no_progress
+    start = time.perf_counter()
     _check_options(corrections, method)
     if comm.size > 1 and (corrections or not isinstance(parametrization, str)):
         what = "parameter correction" if corrections else "parameters of your own"

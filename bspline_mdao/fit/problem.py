@@ -5,7 +5,7 @@ Theory: ``docs/theory/fit.rst``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..numerics.processes import together
+from ..numerics.progress import Progress
 from ..numerics.threads import map_tasks, thread_count
 from ..splines.mesh import BSplineMesh
 from ..topology.topology import Topology
@@ -21,9 +22,6 @@ from .entities import Entity, entities_in_order
 from .fit_nodes import FitNodes
 from .least_squares import LARGEST_GRAM, FitOperator, FitStep, build_step, places_on_edges
 from .quasi_interpolant import Mixture
-
-Progress = Callable[[float, str], None]
-"""Called with the fraction done and what is being done."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ for elastic elements it is `bspline_mdao.movement.equilibrium`.
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,11 +18,11 @@ import numpy as np
 from ..checks import as_array
 from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.progress import shown
 from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
-__all__ = ["AUTO", "GOOD_RATIO", "LOGGER", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
+__all__ = ["AUTO", "GOOD_RATIO", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
 
-LOGGER = logging.getLogger(__name__)
 """Logs every increment that is done, with the arguments ``(increment, n_increments)``."""
 
 AUTO = "auto"
@@ -170,16 +169,17 @@ def _follow(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
     """Move the mesh behind its surface in a number of equal increments, i = 1 to m of Eq. (8)."""
     began, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
-    for i in range(1, n_increments + 1):
-        try:
-            steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
-        except MovementError as error:
-            raise MovementError(f"increment {i} of {n_increments}: {error}") from error
-        before = steps[-1].points
-        check_reach(mesh, initial, surface, before)
-        tangling = mesh.tangled(before)
-        reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
-        LOGGER.info("increment %d of %d", i, n_increments)
+    with shown("moving the control mesh") as tell:
+        for i in range(1, n_increments + 1):
+            tell((i - 1) / n_increments, f"increment {i} of {n_increments}")
+            try:
+                steps.append(step(initial, before, _between(surface_before, surface, i, n_increments)))
+            except MovementError as error:
+                raise MovementError(f"increment {i} of {n_increments}: {error}") from error
+            before = steps[-1].points
+            check_reach(mesh, initial, surface, before)
+            tangling = mesh.tangled(before)
+            reports.append(IncrementReport(solve=steps[-1].report, **vars(tangling)))
     report = MovementReport(tuple(reports), time.perf_counter() - began, n_invalid=mesh.n_invalid)
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 

@@ -12,6 +12,7 @@ from openmdao.core.driver import Driver
 
 from ...errors import InputError
 from ...numerics.processes import from_first
+from ...numerics.progress import Progress, shown
 from .familiar_options import translated
 from .led_model import LedModel, led
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
@@ -134,7 +135,8 @@ class NLoptDriver(Driver):
         statement = Statement.of(designs, constraints, self.options["constraint_tolerance"])
 
         def optimise(model):
-            return self._optimise(model, statement, settings)
+            with shown(self._get_name()) as tell:
+                return self._optimise(model, statement, settings, tell)
 
         comm = self._problem().comm
         try:
@@ -153,10 +155,10 @@ class NLoptDriver(Driver):
             self.options[name] = value
 
     def _optimise(
-        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings
+        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
     ) -> tuple[Outcome, Point, int]:
         """End of the run, the best point, at which the model is left, and the number of failed analyses."""
-        functions = self._functions(model, statement, settings)
+        functions = self._functions(model, statement, settings, tell)
         try:
             outcome = _minimise(settings, functions)
             functions.restore_best()
@@ -167,7 +169,9 @@ class NLoptDriver(Driver):
             raise
         return outcome, functions.best, functions.n_failed
 
-    def _functions(self, model: ScaledModel | LedModel, statement: Statement, settings: Settings) -> Functions:
+    def _functions(
+        self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
+    ) -> Functions:
         """The functions for NLopt, after the first run of the model."""
         x, *responses = model.start()
         within = np.clip(x, statement.lower, statement.upper)
@@ -180,6 +184,7 @@ class NLoptDriver(Driver):
         def watch(functions: Functions, norm: float | None):
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
             log.add(functions.last, functions.best, norm)
+            tell(-1.0, f"{self.iter_count} runs, best objective {functions.best.objective:.6g}")
 
         return Functions(model, statement, recover, make_rules, start, watch, settings.maxiter)
 

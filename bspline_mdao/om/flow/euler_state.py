@@ -24,6 +24,7 @@ from ...flow.euler.sequencing import states_from_coarse
 from ...flow.stream import RADIAN
 from ...names import GRID
 from ...numerics.processes import largest, summed_number
+from ...numerics.progress import Progress, shown
 from ..component import (
     SMOOTH_STEP,
     CheckedOnProcesses,
@@ -151,12 +152,13 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Solve for the states at the inputs, or raise."""
         self._check(inputs)
         areas, stream = self._at(inputs)
-        for solution in self._attempts(inputs, outputs, areas, stream, tolerance):
-            self._solution = solution
-            if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
-                self._converged = solution
-                outputs["states"] = solution.states.ravel()
-                return
+        with shown("flow") as tell:
+            for solution in self._attempts(inputs, outputs, areas, stream, tolerance, tell):
+                self._solution = solution
+                if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
+                    self._converged = solution
+                    outputs["states"] = solution.states.ravel()
+                    return
         raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(areas, stream)}")
 
     def linearize(self, inputs, outputs, jacobian):
@@ -345,11 +347,11 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         )
         return {"Mach_number": d_stream_d_mach, "alpha": RADIAN * d_stream_d_alpha}
 
-    def _attempts(self, inputs, outputs, areas, stream, tolerance):
+    def _attempts(self, inputs, outputs, areas, stream, tolerance, tell):
         """Yield solutions, each by a surer way than the last."""
-        flow, levels, iprint = (self.options[name] for name in ("flow", "levels", "iprint"))
+        flow, levels = (self.options[name] for name in ("flow", "levels"))
         settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
-        settings["progress"] = self._progress(inputs) if iprint > 1 else None
+        settings["progress"] = self._progress(inputs, tolerance, tell)
         field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
         starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
         # the plain norm, of the far field above all, tells whether states know the stream; gas at rest does not
@@ -380,10 +382,18 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         solution = solve_flow(*field, states=nearby.states, **settings)
         return replace(solution, history=nearby.history[:-1] + solution.history)
 
-    def _progress(self, inputs):
-        """What Newton's method calls with every step: it prints a line."""
+    def _progress(self, inputs, tolerance: float, tell: Progress):
+        """What Newton's method calls with every step: it moves a bar, and prints a line where that is asked for."""
         nodes, alpha, mach = inputs[GRID].reshape(-1, 3), RADIAN * inputs["alpha"][0], inputs["Mach_number"][0]
-        return lambda step, states: self._log.tell(step, states, nodes, alpha, mach)
+        is_printed = self.options["iprint"] > 1
+
+        def told(step, states):
+            digits = np.log(max(step.residual, tolerance)) / np.log(tolerance)
+            tell(float(np.clip(digits, 0.0, 1.0)), f"residual {step.residual:.1e}")
+            if is_printed:
+                self._log.tell(step, states, nodes, alpha, mach)
+
+        return told
 
     def _tell(self, solution: FlowSolution) -> None:
         """Print a line about a solution."""
