@@ -109,7 +109,7 @@ def within(start: float, stop: float) -> Iterator[None]:
         yield
         return
     bar, before = _active[-1], _active[-1].window
-    bar.window = start, stop
+    bar.window, bar.what = (start, stop), ""  # the work inside says what is done
     try:
         yield
     finally:
@@ -151,7 +151,7 @@ class _Bar:
             if self.window is not None and fraction >= 0.0:
                 start, stop = self.window
                 self.fraction = start + (stop - start) * fraction
-            self._draw(f"{outer} | {title}: {what}")
+            self._draw(f"{outer} | {title}: {what}" if outer else f"{title}: {what}")
 
         return tell
 

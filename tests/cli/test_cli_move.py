@@ -1,6 +1,5 @@
 """The command ``move``: what it writes, tells and refuses."""
 
-import io
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from component_cases import movable_model, small_model
-from rich.console import Console
 from test_cli import fails_as_expected, numbers
 from topology_cases import box, c_grid, grid_of
 
 from bspline_mdao import FittedModel, SurfaceGrid, fit_grid, flat_plate_grid, parse_deformation, read_grid
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import inverted_cells, report_quality
-from bspline_mdao.cli import output
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.move import complaint
 from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
@@ -25,6 +22,7 @@ from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.movement.young_modulus import ConstantLaw
+from bspline_mdao.numerics import progress
 from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.walls.wall_correction import WallCorrection
@@ -335,14 +333,14 @@ def test_patches_choose_what_moves_and_what_is_held(workplace, capsys):
 
 
 def test_increments_are_shown_on_a_terminal(workplace, monkeypatch):
-    terminal = Console(file=io.StringIO(), force_terminal=True, width=100)
     seen = []
-    monkeypatch.setattr(output, "Console", lambda **_: terminal)
-    monkeypatch.setattr(output.Progress, "update", lambda self, task, **state: seen.append(state))
+    monkeypatch.setattr(progress, "is_terminal", lambda: True)
+    monkeypatch.setattr(progress._Bar, "_draw", lambda bar, what: seen.append((bar.fraction, what)))
     assert run(move(*FLOOR, "--increments", "3")) == 0
-    shown = [state["description"] for state in seen]
-    assert [text for text in shown if "increment " in text] == [f"increment {n} of 3" for n in (1, 2, 3)]
-    assert [state["completed"] for state in seen] == sorted(state["completed"] for state in seen)
+    named = [what for _, what in seen if "increment " in what]
+    assert named == [f"moving the control mesh: increment {n} of 3" for n in (1, 2, 3)]
+    fractions = [fraction for fraction, what in seen if what]
+    assert fractions == sorted(fractions)
 
 
 @pytest.mark.parametrize(
