@@ -1,12 +1,13 @@
 """Vectors of five numbers of single precision, as values in kernels: states and columns of 5 x 5 blocks.
 
 LLVM does not find vector code for blocks of five by itself. Here they are the first five of eight lanes; the others are
-zero when they are loaded and not stored. Products and sums are marked as contractible and become fused where the
-machine has such instructions.
+zero when they are loaded, but for those of halves, and not stored. Products and sums are marked as contractible and
+become fused where the machine has such instructions.
 """
 
 from __future__ import annotations
 
+import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
@@ -19,7 +20,9 @@ __all__ = [
     "combined",
     "lane_sums",
     "load",
+    "load_halves",
     "prefetch",
+    "rounded_to_halves",
     "store",
     "subtract_combined",
     "subtract_scaled",
@@ -29,6 +32,7 @@ __all__ = [
 N, LANES = 5, 8
 
 _INT, _FLOAT = ir.IntType(32), ir.FloatType()
+_HALVES = ir.VectorType(ir.IntType(16), LANES)
 _VECTOR, _MASK_TYPE = ir.VectorType(_FLOAT, LANES), ir.VectorType(ir.IntType(1), LANES)
 _MASK = ir.Constant(_MASK_TYPE, [int(k < N) for k in range(LANES)])
 _CONTRACT = ("contract",)
@@ -78,6 +82,38 @@ def load(typingctx, array, offset):
     return FIVE(array, types.int64), emit
 
 
+def rounded_to_halves(numbers: np.ndarray) -> np.ndarray:
+    """Round numbers of single precision to their upper halves: bfloat16, eight bits of each and the exponent.
+
+    An array of uint16 of the same shape, with room behind it for `load_halves`.
+    """
+    flat = np.zeros(numbers.size + LANES, np.uint16)
+    _round(np.ascontiguousarray(numbers, np.float32).reshape(-1).view(np.uint32), flat)
+    return flat[: numbers.size].reshape(numbers.shape)
+
+
+@njit(cache=True, nogil=True)
+def _round(bits, out):
+    for n in range(len(bits)):
+        out[n] = (bits[n] + np.uint32(0x7FFF) + ((bits[n] >> 16) & np.uint32(1))) >> 16  # ties to even
+
+
+@intrinsic
+def load_halves(typingctx, array, offset):
+    """Five numbers from an offset into an array of `rounded_to_halves`; other lanes hold those that follow there."""
+    if not (isinstance(array, types.Array) and array.dtype == types.uint16 and array.layout == "C"):
+        return None
+
+    def emit(context, builder, signature, args):
+        at = _pointer(context, builder, array, args[0], args[1])
+        halves = builder.load(builder.bitcast(at, _HALVES.as_pointer()), align=2)
+        wide = ir.VectorType(_INT, LANES)
+        bits = builder.shl(builder.zext(halves, wide), ir.Constant(wide, [16] * LANES))
+        return builder.bitcast(bits, _VECTOR)
+
+    return FIVE(array, types.int64), emit
+
+
 @intrinsic
 def prefetch(typingctx, array, offset):
     """Ask for the numbers at an offset into the data of an array, which may lie beyond its end."""
@@ -86,6 +122,7 @@ def prefetch(typingctx, array, offset):
         at = _pointer(context, builder, array, args[0], args[1])
         kind = ir.FunctionType(ir.VoidType(), [_FLOAT.as_pointer(), _INT, _INT, _INT])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        at = builder.bitcast(at, _FLOAT.as_pointer())
         builder.call(function, [at] + [ir.Constant(_INT, number) for number in (0, 3, 1)])
         return context.get_dummy_value()
 

@@ -1,4 +1,7 @@
-"""Incomplete factor L U of a matrix of 5 x 5 blocks in single precision, made and solved with on several threads.
+"""Incomplete factor L U of a matrix of 5 x 5 blocks, made and solved with on several threads.
+
+It is made in single precision; of L and U the upper half of every number is kept, eight bits and the exponent. What an
+incomplete factor leaves out is far more, and the sweeps read half as much.
 
 The pattern is symmetric. Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block
 of U at ``(column, row)``. Rows of a level need rows of lower levels only: threads share the rows of one level after
@@ -23,7 +26,9 @@ from ...numerics.fives import (
     combined,
     lane_sums,
     load,
+    load_halves,
     prefetch,
+    rounded_to_halves,
     store,
     subtract_combined,
     subtract_scaled,
@@ -114,8 +119,8 @@ class BlockFactor:
     Parameters
     ----------
     pattern : Pattern
-    lower, upper : ndarray of float32, shape (n_blocks, 5, 5)
-        Blocks of L below its unit diagonal and of U above its diagonal.
+    lower, upper : ndarray of uint16, shape (n_blocks, 5, 5)
+        Blocks of L below its unit diagonal and of U above its diagonal, see `rounded_to_halves`.
     pivots : ndarray of float32, shape (n, 5, 5)
         Inverses of the diagonal blocks of U.
     """
@@ -132,7 +137,8 @@ class BlockFactor:
         schedule, numbers = pattern.schedule, counters()
         how = schedule.ends, schedule.forwards, numbers
         _together(len(diagonal), lambda: _factorize(pattern.starts, pattern.columns, *how, lower, upper, diagonal))
-        return cls(pattern, lower, upper, diagonal)
+        lower = rounded_to_halves(lower)  # one after the other: each makes room for the next
+        return cls(pattern, lower, rounded_to_halves(upper), diagonal)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve ``L U x = right``, shape (n, 5), in single precision."""
@@ -223,6 +229,18 @@ def _rows(blocks, at):
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _halves(blocks, at):
+    """Rows of a block of halves from an offset into the data of an array."""
+    return (
+        load_halves(blocks, at),
+        load_halves(blocks, at + 5),
+        load_halves(blocks, at + 10),
+        load_halves(blocks, at + 15),
+        load_halves(blocks, at + 20),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _write(blocks, at, rows):
     """Write a block."""
     first = 25 * at
@@ -299,10 +317,12 @@ def _solve(
                 for entry in range(starts[row], starts[row + 1]):
                     z, at = load(x, 5 * columns[entry]), 25 * entry
                     prefetch(lower, at + 25 * AHEAD)
-                    prefetch(lower, at + 25 * AHEAD + 16)
-                    a, b = add_product(a, load(lower, at), z), add_product(b, load(lower, at + 5), z)
-                    c, d = add_product(c, load(lower, at + 10), z), add_product(d, load(lower, at + 15), z)
-                    e = add_product(e, load(lower, at + 20), z)
+                    a, b = add_product(a, load_halves(lower, at), z), add_product(b, load_halves(lower, at + 5), z)
+                    c, d = (
+                        add_product(c, load_halves(lower, at + 10), z),
+                        add_product(d, load_halves(lower, at + 15), z),
+                    )
+                    e = add_product(e, load_halves(lower, at + 20), z)
                 known = load(right, 5 * order[row])
                 store(x, 5 * row, subtract_scaled(known, np.float32(1.0), lane_sums(a, b, c, d, e)))
         else:
@@ -313,10 +333,12 @@ def _solve(
                     z, at = load(x, 5 * column_rows[place]), 25 * column_entries[place]
                     ahead = 25 * column_entries[max(place - AHEAD, 0)]
                     prefetch(upper, ahead)
-                    prefetch(upper, ahead + 16)
-                    a, b = add_product(a, load(upper, at), z), add_product(b, load(upper, at + 5), z)
-                    c, d = add_product(c, load(upper, at + 10), z), add_product(d, load(upper, at + 15), z)
-                    e = add_product(e, load(upper, at + 20), z)
+                    a, b = add_product(a, load_halves(upper, at), z), add_product(b, load_halves(upper, at + 5), z)
+                    c, d = (
+                        add_product(c, load_halves(upper, at + 10), z),
+                        add_product(d, load_halves(upper, at + 15), z),
+                    )
+                    e = add_product(e, load_halves(upper, at + 20), z)
                 known = load(x, 5 * row)
                 known = subtract_scaled(known, np.float32(1.0), lane_sums(a, b, c, d, e))
                 z = block_product(pivots, 25 * row, known)
@@ -341,8 +363,7 @@ def _solve_transposed(
                 z = load(right, 5 * order[row])
                 for entry in range(starts[row], starts[row + 1]):
                     prefetch(upper, 25 * (entry + AHEAD))
-                    prefetch(upper, 25 * (entry + AHEAD) + 16)
-                    z = subtract_combined(z, load(x, 5 * columns[entry]), _rows(upper, entry))
+                    z = subtract_combined(z, load(x, 5 * columns[entry]), _halves(upper, 25 * entry))
                 store(x, 5 * row, combined(z, _rows(pivots, row)))
         else:
             back = n_chunks - 1 - chunk
@@ -351,8 +372,9 @@ def _solve_transposed(
                 for place in range(column_starts[row], column_starts[row + 1]):
                     ahead = 25 * column_entries[max(place - AHEAD, 0)]
                     prefetch(lower, ahead)
-                    prefetch(lower, ahead + 16)
-                    z = subtract_combined(z, load(x, 5 * column_rows[place]), _rows(lower, column_entries[place]))
+                    z = subtract_combined(
+                        z, load(x, 5 * column_rows[place]), _halves(lower, 25 * column_entries[place])
+                    )
                 store(x, 5 * row, z)
                 store(out, 5 * order[row], z)
         finish(numbers)
