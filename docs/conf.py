@@ -29,7 +29,9 @@ extensions = [
     "sphinx_design",
     "myst_parser",
     "mathml",
+    "public_names",
 ]
+default_role = "py:obj"  # names in single backticks are links where they are public
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "_ext"]
 html_theme = "furo"

@@ -11,31 +11,28 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError
+from .axis_maps import SectionMap, ShiftMap, along_vectors
 from .displacement import Displacement
 from .lattice import Lattice
 from .reference_axis import AttachedRows, ReferenceAxis, StationSpline
 from .section_formulas import rotation, scaling, shear
-from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, rates_of
+from .variable import AuxiliaryPoints, DesignMap, Layout
 
 __all__ = [
     "Camber",
     "Chord",
     "Dihedral",
-    "SectionMap",
-    "ShiftMap",
     "Span",
     "Sweep",
     "Taper",
     "ThicknessFactor",
     "Twist",
-    "along_vectors",
     "parabola",
 ]
 
@@ -127,7 +124,32 @@ class _InSections(AtStations):
 
 
 class Twist(_InSections):
-    """Turn sections in their planes about the axis; values in degrees, upstream end up positive."""
+    """Turn sections in their planes about the axis; values in degrees, upstream end up positive.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the baseline.
+    axis : ReferenceAxis
+        About which sections turn: the quarter chord of `ReferenceAxis.of`, or points of yours.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"twist": np.array([0.0, 5.0])})
+    >>> (np.ptp(moved, axis=0) - np.ptp(baseline, axis=0)).round(4)  # the tip's leading and trailing edge
+    array([0.    , 0.0872, 0.    ])
+    """
 
     units = "deg"
 
@@ -141,10 +163,29 @@ class Chord(_InSections):
 
     Parameters
     ----------
-    name, axis, stations, order, on
-        See `AtStations`.
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : ReferenceAxis
+        About which sections grow and shrink, that stays where it is.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
     scales_thickness : bool
         Whether the thickness goes along, so that thickness over chord stays.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Chord("chord", wing.axis, stations=2)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"chord": np.array([1.0, 0.5])})
+    >>> (baseline - moved).max(axis=0).round(3)  # the tip's trailing edge, three quarters behind the axis
+    array([0.375, 0.   , 0.   ])
     """
 
     neutral = 1.0
@@ -162,6 +203,30 @@ class ThicknessFactor(_InSections):
     """Scale heights of sections normal to their chord lines, from the axis; values are factors on the thickness.
 
     The camber of a section is scaled with its thickness.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : ReferenceAxis
+        Line from which heights are measured, that stays where it is.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, onera_m6_grid
+    >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((9, 9, 7)), n_control=(6, 5, 4)))
+    >>> shape = wing.parametrization([ThicknessFactor("thickness", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"thickness": np.array([1.5])})
+    >>> (np.ptp(moved, axis=0) / np.ptp(baseline, axis=0)).round(3)
+    array([1. , 1.5, 1. ])
     """
 
     neutral = 1.0
@@ -178,6 +243,25 @@ class Taper(AlongAxis):
     """Scale sections about the axis by a factor that is 1 at its first point and the value at its last, linear between.
 
     The factor is on the ratio of tip and root chord; thickness over chord stays.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (1,); 1 on the baseline. It has no stations.
+    axis : ReferenceAxis
+        About which sections shrink, that stays where it is.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Taper("taper", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"taper": np.array([0.5])})
+    >>> (baseline - moved).max(axis=0).round(3)  # the tip's trailing edge, three quarters behind the axis
+    array([0.375, 0.   , 0.   ])
     """
 
     def _bind(self, attached: AttachedRows) -> SectionMap:
@@ -199,10 +283,30 @@ class Camber(AtStations):
 
     Parameters
     ----------
-    name, axis, stations, order, on
-        See `AtStations`.
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in chords; 0 on the baseline.
+    axis : ReferenceAxis
+        Along which stations are; camber itself is that of the sections' chord lines.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
     line : callable
         Camber line of a unit value: heights in chords at parts of the chord, 0 the leading and 1 the trailing edge.
+        `parabola` by default: the value is the height of the camber line in its middle.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Camber("camber", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"camber": np.array([0.02])})
+    >>> (moved - baseline).max(axis=0).round(3)
+    array([0.  , 0.02, 0.  ])
     """
 
     line: Callable[[np.ndarray], np.ndarray] = field(default=parabola, kw_only=True)
@@ -236,7 +340,32 @@ class _Shifting(AtStations):
 
 
 class Span(_Shifting):
-    """Stretch the axis along the span; sections move along unchanged. Values are factors on lengths of span."""
+    """Stretch the axis along the span; sections move along unchanged. Values are factors on lengths of span.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,); 1 on the baseline.
+    axis : ReferenceAxis
+        Which is stretched from its first point on; sections go with the points of it that they are attached to.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Span("span", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"span": np.array([1.5])})
+    >>> (moved - baseline).max(axis=0).round(3)
+    array([0., 0., 1.])
+    """
 
     neutral = 1.0
 
@@ -245,7 +374,33 @@ class Span(_Shifting):
 
 
 class Sweep(_Shifting):
-    """Shear sections downstream along the axis as seen along the stream; values are angles in degrees."""
+    """Shear sections downstream along the axis as seen along the stream; values are angles in degrees.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the
+        baseline. Its tangent is added to that of the sweep that there is.
+    axis : ReferenceAxis
+        Which is sheared from its first point on; sections go with it and keep their chords.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Sweep("sweep", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"sweep": np.array([10.0])})
+    >>> (moved - baseline).max(axis=0).round(4)  # the tip goes back by 2 tan 10 deg
+    array([0.3527, 0.    , 0.    ])
+    """
 
     units = "deg"
 
@@ -254,7 +409,33 @@ class Sweep(_Shifting):
 
 
 class Dihedral(_Shifting):
-    """Shear sections upwards along the span; values are angles in degrees."""
+    """Shear sections upwards along the span; values are angles in degrees.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design variable, an input of `GridMovement` of shape (n_stations,), in degrees; 0 on the
+        baseline. Its tangent is added to that of the dihedral that there is.
+    axis : ReferenceAxis
+        Which is sheared from its first point on; sections go with it and stay upright.
+    stations : int or sequence of float
+        Their number, evenly from the first point of the axis (0) to the last (1), or where they are:
+        ``(0.0, 0.4, 1.0)``. One is a value for all.
+    order : int
+        Order of the spline between the stations: 2 straight lines, 4 cubics.
+    on : Lattice, optional
+        Lattice that is moved instead of the whole surface; what it embeds follows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((9, 9, 5))))  # chord 1, semi-span 2, in the plane y = 0
+    >>> shape = wing.parametrization([Dihedral("dihedral", wing.axis)])
+    >>> baseline = wing.mesh.points[wing.mesh.surface_ids]
+    >>> moved = shape.apply(baseline, {"dihedral": np.array([10.0])})
+    >>> (moved - baseline).max(axis=0).round(4)  # the tip goes up by 2 tan 10 deg
+    array([0.    , 0.3527, 0.    ])
+    """
 
     units = "deg"
 
@@ -268,184 +449,3 @@ def _excess(factor):
 
 def _slope_of_degrees(angle):
     return shear(np.radians(1.0) * angle)
-
-
-@dataclass(frozen=True, eq=False)
-class SectionMap:
-    """Multiply places in the planes of sections, about the axis as it is, by a matrix of an amount per section.
-
-    Row x with the axis point c, the axes E (2 x 3) of its section and the amount a moves to
-    ``x + E^T (M(a) - 1) E (x - c)``.
-
-    Parameters
-    ----------
-    neutral : float
-        Amount, and value, at which nothing moves.
-    attached : AttachedRows
-        The rows, attached to the axis.
-    axes : ndarray, shape (n_rows, 2, 3)
-        Two orthonormal directions in the plane of each row's section.
-    spline : csr_array, shape (n_rows, n_values)
-        Amounts of sections, less the neutral one, of values less the neutral one.
-    matrices : callable
-        Matrices, shape (n_rows, 2, 2), of amounts, shape (n_rows,); complex-safe.
-    """
-
-    neutral: float
-    attached: AttachedRows
-    axes: np.ndarray
-    spline: csr_array
-    matrices: Callable[[np.ndarray], np.ndarray]
-
-    @property
-    def initial(self) -> np.ndarray:
-        """Values at which nothing moves, shape (n_values,)."""
-        return np.full(self.spline.shape[1], self.neutral)
-
-    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Move all rows, shape (n_rows, 3), in metres."""
-        changes = self.matrices(self._amounts(values)) - np.eye(2)
-        return points + self._in_space(np.einsum("nij,nj->ni", changes, self._in_plane(points)))
-
-    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
-        """Differentiate `apply`."""
-        amounts = self._amounts(values)
-        changes = self.axes.swapaxes(1, 2) @ (self.matrices(amounts) - np.eye(2)) @ self.axes
-        rates = rates_of(self.matrices, amounts)
-        moved = self._in_space(np.einsum("nij,nj->ni", rates, self._in_plane(points)))
-        return MapPartials(self._points_jacobian(changes), along_vectors(moved, self.spline))
-
-    def _amounts(self, values):
-        return self.neutral + self.spline @ (values - self.neutral)
-
-    def _in_plane(self, points):
-        """Coordinates about the axis in the plane of the section, shape (n_rows, 2)."""
-        return np.einsum("nij,nj->ni", self.axes, points - self.attached.centres(points))
-
-    def _in_space(self, local):
-        return np.einsum("nij,ni->nj", self.axes, local)
-
-    def _points_jacobian(self, changes) -> csr_array:
-        """Derivative with respect to the row itself and to the points of the axis, of changes (n_rows, 3, 3)."""
-        weights, n = self.attached.weights.tocoo(), len(changes)
-        influenced = np.concatenate([np.arange(n), weights.row])
-        influences = np.concatenate([np.arange(n), self.attached.axis_rows[weights.col]])
-        d_axis = -weights.data[:, None, None] * changes[weights.row]
-        data = np.concatenate([np.eye(3) + changes, d_axis])
-        rows = np.broadcast_to(3 * influenced[:, None, None] + np.arange(3)[:, None], data.shape)
-        columns = np.broadcast_to(3 * influences[:, None, None] + np.arange(3), data.shape)
-        return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n))
-
-
-def along_vectors(vectors: np.ndarray, amounts: csr_array) -> csr_array:
-    """Displacements along a vector per row, shape (n_rows, 3), of amounts per row and value, shape (n_rows, n_values).
-
-    Returns
-    -------
-    csr_array, shape (3 n_rows, n_values)
-        xyz interleaved; entries that happen to be zero are kept.
-    """
-    entries = amounts.tocoo()
-    data = vectors[entries.row] * entries.data[:, None]
-    rows = 3 * entries.row[:, None] + np.arange(3)
-    shape = 3 * amounts.shape[0], amounts.shape[1]
-    return csr_array((data.ravel(), (rows.ravel(), np.repeat(entries.col, 3))), shape=shape)
-
-
-@dataclass(frozen=True, eq=False)
-class ShiftMap:
-    """Shift sections in one direction by the integral of a slope along the axis, from its first point on.
-
-    The slope is interpolated between stations. Over the segment i of the axis it has the mean ``sum_k B_ik m_k``, which
-    counts for the length ``l_i`` of the segment along its path ``g_i`` as it is. Points of the axis move in the
-    direction d by the sums up to them, and rows as the axis at their stations, with weights W:
-    ``x_p + d sum_qi W_pq [i < q] l_i B_ik m_k``. So sections stay attached at their stations.
-
-    Parameters
-    ----------
-    neutral : float
-        Value at which the slope is none.
-    attached : AttachedRows
-        The rows, attached to the axis.
-    direction : ndarray, shape (3,)
-        In which sections are shifted.
-    paths : ndarray, shape (n_axis - 1, 3)
-        Unit vector for every segment of the axis, along which its length counts.
-    spline : StationSpline
-        Between the values.
-    slopes : callable
-        Slopes, shape (n_values,), of values; complex-safe, one by one.
-    """
-
-    neutral: float
-    attached: AttachedRows
-    direction: np.ndarray
-    paths: np.ndarray
-    spline: StationSpline
-    slopes: Callable[[np.ndarray], np.ndarray]
-
-    @property
-    def initial(self) -> np.ndarray:
-        """Values at which nothing moves, shape (n_values,)."""
-        return np.full(self.spline.n_values, self.neutral)
-
-    def apply(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Move all rows, shape (n_rows, 3), in metres."""
-        shifts = self._sums @ (self._lengths(points) * (self._means @ self.slopes(values)))
-        return points + shifts[:, None] * self.direction
-
-    def partials(self, points: np.ndarray, values: np.ndarray) -> MapPartials:
-        """Differentiate `apply`."""
-        rates = rates_of(self.slopes, values)
-        d_values = self._sums @ (self._lengths(points)[:, None] * self._means * rates)
-        d_points = (self._sums * (self._means @ self.slopes(values))) @ self._steps
-        return MapPartials(self._points_jacobian(d_points), self._matrix(d_values, self._influence_of_values))
-
-    def _lengths(self, points):
-        return np.sum(np.diff(points[self.attached.axis_rows], axis=0) * self.paths, axis=1)
-
-    @cached_property
-    def _means(self) -> np.ndarray:
-        """Mean influence of every value over every segment, shape (n_axis - 1, n_values)."""
-        knots = self.attached.knots
-        return np.diff(self.spline.integral(knots), axis=0) / np.diff(knots)[:, None]
-
-    @cached_property
-    def _sums(self) -> np.ndarray:
-        """Sums of the slopes over segments up to every row, as weights of shape (n_rows, n_axis - 1)."""
-        n = len(self.attached.knots)
-        return self.attached.weights @ np.tri(n, n - 1, -1)
-
-    @cached_property
-    def _steps(self) -> np.ndarray:
-        """Derivatives of the lengths of segments in the points of the axis, shape (n_axis - 1, 3 n_axis)."""
-        n = len(self.attached.knots)
-        differences = np.eye(n)[1:] - np.eye(n)[:-1]
-        return (differences[:, :, None] * self.paths[:, None]).reshape(n - 1, 3 * n)
-
-    @cached_property
-    def _influence_of_values(self) -> np.ndarray:
-        """Whether each row may depend on each value, shape (n_rows, n_values)."""
-        return (self._sums != 0.0) @ (self._means != 0.0)
-
-    @cached_property
-    def _influence_of_points(self) -> np.ndarray:
-        """Whether each row may depend on each coordinate of the axis, shape (n_rows, 3 n_axis)."""
-        return (self._sums != 0.0) @ (self._steps != 0.0)
-
-    def _points_jacobian(self, rates) -> csr_array:
-        """Derivative of the rows with respect to the rows, from that of the shifts with respect to the axis."""
-        shifts = self._matrix(rates, self._influence_of_points).tocoo()
-        columns = (3 * self.attached.axis_rows[:, None] + np.arange(3)).ravel()
-        n = shifts.shape[0]
-        data = np.concatenate([np.ones(n), shifts.data])
-        rows, columns = np.append(np.arange(n), shifts.row), np.append(np.arange(n), columns[shifts.col])
-        return csr_array((data, (rows, columns)), shape=(n, n))
-
-    def _matrix(self, rates, influence) -> csr_array:
-        """Displacements of shifts of rates (n_rows, n), with entries wherever there may be an influence."""
-        coordinates = np.flatnonzero(self.direction)
-        shifted, sources = np.nonzero(influence)
-        data = rates[shifted, sources][:, None] * self.direction[coordinates]
-        rows, columns = 3 * shifted[:, None] + coordinates, np.repeat(sources, len(coordinates))
-        return csr_array((data.ravel(), (rows.ravel(), columns)), shape=(3 * len(rates), rates.shape[1]))

@@ -119,7 +119,7 @@ def dot_test(
     n_directions: int = 3,
     seed: int = 0,
 ) -> float:
-    """Compare products with a matrix and with its transpose: ``y . (J x)`` is ``(J^T y) . x``.
+    """Compare products with a matrix and with its transpose: ``y @ (J x)`` is ``(J^T y) @ x``.
 
     Parameters
     ----------

@@ -1,0 +1,81 @@
+"""The reference shows exactly what is public, by theme, and its examples run."""
+
+import importlib
+import re
+from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import bspline_mdao
+from bspline_mdao.design import planform
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = re.findall(r"^   (reference/\w+)$", (DOCS / "api.rst").read_text(), re.M)
+
+
+def names_of(page):
+    """Names in the tables of a page that make pages of their own."""
+    tables = re.findall(r"\.\. autosummary::\n   :toctree: names\n   :nosignatures:\n\n((?:   \S+\n?)+)", page)
+    return [name for table in tables for name in table.split()]
+
+
+def thing(name):
+    module, _, last = name.rpartition(".")
+    return getattr(importlib.import_module(f"bspline_mdao.{module}".rstrip(".")), last)
+
+
+SHOWN = [name for page in PAGES for name in names_of((DOCS / f"{page}.rst").read_text())]
+
+
+def test_every_page_of_the_reference_is_listed():
+    assert {f"reference/{path.stem}" for path in (DOCS / "reference").glob("*.rst")} == set(PAGES)
+
+
+def test_the_reference_shows_every_public_name_once_and_nothing_else():
+    assert len(SHOWN) == len(set(SHOWN))
+    public = {name for name in dir(bspline_mdao) if not name.startswith("_")}
+    shown = {name for name in SHOWN if "." not in name}
+    assert shown == public, "add new names to the page of docs/reference that they belong to"
+
+
+@pytest.mark.parametrize("module", ["plotting", "testing"])
+def test_the_reference_shows_what_else_can_be_imported(module):
+    package = importlib.import_module(f"bspline_mdao.{module}")
+    public = {name: getattr(package, name) for name in dir(package) if not name.startswith("_")}
+    elsewhere = {id(thing(name)) for name in SHOWN if "." not in name}
+    callables = {name for name, it in public.items() if callable(it) and id(it) not in elsewhere}
+    assert {name for name in SHOWN if name.startswith(f"{module}.")} == {f"{module}.{name}" for name in callables}
+    page = (DOCS / "reference" / f"{module}.rst").read_text()
+    assert all(
+        f"``{name}``" in page for name, it in public.items() if not callable(it) and not isinstance(it, ModuleType)
+    )
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_every_public_name_says_what_it_is(name):
+    assert (thing(name).__doc__ or "").strip().splitlines()[0].endswith((".", ":", "`"))
+
+
+def test_the_variables_that_everyone_uses_are_complete():
+    page = (DOCS / "reference" / "planform.rst").read_text()
+    for name in planform.__all__:
+        kind = getattr(planform, name)
+        if not isinstance(kind, type):
+            continue
+        doc = kind.__doc__
+        assert all(f"\n    {field.name} : " in doc for field in fields(kind)), name
+        assert ">>>" in doc
+        assert f"* - ``{name}``" in page
+
+
+def test_the_example_of_the_variables_runs():
+    (code,) = re.findall(
+        r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)", (DOCS / "reference" / "planform.rst").read_text()
+    )
+    contents = {}
+    exec(re.sub(r"^   ", "", code, flags=re.M), contents)
+    moved, wing = contents["moved"], contents["wing"]
+    assert np.abs(moved - wing.mesh.points[wing.mesh.surface_ids]).max() > 0.05
