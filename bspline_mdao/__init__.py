@@ -8,7 +8,7 @@ import lazy_loader
 
 from .kernel_cache import ensure_kernel_cache
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 ensure_kernel_cache()
 
