@@ -71,11 +71,19 @@ def test_the_variables_that_everyone_uses_are_complete():
         assert f"* - ``{name}``" in page
 
 
-def test_the_example_of_the_variables_runs():
-    (code,) = re.findall(
-        r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)", (DOCS / "reference" / "planform.rst").read_text()
-    )
+EXAMPLES = [page for page in PAGES if ".. code-block:: python" in (DOCS / f"{page}.rst").read_text()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", EXAMPLES)
+def test_the_example_of_a_page_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)", (DOCS / f"{page}.rst").read_text())
     contents = {}
     exec(re.sub(r"^   ", "", code, flags=re.M), contents)
-    moved, wing = contents["moved"], contents["wing"]
-    assert np.abs(moved - wing.mesh.points[wing.mesh.surface_ids]).max() > 0.05
+    if page.endswith("planform"):
+        assert np.abs(contents["moved"] - contents["wing"].mesh.points[contents["wing"].mesh.surface_ids]).max() > 0.05
+    if page.endswith("optimisation"):
+        assert max(contents["residual"], contents["violation"]) < 1e-5
+    if page.endswith("fit"):
+        np.testing.assert_allclose(contents["followed"], contents["probes"], atol=1e-9)
