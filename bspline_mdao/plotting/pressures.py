@@ -43,7 +43,9 @@ def faces_around(quads: np.ndarray, place: float) -> np.ndarray:
     ndarray of int
         Numbers of the faces.
     """
-    inner, outer, middle = quads[..., 2].min(axis=1), quads[..., 2].max(axis=1), quads[..., 2].mean(axis=1)
+    across, middle = np.sort(quads[..., 2], axis=1), quads[..., 2].mean(axis=1)
+    # by the middles of the sides that neighbours share, so that those of a twisted wing do not overlap
+    inner, outer = across[:, :2].mean(axis=1), across[:, 2:].mean(axis=1)
     place = middle[np.argmin(np.abs(middle - place))]  # off the lines between strips, which need not be straight
     around = np.flatnonzero((inner <= place) & (place < outer))
     order = quads[around, :, 0].mean(axis=1)

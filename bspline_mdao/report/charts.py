@@ -174,6 +174,7 @@ def section_chart(shapes: Sequence[Shape], quads: np.ndarray, axes: Axes) -> Cha
         suffix = "" if row == 1 else str(row)
         for shape, style in zip(shapes, shape_styles(shapes)):
             ends = cut(shape.nodes, quads, axes.span, place)
+            style = style | {"dash": "solid"}  # dashes would begin anew with every segment
             line = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3).astype(np.float32)
             at = {
                 "x": line[:, axes.downstream].copy(),

@@ -20,7 +20,7 @@ from ..cells.report import report_quality
 from ..errors import InputError
 from ..io.disk import replaced_file
 from ..model.fitted_model import FittedModel
-from ..om.drivers.case_history import CaseHistory, read_history
+from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
 from .cells import worst_cells
 from .charts import Chart, height_chart, history_charts, pressure_chart, quality_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
@@ -306,6 +306,8 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
         for q in history.of_kind("objective"):
             first, last = q.values[0, 0], q.values[best, 0]
             change = f", {100.0 * (last / first - 1.0):+.1f} %" if first else ""
+            if history.convergence is not None and history.convergence.violations[0] > FEASIBLE:
+                change = ", infeasible"
             cards.append((q.name, number(last), f"from {number(first)}{change}"))
         if history.convergence is not None:
             found = history.convergence

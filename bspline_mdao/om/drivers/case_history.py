@@ -21,7 +21,7 @@ from ...errors import InputError
 from .nlopt_problem import Limits, Statement
 from .optimality import optimality
 
-__all__ = ["CaseHistory", "Convergence", "Quantity", "read_history"]
+__all__ = ["FEASIBLE", "CaseHistory", "Convergence", "Quantity", "read_history"]
 
 FEASIBLE = 1e-6
 """Violation, in units of the driver, up to which a point counts as feasible: the default tolerance of `NLoptDriver`."""
