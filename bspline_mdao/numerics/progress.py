@@ -145,7 +145,7 @@ class _Bar:
 
     def inner(self, title: str) -> Progress:
         """What work inside is to tell: it says what it does, and moves the bar as far as `within` allows."""
-        outer = self.what or self.title
+        outer = self.what
 
         def tell(fraction: float, what: str) -> None:
             if self.window is not None and fraction >= 0.0:
@@ -175,18 +175,19 @@ class _Bar:
         text = COMPILING if self.n_compiling else what
         total = 1.0 if self.fraction >= 0.0 else None
         text = f"{self.title}: {text}" if text and self.title else text or self.title
-        self.display.update(self.task, completed=max(0.0, self.fraction), total=total, description=text)
+        left = {"left": "left" if total else ""}
+        self.display.update(self.task, completed=max(0.0, self.fraction), total=total, description=text, **left)
 
     def _open(self) -> None:
         """Draw the bar; rich is imported only now."""
         rich, console = importlib.import_module("rich.progress"), importlib.import_module("rich.console")
         text = rich.TextColumn("{task.description}", markup=False)
         done = rich.BarColumn(bar_width=24), rich.TaskProgressColumn(), rich.TimeElapsedColumn()
-        left = rich.TextColumn("left"), rich.TimeRemainingColumn(compact=True)
+        left = rich.TextColumn("{task.fields[left]}"), rich.TimeRemainingColumn(compact=True)
         # what is printed goes above the bar, but not if it goes into a file
         how = {"transient": True, "redirect_stdout": getattr(sys.stdout, "isatty", lambda: False)()}
         self.display = rich.Progress(text, *done, *left, console=console.Console(stderr=True), **how)
-        self.task = self.display.add_task(self.title, total=None)
+        self.task = self.display.add_task(self.title, total=None, left="")
         self.display.start()
 
 

@@ -88,7 +88,7 @@ def test_work_inside_other_work_moves_its_bar_as_far_as_it_may(as_terminal):
     assert as_terminal == [
         (0.25, "first"),
         (0.25, "first | inner: half"),
-        (0.6, "outer | inner: half"),
+        (0.6, "inner: half"),
         (1.0, "last"),
     ]
     assert not progress._active

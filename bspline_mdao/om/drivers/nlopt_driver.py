@@ -184,7 +184,7 @@ class NLoptDriver(Driver):
         def watch(functions: Functions, norm: float | None):
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
             log.add(functions.last, functions.best, norm)
-            tell(-1.0, f"{self.iter_count} runs, best objective {functions.best.objective:.6g}")
+            tell(-1.0, f"run {self.iter_count}, best objective {functions.best.objective:.6g}")
 
         return Functions(model, statement, recover, make_rules, start, watch, settings.maxiter)
 
