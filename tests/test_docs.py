@@ -156,6 +156,15 @@ def test_the_python_examples_of_design_run():
     assert checked.get_val("leading_edge_radius").shape == (3,)
 
 
+def test_the_study_of_the_page_on_studies_runs(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
+    monkeypatch.chdir(tmp_path)
+    (study,) = code_blocks("study.rst", "toml")
+    Path("study.toml").write_text(study.replace("15x13x11", "9x9x7"))
+    assert cli(["optimize", "study.toml", "-o", "out", "--max-iterations", "9"]) == 0
+    assert "twist[4] (deg)" in capsys.readouterr().out
+
+
 @pytest.mark.filterwarnings("ignore::openmdao.api.DistributedComponentWarning")
 def test_the_python_examples_of_mphys_and_of_solvers_of_others_run(tmp_path, monkeypatch):
     pytest.importorskip("mphys", reason="MPhys is not installed")
