@@ -21,6 +21,7 @@ from ..errors import InputError
 from ..io.disk import replaced_file
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
+from ..wording import counted
 from .cells import worst_cells
 from .charts import Chart, height_chart, history_charts, pressure_chart, quality_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
@@ -291,9 +292,7 @@ def _subtitle(contents: Contents) -> str:
     model = contents.model
     if model is None:
         return "An optimisation, without its grid"
-    shape = (
-        f"{len(model.topology.shapes)} blocks, {model.n_nodes:,} nodes, {model.mesh.n_control_points:,} control points"
-    )
+    shape = f"{counted(len(model.topology.shapes), 'block')}, {model.n_nodes:,} nodes, {model.mesh.n_control_points:,} control points"
     return f"{model.header.source}: {shape}"
 
 
@@ -323,7 +322,9 @@ def _cards(contents: Contents, numbers: dict[str, Any]) -> list[tuple[str, str, 
             ("smallest Q", number(numbers["q_min"], 3), f"{inverted:,} of {numbers['n_cells']:,} cells inverted")
         )
         if history is None:
-            cards.insert(0, ("nodes", f"{contents.model.n_nodes:,}", f"{len(contents.model.topology.shapes)} blocks"))
+            cards.insert(
+                0, ("nodes", f"{contents.model.n_nodes:,}", counted(len(contents.model.topology.shapes), "block"))
+            )
             points = contents.model.mesh.n_control_points
             cards.insert(1, ("control points", f"{points:,}", f"one for {contents.model.n_nodes / points:.0f} nodes"))
             report = contents.model.report

@@ -110,8 +110,8 @@ def camera(axes: Axes, points: np.ndarray, has_symmetry: bool) -> dict[str, Any]
     """Place from which points (n, 3) on walls are seen: from upstream, above, and the side of the tip."""
     eye, up = np.zeros(3), np.zeros(3)
     middle = 0.5 * (points[:, axes.span].min() + points[:, axes.span].max())
-    eye[axes.downstream], eye[axes.up] = -1.0, 0.85
-    eye[axes.span] = 1.0 if middle >= 0.0 or not has_symmetry else -1.0
+    eye[axes.downstream], eye[axes.up] = -1.15, 0.95
+    eye[axes.span] = 1.15 if middle >= 0.0 or not has_symmetry else -1.15
     up[axes.up] = 1.0
     return {
         "eye": dict(zip("xyz", eye.tolist())),
