@@ -33,7 +33,7 @@ THINNEST = 0.85
 WORST_CORNER = 0.05
 """What the worst cell must keep of its corner triple product of 1, by the bound of `Quality`."""
 
-DRAG, PRESSURE = 0.01, 0.1
+DRAG, PRESSURE = 0.05, 0.1
 """Units of the objective, and of the combinations: the root mean square of the change of pressure coefficients."""
 
 PARTS = -0.4, 0.4
@@ -182,7 +182,7 @@ def main(
         "initial": with_finer(start),
         "drivers": {name: each.numbers("flow") | with_finer(each.problem) for name, each in runs.items()},
         "differ": disagreement(runs),
-        "totals": check_totals(perturb_design(away), n_directions=1, step=0.01, levels=2)._asdict(),
+        "totals": check_totals(perturb_design(away), n_directions=1, step=0.002, levels=2)._asdict(),
     }
 
 
