@@ -1,18 +1,21 @@
 """Sphinx configuration; build with ``sphinx-build -W -b html docs docs/_build/html``.
 
-That takes a minute or two, and shows the pictures of the gallery that there are. With ``-t gallery`` they are drawn
-anew by the run scripts, which takes some ten minutes.
+That takes a minute or two of one core, and all but three scripts of the gallery are shown without being run. With
+``-t gallery`` those that have changed since the last time are run, at their small size: some twenty minutes for all.
 """
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
-os.environ["NUMBA_DISABLE_JIT"] = "1"  # autodoc sees plain functions instead of numba's dispatchers
+import numba
+
+numba.config.DISABLE_JIT = True  # autodoc sees plain functions instead of numba's dispatchers; other processes compile
 
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS / "_ext")]
+
+import drawings  # noqa: E402
 
 from bspline_mdao import __version__  # noqa: E402
 
@@ -27,6 +30,8 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+    "drawings",
     "myst_parser",
     "mathml",
     "public_names",
@@ -50,13 +55,28 @@ napoleon_use_rtype = False
 napoleon_custom_sections = [("Options", "params_style")]
 
 
-def make_gallery(app):
-    """Write the gallery's page, and draw its pictures anew if the tag ``gallery`` is set."""
-    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
-    options = ["--draw"] if app.tags.has("gallery") else []
-    subprocess.run([sys.executable, str(DOCS / "make_gallery.py"), *options], check=True, env=environment)
+html_extra_path = ["_n2"]
+sphinx_gallery_conf = {
+    "examples_dirs": "../run_scripts",
+    "gallery_dirs": "gallery",
+    **drawings.patterns(with_all=tags.has("gallery")),  # noqa: F821 (Sphinx defines it)
+    "reset_argv": drawings.arguments,
+    "image_scrapers": ("drawings.pictures",),
+    "within_subsection_order": "FileNameSortKey",
+    "parallel": 2,  # processes of their own, where kernels are compiled
+    "remove_config_comments": True,
+    "download_all_examples": False,
+    "show_signature": False,
+    "plot_gallery": "True",
+    "min_reported_time": 10,
+}
+
+
+def draw_n2(app):
+    """Write the N2 diagrams that pages embed, in a process of its own."""
+    subprocess.run([sys.executable, str(DOCS / "make_n2.py"), str(DOCS / "_n2")], check=True)
 
 
 def setup(app):
-    """Make the gallery before the pages are read."""
-    app.connect("builder-inited", make_gallery)
+    """Make the diagrams before the pages are read."""
+    app.connect("builder-inited", draw_n2)

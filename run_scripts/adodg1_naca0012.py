@@ -181,3 +181,5 @@ def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/adodg1_naca0012.png'

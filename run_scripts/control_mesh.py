@@ -69,3 +69,5 @@ def draw(folder, model: FittedModel) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/control_mesh.png'

@@ -145,3 +145,5 @@ def draw_residuals(axes, history) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/figure6_bwb_euler.png'

@@ -134,3 +134,5 @@ def draw(axes, numbers: dict, log: bool) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/figure4_m6.png'

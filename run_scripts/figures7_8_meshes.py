@@ -92,3 +92,5 @@ def draw(panels: dict, model: bm.FittedModel, surface_ids: np.ndarray, camera: C
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/figure7_m6.png'

@@ -205,3 +205,5 @@ def draw(folder, design: InverseDesign, runs: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/inverse_design.png'

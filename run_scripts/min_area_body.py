@@ -168,3 +168,5 @@ def draw_surface(axes, surface: bm.SurfaceGrid, nodes: np.ndarray, color: str, o
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/min_area_body.png'

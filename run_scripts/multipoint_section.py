@@ -167,3 +167,5 @@ def draw(canvas, model: bm.FittedModel, start: om.Problem, runs) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/multipoint_section.png'

@@ -196,3 +196,5 @@ def draw(folder, design: PressureTarget, runs: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/pressure_target.png'

@@ -187,3 +187,5 @@ def draw_cut(axes, model: bm.FittedModel, nodes: np.ndarray, color: str) -> None
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/quality_constrained.png'

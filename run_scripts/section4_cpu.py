@@ -212,3 +212,5 @@ def draw(folder, numbers: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/section4_cpu.png'

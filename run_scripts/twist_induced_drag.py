@@ -142,3 +142,5 @@ def aerodynamics(problem: om.Problem) -> dict:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/twist_induced_drag.png'

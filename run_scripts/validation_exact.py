@@ -210,3 +210,5 @@ def draw(folder, numbers: dict, drawn: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/validation_exact.png'

@@ -145,3 +145,5 @@ def draw(folder, quads: np.ndarray, cp: np.ndarray, semi_span: float, points: di
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/validation_m6.png'

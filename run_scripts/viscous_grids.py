@@ -301,3 +301,5 @@ def write_table(path, outcomes: Sequence[Outcome]) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/viscous_heights.png'

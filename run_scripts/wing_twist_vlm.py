@@ -198,3 +198,5 @@ def draw(folder, wings: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/wing_twist_vlm.png'

@@ -1,0 +1,75 @@
+"""What sphinx-gallery has to know of the run scripts: their arguments, their pictures, and where titles are."""
+
+import re
+import tempfile
+from pathlib import Path
+
+from sphinx_gallery.scrapers import figure_rst
+
+SCRIPTS = Path(__file__).parents[2] / "run_scripts"
+
+AT_ONCE = ("figure1_basis", "figure2_mesh1d", "figure3_modified_basis")
+"""Scripts that take a second, whose pictures the pages of theory show: drawn in any case."""
+
+
+def draws(script: Path) -> bool:
+    """Whether a script writes pictures."""
+    return "figures=None" in script.read_text(encoding="utf-8")
+
+
+def patterns(with_all: bool) -> dict[str, str]:
+    """Which scripts have no page, since they draw nothing, and which are run."""
+    silent = [path.stem for path in SCRIPTS.glob("*.py") if not draws(path)]
+    return {
+        "ignore_pattern": rf"/({'|'.join(sorted(silent))})\.py$",
+        "filename_pattern": r"\.py$" if with_all else rf"/({'|'.join(AT_ONCE)})\.py$",
+    }
+
+
+def folder_of(script: str) -> Path:
+    """Folder that a script draws into."""
+    return Path(tempfile.gettempdir()) / "bspline_mdao_gallery" / Path(script).stem
+
+
+class Arguments:
+    """Arguments of a script: its small size, and a folder for pictures."""
+
+    def __call__(self, gallery_conf, script_vars) -> list[str]:
+        """Arguments behind the name of the script."""
+        script = script_vars["src_file"]
+        has_quick = "quick: bool" in Path(script).read_text(encoding="utf-8")
+        return ["--figures", str(folder_of(script)), *(["--quick"] if has_quick else [])]
+
+    def __repr__(self) -> str:
+        """The same in every session, so that nothing is drawn anew for it."""
+        return "drawings.arguments"
+
+
+arguments = Arguments()
+
+
+def pictures(block, block_vars, gallery_conf) -> str:
+    """Take the pictures that a script has written."""
+    found, paths = sorted(folder_of(block_vars["src_file"]).glob("*.png")), block_vars["image_path_iterator"]
+    taken = []
+    for source, path in zip(found, paths):
+        source.replace(path)
+        taken.append(path)
+    return figure_rst(taken, gallery_conf["src_dir"]) if taken else ""
+
+
+def underline_title(app, docname, source) -> None:
+    """Make the first sentence of a script, which is a line of text in Python, the title of its page."""
+    if re.match(r"gallery/(?!index|sg_)\w+$", docname):
+        source[0] = re.sub(
+            r"(\.\. _sphx_glr_gallery_\w+\.py:\n\n+)([^\n]+?)\.?\n",
+            lambda m: f"{m[1]}{m[2]}\n{'=' * len(m[2])}\n",
+            source[0],
+            count=1,
+        )
+
+
+def setup(app):
+    """Look at each page as it is read."""
+    app.connect("source-read", underline_title)
+    return {"parallel_read_safe": True}
