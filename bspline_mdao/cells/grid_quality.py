@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import InputError
 from ..numerics.processes import gathered, summed
 from ..numerics.threads import run_tasks, thread_count
+from ..shown import OneLine
 from ..topology.grid import Grid
 from .aggregates import AGGREGATES, KreisselmeierSteinhauser, Part, PNorm
 from .block_cells import BlockCells, Chunk, Measures, block_cells, chunk_jvp, chunk_measures, chunk_vjp
@@ -48,8 +49,8 @@ class GridValues:
     q: np.ndarray | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class GridQuality:
+@dataclass(frozen=True, eq=False, repr=False)
+class GridQuality(OneLine):
     """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners.
 
     Parameters

@@ -18,6 +18,7 @@ from ..checks import require_list
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..names import ALL_NAMES
+from ..shown import OneLine
 from .elimination import Elimination, eliminate
 from .variable import AuxiliaryPoints, DesignMap, Layout, MapPartials, Variable, ones_like
 
@@ -43,8 +44,8 @@ class SurfacePartials:
     values: dict[str, csr_array]
 
 
-@dataclass(frozen=True, eq=False)
-class Parametrization:
+@dataclass(frozen=True, eq=False, repr=False)
+class Parametrization(OneLine):
     """Design variables of a surface and the linear constraints among its control points.
 
     Parameters

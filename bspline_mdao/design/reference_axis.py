@@ -22,6 +22,7 @@ from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
 from ..numerics.vectors import lengths
+from ..shown import OneLine
 from .control_net import surface_quads
 from .section_formulas import rotation
 from .variable import Layout
@@ -40,8 +41,8 @@ _NO_CHORD = 1e-6
 """A chord that is shorter than this part of the surface's box is none: a section of it has no direction."""
 
 
-@dataclass(frozen=True, eq=False)
-class ReferenceAxis:
+@dataclass(frozen=True, eq=False, repr=False)
+class ReferenceAxis(OneLine):
     """A line through points from the root to the tip.
 
     Every row that variables move is attached to the axis: on the baseline, once and for all, it is given a *station*,

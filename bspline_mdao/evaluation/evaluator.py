@@ -18,6 +18,7 @@ from numba import njit
 
 from ..errors import InputError
 from ..numerics.threads import run_tasks, thread_count
+from ..shown import OneLine
 from ..splines.mesh import BSplineMesh
 from ..topology.held_nodes import HeldNodes
 from ..topology.topology import Topology
@@ -41,8 +42,8 @@ class _Chunk:
     layers: tuple[int, int]
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluator:
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluator(OneLine):
     """The linear map from control points to nodes at fixed parameters. Made by `Evaluator.build`.
 
     Parameters

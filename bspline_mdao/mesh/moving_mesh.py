@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..cells.hexahedron import cell_quality, collapsed_corners
 from ..errors import InputError
+from ..shown import OneLine
 
 __all__ = ["MovingMesh", "Tangling", "require_mesh"]
 
@@ -47,8 +48,8 @@ class Tangling:
     n_invalid: int
 
 
-@dataclass(frozen=True, eq=False)
-class MovingMesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class MovingMesh(OneLine):
     """Blocks of hexahedra that share points, and the directions in which each point may move.
 
     Parameters

@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare, nodes_at
 from ..numerics.vectors import nearest_plane
+from ..shown import OneLine
 from ..topology.boundary_surface import BoundarySurface, quads_in_turn
 from ..topology.held_nodes import NodesByRow, face_layer_rows, face_rows, node_copies, source_rows
 from ..topology.topology import BoundaryFace, Topology, describe
@@ -26,8 +27,8 @@ from .frame import Plane
 __all__ = ["SurfaceGrid"]
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceGrid:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceGrid(OneLine):
     """Nodes of some patches of a grid.
 
     Parameters

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 from .volume import Volume
 
 
-@dataclass(frozen=True, eq=False)
-class BSplineMesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class BSplineMesh(OneLine):
     """Volumes whose control points come from one list, each shared point being in it once.
 
     Parameters

@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
+from ..shown import OneLine
 from .index_space import Interface, Orientation, Section, Window, section_rows
 
 
@@ -99,8 +100,8 @@ class Collapse:
     direction: int
 
 
-@dataclass(frozen=True)
-class Topology:
+@dataclass(frozen=True, repr=False)
+class Topology(OneLine):
     """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them.
 
     Parameters

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..evaluation.evaluator import Evaluator
+from ..shown import OneLine
 from ..splines.mesh import BSplineMesh
 from ..topology.held_nodes import HeldNodes
 from ..topology.topology import Topology
@@ -32,8 +33,8 @@ from .wall_correction import WallCorrection
 __all__ = ["GridMap", "GridState"]
 
 
-@dataclass(frozen=True, eq=False)
-class GridMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class GridMap(OneLine):
     """The map from control points to the nodes of a grid. Made by `GridMap.of`.
 
     Parameters

@@ -6,7 +6,16 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import EulerFlow, GridMovement, InputError, brick_grid, fit_grid, onera_m6_grid
+from bspline_mdao import (
+    EulerFlow,
+    GridMovement,
+    InputError,
+    SurfaceGrid,
+    brick_grid,
+    fit_grid,
+    moving_mesh,
+    onera_m6_grid,
+)
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.plotting import Snapshot, flow_sheets, grid_sheets, has_renderer, looks, plot, sheets_of, wall_quads
@@ -164,3 +173,13 @@ def test_without_matplotlib_the_table_stays(model, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "base64" not in html_of(model)
     assert "control points" in html_of(model)
+
+
+def test_what_users_print_is_one_short_line(model):
+    mesh = moving_mesh(model)
+    quality = GridQuality.of_baseline(model.regenerate())
+    parts = model.topology, model.mesh, model.grid_map(), model.evaluator(), mesh, SurfaceGrid.of(model), quality
+    for what in (model, model.regenerate(), model.regenerate().blocks[0], *parts):
+        assert repr(what).startswith(type(what).__name__ + "(")
+        assert len(repr(what)) <= 120
+        assert "\n" not in repr(what)
