@@ -292,7 +292,8 @@ def _subtitle(contents: Contents) -> str:
     model = contents.model
     if model is None:
         return "An optimisation, without its grid"
-    shape = f"{counted(len(model.topology.shapes), 'block')}, {model.n_nodes:,} nodes, {model.mesh.n_control_points:,} control points"
+    blocks, points = counted(len(model.topology.shapes), "block"), model.mesh.n_control_points
+    shape = f"{blocks}, {model.n_nodes:,} nodes, {points:,} control points"
     return f"{model.header.source}: {shape}"
 
 
