@@ -14,7 +14,6 @@ import openmdao.api as om
 
 from ..errors import InputError
 from ..io.disk import replaced_file
-from ..numerics.processes import world
 from ..om.design_summary import DesignSummary
 from ..om.drivers.nlopt_driver import NLoptDriver
 from ..study.script import SCRIPT, study_script
@@ -61,8 +60,6 @@ def optimize_study(
     KeyboardInterrupt
         If the user interrupts; what there is is kept.
     """
-    if world().size > 1:
-        raise InputError(f"{study}: optimize works on one process; run it without mpirun, or {SCRIPT} of its results")
     found = read_study(study)
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
