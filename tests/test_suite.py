@@ -230,12 +230,20 @@ print(len(dispatchers), sum(len(d.stats.cache_hits) for d in dispatchers.values(
 
 
 @pytest.mark.slow
-def test_the_example_of_the_readme_runs():
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
-    assert len(example.strip().splitlines()) <= 18
+def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    readme = (ROOT / "README.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", readme, re.S)
+    (table,) = re.findall(r"```text\n(.*?)```", readme, re.S)
+    assert len(example.strip().splitlines()) <= 27
     contents = {}
     exec(example, contents)
     assert contents["problem"].get_val("grid").shape == (3 * contents["model"].n_nodes,)
+    printed = capsys.readouterr().out.strip().splitlines()[-4:]
+    numbers = [[float(n) for n in re.findall(r"-?\d+\.\d*", line)] for line in (*printed, *table.strip().splitlines())]
+    for new, shown in zip(numbers[:4], numbers[4:], strict=True):
+        assert new == pytest.approx(shown, rel=0.02, abs=1e-4)
+    assert {"optimum.xyz", "optimum.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_the_commands_of_the_readme_exist():
