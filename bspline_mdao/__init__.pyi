@@ -1,7 +1,10 @@
 """Public names: each is imported when it is first asked for, from the module that is written here."""
 
+from .adaptation.improve import improve_grid as improve_grid
+from .adaptation.improvement import Improvement as Improvement
 from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
+from .design.interior_points import InteriorPoints as InteriorPoints
 from .design.lattice import Lattice as Lattice
 from .design.linear_constraints import Collinear as Collinear
 from .design.linear_constraints import InPlane as InPlane
@@ -129,6 +132,7 @@ from .om.flow.lattice_flow import LatticeFlow as LatticeFlow
 from .om.flow.vortex_lattice import VortexLattice as VortexLattice
 from .om.grid_evaluate import GridEvaluate as GridEvaluate
 from .om.grid_movement import GridMovement as GridMovement
+from .om.interior_control import InteriorControl as InteriorControl
 from .om.live_grid_evaluate import LiveGridEvaluate as LiveGridEvaluate
 from .om.monotonic import Monotonic as Monotonic
 from .om.mphys.beam import BeamBuilder as BeamBuilder

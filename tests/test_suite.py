@@ -160,7 +160,10 @@ def test_every_variable_constraint_and_measure_is_in_a_table_of_derivative_tests
     from geometry_cases import MEASURES
     from parametrization_cases import CONSTRAINTS, VARIABLES
 
-    assert kinds("design", "bind") == set(VARIABLES)
+    from bspline_mdao.design.interior_points import InteriorPoints
+
+    inside = {InteriorPoints}  # binds to a model, not to a surface: tests/design/test_interior_points.py
+    assert kinds("design", "bind") == set(VARIABLES) | inside
     assert kinds("design", "equations") == set(CONSTRAINTS)
     assert kinds("measures", "surface", "evaluate", "partials") == set(MEASURES)
 

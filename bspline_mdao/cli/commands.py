@@ -300,6 +300,61 @@ def optimize(**options) -> None:
     optimize_study(**options)
 
 
+@command("improve wing.xyz --patches wing.toml -o better.xyz", "improve wing.h5 -o better.xyz")
+@grid_argument
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@patches_option
+@click.option(
+    "--n-control",
+    nargs=3,
+    type=click.IntRange(min=1),
+    metavar="I J K",
+    help="Control points per direction in every block; chosen from the grid by default.",
+)
+@click.option(
+    "--reach",
+    type=click.FloatRange(0.0, 0.5, min_open=True, max_open=True),
+    default=0.4,
+    show_default=True,
+    metavar="R",
+    help="How far control points may go, by the distance to their nearest neighbours.",
+)
+@click.option(
+    "--height-tolerance",
+    type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+    default=0.01,
+    show_default=True,
+    metavar="T",
+    help="By how much the heights of first cells at walls may change, relative to what they are.",
+)
+@click.option(
+    "--slide",
+    multiple=True,
+    metavar="PATCH",
+    help="Planar patch whose nodes slide in its plane, as symmetry planes do.",
+)
+@click.option(
+    "--iterations",
+    type=click.IntRange(min=1),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Iterations in each of four rounds, at most.",
+)
+@json_option
+def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
+    """Raise the worst cells of a grid by moving interior control points; the surface stays.
+
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. The name of the output tells the
+    format: {written}.
+    The worst Q of no block falls and no cell is inverted; where that leaves nothing to gain, nothing is written.
+    """
+    from .improve import ImproveOptions
+    from .improve import improve as improve_file
+
+    improve_file(grid_name, output, json, ImproveOptions(**options))
+
+
 @command("quality wing_moved.xyz --baseline wing.h5")
 @grid_argument
 @click.option(

@@ -16,6 +16,7 @@ from euler_cases import with_guessed_patches
 import bspline_mdao
 from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid, read_grid
 from bspline_mdao.cells.aggregates import AGGREGATES
+from bspline_mdao.design.interior_points import InteriorPoints
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -37,6 +38,7 @@ from bspline_mdao.om.flow.lattice_flow import LatticeForces, UnfoldedLattice
 from bspline_mdao.om.flow.trimmed_state import TrimmedState
 from bspline_mdao.om.flow.vortex_lattice import WakeForces
 from bspline_mdao.om.grid_evaluate import GridEvaluate
+from bspline_mdao.om.interior_control import InteriorControl
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.point_set import PointSet
@@ -121,6 +123,9 @@ COMPONENTS = {
     "Quality": lambda: Quality(model=model(), cells=True),
     "Quality, heights": lambda: Quality(
         model=model(), aggregates=[name for name in AGGREGATES if AGGREGATES[name].is_of_heights], rho_height=50.0
+    ),
+    "InteriorControl": lambda: InteriorControl(
+        model=model(), variables=[InteriorPoints("inner"), InteriorPoints("some", where=[50, 51, 60])]
     ),
     "SurfaceControl": lambda: SurfaceControl(
         parametrization=Parametrization(moving_mesh(model()), [Swirl("swirl", 5), Lift("lift")])

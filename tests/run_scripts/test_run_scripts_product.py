@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from adaptation_cases import skewed_grid
 from component_cases import two_blocks
 
 from bspline_mdao import InputError, write_grid
@@ -104,3 +105,18 @@ def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path
     numbers = grids.main(grid=[str(tmp_path / "mine.xyz")], deform=["pitch=1deg"], ways=["inverse distance"])
     ((row),) = numbers["rows"]
     assert (row["grid"], row["n_inverted"], row["deformation"]) == ("mine.xyz", 0, "pitch=1deg")
+
+
+def test_improve_grids_raises_a_grid_and_needs_a_folder(script, monkeypatch, tmp_path):
+    monkeypatch.delenv("BSPLINE_MDAO_GRIDS", raising=False)
+    table = script("improve_grids")
+    with pytest.raises(InputError, match="no folder of grids"):
+        table.main()
+    write_grid(tmp_path / "skewed.xyz", skewed_grid())
+    found = table.main(folder=str(tmp_path), grid=("skewed.xyz", "none.xyz"))
+    row = found["skewed.xyz"]
+    assert row["q_min"][1] > 1.1 * row["q_min"][0]
+    assert row["reason"] == ""
+    assert row["wall_motion"] < 1e-13
+    assert row["largest_fall"] <= 1e-9
+    assert "none.xyz" in found["none.xyz"]["refused"]

@@ -1,0 +1,60 @@
+"""Directions in which control points may move while the surface, and all else on the boundary, stays.
+
+Points of symmetry planes slide in them, and so do those of planar patches that are asked to; all others of the boundary
+are held: walls, far field, what nobody declared, and edges where patches meet. Lines and faces that have collapsed are
+held too. Points of interfaces are one point of all their blocks and move with them.
+
+Theory: ``docs/theory/adaptation.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..model.fitted_model import FittedModel
+from ..topology.index_space import section_rows
+from .allowed_directions import AllowedDirections, plane_normal
+from .boundary import boundary_points, matching_patches
+
+__all__ = ["interior_directions"]
+
+
+def interior_directions(model: FittedModel, sliding: str | Sequence[str] = ()) -> np.ndarray:
+    """Directions in which each control point may move.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    sliding : str or sequence of str
+        Planar patches, by name or pattern, whose points slide in their planes, beside those of kind ``symmetry``.
+
+    Returns
+    -------
+    ndarray, shape (n_control_points, 3, 3)
+        Orthogonal projectors onto these directions: the identity where a point is free, zero where it is held.
+
+    Raises
+    ------
+    InputError
+        If there is no such patch, or one that is to slide is not planar.
+    """
+    topology, points, blocks = model.topology, model.control_points, model.mesh.control_ids
+    asked = matching_patches(topology, sliding)
+    allowed = AllowedDirections.of(len(points))
+    for face, ids in boundary_points(topology, blocks):
+        what = f"{topology.source}: patch {face.patch}"
+        if face.patch in asked:
+            allowed.keep_in_plane(ids, plane_normal(points[ids], what, "is to slide", "leave it out"))
+        elif face.kind == "symmetry":
+            allowed.keep_in_plane(ids, plane_normal(points[ids], what))
+        else:
+            allowed.fix(ids)
+    for collapse in topology.collapses:
+        ids = blocks[collapse.segment]
+        allowed.fix(ids.ravel()[section_rows(ids.shape, collapse.section, 0).ravel()])
+    projectors = np.eye(3) - np.einsum("nki,nkj->nij", allowed.basis, allowed.basis)
+    projectors[allowed.fixed] = 0.0
+    return projectors

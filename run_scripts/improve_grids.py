@@ -1,0 +1,108 @@
+"""Raise the worst cells of ten grids of other people by moving interior control points at fixed surface.
+
+Patches are those that the files declare, and guessed ones where they declare none, as ``bspline-mdao inspect --draft``
+writes them. The three smallest take half a minute. What comes out is a row for each grid: Q and the smallest corner
+before and after, heights of first cells, what of its walls moved, and seconds.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from bspline_mdao import FitWarning, Grid, InputError, fit_grid, improve_grid, read_grid
+from bspline_mdao.adaptation.improvement import Improvement
+from bspline_mdao.io.patch_guess import with_guessed_patches
+from bspline_mdao.run_script import run
+
+GRIDS = {
+    "multi-ascii.xyz": (),
+    "cgns_5blocks.cgns": (),
+    "cgns_nozzle.cgns": (),
+    "cfl3d_ejector_nozzle.p3dfmt": (),
+    "hopr_sphere_20blocks.cgns": (),
+    "cfl3d_axibump.fmt": ("periodic*",),
+    "vtk_bluntfin.bin": (),
+    "aither_rae2822.xyz": (),
+    "mach_naca0012.cgns": (),
+    "cfl3d_naca0012_cgrid.fmt": (),
+}
+"""The grids, and the patches of each that slide in their planes, beside symmetry planes."""
+
+SMALLEST = 3
+"""Number of grids that are done without ``--paper``: the first ones."""
+
+
+def main(paper: bool = False, folder: str | None = None, grid: tuple[str, ...] = ()) -> dict:
+    """Improve the grids.
+
+    Parameters
+    ----------
+    paper : bool
+        All ten; the three smallest by default.
+    folder : path-like, optional
+        Where the grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default.
+    grid : sequence of str
+        Files of the folder to take instead.
+
+    Returns
+    -------
+    dict
+        For each file ``n_cells``, ``n_control_points``, ``n_values``, ``n_moved``, ``q_min``, ``q_mean`` and
+        ``min_corner``, each before and after, ``n_inverted`` likewise, ``largest_fall`` of the worst Q of a block,
+        ``height_ratio``, the smallest and the largest, ``wall_motion`` (m), ``evaluations``, ``seconds`` and
+        ``reason``; or ``refused``, the reason in one line.
+    """
+    folder = folder or os.environ.get("BSPLINE_MDAO_GRIDS")
+    if not folder:
+        raise InputError("no folder of grids; set BSPLINE_MDAO_GRIDS to one")
+    names = grid or (tuple(GRIDS) if paper else tuple(GRIDS)[:SMALLEST])
+    return {name: improve_file(Path(folder, name), GRIDS.get(name, ())) for name in names}
+
+
+def improve_file(path: Path, sliding: tuple[str, ...]) -> dict:
+    """Improve the grid of one file."""
+    try:
+        given = with_guessed_patches(read_grid(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FitWarning)
+            model = fit_grid(given)
+        started = time.process_time()
+        found = improve_grid(model, sliding=sliding)
+    except InputError as error:
+        return {"refused": str(error).replace(str(path), path.name)}
+    return numbers_of(found, given, time.process_time() - started)
+
+
+def numbers_of(found: Improvement, given: Grid, seconds: float) -> dict:
+    """Collect one row of the table."""
+    names = "q_min", "q_mean", "min_corner", "n_inverted"
+    heights = found.after.heights
+    return {
+        "n_cells": found.before.n_cells,
+        "n_control_points": found.shift.n_points,
+        "n_values": found.shift.n_values,
+        "n_moved": found.n_moved,
+        **{name: [getattr(found.before, name), getattr(found.after, name)] for name in names},
+        "largest_fall": max(change.before.q - change.after.q for change in found.blocks),
+        "height_ratio": [min(h.ratio_min for h in heights), max(h.ratio_max for h in heights)] if heights else None,
+        "wall_motion": wall_motion(found.grid, given),
+        "evaluations": found.evaluations,
+        "seconds": seconds,
+        "reason": found.reason,
+    }
+
+
+def wall_motion(grid: Grid, given: Grid) -> float:
+    """Largest displacement of a node of a wall (m)."""
+    windows = [window for patch in given.patches if patch.kind == "wall" for window in patch.windows]
+    moved = (grid.blocks[w.block].nodes[w.slices] - given.blocks[w.block].nodes[w.slices] for w in windows)
+    return max((float(np.linalg.norm(each, axis=-1).max()) for each in moved), default=0.0)
+
+
+if __name__ == "__main__":
+    run(main)
