@@ -12,8 +12,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from ...numerics.processes import largest
+from .block_factor import BlockFactor
 from .discretization import Discretization
 from .krylov import solve_roughly
+from .linearization import Linearization
 from .preconditioner import FactorPattern, add_blocks, compact_factor, time_terms
 
 __all__ = [
@@ -49,6 +51,10 @@ ROUNDED = 1e-9
 
 ROUGH, FORCING, ROUGH_UNTIL = 0.1, 1e-2, 1e-4
 """Tolerances of the linear solves before the residual has fallen by so much, and after."""
+
+KEPT_FROM, KEPT_FALL = 1e-5, 0.05
+"""Residual from which on a step is made with the Jacobian and factor of the one before, as long as that left less than
+this part."""
 
 WORTH, LARGEST_SOLVE, MOST_LEFT = 0.3, 300, 0.8
 """Part of its right-hand side that a linear solve has to leave less of for a step; the products after which it ends,
@@ -127,7 +133,7 @@ def solve_flow(
 
     With the volumes divided by the time steps T, until the residual R is small enough:
 
-    1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``.
+    1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``; near the end that of the last step stays.
     2. Factor a compact neighbour of A for the preconditioner.
     3. Solve ``A dW = -R`` inexactly [1] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
@@ -178,11 +184,15 @@ def solve_flow(
         norm = field.norm(residual)
     cfl = _first_cfl(scale / norm) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
+    system: _StepSystem | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL and n_left > 0:
         if _is_rounded(history) or _is_stalled(history):
             break
-        part = ROUGH if history[-1].residual > ROUGH_UNTIL else FORCING
-        update, n_products = _update(field, pattern, states, residual, cfl, part)  # steps 1 to 3
+        part = ROUGH if history[-1].residual > ROUGH_UNTIL else max(FORCING, 0.5 * tolerance / history[-1].residual)
+        if not _is_kept(history):
+            system = None  # it makes room for the next
+        system = system or _StepSystem.of(field, pattern, states, cfl)  # steps 1 and 2
+        update, n_products = system.solve(residual, part)  # step 3
         n_left -= n_products
         states, residual, length = advance(field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
@@ -239,23 +249,43 @@ def _is_stalled(history: list[NewtonStep]) -> bool:
     return bool(before) and min(lately) > 0.5 * min(before)
 
 
-def _update(field: Field, pattern: FactorPattern, states, residual, cfl, part):
-    """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
-    discretization, sizes = field.discretization, field.sizes.astype(np.float32)
-    linearization = discretization.linearize(states, field.areas, field.stream)  # step 1
-    diagonal = (time_terms(discretization, states, field.areas) / cfl).astype(np.float32)
-    factor = compact_factor(linearization, pattern, diagonal)  # step 2
+def _is_kept(history: list[NewtonStep]) -> bool:
+    """Whether the Jacobian of the last step serves the next one too."""
+    if len(history) < 2 or history[-1].residual > KEPT_FROM or history[-1].length < 1.0:
+        return False
+    return history[-1].residual < KEPT_FALL * history[-2].residual
 
-    def product(x):
-        return add_blocks(diagonal, x, linearization.jacobians.product(x)) / sizes
 
-    def precondition(y):
-        return factor.solve(sizes * y)
+@dataclass(frozen=True, eq=False)
+class _StepSystem:
+    """Linear system of a Newton step, with its preconditioner."""
 
-    comm = discretization.halo.comm
-    solution = solve_roughly(product, precondition, -residual, part, LARGEST_SOLVE, comm, MOST_LEFT)
-    is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
-    return (solution.x if is_usable else None), solution.n_products
+    field: Field
+    linearization: Linearization
+    diagonal: np.ndarray
+    factor: BlockFactor
+
+    @classmethod
+    def of(cls, field: Field, pattern: FactorPattern, states, cfl) -> _StepSystem:
+        """Linearise, add time terms to the diagonal, and factor a compact neighbour."""
+        discretization = field.discretization
+        linearization = discretization.linearize(states, field.areas, field.stream)
+        diagonal = (time_terms(discretization, states, field.areas) / cfl).astype(np.float32)
+        return cls(field, linearization, diagonal, compact_factor(linearization, pattern, diagonal))
+
+    def solve(self, residual, part) -> tuple[np.ndarray | None, int]:
+        """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
+        sizes, comm = self.field.sizes.astype(np.float32), self.field.discretization.halo.comm
+
+        def product(x):
+            return add_blocks(self.diagonal, x, self.linearization.jacobians.product(x)) / sizes
+
+        def precondition(y):
+            return self.factor.solve(sizes * y)
+
+        solution = solve_roughly(product, precondition, -residual, part, LARGEST_SOLVE, comm, MOST_LEFT)
+        is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
+        return (solution.x if is_usable else None), solution.n_products
 
 
 def advance(field: Field, states, residual, update):
