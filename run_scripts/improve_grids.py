@@ -16,6 +16,7 @@ import numpy as np
 
 from bspline_mdao import FitWarning, Grid, InputError, fit_grid, improve_grid, read_grid
 from bspline_mdao.adaptation.improvement import Improvement
+from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.io.patch_guess import with_guessed_patches
 from bspline_mdao.run_script import run
 
@@ -37,13 +38,15 @@ SMALLEST = 3
 """Number of grids that are done without ``--paper``: the first ones."""
 
 
-def main(paper: bool = False, folder: str | None = None, grid: tuple[str, ...] = ()) -> dict:
+def main(paper: bool = False, figures=None, folder: str | None = None, grid: tuple[str, ...] = ()) -> dict:
     """Improve the grids.
 
     Parameters
     ----------
     paper : bool
         All ten; the three smallest by default.
+    figures : path-like, optional
+        Folder for a picture of each grid before and after: its first surface of constant i, with Q of the cells.
     folder : path-like, optional
         Where the grids are; the environment variable ``BSPLINE_MDAO_GRIDS`` by default.
     grid : sequence of str
@@ -61,10 +64,10 @@ def main(paper: bool = False, folder: str | None = None, grid: tuple[str, ...] =
     if not folder:
         raise InputError("no folder of grids; set BSPLINE_MDAO_GRIDS to one")
     names = grid or (tuple(GRIDS) if paper else tuple(GRIDS)[:SMALLEST])
-    return {name: improve_file(Path(folder, name), GRIDS.get(name, ())) for name in names}
+    return {name: improve_file(Path(folder, name), GRIDS.get(name, ()), figures) for name in names}
 
 
-def improve_file(path: Path, sliding: tuple[str, ...]) -> dict:
+def improve_file(path: Path, sliding: tuple[str, ...], figures=None) -> dict:
     """Improve the grid of one file."""
     try:
         given = with_guessed_patches(read_grid(path))
@@ -75,7 +78,36 @@ def improve_file(path: Path, sliding: tuple[str, ...]) -> dict:
         found = improve_grid(model, sliding=sliding)
     except InputError as error:
         return {"refused": str(error).replace(str(path), path.name)}
-    return numbers_of(found, given, time.process_time() - started)
+    seconds = time.process_time() - started
+    if figures is not None:
+        draw(found, given, Path(figures, f"improve_{path.stem}.png"))
+    return numbers_of(found, given, seconds)
+
+
+def draw(found: Improvement, given: Grid, path: Path) -> None:
+    """Draw the first surface of constant i of the first block, along its axis and away from it, coloured by Q."""
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import PolyCollection
+
+    quality = GridQuality.of_baseline(given)
+    figure, axes = plt.subplots(2, 1, figsize=(9, 7), layout="constrained", sharex=True, sharey=True)
+    for ax, grid, when in zip(axes, (given, found.grid), ("before", "after")):
+        q = quality.cells(grid.to_vector().reshape(-1, 3))[0].q[0]
+        x = grid.blocks[0].nodes[0]
+        p = np.stack([x[..., 0], np.hypot(x[..., 1], x[..., 2])], axis=-1)
+        corners = np.stack([p[:-1, :-1], p[1:, :-1], p[1:, 1:], p[:-1, 1:]], axis=2).reshape(-1, 4, 2)
+        cells = PolyCollection(corners, array=q.ravel(), clim=(0.6, 1.0), edgecolors="k", linewidths=0.15)
+        ax.add_collection(cells)
+        ax.set(title=f"{when}: smallest Q {q.min():.3f}", ylabel="radius", aspect="equal")
+        low, high = p[:, 0, 1].min(), p[:, 0, 1].max()
+        bump = p[p[:, 0, 1] > low + 0.02 * (high - low), 0, 0]
+        width = np.ptp(bump) if bump.size else 0.0
+        ax.autoscale()
+        if width > 0.0:
+            ax.set(xlim=(bump.min() - 0.3 * width, bump.max() + 0.3 * width), ylim=(0.98 * low, high + 0.5 * width))
+    figure.colorbar(cells, ax=axes, label="Q")
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
 
 
 def numbers_of(found: Improvement, given: Grid, seconds: float) -> dict:

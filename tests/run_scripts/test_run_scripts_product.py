@@ -113,7 +113,8 @@ def test_improve_grids_raises_a_grid_and_needs_a_folder(script, monkeypatch, tmp
     with pytest.raises(InputError, match="no folder of grids"):
         table.main()
     write_grid(tmp_path / "skewed.xyz", skewed_grid())
-    found = table.main(folder=str(tmp_path), grid=("skewed.xyz", "none.xyz"))
+    found = table.main(figures=tmp_path, folder=str(tmp_path), grid=("skewed.xyz", "none.xyz"))
+    assert (tmp_path / "improve_skewed.png").stat().st_size > 20_000
     row = found["skewed.xyz"]
     assert row["q_min"][1] > 1.1 * row["q_min"][0]
     assert row["reason"] == ""
