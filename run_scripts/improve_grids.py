@@ -1,8 +1,8 @@
 """Raise the worst cells of ten grids of other people by moving interior control points at fixed surface.
 
 Patches are those that the files declare, and guessed ones where they declare none, as ``bspline-mdao inspect --draft``
-writes them. The three smallest take half a minute. What comes out is a row for each grid: Q and the smallest corner
-before and after, heights of first cells, what of its walls moved, and seconds.
+writes them. It takes some minutes; the three smallest half a minute. What comes out is a row for each grid: Q and the
+smallest corner before and after, heights of first cells, what of its walls moved, and seconds.
 """
 
 from __future__ import annotations

@@ -63,19 +63,8 @@ SIZES = {
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span; stations of
 the variables; and the tolerance of the objective, the drag in units of `DRAG`."""
 
-SUMMARY = (
-    "CL",
-    "CD",
-    "CD_induced",
-    "CD_entropy",
-    "drag",
-    "volume",
-    "projected_area",
-    "chord",
-    "twist",
-    "span",
-    "sweep",
-)
+OUTPUTS = ("CL", "CD", "CD_induced", "CD_entropy", "drag", "volume", "projected_area")
+SUMMARY = (*OUTPUTS, "chord", "twist", "span", "sweep")
 """Outputs and variables of a wing that come out where there are any."""
 
 

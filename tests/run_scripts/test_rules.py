@@ -11,7 +11,7 @@ import pytest
 SCRIPTS = sorted(Path(__file__).parents[2].glob("run_scripts/*.py"))
 ALLOWED = {"bspline_mdao", "openmdao", "mphys", "numpy", "matplotlib", "scipy", "threadpoolctl"}
 STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re", "tempfile", "time", "typing"} | {
-    *("collections.abc", "dataclasses", "importlib.util"),
+    *("collections.abc", "dataclasses", "importlib.util", "warnings"),
 }
 LONGEST = 130
 """Lines of code that a script may have: those with more than a comment or a part of a docstring."""
