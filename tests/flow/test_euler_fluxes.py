@@ -151,13 +151,19 @@ def test_the_shock_sensor_of_fast_flow_is_between_none_and_all_and_of_eighth_ord
 def test_the_sensor_sees_no_cells_beyond_the_ends_of_lines():
     states = np.random.default_rng(9).uniform(0.5, 1.5, (4, 5))
     assert shock_sensor(states, np.arange(4), 0.05)[0] > 0.1
-    share, by_pressure, by_mean = shock_sensor(states, np.array([1, 1, 2, 2]), 0.05)
+    share, by_pressure, by_first, by_last = shock_sensor(states, np.array([1, 1, 2, 2]), 0.05)
     assert share == 0.0
-    assert not any((*by_pressure, *by_mean))
+    assert not any((*by_pressure, *by_first, *by_last))
 
 
 def test_the_sensor_is_shut_in_slow_flow():
     states = np.full((4, 5), 0.1)
     states[:, [0, 4]] = np.array([[1.0, 1.0, 4.5, 4.5]]).T
-    share, by_pressure, by_mean = shock_sensor(states, np.arange(4), 0.05)
-    assert not any((share, *by_pressure, *by_mean))
+    share, by_pressure, by_first, by_last = shock_sensor(states, np.arange(4), 0.05)
+    assert not any((share, *by_pressure, *by_first, *by_last))
+
+
+def test_the_sensor_is_open_where_fast_flow_comes_to_rest():
+    states = np.tile([1.0, 1.4, 0.0, 0.0, 1.0 / 1.4], (4, 1))
+    states[2:, [1, 4]] = 0.0, 2.0 / 1.4
+    assert shock_sensor(states, np.arange(4), 0.05)[0] > 0.9

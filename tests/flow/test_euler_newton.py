@@ -305,6 +305,23 @@ def test_a_run_that_is_cut_off_says_so_and_tells_every_step():
     assert len(told) == 2
 
 
+def test_long_time_steps_are_those_of_the_speeds_along_flat_cells():
+    cubes = case_of(one_of_each_kind(np.stack(np.meshgrid(*3 * [np.arange(5.0)], indexing="ij"), axis=-1)))
+    states = cubes.discretization.uniform(np.array([1.0, 0.0, 0.0, 0.0, 1.0]))
+    short, long = (newton.time_terms(cubes.discretization, states, cubes.areas, is_long) for is_long in (False, True))
+    np.testing.assert_allclose(long, short, rtol=1e-12)
+    flat = cubes.areas * np.array([1.0, 100.0, 10.0])  # as the faces of cells 100 x 1 x 10 are
+    rows = newton.time_terms(cubes.discretization, states, flat, True)[:, 0, 0]
+    np.testing.assert_allclose(rows, 10.0 * long[:, 0, 0], rtol=1e-12)
+
+
+def test_a_flow_with_long_time_steps_is_the_same():
+    case, flow = sphere_case(), sphere_flow()
+    again = case.solve(is_long=True)
+    assert again.is_converged
+    np.testing.assert_allclose(again.states, flow.states, atol=1e-8)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "case",

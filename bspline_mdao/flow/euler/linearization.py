@@ -139,9 +139,9 @@ class Linearization:
         return *index, self.areas[part], self.states, self.outside[part], *settings
 
 
-N_SHOCK = 23
+N_SHOCK = 28
 """Numbers of a face at a shock: the sensor, weights of mean and jump, derivatives of the sensor by the four pressures
-and the outer mean state, and of the flux by the sensor."""
+and the two outer states, and of the flux by the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,11 +264,11 @@ def flux_changes(
         near, role, w = cells[f], roles[f], weights[classes[f]]
         sigma, change = 0.0, 0.0 * d_states[0, 0]
         if role == INNER and threshold > 0.0:
-            sigma, by_pressure, by_mean = shock_sensor(states, near, threshold)
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
             for k in range(4):
                 change += by_pressure[k] * d_states[near[k], 4]
             for n in range(5):
-                change += 0.5 * by_mean[n] * (d_states[near[0], n] + d_states[near[3], n])
+                change += by_first[n] * d_states[near[0], n] + by_last[n] * d_states[near[3], n]
         mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, outside[f], dissipation, sigma)
         d_mean, d_jump, _, _ = face_state(d_states, near, w, role, d_outside[f], dissipation, sigma)
         if role == SLIP:
@@ -308,7 +308,7 @@ def state_shares(cells, weights, classes, roles, areas, states, outside, dissipa
             jump_bar[n] = 0.0
         has_sensor, sigma = role == INNER and threshold > 0.0, 0.0
         if has_sensor:
-            sigma, by_pressure, by_mean = shock_sensor(states, near, threshold)
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
         face_weights(w, role, dissipation, sigma, face_weight)
         if role == SLIP:
             mean_bar[4] = through[1] * s[0] + through[2] * s[1] + through[3] * s[2]
@@ -330,8 +330,8 @@ def state_shares(cells, weights, classes, roles, areas, states, outside, dissipa
             for k in range(4):
                 out[f, k, 4] += by_pressure[k] * sense
             for n in range(5):
-                out[f, 0, n] += 0.5 * by_mean[n] * sense
-                out[f, 3, n] += 0.5 * by_mean[n] * sense
+                out[f, 0, n] += by_first[n] * sense
+                out[f, 3, n] += by_last[n] * sense
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -402,7 +402,7 @@ def face_jacobians(
         at = shock_rows[f] if len(shock_rows) > 0 else -1
         sigma = 0.0
         if at >= 0:
-            sigma, by_pressure, by_mean = shock_sensor(states, near, threshold)
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
         mean, jump, mean_slope, jump_slope = face_state(states, near, w, role, outside[f], dissipation, sigma)
         if role == SLIP:
             for n in range(3):
@@ -417,7 +417,7 @@ def face_jacobians(
             for k in range(4):
                 row[1 + k], row[5 + k], row[9 + k] = face_weight[0, k], face_weight[1, k], by_pressure[k]
             for n in range(5):
-                row[13 + n], row[18 + n] = 0.5 * by_mean[n], column[n]
+                row[13 + n], row[18 + n], row[23 + n] = by_first[n], by_last[n], column[n]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -468,8 +468,8 @@ def multiply(cells, classes, values, shock_rows, shocks, weights, d_states, out)
             for k in range(4):
                 change += shocks[at, 9 + k] * d_states[cells[f, k], 4]
             for n in range(5):
-                change += shocks[at, 13 + n] * (d_states[cells[f, 0], n] + d_states[cells[f, 3], n])
-            flux = add_scaled(flux, change, load(shocks, N_SHOCK * at + 18))
+                change += shocks[at, 13 + n] * d_states[cells[f, 0], n] + shocks[at, 18 + n] * d_states[cells[f, 3], n]
+            flux = add_scaled(flux, change, load(shocks, N_SHOCK * at + 23))
         store(out, 5 * f, flux)
 
 
@@ -506,7 +506,7 @@ def multiply_transposed(cells, roles, values, shock_rows, shocks, bar, out, sens
         if at >= 0:
             senses[at] = 0.0
             for n in range(5):
-                senses[at] += shocks[at, 18 + n] * (bar[b, n] - one * bar[c, n])
+                senses[at] += shocks[at, 23 + n] * (bar[b, n] - one * bar[c, n])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -523,7 +523,7 @@ def add_bars(starts, entries, first, end, shock_rows, shocks, weights, classes, 
                     by_mean, by_jump = shocks[at, 1 + k], shocks[at, 5 + k]
                     pressure += shocks[at, 9 + k] * senses[at]
                     if k == 0 or k == 3:
-                        total = add_scaled(total, senses[at], load(shocks, N_SHOCK * at + 13))
+                        total = add_scaled(total, senses[at], load(shocks, N_SHOCK * at + (13 if k == 0 else 18)))
                 total = add_scaled(total, by_mean, load(bars, 10 * f))
                 total = add_scaled(total, by_jump, load(bars, 10 * f + 5))
         store(out, 5 * cell, total)

@@ -43,8 +43,9 @@ LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Bounds of a step: largest relative fall of a density or pressure, largest rise of the residual, and the smallest
 part of a Newton step that is worth its residual."""
 
-STALLED = 40
-"""The residual has to be halved within so many steps, or the run ends, and another start is tried."""
+STALLED, STALLED_LONG = 40, 80
+"""The residual has to be halved within so many steps, or the run ends, and another way is tried; of those with long
+time steps, in which a shock travels by about a cell each, at little cost."""
 
 ROUNDED = 1e-9
 """Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
@@ -127,6 +128,7 @@ def solve_flow(
     tolerance: float = 1e-10,
     max_steps: int = 100,
     max_products: int = MOST_PRODUCTS,
+    is_long: bool = False,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
 ) -> FlowSolution:
     """Solve for the steady flow by Newton steps with pseudo-time terms that fade out as the residual falls.
@@ -157,6 +159,8 @@ def solve_flow(
         Largest number of Newton steps.
     max_products : int
         No step is begun after so many products with the Jacobian.
+    is_long : bool
+        Whether flat cells have long time steps, see `time_terms`: surer with shocks in layers of flat cells at walls.
     progress : callable, optional
         Called with every step and the states after it, on all processes.
 
@@ -186,12 +190,12 @@ def solve_flow(
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     system: _StepSystem | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL and n_left > 0:
-        if _is_rounded(history) or _is_stalled(history):
+        if _is_rounded(history) or _is_stalled(history, STALLED_LONG if is_long else STALLED):
             break
         part = ROUGH if history[-1].residual > ROUGH_UNTIL else max(FORCING, 0.5 * tolerance / history[-1].residual)
         if not _is_kept(history):
             system = None  # it makes room for the next
-        system = system or _StepSystem.of(field, pattern, states, cfl)  # steps 1 and 2
+        system = system or _StepSystem.of(field, pattern, states, cfl, is_long)  # steps 1 and 2
         update, n_products = system.solve(residual, part)  # step 3
         n_left -= n_products
         states, residual, length = advance(field, states, residual, update)  # step 4
@@ -243,9 +247,9 @@ def _is_rounded(history: list[NewtonStep]) -> bool:
     return len(residuals) == 3 and residuals[0] < ROUNDED and min(residuals[1:]) > 0.5 * residuals[0]
 
 
-def _is_stalled(history: list[NewtonStep]) -> bool:
-    """Whether as many steps as `STALLED` have not halved the lowest residual."""
-    before, lately = ([step.residual for step in part] for part in (history[:-STALLED], history[-STALLED:]))
+def _is_stalled(history: list[NewtonStep], n: int) -> bool:
+    """Whether the last n steps have not halved the lowest residual."""
+    before, lately = ([step.residual for step in part] for part in (history[:-n], history[-n:]))
     return bool(before) and min(lately) > 0.5 * min(before)
 
 
@@ -266,11 +270,11 @@ class _StepSystem:
     factor: BlockFactor
 
     @classmethod
-    def of(cls, field: Field, pattern: FactorPattern, states, cfl) -> _StepSystem:
+    def of(cls, field: Field, pattern: FactorPattern, states, cfl, is_long) -> _StepSystem:
         """Linearise, add time terms to the diagonal, and factor a compact neighbour."""
         discretization = field.discretization
         linearization = discretization.linearize(states, field.areas, field.stream)
-        diagonal = (time_terms(discretization, states, field.areas) / cfl).astype(np.float32)
+        diagonal = (time_terms(discretization, states, field.areas, is_long) / cfl).astype(np.float32)
         return cls(field, linearization, diagonal, compact_factor(linearization, pattern, diagonal))
 
     def solve(self, residual, part) -> tuple[np.ndarray | None, int]:

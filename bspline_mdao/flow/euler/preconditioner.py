@@ -154,14 +154,18 @@ def _place_behind(first, cells, weights, classes, jacobians, rank, places, lower
                 blocks[places[f], n, m] += behind * jacobians[f, n, m]
 
 
-def time_terms(discretization: Discretization, states: np.ndarray, areas: np.ndarray) -> np.ndarray:
+def time_terms(
+    discretization: Discretization, states: np.ndarray, areas: np.ndarray, is_long: bool = False
+) -> np.ndarray:
     """Diagonal of the pseudo-time term at a CFL number of one, shape (n_cells, 5, 5).
 
-    Derivatives of the conserved quantities with respect to the states, times half the sum of the wave speeds through
-    the faces of a cell, which is its volume divided by its time step.
+    Derivatives of the conserved quantities with respect to the states, times the volume of a cell divided by its time
+    step: half the sum of the wave speeds through its faces or, for long time steps, what that is in a cube with the
+    middle ones. In a flat cell at a wall those are the speeds along the wall, so that all cells of a layer move on
+    with the flow outside.
     """
     out = np.zeros((len(states), 5, 5))
-    _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, out)
+    _time_terms(discretization.stencil.cells, discretization.stencil.roles, areas, states, is_long, out)
     return out
 
 
@@ -182,8 +186,8 @@ def _add_blocks(blocks, x, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _time_terms(cells, roles, areas, states, out):
-    rates = np.zeros(len(states))
+def _time_terms(cells, roles, areas, states, is_long, out):
+    rates, speeds = np.zeros(len(states)), np.zeros((len(states), 4))  # the four largest
     for f in range(len(cells)):
         s = areas[f]
         for k in range(1, 3 if roles[f] == INNER else 2):
@@ -191,9 +195,14 @@ def _time_terms(cells, roles, areas, states, out):
                 continue
             w = states[cells[f, k]]
             sound = np.sqrt(GAMMA * w[4] / w[0] * (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]))
-            rates[cells[f, k]] += 0.5 * (abs(w[1] * s[0] + w[2] * s[1] + w[3] * s[2]) + sound)
+            speed, largest = abs(w[1] * s[0] + w[2] * s[1] + w[3] * s[2]) + sound, speeds[cells[f, k]]
+            rates[cells[f, k]] += 0.5 * speed
+            for n in range(4):
+                if speed > largest[n]:
+                    speed, largest[n] = largest[n], speed
     for c in range(len(states)):
-        _conserved(states[c, 0], states[c, 1:4], rates[c], out[c])
+        rate = 1.5 * (speeds[c, 2] + speeds[c, 3]) if is_long else rates[c]
+        _conserved(states[c, 0], states[c, 1:4], rate, out[c])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -40,9 +40,6 @@ COMPACT_MEAN = (0.0, 0.5, 0.5, 0.0)
 SHUT, OPEN = 0.7, 1.0
 """Squares of the Mach number below which the sensor is zero, since there are no shocks, and above which it is free."""
 
-OUTER_MEAN = (0.5, 0.0, 0.0, 0.5)
-"""Weights of the four cells in the state whose Mach number that is: a cell next to a shock still sees what is ahead."""
-
 _FULL = np.array([[-1, 7, 7, -1], [0, -12, 12, 0], [12, -36, 36, -12]]) / 12.0
 
 
@@ -165,11 +162,11 @@ def face_weights(weights, role, dissipation, sigma, out):
 def shock_sensor(states, cells, threshold):
     """Sensor of shocks at an inner face, from 0 in smooth flow to 1.
 
-    Also its derivatives with respect to the pressures of the four cells, and to the mean state of the first and last.
+    Also its derivatives with respect to the pressures of the four cells, and to the states of the first and the last.
     """
     kink, pressure_gradient = _kink(states, cells, threshold)
-    gate, mean_gradient = _gate(_combine(OUTER_MEAN, states, cells))
-    return gate * kink, _scale(gate, pressure_gradient), _scale(kink, mean_gradient)
+    gate, first_gradient, last_gradient = _gate(states, cells)
+    return gate * kink, _scale(gate, pressure_gradient), _scale(kink, first_gradient), _scale(kink, last_gradient)
 
 
 @njit(cache=True, error_model="numpy")
@@ -188,18 +185,28 @@ def _kink(states, cells, threshold):
 
 
 @njit(cache=True, error_model="numpy")
-def _gate(w):
-    """Smooth step from 0 in slow flow to 1 at the speed of sound, and its derivatives with respect to the state."""
-    r, u, v, w, p = w
-    inverse_sound_squared = 1.0 / (GAMMA * p)
-    square = (u * u + v * v + w * w) * r * inverse_sound_squared
-    t = (square - SHUT) / (OPEN - SHUT)
+def _gate(states, cells):
+    """Smooth step from 0 in slow flow to 1 at the speed of sound, and its derivatives with respect to two states.
+
+    It is of the mean square of the Mach numbers of the outer cells: one next to a shock still sees what is ahead.
+    """
+    first, first_gradient = _mach_squared(states, cells[0])
+    last, last_gradient = _mach_squared(states, cells[3])
+    t = (0.5 * (first + last) - SHUT) / (OPEN - SHUT)
     if t.real <= 0.0 or t.real >= 1.0:
-        return (0.0 if t.real <= 0.0 else 1.0) + 0.0 * t, (0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t)
-    slope = 6.0 * t * (1.0 - t) / (OPEN - SHUT)
-    speed_slope = 2.0 * slope * r * inverse_sound_squared
-    gradient = (slope * square / r, speed_slope * u, speed_slope * v, speed_slope * w, -slope * square / p)
-    return t * t * (3.0 - 2.0 * t), gradient
+        still = (0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t, 0.0 * t)
+        return (0.0 if t.real <= 0.0 else 1.0) + 0.0 * t, still, still
+    slope = 3.0 * t * (1.0 - t) / (OPEN - SHUT)
+    return t * t * (3.0 - 2.0 * t), _scale(slope, first_gradient), _scale(slope, last_gradient)
+
+
+@njit(cache=True, error_model="numpy")
+def _mach_squared(states, cell):
+    """Square of the Mach number of a cell, and its derivatives with respect to the state."""
+    r, u, v, w, p = states[cell, 0], states[cell, 1], states[cell, 2], states[cell, 3], states[cell, 4]
+    inverse = 1.0 / (GAMMA * p)
+    q, by_speed = (u * u + v * v + w * w) * inverse, 2.0 * r * inverse
+    return r * q, (q, by_speed * u, by_speed * v, by_speed * w, -r * q / p)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -6,7 +6,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import openmdao.api as om
@@ -18,7 +18,13 @@ from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from ...flow.euler.krylov import KrylovSolution, solve_refined
 from ...flow.euler.linearization import Linearization
-from ...flow.euler.newton import FlowSolution, relative_residual, solve_by_dissipation, solve_flow
+from ...flow.euler.newton import (
+    MOST_PRODUCTS,
+    FlowSolution,
+    relative_residual,
+    solve_by_dissipation,
+    solve_flow,
+)
 from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_factor
 from ...flow.euler.sequencing import states_from_coarse
 from ...flow.stream import RADIAN
@@ -47,6 +53,10 @@ LARGEST_RESIDUAL = 1e-8
 """Residual, relative to that of the uniform stream, up to which a flow that no longer converges is accepted."""
 
 
+MOST_PRODUCTS_OF_ALL = 3000
+"""Products with the Jacobian after which no other way from a cold start is tried."""
+
+
 class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     """Solve the steady Euler equations on the cells of a grid.
 
@@ -66,8 +76,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
     they are still those of the last solution, they are changed by as much as the free stream. Steps are first made with
     the Jacobian that the last derivatives were taken with, as long as it serves. If that fails, and in a first run, it
-    starts from the flow on coarser members of the grid or the uniform stream, and at last goes by way of flows with
-    more dissipation.
+    starts from the flow on coarser members of the grid or the uniform stream, again with long time steps, and at last
+    by way of flows with more dissipation.
 
     Options
     -------
@@ -152,9 +162,11 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Solve for the states at the inputs, or raise."""
         self._check(inputs)
         areas, stream = self._at(inputs)
+        self._solution = None
         with shown("flow") as tell:
             for solution in self._attempts(inputs, outputs, areas, stream, tolerance, tell):
-                self._solution = solution
+                if self._solution is None or solution.residual < self._solution.residual:
+                    self._solution = solution  # the best one is told of
                 if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
                     self._converged = solution
                     outputs["states"] = solution.states.ravel()
@@ -361,8 +373,15 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         elif self._is_given(outputs):  # such as those of another member of the family, which miss the stream far out
             yield solve_flow(*field, states=starts[0], **settings)
         cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
-        yield solve_flow(*field, states=cold, **settings)
-        yield solve_by_dissipation(*field, **settings)
+        n_left = MOST_PRODUCTS_OF_ALL
+        for solve in (
+            partial(solve_flow, states=cold),
+            partial(solve_flow, states=cold, is_long=True),
+            solve_by_dissipation,
+        ):
+            solution = solve(*field, max_products=min(MOST_PRODUCTS, n_left), **settings)
+            yield solution
+            n_left -= sum(step.n_products for step in solution.history)
 
     def _is_given(self, outputs) -> bool:
         """Whether the states are those that were given to start from."""
