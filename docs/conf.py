@@ -56,6 +56,7 @@ napoleon_custom_sections = [("Options", "params_style")]
 
 
 html_extra_path = ["_n2"]
+(DOCS / "_n2").mkdir(exist_ok=True)  # Sphinx looks for it before `draw_n2` fills it
 sphinx_gallery_conf = {
     "examples_dirs": "../run_scripts",
     "gallery_dirs": "gallery",
