@@ -1,4 +1,4 @@
-"""Draw the picture of the landing page: pressures on the ONERA M6 at M 0.84, with its shocks, and the grid that gives them.
+"""Draw the picture of the landing page: pressures on the ONERA M6 at M 0.84, its shocks, and the grid that gives them.
 
 ``python docs/draw_landing.py`` writes ``docs/_static/landing.png``. It takes a minute.
 """
