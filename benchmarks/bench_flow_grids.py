@@ -113,6 +113,7 @@ def main(step: int = 4, *names: str) -> None:
                 field = flow.discretization, areas, stream
                 solution = solve_flow(*field, pattern=flow.pattern, states=states)
                 if solution.residual > LARGEST_RESIDUAL:
+                    states = states_from_coarse(levels, nodes, stream, is_long=True)
                     solution = solve_flow(*field, pattern=flow.pattern, states=states, is_long=True)
                 if solution.residual > LARGEST_RESIDUAL:
                     solution = solve_by_dissipation(*field, pattern=flow.pattern)

@@ -126,7 +126,9 @@ def useful_levels(n_cells: int) -> int:
     return max(0, int(np.log(n_cells / SMALLEST) / np.log(8.0)))
 
 
-def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray) -> np.ndarray | None:
+def states_from_coarse(
+    levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray, is_long: bool = False
+) -> np.ndarray | None:
     """Solve on the coarser members for states to start from on the grid.
 
     Parameters
@@ -137,6 +139,8 @@ def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.
         Nodes of the grid as it is now (m).
     stream : ndarray, shape (5,)
         The free stream.
+    is_long : bool
+        Whether flat cells have long time steps there too: a bubble at the foot of a shock would stay in the start.
 
     Returns
     -------
@@ -146,7 +150,7 @@ def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.
     if not levels:
         return None
     level, coarse_nodes = levels[0], levels[0].pick(nodes)
-    start = states_from_coarse(levels[1:], coarse_nodes, stream)
+    start = states_from_coarse(levels[1:], coarse_nodes, stream, is_long)
     solution = solve_flow(
         level.flow.discretization,
         level.flow.areas(coarse_nodes),
@@ -155,6 +159,7 @@ def states_from_coarse(levels: list[CoarseLevel], nodes: np.ndarray, stream: np.
         states=start,
         tolerance=TOLERANCE,
         max_steps=MAX_STEPS,
+        is_long=is_long,
     )
     return level.spread(solution.states)
 

@@ -372,14 +372,14 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             yield self._from_nearby(inputs, outputs, field, starts[0], settings)
         elif self._is_given(outputs):  # such as those of another member of the family, which miss the stream far out
             yield solve_flow(*field, states=starts[0], **settings)
-        cold = states_from_coarse(levels, inputs[GRID].reshape(-1, 3), stream)
-        n_left = MOST_PRODUCTS_OF_ALL
-        for solve in (
-            partial(solve_flow, states=cold),
-            partial(solve_flow, states=cold, is_long=True),
-            solve_by_dissipation,
-        ):
-            solution = solve(*field, max_products=min(MOST_PRODUCTS, n_left), **settings)
+        n_left, nodes = MOST_PRODUCTS_OF_ALL, inputs[GRID].reshape(-1, 3)
+
+        def from_coarse(is_long, **rest):
+            start = states_from_coarse(levels, nodes, stream, is_long)
+            return solve_flow(*field, states=start, is_long=is_long, **rest)
+
+        for solve in (partial(from_coarse, False), partial(from_coarse, True), partial(solve_by_dissipation, *field)):
+            solution = solve(max_products=min(MOST_PRODUCTS, n_left), **settings)
             yield solution
             n_left -= sum(step.n_products for step in solution.history)
 
