@@ -23,6 +23,11 @@ FEW = 4
 class OneLine:
     """What is printed as one line: the class and its fields, arrays by their shapes and long lists by their lengths."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Keep the line, or what a base made of it, which a dataclass would replace by one of all digits."""
+        super().__init_subclass__(**options)
+        cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
     def __repr__(self) -> str:
         names = [item.name for item in fields(self) if item.repr] if is_dataclass(self) else list(vars(self))
         parts = [f"{name}={in_brief(getattr(self, name))}" for name in names if not name.startswith("_")]
@@ -41,6 +46,8 @@ def in_brief(value: Any) -> str:
         if value.ndim == 1 and value.size <= FEW and value.dtype.kind in "biuf":
             return f"[{', '.join(f'{x:.4g}' for x in value)}]"
         return f"array{value.shape}"
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, tuple | list):
@@ -61,8 +68,8 @@ def _shortened(text: str) -> str:
     return text if len(text) <= WIDTH else f"{text[: WIDTH - 5]} ...)"
 
 
-class InNotebook:
-    """What a notebook shows as a table and a picture."""
+class InNotebook(OneLine):
+    """What a notebook shows as a table and a picture; its line serves where there is none."""
 
     def _repr_html_(self) -> str | None:
         """Show a small table and, where it is quick, a picture; None, so that the line is shown, if that fails."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..cells.report import QualityReport
 from ..design.interior_points import InteriorShift
+from ..shown import OneLine
 from ..topology.grid import Grid
 from .loss import stretched
 
@@ -52,7 +53,7 @@ class WorstCell:
 
 
 @dataclass(frozen=True)
-class BlockChange:
+class BlockChange(OneLine):
     """What became of the worst cells of a block.
 
     Parameters
@@ -66,7 +67,7 @@ class BlockChange:
 
 
 @dataclass(frozen=True, eq=False)
-class Improvement:
+class Improvement(OneLine):
     """A grid whose worst cells are better, or the reason why there is none.
 
     Parameters

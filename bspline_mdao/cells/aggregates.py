@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 
 __all__ = ["AGGREGATES", "Aggregate", "KreisselmeierSteinhauser", "PNorm", "Part"]
 
@@ -33,7 +34,7 @@ class Part(NamedTuple):
 
 
 @dataclass(frozen=True)
-class KreisselmeierSteinhauser:
+class KreisselmeierSteinhauser(OneLine):
     """``m - ln(sum exp(-rho (x - m))) / rho`` with m the smallest x: between ``m - ln(n) / rho`` and m; complex-safe.
 
     Parameters

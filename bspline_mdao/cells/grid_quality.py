@@ -49,7 +49,7 @@ class GridValues:
     q: np.ndarray | None = None
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class GridQuality(OneLine):
     """Quality of the cells of a grid whose baseline has decided about handedness and collapsed corners.
 

@@ -21,6 +21,7 @@ from ..errors import InputError
 from ..mesh.frame import Frame, Plane
 from ..mesh.moving_mesh import MovingMesh
 from ..movement.mover import PLANE_TOLERANCE
+from ..shown import OneLine
 from .section_formulas import rotation, scaling, shear
 
 __all__ = [
@@ -55,7 +56,7 @@ no division by zero."""
 
 
 @dataclass(frozen=True, eq=False)
-class Deformation:
+class Deformation(OneLine):
     """New places for the surface points of a mesh.
 
     Parameters

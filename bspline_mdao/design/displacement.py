@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array
 
 from ..errors import InputError
+from ..shown import OneLine
 from .control_net import surface_normals
 from .selection import Where, rows_of
 from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal
@@ -26,7 +27,7 @@ Direction = str | Sequence[float] | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Displacement:
+class Displacement(OneLine):
     """The map ``points + matrix values``.
 
     Parameters
@@ -52,7 +53,7 @@ class Displacement:
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class Local(OneLine):
     """Move surface control points one by one.
 
     Every selected point has one value per direction, point by point in the order of ``mesh.surface_ids``. A value is a

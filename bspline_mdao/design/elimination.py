@@ -27,6 +27,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
+from ..shown import OneLine
 
 __all__ = [
     "INDEPENDENT",
@@ -61,7 +62,7 @@ SYMMETRY = "symmetry plane"
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class Equations(OneLine):
     """Homogeneous equations ``matrix @ d = 0`` on displacements d of the surface control points, xyz interleaved.
 
     Parameters
@@ -141,7 +142,7 @@ def _checked(name: str, equations: Equations, n_surface: int) -> Equations:
 
 
 @dataclass(frozen=True, eq=False)
-class Elimination:
+class Elimination(OneLine):
     """Displacements that satisfy the constraints.
 
     Coordinates are numbered xyz interleaved, as the columns of `Equations` are.

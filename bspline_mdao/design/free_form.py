@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 from .displacement import Direction, Displacement, directions_of, displacements
 from .lattice import Embedding, Lattice
 from .variable import AuxiliaryPoints, Layout
@@ -28,7 +29,7 @@ move it by any amount without effect."""
 
 
 @dataclass(frozen=True, eq=False)
-class FreeForm:
+class FreeForm(OneLine):
     """Move points of a lattice, and what is embedded in it along.
 
     Every point has one value per direction, point by point in C order. A value is a displacement, and initially zero.

@@ -19,6 +19,7 @@ from ..checks import require_kind
 from ..errors import InputError
 from ..mesh.interior import interior_directions
 from ..model.fitted_model import FittedModel
+from ..shown import OneLine
 from .variable import block_diagonal
 
 __all__ = ["InteriorPoints", "InteriorShift"]
@@ -28,7 +29,7 @@ SHORT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class InteriorShift:
+class InteriorShift(OneLine):
     """Displacements of control points that are linear in values. Made by `InteriorPoints.bind`.
 
     Parameters
@@ -92,7 +93,7 @@ class InteriorShift:
 
 
 @dataclass(frozen=True, eq=False)
-class InteriorPoints:
+class InteriorPoints(OneLine):
     """Move control points inside the grid at fixed surface.
 
     Points of walls, of the far field and of what nobody declared are held, and so are edges where patches meet; those

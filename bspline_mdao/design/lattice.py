@@ -26,6 +26,7 @@ from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import INSIDE, invert_points
 from ..measures.edge_cuts import edges_of_quads
 from ..mesh.moving_mesh import MovingMesh
+from ..shown import OneLine
 from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
 from ..splines.mesh import BSplineMesh
@@ -51,7 +52,7 @@ CUBIC = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class Lattice(OneLine):
     """A B-spline volume that moves what is in it.
 
     Embedded are the surface control points inside, or those of ``moves``; the points of reference axes inside; and the

@@ -19,6 +19,7 @@ from ..checks import as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import lengths, nearest_plane
+from ..shown import OneLine
 from .control_net import surface_seams
 from .elimination import Equations
 from .selection import Selection, Where, rows_of
@@ -41,7 +42,7 @@ ConstrainedDirections = str | np.ndarray | Sequence | None
 
 
 @dataclass(frozen=True, eq=False)
-class Pinned:
+class Pinned(OneLine):
     """Points that do not move: roots, wakes, fixed leading and trailing edges.
 
     Parameters
@@ -65,7 +66,7 @@ class Pinned:
 
 
 @dataclass(frozen=True, eq=False)
-class InPlane:
+class InPlane(OneLine):
     """Points of a plane that stay in it.
 
     Parameters
@@ -113,7 +114,7 @@ class InPlane:
 
 
 @dataclass(frozen=True, eq=False)
-class Linked:
+class Linked(OneLine):
     """Points that move as others do, such as the lower points of a trailing edge as its upper ones.
 
     Parameters
@@ -139,7 +140,7 @@ class Linked:
 
 
 @dataclass(frozen=True, eq=False)
-class Opposite:
+class Opposite(OneLine):
     """Pairs of points with equal and opposite displacements, so that local variables neither twist nor shift.
 
     Parameters
@@ -194,7 +195,7 @@ def _of_pairs(n_surface: int, pairs: np.ndarray, axes: np.ndarray, sign: float) 
 
 
 @dataclass(frozen=True, eq=False)
-class Collinear:
+class Collinear(OneLine):
     """Control points across seams between sides of blocks stay in line, in the ratio of the baseline (G1).
 
     The points on the seam follow their two neighbours, where nothing else constrains them.
@@ -257,7 +258,7 @@ def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Mirrored:
+class Mirrored(OneLine):
     """Points that move as the mirror images of others; points on the plane stay in it.
 
     Parameters

@@ -18,6 +18,7 @@ from ..mesh.frame import mesh_frame
 from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from ..movement.mover import MovementReport, Mover, differentiable
+from ..shown import OneLine
 from .deformation import Bend, Deformation, Pitch, PointMap, amount_jvp, jvp
 
 __all__ = ["GridState", "Motion", "Oscillation", "SurfaceMotion", "UnsteadyGrid", "flapping", "pitching"]
@@ -63,7 +64,7 @@ class Oscillation:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceMotion:
+class SurfaceMotion(OneLine):
     """Oscillations of the surface of a mesh, one on top of the other.
 
     Parameters
@@ -139,7 +140,7 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
 
 
 @dataclass(frozen=True, eq=False)
-class GridState:
+class GridState(OneLine):
     """A grid that moves, at one time.
 
     Parameters
@@ -163,7 +164,7 @@ class GridState:
 
 
 @dataclass(frozen=True, eq=False)
-class UnsteadyGrid:
+class UnsteadyGrid(OneLine):
     """The grid of a model whose surface moves in time.
 
     Every state is moved from the baseline, so that it depends on its time alone: a periodic motion has a periodic grid,

@@ -29,7 +29,7 @@ Values = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePartials:
+class SurfacePartials(OneLine):
     """Derivatives of the surface control points, xyz interleaved.
 
     Parameters
@@ -44,7 +44,7 @@ class SurfacePartials:
     values: dict[str, csr_array]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Parametrization(OneLine):
     """Design variables of a surface and the linear constraints among its control points.
 

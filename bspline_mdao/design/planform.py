@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError
+from ..shown import OneLine
 from .axis_maps import SectionMap, ShiftMap, along_vectors
 from .displacement import Displacement
 from .lattice import Lattice
@@ -38,7 +39,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, eq=False)
-class AlongAxis(ABC):
+class AlongAxis(OneLine, ABC):
     """A variable along a reference axis.
 
     Parameters

@@ -41,7 +41,7 @@ _NO_CHORD = 1e-6
 """A chord that is shorter than this part of the surface's box is none: a section of it has no direction."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class ReferenceAxis(OneLine):
     """A line through points from the root to the tip.
 
@@ -193,7 +193,7 @@ def _closest(starts, steps, points, goes_on_inboard):
 
 
 @dataclass(frozen=True, eq=False)
-class AttachedRows:
+class AttachedRows(OneLine):
     """Rows attached to a reference axis: their stations and the planes of their sections, decided on the baseline.
 
     Parameters
@@ -289,7 +289,7 @@ def _unit(vectors):
 
 
 @dataclass(frozen=True)
-class StationSpline:
+class StationSpline(OneLine):
     """Interpolation of values at stations along an axis, with local support, constant outside of the ends.
 
     Parameters

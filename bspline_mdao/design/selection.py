@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..mesh.boundary import boundary_points, matching_patches
 from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
+from ..shown import OneLine
 
 __all__ = [
     "InBlock",
@@ -41,7 +42,7 @@ TOUCHING = 1e-9
 """Distance, relative to the size of the mesh, up to which a point counts as on a limit: round-off of fitted points."""
 
 
-class Selection(ABC):
+class Selection(OneLine, ABC):
     """Some of the surface control points of a mesh."""
 
     @abstractmethod

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import block_diag, coo_array, csr_array, eye_array, issparse, vstack
 
 from ..errors import InputError
+from ..shown import OneLine
 from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal, sum_on_pattern
 
 __all__ = ["UserVariable"]
@@ -24,7 +25,7 @@ formula, far below the width of any cell."""
 
 
 @dataclass(frozen=True, eq=False)
-class UserVariable:
+class UserVariable(OneLine):
     """Move the surface control points by the user's own function.
 
     Parameters
@@ -82,7 +83,7 @@ class UserVariable:
 
 
 @dataclass(frozen=True, eq=False)
-class _UserMap:
+class _UserMap(OneLine):
     """The function on the surface rows; the others stay."""
 
     variable: UserVariable

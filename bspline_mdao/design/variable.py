@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import bsr_array, coo_array, csr_array
 
 from ..mesh.moving_mesh import MovingMesh
+from ..shown import OneLine
 
 __all__ = [
     "AuxiliaryPoints",
@@ -44,7 +45,7 @@ class AuxiliaryPoints(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class Layout(OneLine):
     """The rows that variables move.
 
     Parameters

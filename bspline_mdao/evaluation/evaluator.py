@@ -42,7 +42,7 @@ class _Chunk:
     layers: tuple[int, int]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Evaluator(OneLine):
     """The linear map from control points to nodes at fixed parameters. Made by `Evaluator.build`.
 

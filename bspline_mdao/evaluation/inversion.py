@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..numerics.threads import thread_count
+from ..shown import OneLine
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
 from .closest_point import descend
@@ -57,7 +58,7 @@ _SECTIONS = tuple(itertools.product((slice(None), slice(0, 1), slice(-1, None)),
 
 
 @dataclass(frozen=True, eq=False)
-class PointInversion:
+class PointInversion(OneLine):
     """Volumes and parameters of points in a B-spline mesh.
 
     Parameters

@@ -17,6 +17,7 @@ from scipy.sparse import block_diag, csr_array, eye_array, hstack, kron, vstack
 
 from ..cells.line_neighbours import LineNeighbours
 from ..errors import InputError
+from ..shown import OneLine
 from ..topology.topology import Topology
 from .family import interpolate
 
@@ -30,7 +31,7 @@ N_TERMS = {1: 1, 2: 4, 3: 10}
 
 
 @dataclass(frozen=True, eq=False)
-class CellTransfer:
+class CellTransfer(OneLine):
     """Transfer of cell values between members of a grid family, with exact transposes.
 
     Cells are numbered block after block, each in C order, as all of the package has them. Fields may have any number of
@@ -131,7 +132,7 @@ class CellTransfer:
 
 
 @dataclass(frozen=True, eq=False)
-class NodeTransfer:
+class NodeTransfer(OneLine):
     """Interpolation of node values from one member of a grid family to another, finer or coarser.
 
     By cubic Hermite interpolation in the index, as the parameters of members are, or linearly. Where nodes coincide

@@ -35,6 +35,7 @@ from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface_map import SurfaceMap, SurfaceState
 from ..model.fitted_model import FittedModel
+from ..shown import OneLine
 from ..topology.index_space import Window, block_rows
 from ..topology.topology import Topology
 from .problem import problem_of_mesh
@@ -57,7 +58,7 @@ _ROUND_OFF = 1e-15
 
 
 @dataclass(frozen=True)
-class SurfaceMiss:
+class SurfaceMiss(OneLine):
     """Distance of the nodes of a surface from those that its control points were fitted to.
 
     Parameters
@@ -121,7 +122,7 @@ class SurfaceMiss:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceFit:
+class SurfaceFit(OneLine):
     """Surface control points for another surface, and how far that is missed.
 
     Parameters

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..shown import OneLine
+
 __all__ = ["AxisMoment"]
 
 
 @dataclass(frozen=True, eq=False)
-class AxisMoment:
+class AxisMoment(OneLine):
     """Coefficient of the moment of some forces about an axis, positive by the right hand from its first point on.
 
     Parameters

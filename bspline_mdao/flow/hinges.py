@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError
+from ..shown import OneLine
 from .axis_moments import AxisMoment
 from .span_strips import SpanStrips
 
@@ -20,7 +21,7 @@ __all__ = ["HingeMoment"]
 
 
 @dataclass(frozen=True, eq=False)
-class HingeMoment:
+class HingeMoment(OneLine):
     """A hinge moment: of the wall within a box along chord and span, or of some faces of it, about an axis.
 
     A quad of the wall that lies in the box in part counts in part. Where no axis is given it is the foremost line of

@@ -24,6 +24,7 @@ from scipy.sparse import csr_array
 from ..checks import as_direction, as_finite_points
 from ..errors import InputError
 from ..numerics.vectors import dots
+from ..shown import OneLine
 
 __all__ = ["RigidLinks"]
 
@@ -32,7 +33,7 @@ N_DOF = 6
 
 
 @dataclass(frozen=True, eq=False)
-class RigidLinks:
+class RigidLinks(OneLine):
     """Links to the nodes of a beam. Made by `RigidLinks.to_beam`.
 
     Parameters

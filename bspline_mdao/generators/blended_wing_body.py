@@ -23,6 +23,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
+from ..shown import OneLine
 from .wing import Section, cambered_section, tip_clustered, tip_rounding
 
 _STATIONS = 160
@@ -33,7 +34,7 @@ _SPINE_SAMPLES = 2001
 
 
 @dataclass(frozen=True)
-class Rib:
+class Rib(OneLine):
     """A section of a blended-wing body and its place.
 
     Parameters
@@ -61,7 +62,7 @@ class Rib:
 
 
 @dataclass(frozen=True)
-class BlendedWingBody:
+class BlendedWingBody(OneLine):
     """One half of a blended-wing body with a closed trailing edge and tip.
 
     Parameters

@@ -35,6 +35,7 @@ from itertools import product
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 from ..topology.grid import Block, Grid, Patch
 from ..topology.index_space import Window
 from .stretching import geometric_last, stretch_from, stretch_lines
@@ -65,7 +66,7 @@ _ROWS = (("upstream", "wing", "downstream"), ("below", "above"), ("inboard", "ou
 
 
 @dataclass(frozen=True)
-class Spacing:
+class Spacing(OneLine):
     """Intervals next to the wing (m).
 
     Parameters
@@ -91,7 +92,7 @@ class Spacing:
 
 
 @dataclass(frozen=True)
-class FarField:
+class FarField(OneLine):
     """The outer boundary and the grid there.
 
     Parameters

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
+from ..shown import OneLine
 from .stretching import stretch_lines
 
 _SAMPLES = 1000
@@ -22,7 +23,7 @@ _STATIONS = 120
 
 
 @dataclass(frozen=True)
-class Planform:
+class Planform(OneLine):
     """One half of a trapezoidal wing, its root in the symmetry plane z = 0 and its leading edge there at x = 0.
 
     Parameters
@@ -82,7 +83,7 @@ class Planform:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(OneLine):
     """A wing section of unit chord with a closed trailing edge.
 
     Parameters
@@ -237,7 +238,7 @@ def _at_arcs(curve, fractions, factor):
 
 
 @dataclass(frozen=True)
-class Wing:
+class Wing(OneLine):
     """A wing whose tip is closed inside its planform.
 
     Parameters

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..cells.cell_faces import BoundaryFaces, CellFaces
 from ..errors import InputError
+from ..shown import OneLine
 from ..topology.detection import find_topology
 from ..topology.grid import Grid
 from ..topology.topology import Topology
@@ -64,7 +65,7 @@ def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | N
 
 
 @dataclass(frozen=True)
-class CaseField:
+class CaseField(OneLine):
     """A field of an OpenFOAM case.
 
     Parameters

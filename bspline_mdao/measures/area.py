@@ -15,6 +15,7 @@ from ..checks import as_direction
 from ..errors import InputError
 from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
+from ..shown import OneLine
 from .measure import relative_to_baseline, single_row
 
 __all__ = ["ProjectedArea", "SurfaceArea", "planform_normal"]
@@ -31,7 +32,7 @@ _GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceArea:
+class SurfaceArea(OneLine):
     """Area of bilinear quads, wetted area for a body; make it by `of`.
 
     Parameters
@@ -99,7 +100,7 @@ class SurfaceArea:
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectedArea:
+class ProjectedArea(OneLine):
     """Area of a body as seen from one direction; make it by `of`.
 
     Parameters

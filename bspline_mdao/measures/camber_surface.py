@@ -17,6 +17,7 @@ from scipy.sparse import csr_array, kron, vstack
 from ..checks import as_axes
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
+from ..shown import OneLine
 from .edge_cuts import cut_edges, edges_of_quads
 
 __all__ = ["SPACINGS", "CamberSurface"]
@@ -39,7 +40,7 @@ _EDGE_ON = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class CamberSurface:
+class CamberSurface(OneLine):
     """Mesh of the camber surface in the order and the axes of OpenAeroStruct.
 
     Nodes go from the leading to the trailing edge and from the tip to the root; axes are x downstream, y from the left

@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..mesh.frame import Plane
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vectors import add_to, dot, less, row, scaled
+from ..shown import OneLine
 from .measure import row_at
 
 __all__ = ["Clearance", "PlaneClearance", "nodes_of"]
@@ -32,7 +33,7 @@ _NEGLIGIBLE = 60.0
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
+class Clearance(OneLine):
     """Kreisselmeier-Steinhauser bound of the distances between the nodes of a patch and other nodes, or fixed points.
 
     The bound is below the smallest distance by ln(n) / rho at most, n the number of pairs, and smooth whichever pair is
@@ -171,7 +172,7 @@ class Clearance:
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneClearance:
+class PlaneClearance(OneLine):
     """Kreisselmeier-Steinhauser bound of the distances of patches from a plane, negative behind it. Make it by `of`.
 
     As quads lie between their corners, it also bounds the distance of the surface of bilinear quads.

@@ -25,6 +25,7 @@ from ..cells.aggregates import KreisselmeierSteinhauser
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vectors import dots
+from ..shown import OneLine
 from .measure import Combinations, relative_to_baseline, single_row
 
 __all__ = ["Curvature", "Forms", "difference_matrices", "face_differences", "forms", "forms_vjp"]
@@ -40,7 +41,7 @@ _FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Curvature:
+class Curvature(OneLine):
     r"""Integral of the curvature over patches, or a smooth upper bound of the largest.
 
     The curvature is :math:`k_1^2 + k_2^2`, the square of the mean curvature or :math:`k_1 k_2`, from differences of

@@ -17,6 +17,7 @@ from scipy.sparse import csr_array, vstack
 
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
+from ..shown import OneLine
 
 __all__ = ["MEMBERS", "Combinations", "Measure", "relative_to_baseline", "row_at", "single_row"]
 
@@ -94,7 +95,7 @@ def row_at(ids: np.ndarray, gradient: np.ndarray, n_points: int) -> csr_array:
 
 
 @dataclass(frozen=True, eq=False)
-class Combinations:
+class Combinations(OneLine):
     """Several vectors at each of n places, every one a fixed combination of nodes: tangents, differences, chords.
 
     A number of each place, made of its vectors, then has closed-form derivatives on a fixed pattern.

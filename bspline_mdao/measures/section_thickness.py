@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..mesh.frame import surface_frame
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vectors import lengths, unit_vectors
+from ..shown import OneLine
 from .edge_cuts import cut_edges, edges_of_quads
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, Probes, opposite_probes
@@ -31,7 +32,7 @@ _THIN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class SectionThickness:
+class SectionThickness(OneLine):
     """Largest or smallest thickness of sections relative to their chord, t/c, bounded smoothly; make it by `at`.
 
     Parameters

@@ -14,6 +14,7 @@ from ..checks import as_numbers
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vectors import lengths, unit_vectors
+from ..shown import OneLine
 from .area import planform_normal
 from .measure import Combinations
 from .probes import FLAT, ROUND_OFF, as_points, opposite_probes
@@ -27,7 +28,7 @@ is none."""
 
 
 @dataclass(frozen=True, eq=False)
-class Thickness:
+class Thickness(OneLine):
     """Distances between opposite probes, in metres or in those of the baseline.
 
     Make it by `at` or `grid`.

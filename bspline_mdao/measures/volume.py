@@ -14,6 +14,7 @@ from ..cells.quads import add_to_nodes, area_vectors, area_vectors_vjp
 from ..errors import InputError
 from ..mesh.frame import Plane
 from ..mesh.surface import SurfaceGrid
+from ..shown import OneLine
 from .measure import relative_to_baseline, single_row
 
 __all__ = ["EnclosedVolume", "apexes_of_caps", "open_edges", "planes_of_edges"]
@@ -27,7 +28,7 @@ _NONE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class EnclosedVolume:
+class EnclosedVolume(OneLine):
     """Volume between bilinear quads and the planes of symmetry on which they end; make it by `of`.
 
     Parameters

@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..mesh.frame import Frame
 from ..mesh.surface import SurfaceGrid
 from ..numerics.vectors import cross_2d, lengths, turned_left
+from ..shown import OneLine
 from .measure import Combinations
 from .section_lines import SectionLines, arc_parameters, polynomial_weights, stencil_matrix
 
@@ -28,7 +29,7 @@ _SHARP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class LeadingEdgeRadius:
+class LeadingEdgeRadius(OneLine):
     r"""Radius of curvature of plane sections at their leading edge.
 
     The polynomial of degree 2 m through the leading edge of a section and m points on either side, in the arc length of
@@ -169,7 +170,7 @@ def _require_blunt(measure):
 
 
 @dataclass(frozen=True, eq=False)
-class TrailingEdgeAngle:
+class TrailingEdgeAngle(OneLine):
     """Angles between the two sides of plane sections at their trailing edges.
 
     The tangent of a side is that of the polynomial, in the arc length of the baseline, that fits its last points best:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 from .moving_mesh import MovingMesh
 
 __all__ = ["Frame", "Plane", "mesh_frame", "mesh_planes", "surface_frame"]
@@ -22,7 +23,7 @@ _FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
+class Plane(OneLine):
     """A plane of symmetry.
 
     Parameters

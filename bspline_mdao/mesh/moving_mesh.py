@@ -23,7 +23,7 @@ __all__ = ["MovingMesh", "Tangling", "require_mesh"]
 
 
 @dataclass(frozen=True)
-class Tangling:
+class Tangling(OneLine):
     """Elements that are valid on the baseline and not any more.
 
     Parameters
@@ -48,7 +48,7 @@ class Tangling:
     n_invalid: int
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class MovingMesh(OneLine):
     """Blocks of hexahedra that share points, and the directions in which each point may move.
 

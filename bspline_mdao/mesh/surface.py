@@ -27,7 +27,7 @@ from .frame import Plane
 __all__ = ["SurfaceGrid"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class SurfaceGrid(OneLine):
     """Nodes of some patches of a grid.
 

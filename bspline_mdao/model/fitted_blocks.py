@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..shown import OneLine
 from ..splines.mesh import BSplineMesh
 from ..topology.held_nodes import HeldNodes
 from ..topology.partition import Partition, Share
@@ -27,7 +28,7 @@ __all__ = ["FittedBlocks"]
 
 
 @dataclass(frozen=True, eq=False)
-class FittedBlocks:
+class FittedBlocks(OneLine):
     """A fitted grid of which each process holds some blocks. Made by `bspline_mdao.fit_blocks`.
 
     Parameters

@@ -23,6 +23,7 @@ from ..checks import as_finite_points
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..numerics.processes import ONE, on_first, together
+from ..shown import OneLine
 from ..splines.mesh import BSplineMesh
 from ..topology.held_nodes import HeldNodes, NodesByRow, each_once, face_layer_rows
 from ..topology.partition import Partition, Share
@@ -85,7 +86,7 @@ def rows_of_share(topology: Topology, share: Share) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelShare:
+class ModelShare(OneLine):
     """A fitted grid as one of several processes needs it. Made by `FittedModel.share`, or by `ModelShare.of`.
 
     Parameters

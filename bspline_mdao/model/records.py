@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..shown import OneLine
 from ..topology.grid import Block, Grid, Patch
 
 ITERATIONS = (8, 4, 2, 0)
@@ -24,7 +25,7 @@ CANDIDATES = (
 
 
 @dataclass(frozen=True, eq=False)
-class GridHeader:
+class GridHeader(OneLine):
     """Names, patches, source and file dialect of a grid: all but its nodes.
 
     Parameters
@@ -64,7 +65,7 @@ class GridHeader:
 
 
 @dataclass(frozen=True)
-class FitSettings:
+class FitSettings(OneLine):
     """Settings of a fit, as far as its derivatives depend on them.
 
     Parameters
@@ -172,7 +173,7 @@ class Fallback:
 
 
 @dataclass(frozen=True)
-class FitReport:
+class FitReport(OneLine):
     """Errors, invalid control elements, warnings and sizes of a fit.
 
     Parameters

@@ -30,6 +30,7 @@ import numpy as np
 from ..errors import MovementError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.processes import ONE, together
+from ..shown import OneLine
 from ..sparse.blocks import BlockMatrix, BlockPattern, slots
 from ..sparse.distributed import DistributedPattern
 from .increments import AUTO, NUMBERS, IncrementalMovement, IncrementalMover, in_increments
@@ -214,7 +215,7 @@ class Factored:
 
 
 @dataclass(eq=False)
-class Start:
+class Start(OneLine):
     """Points that moves start from, and the factor of their stiffness once it is there.
 
     The matrix of the first increment depends on the initial points alone, so that moves of different surfaces share it.

@@ -19,6 +19,7 @@ from ..checks import as_array
 from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.progress import shown
+from ..shown import OneLine
 from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
 
 __all__ = ["AUTO", "GOOD_RATIO", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
@@ -36,7 +37,7 @@ GOOD_RATIO = 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class IncrementalMovement:
+class IncrementalMovement(OneLine):
     """A move that was made in increments.
 
     Parameters
@@ -189,7 +190,7 @@ def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
     return stop if i == m else start + (i / m) * (stop - start)
 
 
-class IncrementalMover:
+class IncrementalMover(OneLine):
     """What movers share that do the same in every increment.
 
     A leaf has the fields ``mesh`` and ``n_increments``, a number or "auto", and says what one increment does.

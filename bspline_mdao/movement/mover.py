@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
+from ..shown import OneLine
 from ..wording import counted
 
 __all__ = [
@@ -126,7 +127,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class MovementReport:
+class MovementReport(OneLine):
     """What a movement did, increment by increment.
 
     Parameters

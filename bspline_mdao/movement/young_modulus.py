@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from ..cells.hexahedron import ElementMeasures, element_measures, element_measures_vjp
 from ..mesh.moving_mesh import MovingMesh
+from ..shown import OneLine
 from .trilinear import FLAT_CORNER, FLAT_ELEMENT, add_at_corners, regularised_array
 
 __all__ = [
@@ -55,7 +56,7 @@ class StiffnessLaw(Protocol):
         """Transpose of `modulus_jvp`: derivatives with respect to the initial points and the points."""
 
 
-class _CornerLaw:
+class _CornerLaw(OneLine):
     """A law in which the modulus of an element depends on its own corners: E = exp(a(initial) + b(points))."""
 
     def modulus_jvp(self, mesh, initial, points, d_initial, d_points):
@@ -115,7 +116,7 @@ class InverseVolumeLaw(_CornerLaw):
 
 
 @dataclass(frozen=True)
-class ConstantLaw:
+class ConstantLaw(OneLine):
     """E = 1 in all elements."""
 
     def modulus(self, mesh, initial, points):
@@ -136,7 +137,7 @@ NEAR = 1e-6
 
 
 @dataclass(frozen=True)
-class WallDistanceLaw:
+class WallDistanceLaw(OneLine):
     """E = d^-power, d from the centre of an element to the surface point that is nearest on the baseline.
 
     Parameters

@@ -11,6 +11,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..shown import OneLine
 
 __all__ = ["DesignSummary", "SummaryEntry", "design_summary"]
 
@@ -22,7 +23,7 @@ _UNBOUNDED = 1e29
 
 
 @dataclass(frozen=True, eq=False)
-class SummaryEntry:
+class SummaryEntry(OneLine):
     """Values of one variable or response.
 
     Parameters
@@ -49,7 +50,7 @@ class SummaryEntry:
 
 
 @dataclass(frozen=True, eq=False)
-class DesignSummary:
+class DesignSummary(OneLine):
     """Objective, design variables, constraints and other outputs of a problem as it is; made by `design_summary`.
 
     Parameters

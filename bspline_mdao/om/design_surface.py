@@ -22,13 +22,14 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare
+from ..shown import OneLine
 from .grid_movement import GridMovement
 
 __all__ = ["DesignSurface"]
 
 
 @dataclass(frozen=True, eq=False)
-class DesignSurface:
+class DesignSurface(OneLine):
     """The design surface of a fitted grid: its control mesh, its nodes, its axis and its edges. Make it by `of`.
 
     Everything that is made of it is the object that one would make by hand, of the same model and patches:

@@ -16,6 +16,7 @@ from ..model.fitted_model import MODELS, FittedModel
 from ..model.model_share import ModelShare
 from ..names import CONTROL_POINTS, GRID
 from ..numerics.processes import from_all
+from ..shown import OneLine
 from ..topology.grid import Block, Grid
 from ..topology.partition import Partition, Share
 
@@ -23,7 +24,7 @@ __all__ = ["Snapshot"]
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(OneLine):
     """A grid, and what else is known of it, kept while a problem goes on.
 
     Parameters

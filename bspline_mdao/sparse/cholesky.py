@@ -17,6 +17,7 @@ from numba import njit
 
 from ..errors import InputError, MovementError
 from ..numerics.threads import Crew, one_blas_thread, thread_count
+from ..shown import OneLine
 from . import multifrontal
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, graph_of
 from .conjugate_gradient import solve_with_factor
@@ -30,7 +31,7 @@ __all__ = ["Cholesky", "CholeskyAnalysis", "CholeskyFactor", "Memory"]
 
 
 @dataclass(frozen=True)
-class Cholesky:
+class Cholesky(OneLine):
     """Direct solver that needs nothing beyond numba and SciPy: the default.
 
     On control meshes it takes less time than CHOLMOD and PARDISO (``benchmarks/bench_cholesky.py``).
@@ -102,7 +103,7 @@ class _Loan:
 
 
 @dataclass(frozen=True, eq=False)
-class CholeskyAnalysis:
+class CholeskyAnalysis(OneLine):
     """The factorisation of a pattern: everything about it that does not depend on numbers.
 
     Parameters

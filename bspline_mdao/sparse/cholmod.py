@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError, MovementError
 from ..numerics.threads import one_blas_thread
+from ..shown import OneLine
 from .blocks import BlockMatrix, BlockPattern, LinearSolution
 from .conjugate_gradient import solve_with_factor
 
@@ -19,7 +20,7 @@ __all__ = ["Cholmod", "CholmodAnalysis", "CholmodFactor"]
 
 
 @dataclass(frozen=True)
-class Cholmod:
+class Cholmod(OneLine):
     """Direct solver of SuiteSparse (GPL), supernodal, with the METIS order; needs the package scikit-sparse."""
 
     @property
@@ -38,7 +39,7 @@ class Cholmod:
 
 
 @dataclass(frozen=True, eq=False)
-class CholmodAnalysis:
+class CholmodAnalysis(OneLine):
     """Symbolic factor of a pattern.
 
     Parameters

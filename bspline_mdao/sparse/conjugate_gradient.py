@@ -14,6 +14,7 @@ from numba import njit
 
 from ..errors import MovementError
 from ..numerics.processes import summed_number
+from ..shown import OneLine
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, graph_of, residual_norm
 from .incomplete import IncompleteFactor, IncompletePattern, incomplete_factor, incomplete_pattern, narrow_order
 
@@ -77,7 +78,7 @@ class System(Protocol):
 
 
 @dataclass(frozen=True)
-class ConjugateGradients:
+class ConjugateGradients(OneLine):
     """Conjugate gradients preconditioned with ILU(p), the solver of section III.B.
 
     Parameters
@@ -114,7 +115,7 @@ class ConjugateGradients:
 
 
 @dataclass(frozen=True, eq=False)
-class ConjugateGradientsAnalysis:
+class ConjugateGradientsAnalysis(OneLine):
     """The pattern of an incomplete factor, with the settings of the solver.
 
     Parameters

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from ..errors import InputError, MovementError
+from ..shown import OneLine
 from .blocks import BlockMatrix, BlockPattern, LinearSolution
 from .conjugate_gradient import solve_with_factor
 
@@ -25,7 +26,7 @@ N_KILOBYTES = 17
 
 
 @dataclass(frozen=True)
-class Pardiso:
+class Pardiso(OneLine):
     """Direct solver of Intel's MKL, with as many threads as that is set to; needs the package pypardiso."""
 
     @property
@@ -43,7 +44,7 @@ class Pardiso:
 
 
 @dataclass(frozen=True, eq=False)
-class PardisoAnalysis:
+class PardisoAnalysis(OneLine):
     """A pattern, of which PARDISO keeps nothing.
 
     Parameters

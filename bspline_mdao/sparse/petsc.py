@@ -20,6 +20,7 @@ from numba import njit
 
 from ..errors import InputError, MovementError
 from ..numerics.processes import together
+from ..shown import OneLine
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, relative_residual
 from .conjugate_gradient import System, preconditioned_solve
 from .distributed import DistributedMatrix, DistributedPattern, FullRows
@@ -65,7 +66,7 @@ MISSING = 'PETSc: petsc4py is not installed; install it (pip install "bspline_md
 
 
 @dataclass(frozen=True)
-class PetscMultigrid:
+class PetscMultigrid(OneLine):
     """Conjugate gradients preconditioned with the algebraic multigrid of hypre, BoomerAMG; needs the package petsc4py.
 
     Its iterations hardly grow with the mesh, and its memory is proportional to the number of points: for meshes whose
@@ -103,7 +104,7 @@ class PetscMultigrid:
 
 
 @dataclass(frozen=True, eq=False)
-class PetscMultigridAnalysis:
+class PetscMultigridAnalysis(OneLine):
     """A pattern, with the settings of the solver.
 
     Parameters
@@ -193,7 +194,7 @@ class PetscMultigridFactor(_Factor):
 
 
 @dataclass(frozen=True)
-class PetscCholesky:
+class PetscCholesky(OneLine):
     """Cholesky factor by MUMPS, spread over the processes of a communicator; needs the package petsc4py.
 
     On one process `Cholesky` takes no more time and less memory; this one is for factors that are too large for one.
@@ -223,7 +224,7 @@ class PetscCholesky:
 
 
 @dataclass(frozen=True, eq=False)
-class PetscCholeskyAnalysis:
+class PetscCholeskyAnalysis(OneLine):
     """A pattern, of which MUMPS keeps nothing.
 
     Parameters

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
+from ..shown import OneLine
 
 
 class Knots(Protocol):
@@ -72,7 +73,7 @@ def open_uniform_knots(n_control: int, order: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class ConstantKnots:
+class ConstantKnots(OneLine):
     """Knots that do not depend on the other parameters: the ordinary B-spline basis, Eq. (2).
 
     Parameters
@@ -120,7 +121,7 @@ class ConstantKnots:
 
 
 @dataclass(frozen=True, eq=False)
-class BilinearKnots:
+class BilinearKnots(OneLine):
     """Knots that blend those of the four parallel edges of a block, Eq. (5).
 
     Parameters
@@ -211,7 +212,7 @@ def _blend_slopes(corners, s, t, out):
 
 
 @dataclass(frozen=True, eq=False)
-class FunctionKnots:
+class FunctionKnots(OneLine):
     """Knots given by the user's own functions of the other two parameters.
 
     The functions give the ``N - p`` inner knots alone. These must increase strictly between 0 and 1, and be ``p - 2``

@@ -14,7 +14,7 @@ from ..shown import OneLine
 from .volume import Volume
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class BSplineMesh(OneLine):
     """Volumes whose control points come from one list, each shared point being in it once.
 

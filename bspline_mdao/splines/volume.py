@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError
+from ..shown import OneLine
 from .basis import basis, basis_gradients, basis_jets
 from .knots import ConstantKnots, Knots
 
@@ -22,7 +23,7 @@ _CHUNK = 2048  # points at a time, so that their basis functions stay in the cac
 
 
 @dataclass(frozen=True, eq=False)
-class Volume:
+class Volume(OneLine):
     """A B-spline volume without its control points.
 
     Parameters

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 
 from ..design.variable import Layout, Variable
 from ..mesh.moving_mesh import MovingMesh
+from ..shown import OneLine
 from .derivatives import central_difference
 
 __all__ = ["VariableCheck", "check_variable"]
@@ -25,7 +26,7 @@ GOOD = 1e-7
 
 
 @dataclass(frozen=True)
-class VariableCheck:
+class VariableCheck(OneLine):
     """How well the derivatives of a variable agree with differences.
 
     Parameters

@@ -21,7 +21,7 @@ PATCH_KINDS = ("wall", "symmetry", "farfield", "other")
 
 
 @dataclass(frozen=True)
-class Patch:
+class Patch(OneLine):
     """A named piece of surface with one boundary condition.
 
     Parameters
@@ -46,7 +46,7 @@ class Patch:
         object.__setattr__(self, "windows", tuple(self.windows))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Block(OneLine):
     """A structured block: its nodes, and PLOT3D blanking.
 

@@ -24,12 +24,14 @@ from itertools import product
 
 import numpy as np
 
+from ..shown import OneLine
+
 FACE_NAMES = ("imin", "imax", "jmin", "jmax", "kmin", "kmax")
 """Face ``2 d + s`` is the low (s = 0) or high (s = 1) end of direction d."""
 
 
 @dataclass(frozen=True)
-class Window:
+class Window(OneLine):
     """A closed box ``lo <= index <= hi`` of the index space of one block.
 
     Parameters
@@ -126,7 +128,7 @@ class Orientation:
 
 
 @dataclass(frozen=True)
-class Interface:
+class Interface(OneLine):
     """Two face windows whose nodes coincide one to one.
 
     Parameters

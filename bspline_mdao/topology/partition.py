@@ -20,6 +20,7 @@ from heapq import heapify, heapreplace
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 from .index_space import Window, window_rows
 from .topology import Topology
 
@@ -27,7 +28,7 @@ __all__ = ["Partition", "Share"]
 
 
 @dataclass(frozen=True, eq=False)
-class Share:
+class Share(OneLine):
     """The nodes of a grid that one process holds. Made by `Partition.share`, `Share.of_grid` or `Share.of_rows`.
 
     Parameters
@@ -141,7 +142,7 @@ class Share:
 
 
 @dataclass(frozen=True, eq=False)
-class Partition:
+class Partition(OneLine):
     """The pieces of a grid that each of several processes holds. Made by `Partition.of`.
 
     Parameters

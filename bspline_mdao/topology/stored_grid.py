@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..shown import OneLine
 from .grid import Block, Grid, Patch
 from .index_space import Interface, Window
 
@@ -49,7 +50,7 @@ class StoredBlock:
 
 
 @dataclass(frozen=True, eq=False)
-class StoredGrid:
+class StoredGrid(OneLine):
     """A grid whose nodes stay in its file. Made by `bspline_mdao.open_grid`; other processes may be sent it.
 
     Parameters

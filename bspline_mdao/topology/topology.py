@@ -100,7 +100,7 @@ class Collapse:
     direction: int
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Topology(OneLine):
     """Interfaces, boundary and collapsed parts of a grid, its segments, and the links that join them.
 

@@ -24,6 +24,7 @@ from ..checks import as_finite_points
 from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import PointInversion, embed_points, invert_points
+from ..shown import OneLine
 from ..splines.mesh import BSplineMesh
 from .body_points import Body, BodyPoints
 from .grid_map import GridMap
@@ -44,7 +45,7 @@ class HasNodes(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class EmbeddedPoints:
+class EmbeddedPoints(OneLine):
     """The map from control points to embedded points. Made by `EmbeddedPoints.of`, or by `FittedModel.embed_points`.
 
     Parameters

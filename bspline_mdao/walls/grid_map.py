@@ -33,7 +33,7 @@ from .wall_correction import WallCorrection
 __all__ = ["GridMap", "GridState"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class GridMap(OneLine):
     """The map from control points to the nodes of a grid. Made by `GridMap.of`.
 

@@ -12,6 +12,7 @@ import numpy as np
 from ...evaluation.family import refined_topology
 from ...evaluation.transfer import CellTransfer, NodeTransfer
 from ...numerics.vectors import dots
+from ...shown import OneLine
 from ...topology.topology import Topology
 from .flow_grid import FlowGrid
 from .forces import FlowForces
@@ -20,7 +21,7 @@ __all__ = ["ErrorEstimate", "FinerMember"]
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorEstimate:
+class ErrorEstimate(OneLine):
     """A functional on a grid, and what the adjoint says of it on a finer member of the family.
 
     Parameters
