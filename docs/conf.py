@@ -1,7 +1,8 @@
 """Sphinx configuration; build with ``sphinx-build -W -b html docs docs/_build/html``.
 
-That takes a minute or two of one core, and all but three scripts of the gallery are shown without being run. With
-``-t gallery`` those that have changed since the last time are run, at their small size: some twenty minutes for all.
+That takes two minutes of one core, a quarter of it for the notebooks and the N2 diagrams, and all but three scripts of the
+gallery are shown without being run. With ``-t gallery`` those that have changed since the last time are run, at their small
+size: some twenty minutes for all.
 """
 
 import subprocess
@@ -32,13 +33,14 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "drawings",
-    "myst_parser",
+    "myst_nb",
     "mathml",
+    "navigation",
     "public_names",
 ]
 default_role = "py:obj"  # names in single backticks are links where they are public
 templates_path = ["_templates"]
-exclude_patterns = ["_build", "_ext"]
+exclude_patterns = ["_build", "_ext", "gallery/*.ipynb"]  # those are for readers to take along
 html_theme = "furo"
 html_title = "bspline_mdao"
 html_static_path = ["_static"]
@@ -54,6 +56,10 @@ napoleon_use_param = False  # types such as "ndarray, shape (n, 3)" are text and
 napoleon_use_rtype = False
 napoleon_custom_sections = [("Options", "params_style")]
 
+nb_execution_mode = "force"  # notebooks are kept without outputs
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True
+nb_execution_timeout = 300
 
 html_extra_path = ["_n2"]
 (DOCS / "_n2").mkdir(exist_ok=True)  # Sphinx looks for it before `draw_n2` fills it

@@ -144,3 +144,5 @@ def draw(folder, flights: dict[float, dict]) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/euler_aerostructural.png'

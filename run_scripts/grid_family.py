@@ -216,3 +216,5 @@ def draw(folder, numbers: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/grid_family.png'

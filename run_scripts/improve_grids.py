@@ -138,3 +138,5 @@ def wall_motion(grid: Grid, given: Grid) -> float:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/improve_axibump.png'

@@ -190,3 +190,5 @@ def summary(model: bm.FittedModel, problem: om.Problem) -> dict:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/plate_to_aircraft.png'

@@ -129,3 +129,5 @@ def draw_errors(folder, models: dict, paper: bool) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/table1_fit_errors.png'

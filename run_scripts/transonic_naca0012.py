@@ -120,3 +120,5 @@ def draw_mach_numbers(axes, model: bm.FittedModel, states: np.ndarray):
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/transonic_naca0012.png'

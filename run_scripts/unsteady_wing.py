@@ -131,3 +131,5 @@ def draw_cut(axes, model, state, blocks, cut, plane) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/unsteady_wing.png'

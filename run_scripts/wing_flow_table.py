@@ -148,3 +148,5 @@ def draw(folder, pressures: dict, numbers: dict) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/wing_flow_table.png'

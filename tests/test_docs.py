@@ -1,5 +1,6 @@
 """What the documentation shows works: its Python examples and its command lines."""
 
+import json
 import os
 import re
 import shlex
@@ -217,3 +218,15 @@ def test_the_derivative_of_the_mover_in_the_documentation_is_exact():
     bar = random.standard_normal(initial.shape)
     initial_bar, _ = movement.vjp(bar)
     assert np.vdot(bar, change) == pytest.approx(np.vdot(initial_bar, direction), rel=1e-12)
+
+
+def test_notebooks_are_kept_without_what_they_show():
+    """The build of the documentation runs them, and fails with them."""
+    index = (DOCS / "notebooks" / "index.rst").read_text(encoding="utf-8")
+    paths = sorted((DOCS / "notebooks").glob("*.ipynb"))
+    assert [path.stem for path in paths] == sorted(re.findall(r"^   (\w+)$", index, re.M))
+    for path in paths:
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        for cell in (cell for cell in cells if cell["cell_type"] == "code"):
+            assert cell["outputs"] == [], f"{path.name}: clear all outputs"
+            assert cell["execution_count"] is None, f"{path.name}: clear all outputs"

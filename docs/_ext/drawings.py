@@ -21,7 +21,7 @@ def patterns(with_all: bool) -> dict[str, str]:
     """Which scripts have no page, since they draw nothing, and which are run."""
     silent = [path.stem for path in SCRIPTS.glob("*.py") if not draws(path)]
     return {
-        "ignore_pattern": rf"/({'|'.join(sorted(silent))})\.py$",
+        "ignore_pattern": rf"(^|[/\\])({'|'.join(sorted(silent))})\.py$",  # it is shown bare names and paths
         "filename_pattern": r"\.py$" if with_all else rf"/({'|'.join(AT_ONCE)})\.py$",
     }
 
