@@ -1,8 +1,8 @@
 """Sphinx configuration; build with ``sphinx-build -W -b html docs docs/_build/html``.
 
-That takes two minutes of one core, a quarter of it for the notebooks and the N2 diagrams, and all but three scripts of the
-gallery are shown without being run. With ``-t gallery`` those that have changed since the last time are run, at their small
-size: some twenty minutes for all.
+That takes two minutes of one core, 27 seconds of them for the notebooks, and all but three scripts of the gallery are
+shown without being run. With ``-t gallery`` those that have changed since the last time are run, at their small size:
+some twenty minutes for all.
 """
 
 import subprocess

@@ -1,4 +1,4 @@
-"""Keep the list of pages beside each page short: without the pages of single names, which tables of the reference show."""
+"""Keep the list of pages beside each page short: without those of single names, which tables of the reference have."""
 
 DEPTH = 2
 """Levels that are shown: the lists of the landing page, and what is below."""
