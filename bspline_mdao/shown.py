@@ -65,7 +65,10 @@ def in_brief(value: Any) -> str:
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= WIDTH else f"{text[: WIDTH - 5]} ...)"
+    if len(text) <= WIDTH:
+        return text
+    head = text[: WIDTH - 5]
+    return f"{head.rpartition(', ')[0] or head}, ...)"
 
 
 class InNotebook(OneLine):

@@ -114,6 +114,13 @@ def fit_grid(
     FitWarning
         If control elements are invalid: once, at the caller's line, with what mends it. If faces of blocks nearly meet
         and are not joined: once as well, with the worst place.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((9, 9, 9, 9)), n_control=5)
+    >>> model.mesh.n_control_points, model.regenerate().n_nodes
+    (490, 4374)
     """
     options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
     options |= {"wall_layer": wall_layer, "parametrization": parametrization}
@@ -159,6 +166,13 @@ def fit_blocks(grid: Grid | StoredGrid, comm: Any = ONE, *, keep_residual: bool 
     -----
     FitWarning
         As `fit_grid`, from the first process.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_blocks
+    >>> blocks = fit_blocks(brick_grid((5, 5, 5, 5)), n_control=4)  # on one process; else fit_blocks(grid, comm)
+    >>> blocks.control_points.shape
+    (224, 3)
     """
     with shown("fitting", options.pop("progress", None)) as tell:
         sharing, parameters, residual, whole = _fit(grid, comm, **options, progress=tell)

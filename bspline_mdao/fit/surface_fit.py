@@ -163,6 +163,16 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     ------
     InputError
         If the nodes do not fit the model, or the control points are not those of whole faces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import brick_grid, fit_grid, fit_surface, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> mesh, nodes = moving_mesh(model), model.regenerate().to_vector().reshape(-1, 3)
+    >>> found = fit_surface(model, mesh.surface_ids, nodes * [1.0, 1.1, 1.0])  # 10 % thicker
+    >>> bool(np.allclose(found.control_points, mesh.points[mesh.surface_ids] * [1.0, 1.1, 1.0]))
+    True
     """
     if nodes.shape != (model.n_nodes, 3):
         raise InputError(f"{model.header.source}: nodes of shape {nodes.shape}; give shape ({model.n_nodes}, 3)")

@@ -61,6 +61,16 @@ def read_grid(
     ------
     InputError
         When a file cannot be read, in one line.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import brick_grid, read_grid, write_grid
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_grid(f"{folder}/body.cgns", brick_grid((5, 5, 5, 5)))
+    ...     grid = read_grid(f"{folder}/body.cgns")
+    >>> len(grid.blocks), grid.blocks[0].nodes.shape, [patch.name for patch in grid.patches]
+    (6, (5, 5, 5, 3), ['body', 'farfield'])
     """
     if blocks is not None:
         return open_grid(path, patches).grid(blocks)
@@ -132,6 +142,16 @@ def write_grid(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     ------
     InputError
         When the format cannot hold the grid, the name promises another format, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import brick_grid, read_grid, write_grid
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_grid(f"{folder}/body.xyz", brick_grid((5, 5, 5, 5)))  # the name tells the format
+    ...     grid = read_grid(f"{folder}/body.xyz")
+    >>> grid.n_nodes
+    750
     """
     require_grid(grid)
     form = _format_to_write(path, grid)

@@ -53,6 +53,16 @@ def write_vtk(
     References
     ----------
     VTK file formats: appended raw data in the XML formats StructuredGrid and vtkMultiBlockDataSet.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao import brick_grid, write_vtk
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = write_vtk(f"{folder}/body.vtm", brick_grid((5, 5, 5, 5)))
+    ...     sorted(path.name for path in Path(folder).iterdir())
+    ['body', 'body.vtm']
     """
     require_grid(grid)
     path = Path(path)

@@ -52,6 +52,14 @@ class SurfaceArea(OneLine):
     -----
     By two Gauss points in each direction of every quad: exact for flat quads without a reflex corner, and for twisted
     ones up to the fourth power of the change of the normal within the quad.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SurfaceArea, SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> area = SurfaceArea.of(surface, relative=True)
+    >>> area.evaluate(2.0 * surface.points)  # of a body twice as large
+    array([4.])
     """
 
     surface: SurfaceGrid
@@ -124,6 +132,14 @@ class ProjectedArea(OneLine):
     The sum of the signed projections of the quads that face the observer on the baseline: the area within their
     outline, which stays that of the same grid lines wherever the surface moves. Parts that are seen one behind the
     other count each. For a closed body, or one cut by planes along the direction, it is half the sum over both sides.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ProjectedArea, SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> area = ProjectedArea.of(surface, relative=True)  # as seen from above
+    >>> area.evaluate(surface.points * [2.0, 1.0, 1.0]).round(6)
+    array([2.])
     """
 
     surface: SurfaceGrid

@@ -58,6 +58,13 @@ class CamberSurface(OneLine):
         (n_chord, n_span, 3).
     name : str
         Name of the output.
+
+    Examples
+    --------
+    >>> from bspline_mdao import CamberSurface, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
+    >>> CamberSurface.of(surface, n_chord=3, n_span=4).evaluate(surface.points).shape
+    (3, 4, 3)
     """
 
     surface: SurfaceGrid

@@ -55,6 +55,15 @@ class Clearance(OneLine):
         Smooth bound of the smallest.
     name : str
         Name of the output.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import Clearance, SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> clearance = Clearance.from_points(surface, "body", np.array([[0.5, 1.0, 0.5]]))
+    >>> clearance.evaluate(surface.points).round(2)
+    array([0.5])
     """
 
     surface: SurfaceGrid
@@ -189,6 +198,14 @@ class PlaneClearance(OneLine):
         Smooth bound of the smallest.
     name : str
         Name of the output.
+
+    Examples
+    --------
+    >>> from bspline_mdao import PlaneClearance, SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> clearance = PlaneClearance.of(surface, "body", origin=(0.0, -1.0, 0.0), normal=(0.0, 1.0, 0.0))
+    >>> clearance.evaluate(surface.points).round(3)
+    array([0.494])
     """
 
     surface: SurfaceGrid

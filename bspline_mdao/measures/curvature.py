@@ -67,6 +67,14 @@ class Curvature(OneLine):
         Units of the result.
     name : str
         Name of the output.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Curvature, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
+    >>> curvature = Curvature.integral(surface, relative=True)
+    >>> curvature.evaluate(2.0 * surface.points)
+    array([1.])
     """
 
     surface: SurfaceGrid

@@ -57,6 +57,14 @@ class SectionThickness(OneLine):
     With n probes the largest t/c of a section lies between ``KS - scale ln(n) / rho`` and KS, the smallest between KS
     and ``KS + scale ln(n) / rho``. Sections are material: probes and edges stay where they are in the parameters of
     the surface.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SectionThickness, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
+    >>> thickness = SectionThickness.at(surface, [0.3, 0.6])  # largest thickness by chord, at two sections
+    >>> thickness.evaluate(surface.points).shape
+    (2,)
     """
 
     surface: SurfaceGrid

@@ -54,6 +54,14 @@ class Thickness(OneLine):
     -----
     A distance cannot tell a body from one turned inside out. Where it is nil, as on a flat plate, its derivative is
     that of opening along the line.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SurfaceGrid, Thickness, fit_grid, onera_m6_grid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
+    >>> thickness = Thickness.grid(surface, n_chord=3, n_span=4, relative=True)
+    >>> thickness.evaluate(surface.points * [1.0, 1.1, 1.0]).min().round(3).item()  # of a body that is 10 % thicker
+    1.1
     """
 
     surface: SurfaceGrid

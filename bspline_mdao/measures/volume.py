@@ -53,6 +53,14 @@ class EnclosedVolume(OneLine):
     By the divergence theorem the volume is the sum of the cones on all quads, a third of the mean corner times the area
     vector each, exactly. With the origin in a plane of symmetry the opening there contributes nothing; between parallel
     planes the openings are closed by triangles. Nodes in these planes are taken to stay there.
+
+    Examples
+    --------
+    >>> from bspline_mdao import EnclosedVolume, SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> volume = EnclosedVolume.of(surface, relative=True)
+    >>> volume.evaluate(surface.points * [1.0, 1.1, 1.0]).round(6)  # of a body that is 10 % thicker
+    array([1.1])
     """
 
     surface: SurfaceGrid

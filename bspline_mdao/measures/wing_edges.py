@@ -54,6 +54,14 @@ class LeadingEdgeRadius(OneLine):
         Units of the radii.
     name : str
         Name of the output.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LeadingEdgeRadius, SurfaceGrid, fit_grid, onera_m6_grid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
+    >>> radius = LeadingEdgeRadius.at(surface, [0.3, 0.6], relative_to="baseline")
+    >>> radius.evaluate(surface.points * [1.0, 1.1, 1.0]).round(2)
+    array([1.21, 1.21])
     """
 
     surface: SurfaceGrid
@@ -189,6 +197,13 @@ class TrailingEdgeAngle(OneLine):
         Tangents of the upper and of the lower side, forward.
     name : str
         Name of the output.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SurfaceGrid, TrailingEdgeAngle, fit_grid, onera_m6_grid
+    >>> surface = SurfaceGrid.of(fit_grid(onera_m6_grid((9, 9, 7))))
+    >>> TrailingEdgeAngle.at(surface, [0.3, 0.6]).evaluate(surface.points).shape
+    (2,)
     """
 
     surface: SurfaceGrid

@@ -74,6 +74,13 @@ def moving_mesh(
     InputError
         If a patch does not exist, one that is to slide is not planar, two things are asked of one patch, there is no
         design surface, or a block is planar.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))  # all walls move; symmetry planes slide
+    >>> mesh.points.shape, mesh.surface_ids.size, mesh.n_invalid
+    ((78, 3), 26, 0)
     """
     if not isinstance(model, ModelShare):
         require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
@@ -125,6 +132,14 @@ def moving_grid(
     ------
     InputError
         As `moving_mesh`; also if the nodes are of another shape.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, find_topology, moving_grid
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> mesh, nodes = moving_grid(find_topology(grid), grid.to_vector().reshape(-1, 3))  # without splines
+    >>> mesh.n_points, nodes.shape
+    (490, (750,))
     """
     nodes = as_array(nodes, "moving grid: nodes")
     if nodes.shape != (topology.n_nodes, 3):

@@ -80,6 +80,13 @@ class MovingMesh(OneLine):
     obstacles : tuple of (str, ndarray of int)
         Patches that are fixed although the design surface ends on them: what to call them in a message, and their
         points. Elements beside them tangle first.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mesh.n_points, mesh.points[mesh.surface_ids].shape, mesh.n_invalid
+    (78, (26, 3), 0)
     """
 
     blocks: tuple[np.ndarray, ...]

@@ -43,6 +43,13 @@ class SurfaceGrid(OneLine):
         Name of every face for messages, and the patch that it belongs to.
     planes : tuple of Plane
         Planes of symmetry of the grid.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SurfaceGrid, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))), "body")
+    >>> surface.patches, surface.points.shape
+    (('body', 'body', 'body', 'body', 'body', 'body'), (98, 3))
     """
 
     points: np.ndarray

@@ -51,6 +51,18 @@ class FittedModel(Shown):
     candidate_weights : ndarray, shape (n_control_points, 6), or None
         Weight of each of `bspline_mdao.model.records.CANDIDATES` in each control point, found once and kept; None where
         all are least squares.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from bspline_mdao import FittedModel, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((9, 9, 9, 9)), n_control=5)
+    >>> stretched = model.regenerate(model.control_points * [1.0, 1.0, 1.1])  # the grid of other control points
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     model.save(f"{folder}/body.h5")
+    ...     same = FittedModel.load(f"{folder}/body.h5")
+    >>> bool((same.control_points == model.control_points).all())
+    True
     """
 
     topology: Topology
@@ -240,6 +252,13 @@ def family_member(model: FittedModel, factor: float, control_points: np.ndarray 
     ------
     InputError
         If the factor is not a positive number.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, family_member, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> family_member(model, 2.0).shapes[0]  # twice the cells in each direction
+    (9, 9, 9)
     """
     return model.member(factor).regenerate(control_points)
 

@@ -64,6 +64,14 @@ class DelaunayGraph(IncrementalMover):
     ----------
     X. Liu, N. Qin and H. Xia, "Fast dynamic grid deformation based on Delaunay graph mapping", Journal of
     Computational Physics 211, 2006.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DelaunayGraph, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> movement = DelaunayGraph(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> mesh.tangled(movement.points).n_invalid
+    0
     """
 
     mesh: MovingMesh

@@ -80,6 +80,15 @@ class LinearElasticity(EquilibriumMover):
     ------
     InputError
         If Poisson's ratio is out of range, or the number of increments is none.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mover = LinearElasticity(mesh, n_increments=2)
+    >>> movement = mover.move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])  # 20 % thicker
+    >>> movement.points.shape, movement.vjp(movement.points)[1].shape  # and derivatives with respect to the surface
+    ((78, 3), (26, 3))
     """
 
     mesh: MovingMesh

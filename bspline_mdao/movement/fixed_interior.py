@@ -38,6 +38,14 @@ class FixedInterior(IncrementalMover):
         What is moved.
     n_increments : int or "auto"
         Increments of the move; they change nothing but the report.
+
+    Examples
+    --------
+    >>> from bspline_mdao import FixedInterior, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> movement = FixedInterior(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> bool((movement.points[mesh.is_free.all(axis=1)] == mesh.points[mesh.is_free.all(axis=1)]).all())
+    True
     """
 
     mesh: MovingMesh

@@ -50,6 +50,14 @@ class InverseDistance(IncrementalMover):
     ----------
     E. Luke, E. Collins and E. Blades, "A fast mesh deformation method using explicit interpolation", Journal of
     Computational Physics 231, 2012.
+
+    Examples
+    --------
+    >>> from bspline_mdao import InverseDistance, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> movement = InverseDistance(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> mesh.tangled(movement.points).n_invalid
+    0
     """
 
     mesh: MovingMesh

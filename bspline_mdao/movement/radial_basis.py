@@ -87,6 +87,15 @@ class RadialBasis(IncrementalMover):
 
     H. Wendland, "Piecewise polynomial, positive definite and compactly supported radial functions of minimal degree",
     Advances in Computational Mathematics 4, 1995.
+
+    Examples
+    --------
+    >>> from bspline_mdao import RadialBasis, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mover = RadialBasis(mesh, kernel="wendland c2", radius=0.5)
+    >>> movement = mover.move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> mesh.tangled(movement.points).n_invalid
+    0
     """
 
     mesh: MovingMesh

@@ -60,6 +60,14 @@ class LinealSprings(_Springs):
         Settings of a sparse solver of `bspline_mdao.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
         As for `bspline_mdao.movement.elasticity.LinearElasticity`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinealSprings, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> movement = LinealSprings(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> mesh.tangled(movement.points).n_invalid
+    0
     """
 
     mesh: MovingMesh
@@ -90,6 +98,15 @@ class TorsionalSprings(_Springs):
         Settings of a sparse solver of `bspline_mdao.sparse`; `Cholesky` by default.
     keep_factors : bool, optional
         As for `bspline_mdao.movement.elasticity.LinearElasticity`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import TorsionalSprings, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> moved_surface = mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0]
+    >>> movement = TorsionalSprings(mesh, torsion=0.1).move(mesh.points, moved_surface)
+    >>> mesh.tangled(movement.points).n_invalid
+    0
     """
 
     mesh: MovingMesh

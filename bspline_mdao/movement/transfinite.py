@@ -41,6 +41,14 @@ class Transfinite(IncrementalMover):
     ----------
     B. K. Soni, "Two- and three-dimensional grid generation for internal flow applications of computational fluid
     dynamics", AIAA Paper 85-1526, 1985.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Transfinite, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> movement = Transfinite(mesh).move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0])
+    >>> mesh.tangled(movement.points).n_invalid
+    0
     """
 
     mesh: MovingMesh

@@ -83,6 +83,13 @@ class OrthogonalityLaw(_CornerLaw):
     """The paper's law, E = Phi / (Phi^(0) V) with Phi = 1 / Q^2 and Q the product of corner triple products (III.B).
 
     Small elements are stiff, and so are those that have lost orthogonality since the start of the move.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, OrthogonalityLaw, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, stiffness=OrthogonalityLaw()).stiffness
+    OrthogonalityLaw()
     """
 
     def modulus(self, mesh, initial, points):
@@ -103,6 +110,13 @@ class InverseVolumeLaw(_CornerLaw):
     ----------
     power : float
         Exponent.
+
+    Examples
+    --------
+    >>> from bspline_mdao import InverseVolumeLaw, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, stiffness=InverseVolumeLaw(power=1.0)).stiffness
+    InverseVolumeLaw(power=1)
     """
 
     power: float = 1.0
@@ -117,7 +131,16 @@ class InverseVolumeLaw(_CornerLaw):
 
 @dataclass(frozen=True)
 class ConstantLaw(OneLine):
-    """E = 1 in all elements."""
+    """E = 1 in all elements.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import ConstantLaw, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> float(np.ptp(ConstantLaw().modulus(mesh, mesh.points, mesh.points)))  # of all elements the same
+    0.0
+    """
 
     def modulus(self, mesh, initial, points):
         """Modulus of every element, see `StiffnessLaw.modulus`."""
@@ -144,6 +167,13 @@ class WallDistanceLaw(OneLine):
     ----------
     power : float
         Exponent.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, WallDistanceLaw, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, stiffness=WallDistanceLaw(power=2.0)).stiffness
+    WallDistanceLaw(power=2)
     """
 
     power: float = 1.0

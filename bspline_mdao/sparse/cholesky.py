@@ -43,6 +43,13 @@ class Cholesky(OneLine):
         preconditions: half the time and memory, but each solution takes three times as long.
     n_threads : int, optional
         Threads for a factorisation; ``NUMBA_NUM_THREADS`` by default. Results do not depend on it.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Cholesky, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=Cholesky(single=True)).solver
+    Cholesky(single=True, n_threads=None)
     """
 
     single: bool = False

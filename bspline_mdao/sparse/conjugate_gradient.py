@@ -95,6 +95,14 @@ class ConjugateGradients(OneLine):
         Iterations after which to give up.
     single : bool, optional
         Store the factor in single precision, which halves its memory. The solution has the same accuracy.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ConjugateGradients, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mover = LinearElasticity(mesh, solver=ConjugateGradients(tolerance=1e-10), n_increments=1)
+    >>> mover.move(mesh.points, mesh.points[mesh.surface_ids] * [1.0, 1.2, 1.0]).points.shape
+    (78, 3)
     """
 
     fill: int = 1

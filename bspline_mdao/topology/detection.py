@@ -66,6 +66,13 @@ def find_topology(grid: Grid | StoredGrid, comm: Any = ONE) -> Topology:
     InputError
         If a node is not finite, a block has no extent, or a patch does not lie on a face of a block of the grid; on all
         processes.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, find_topology
+    >>> topology = find_topology(brick_grid((5, 5, 5, 5)))
+    >>> len(topology.interfaces), topology.n_nodes
+    (12, 750)
     """
     shells = _shells(grid, comm)
     return on_first(comm, lambda: _topology_of(grid, shells))

@@ -107,6 +107,15 @@ class Grid(Shown):
     connections : tuple of Interface
         One-to-one connections that the file declares, each once. The topology is found from the nodes; it warns where
         the two do not agree.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid
+    >>> grid = brick_grid((5, 5, 5, 5))
+    >>> grid.n_nodes, grid.shapes[0], grid.to_vector().shape
+    (750, (5, 5, 5), (2250,))
+    >>> grid.with_vector(2.0 * grid.to_vector()).blocks[0].nodes.shape  # another grid, twice as large
+    (5, 5, 5, 3)
     """
 
     blocks: tuple[Block, ...]
