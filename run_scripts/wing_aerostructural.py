@@ -152,3 +152,5 @@ def draw(folder, problems: dict[str, om.Problem]) -> None:
 
 if __name__ == "__main__":
     run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/thumbnails/wing_aerostructural.png'
