@@ -67,7 +67,7 @@ def in_brief(value: Any) -> str:
 def _shortened(text: str) -> str:
     if len(text) <= WIDTH:
         return text
-    head = text[: WIDTH - 5]
+    head = text[: WIDTH - len(", ...)")]
     return f"{head.rpartition(', ')[0] or head}, ...)"
 
 
