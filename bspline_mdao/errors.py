@@ -8,6 +8,15 @@ class InputError(ValueError):
 
     The message is one line that says what is wrong, where (file, block, index) and what to do. The command line
     prints it as it is and exits with status 2.
+
+    Examples
+    --------
+    >>> from bspline_mdao import InputError, brick_grid
+    >>> try:
+    ...     brick_grid((1, 5, 5, 5))
+    ... except InputError as error:
+    ...     print(len(str(error).splitlines()), "line")  # what is wrong, where, and what to do
+    1 line
     """
 
 

@@ -90,6 +90,13 @@ class Improvement(OneLine):
         Wall clock of the improvement.
     reason : str
         Why nothing could be improved, or what keeps the worst cell of the grid where it is; empty where it has risen.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, improve_grid
+    >>> found = improve_grid(fit_grid(brick_grid((5, 5, 5, 5))), iterations=2)
+    >>> found.before.n_inverted, found.after.n_inverted
+    (0, 0)
     """
 
     grid: Grid

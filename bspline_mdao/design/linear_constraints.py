@@ -53,6 +53,14 @@ class Pinned(OneLine):
         In which they do not move: some of ``"xyz"``, a vector, shape (3,), or several; in none at all by default.
     name : str
         For messages.
+
+    Examples
+    --------
+    >>> from bspline_mdao import InBox, Pinned, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> pinned = Pinned(InBox(low=(0.4, None, None)), directions="y")
+    >>> pinned.equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[0]
+    9
     """
 
     where: Where
@@ -78,6 +86,13 @@ class InPlane(OneLine):
         plane in which all of them are.
     name : str
         For messages.
+
+    Examples
+    --------
+    >>> from bspline_mdao import InBox, InPlane, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> InPlane(InBox(low=(None, 0.4, None))).equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[0]
+    9
     """
 
     where: Where
@@ -126,6 +141,17 @@ class Linked(OneLine):
         In which they move alike: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str
         For messages.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import InBox, Linked, Local, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> top, bottom = InBox(low=(None, 0.4, None)), InBox(high=(None, -0.4, None))
+    >>> shape = Parametrization(mesh, [Local("bumps", top, "y")], constraints=[Linked(top, bottom, "y")])
+    >>> moved = shape.apply(mesh.points[mesh.surface_ids], {"bumps": np.full(9, 0.1)})
+    >>> (moved - mesh.points[mesh.surface_ids])[bottom.rows(mesh), 1].round(6)  # the other side moves alike
+    array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
     """
 
     leaders: Where
@@ -151,6 +177,17 @@ class Opposite(OneLine):
         In which they move oppositely: some of ``"xyz"``, a vector, shape (3,), or several; all by default.
     name : str
         For messages.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import InBox, Local, Opposite, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> top, bottom = InBox(low=(None, 0.4, None)), InBox(high=(None, -0.4, None))
+    >>> shape = Parametrization(mesh, [Local("bumps", top, "y")], constraints=[Opposite(top, bottom, "y")])
+    >>> moved = shape.apply(mesh.points[mesh.surface_ids], {"bumps": np.full(9, 0.1)})
+    >>> (moved - mesh.points[mesh.surface_ids])[bottom.rows(mesh), 1].round(6)  # the other side moves against it
+    array([-0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1])
     """
 
     leaders: Where
@@ -209,6 +246,14 @@ class Collinear(OneLine):
         Largest angle of the baseline between the two sides at which it counts as smooth (deg).
     name : str
         For messages.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Collinear, ball_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(ball_grid((5, 5, 5, 5))))
+    >>> collinear = Collinear(max_kink=30.0)
+    >>> collinear.equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[1] == 3 * mesh.surface_ids.size
+    True
     """
 
     where: Where | None = None
@@ -275,6 +320,17 @@ class Mirrored(OneLine):
         Largest distance of a partner from the mirrored place of its leader, relative to the size of the mesh.
     name : str
         For messages.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import InBox, Local, Mirrored, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> top, bottom = InBox(low=(None, 0.4, None)), InBox(high=(None, -0.4, None))
+    >>> shape = Parametrization(mesh, [Local("bumps", top, "y")], constraints=[Mirrored((0.0, 1.0, 0.0), leaders=top)])
+    >>> moved = shape.apply(mesh.points[mesh.surface_ids], {"bumps": np.full(9, 0.1)})
+    >>> (moved - mesh.points[mesh.surface_ids])[bottom.rows(mesh), 1].round(6)
+    array([-0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1, -0.1])
     """
 
     normal: np.ndarray

@@ -114,6 +114,14 @@ def pitching(
     -------
     SurfaceMotion
         The angle is ``mean + amplitude sin(2 pi frequency time)``.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, moving_mesh, pitching
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> motion = pitching(mesh, amplitude=5.0, frequency=1.0)
+    >>> motion
+    SurfaceMotion(mesh=MovingMesh, oscillations=1 x Oscillation)
     """
     return SurfaceMotion(mesh, (Oscillation(Pitch(mesh_frame(mesh), mean, at), amplitude, frequency, mean),))
 
@@ -134,6 +142,14 @@ def flapping(mesh: MovingMesh, amplitude: float, frequency: float, mean: float =
     -------
     SurfaceMotion
         The angle of the tip is ``mean + amplitude sin(2 pi frequency time)``.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid, fit_grid, flapping, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> motion = flapping(mesh, amplitude=5.0, frequency=1.0)
+    >>> motion
+    SurfaceMotion(mesh=MovingMesh, oscillations=1 x Oscillation)
     """
     bend = Bend(mesh_frame(mesh), mean, at=0.0, length=1.0)
     return SurfaceMotion(mesh, (Oscillation(bend, amplitude, frequency, mean),))

@@ -62,6 +62,17 @@ class Parametrization(OneLine):
     InputError
         If two variables have one name or one that is taken, a variable does not fit the surface, a constraint cannot be
         satisfied, or the constraints leave a value of a variable without effect.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import Local, OnSideOfPlane, Parametrization, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> shape = Parametrization(mesh, [Local("bumps", OnSideOfPlane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "y")])
+    >>> values = {name: value + 0.01 for name, value in shape.initial.items()}
+    >>> moved = shape.apply(mesh.points[mesh.surface_ids], values)
+    >>> np.abs(moved - mesh.points[mesh.surface_ids]).max(axis=0).round(6)
+    array([0.  , 0.01, 0.  ])
     """
 
     mesh: MovingMesh

@@ -66,6 +66,14 @@ class ReferenceAxis(OneLine):
     ------
     InputError
         If the shape is wrong, or a coordinate is not finite.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ReferenceAxis, fit_grid, flat_plate_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> axis = ReferenceAxis.of(mesh, at=0.25, n=3)  # or ReferenceAxis(points)
+    >>> axis.points.round(3).tolist()
+    [[0.25, 0.0, 0.0], [0.25, 0.0, 1.0], [0.25, 0.0, 2.0]]
     """
 
     points: np.ndarray

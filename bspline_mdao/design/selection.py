@@ -138,6 +138,15 @@ class OnPatch(Selection):
         The model that the mesh was made of.
     patches : str or sequence of str
         Patches by name or pattern (``"wing*"``).
+
+    Examples
+    --------
+    >>> from bspline_mdao import OnPatch, fit_grid, flat_plate_grid, moving_mesh
+    >>> model = fit_grid(flat_plate_grid((5, 5, 5)))
+    >>> mesh = moving_mesh(model)
+    >>> upper = OnPatch(model, "*upper")
+    >>> bool(0 < upper.mask(mesh).sum() < mesh.surface_ids.size)
+    True
     """
 
     model: FittedModel
@@ -165,6 +174,13 @@ class InBox(Selection):
     ----------
     low, high : sequence of three (float or None)
         Ends of the box in x, y and z (m); None where it has none.
+
+    Examples
+    --------
+    >>> from bspline_mdao import InBox, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> int(InBox(low=(None, 0.4, None)).mask(mesh).sum())  # points above y = 0.4 m
+    9
     """
 
     low: Sequence[float | None] = (None, None, None)
@@ -197,6 +213,14 @@ class InBlock(Selection):
         Block of the mesh, from 0.
     index : index expression
         What of the block's control points, as numpy indexes an array: ``np.s_[:, 0, 2:5]``. Indices are from 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import InBlock, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> int(InBlock(0, np.s_[:, :, 0]).mask(mesh).sum())
+    9
     """
 
     block: int
@@ -230,6 +254,13 @@ class Nearest(Selection):
         Places (m).
     n : int
         Number of points for each place.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Nearest, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mesh.points[mesh.surface_ids][Nearest([[0.0, 2.0, 0.0]]).mask(mesh)].round(3) + 0.0
+    array([[0. , 0.5, 0. ]])
     """
 
     places: np.ndarray
@@ -258,6 +289,13 @@ class OnSideOfPlane(Selection):
     ----------
     point, normal : sequence of three float
         A point of the plane (m), and the normal, of any length.
+
+    Examples
+    --------
+    >>> from bspline_mdao import OnSideOfPlane, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> int(OnSideOfPlane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)).mask(mesh).sum())
+    17
     """
 
     point: Sequence[float]
@@ -281,6 +319,13 @@ class NearPlane(Selection):
         A point of the plane (m), and the normal, of any length.
     distance : float
         Largest distance (m).
+
+    Examples
+    --------
+    >>> from bspline_mdao import NearPlane, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> int(NearPlane((0.0, 0.5, 0.0), (0.0, 1.0, 0.0), distance=1e-6).mask(mesh).sum())
+    9
     """
 
     point: Sequence[float]
@@ -306,6 +351,13 @@ class SurfaceRows(Selection):
     ----------
     numbers : array_like of int
         Rows of ``mesh.surface_ids``, from 0.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SurfaceRows, brick_grid, combine, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> (SurfaceRows([0, 1]) & ~SurfaceRows([1])).mask(mesh).nonzero()[0]  # selections combine by &, or, not
+    array([0])
     """
 
     numbers: Sequence[int]

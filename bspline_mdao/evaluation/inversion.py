@@ -116,6 +116,15 @@ def invert_points(
     ------
     InputError
         If an array has the wrong shape or holds a number that is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import brick_grid, fit_grid, invert_points
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> inversion = invert_points(model.mesh, model.control_points, np.array([[2.0, 0.1, 0.2]]))
+    >>> bool(inversion.distance.max() < 1e-9)
+    True
     """
     control_points = _checked("control points", control_points, mesh.n_control_points)
     points = _checked("point inversion", points)
@@ -197,6 +206,15 @@ def require_inside(inversion: PointInversion, source: str = "points") -> PointIn
     ------
     InputError
         If points lie outside: how many, the first few (from 1) and their distance to the mesh.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import brick_grid, fit_grid, invert_points, require_inside
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> inside = require_inside(invert_points(model.mesh, model.control_points, np.array([[2.0, 0.1, 0.2]])))
+    >>> inside.parameters.shape
+    (1, 3)
     """
     outside = np.flatnonzero(~inversion.is_inside)
     if outside.size:
@@ -225,6 +243,15 @@ def embed_points(mesh: BSplineMesh, inversion: PointInversion) -> Evaluator:
     Evaluator
         ``forward(control_points)`` gives the points, shape (n, 3), in the order of the inversion; ``adjoint`` is its
         transpose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import brick_grid, embed_points, fit_grid, invert_points
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> inversion = invert_points(model.mesh, model.control_points, np.array([[2.0, 0.1, 0.2]]))
+    >>> embed_points(model.mesh, inversion).forward(1.1 * model.control_points).round(6)  # the points follow
+    array([[2.2 , 0.11, 0.22]])
     """
     rows = [np.flatnonzero(inversion.volume == v) for v in range(len(mesh.volumes))]
     parameters = [np.ascontiguousarray(inversion.parameters[ids]) for ids in rows]

@@ -40,6 +40,16 @@ class RigidLinks(OneLine):
     ----------
     weights : csr_array, shape (n_points, n_nodes)
         Weight of each node of the beam in each point; those of a point sum to 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import RigidLinks
+    >>> x, beam = np.array([[0.0, 0.1, 0.5]]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> links = RigidLinks.to_beam(x, beam)
+    >>> u = np.array([[0.0, 0.2, 0.0, 0.0, 0.0, 0.0]] * 2)  # displacements (m) and rotations (rad) of the beam's nodes
+    >>> links.displacements(x, beam, u).round(6)
+    array([[0. , 0.2, 0. ]])
     """
 
     weights: csr_array

@@ -51,6 +51,12 @@ class Rib(OneLine):
         Turn about the leading edge (deg), nose up positive.
     cant : float
         Turn of the spine out of the horizontal (deg), upwards positive.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Rib, naca_section
+    >>> Rib(span=2.0, leading_edge=0.5, chord=1.0, section=naca_section(0.12), twist=-2.0).chord
+    1.0
     """
 
     span: float
@@ -79,6 +85,13 @@ class BlendedWingBody(OneLine):
     ------
     InputError
         If the ribs are out of order, or one is impossible.
+
+    Examples
+    --------
+    >>> from bspline_mdao import BlendedWingBody, Rib, naca_section
+    >>> ribs = [Rib(span, span / 2, 2.0 - span / 2, naca_section(0.12)) for span in (0.0, 1.0, 3.0)]
+    >>> round(float(BlendedWingBody(tuple(ribs)).developed_span), 3)
+    3.0
     """
 
     ribs: tuple[Rib, ...]
@@ -177,6 +190,12 @@ def generic_blended_wing_body() -> BlendedWingBody:
     BlendedWingBody
         Centre body 1.5 long and 17 % thick with a reflexed section, an outer wing swept by 35 deg, and winglets that
         turn up through 75 deg; semi-span 1.86, 2.16 along the spine.
+
+    Examples
+    --------
+    >>> from bspline_mdao import generic_blended_wing_body
+    >>> len(generic_blended_wing_body().ribs)
+    6
     """
     body, wing, winglet = (cambered_section(*shape) for shape in ((0.17, 0.02, 1.6), (0.11, 0.015, 0.5), (0.09, 0.0)))
     middle = cambered_section(0.15, 0.02, 1.2)

@@ -61,6 +61,12 @@ def onera_m6_grid(shape=(45, 65, 33), spacing: Spacing | None = None, far_field:
     -------
     Grid
         Twelve blocks.
+
+    Examples
+    --------
+    >>> from bspline_mdao import onera_m6_grid
+    >>> onera_m6_grid((5, 5, 5))
+    Grid(H-H wing grid: 12 blocks, 1,500 nodes, 4 patches)
     """
     wing = Wing(onera_m6_planform(), onera_d_section())
     return hh_wing_grid(wing, shape, spacing or _coarsened(Spacing(), shape, (45, 65, 33)), far_field or FarField())
@@ -83,6 +89,12 @@ def flat_plate_grid(shape=(45, 45, 45), spacing: Spacing | None = None, far_fiel
     -------
     Grid
         Twelve blocks. The two sides of the plate coincide and are declared as walls.
+
+    Examples
+    --------
+    >>> from bspline_mdao import flat_plate_grid
+    >>> flat_plate_grid((5, 5, 5))
+    Grid(H-H wing grid: 12 blocks, 1,500 nodes, 4 patches)
     """
     wing = Wing(Planform(root_chord=1.0, semi_span=2.0), flat_section())
     paper = Spacing(off_wall=1e-3, leading=5e-3, trailing=5e-3, tip=5e-3)
@@ -97,6 +109,12 @@ def rectangular_wing() -> Wing:
     Wing
         Rectangular, of NACA 0012 sections and chord 0.49664, the leading edge at x = 0. The span stays that of the M6,
         which makes the semi-span 2.989 chords: the move is one of sweep, scale and section.
+
+    Examples
+    --------
+    >>> from bspline_mdao import rectangular_wing
+    >>> rectangular_wing().planform
+    Planform(root_chord=0.4966, semi_span=1.484, taper=1, leading_edge_sweep=0)
     """
     return Wing(Planform(root_chord=0.49664, semi_span=onera_m6_planform().semi_span), naca_section(0.12))
 
@@ -109,6 +127,12 @@ def onera_d_section() -> Section:
     Section
         The published half-thickness less ``0.0007052 x``. The wedge takes the blunt trailing edge to a point without
         touching the nose, and moves no point of the section by more than 0.07 % of the chord.
+
+    Examples
+    --------
+    >>> from bspline_mdao import onera_d_section
+    >>> round(float(onera_d_section().thickness), 3)
+    0.097
     """
     x, y = ONERA_D_UPPER.T
     return Section.symmetric(np.column_stack([x, y - y[-1] * x]), nose_radius=_NOSE_RADIUS)
@@ -122,6 +146,13 @@ def onera_m6_planform() -> Planform:
     Planform
         Leading-edge sweep 30 deg, taper 0.562, semi-span 1.1963 m / 0.8059 m = 1.4843. The trailing-edge sweep
         follows as 15.76 deg (published: 15.8) and the aspect ratio as 3.80.
+
+    Examples
+    --------
+    >>> from bspline_mdao import onera_m6_planform
+    >>> planform = onera_m6_planform()
+    >>> round(planform.semi_span, 3), round(planform.aspect_ratio, 2)
+    (1.484, 3.8)
     """
     return Planform(root_chord=1.0, semi_span=1.4843, taper=0.562, leading_edge_sweep=30.0)
 

@@ -77,6 +77,14 @@ class Spacing(OneLine):
         Intervals on both sides of the leading edge, the trailing edge and the tip, along the surface and away from it.
     root : float, optional
         Interval along the span at the symmetry plane; twice the mean interval by default.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Spacing, hh_wing_grid, rectangular_wing
+    >>> hh_wing_grid(rectangular_wing(), (5, 5, 5), spacing=Spacing(off_wall=1e-2)).n_nodes
+    1500
+    >>> Spacing(off_wall=1e-2).widened(2.0).off_wall
+    0.02
     """
 
     off_wall: float = 1e-3
@@ -103,6 +111,12 @@ class FarField(OneLine):
         How far the lines that leave the edges of the wing have moved outwards at the outer boundary (m).
     relaxation : float
         Intervals at the outer boundary over those next to the wing. Where it is not 1 the grid lines curve.
+
+    Examples
+    --------
+    >>> from bspline_mdao import FarField, hh_wing_grid, rectangular_wing
+    >>> hh_wing_grid(rectangular_wing(), (5, 5, 5), far_field=FarField(distance=5.0)).n_nodes
+    1500
     """
 
     distance: float = 10.0
@@ -136,6 +150,13 @@ def hh_wing_grid(
     ------
     InputError
         If the counts are too small or the spacings do not fit them.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, hh_wing_grid, naca_section
+    >>> wing = Wing(Planform(root_chord=1.0, semi_span=3.0, taper=0.5), naca_section(0.12))
+    >>> hh_wing_grid(wing, (5, 5, 5)).n_nodes
+    1500
     """
     n_stream, n_normal, n_span = _counts(shape)
     layout = _Layout(wing, n_stream, n_normal, n_span, spacing or Spacing(), far_field or FarField())
@@ -176,6 +197,13 @@ def infinite_wing_grid(
     ------
     InputError
         If the counts are too small or the spacings do not fit them.
+
+    Examples
+    --------
+    >>> from bspline_mdao import infinite_wing_grid, naca_section
+    >>> grid = infinite_wing_grid(naca_section(0.12), (17, 9))  # one cell deep
+    >>> grid.shapes[0]
+    (17, 9, 2)
     """
     wing = Wing(Planform(root_chord=1.0, semi_span=3.0), section)
     whole = hh_wing_grid(wing, (*shape, 9), spacing, far_field)

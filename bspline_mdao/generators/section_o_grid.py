@@ -63,6 +63,12 @@ def section_o_grid(section: Section, n_around: int = 64, far: float = 150.0, n_a
     ------
     InputError
         If the nose is sharp, the counts are too small, or the outer boundary is too near.
+
+    Examples
+    --------
+    >>> from bspline_mdao import naca_section, section_o_grid
+    >>> section_o_grid(naca_section(0.12), n_around=16, far=20.0).shapes
+    ((17, 12, 2),)
     """
     if not section.nose_radius > 0.0:
         raise InputError("O-grid about a section: the nose is sharp; give a Section with its nose_radius")

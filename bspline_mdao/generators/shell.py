@@ -58,6 +58,13 @@ def ball_grid(
     ------
     InputError
         If there are too few nodes, the outer boundary cuts the body, or ``off_wall`` does not fit.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ball_grid
+    >>> grid = ball_grid((5, 5, 5, 5), radius=1.0, far=10.0)
+    >>> len(grid.blocks), [patch.name for patch in grid.patches]
+    (6, ['body', 'farfield'])
     """
     away = _fractions(shape, far, radius, off_wall, "grid about a ball")
     return _shell(shape, lambda s: radius * _on_sphere(s), far, away, octant, "grid about a ball")
@@ -95,6 +102,13 @@ def brick_grid(
     ------
     InputError
         If there are too few nodes, the outer boundary cuts the body, or ``off_wall`` does not fit.
+
+    Examples
+    --------
+    >>> from bspline_mdao import brick_grid
+    >>> grid = brick_grid((5, 5, 5, 5), size=(2.0, 1.0, 1.0), far=10.0)
+    >>> len(grid.blocks), [patch.name for patch in grid.patches]
+    (6, ['body', 'farfield'])
     """
     half = 0.5 * np.asarray(size, dtype=np.float64)
     away = _fractions(shape, far, float(np.linalg.norm(half)), off_wall, "grid about a brick")

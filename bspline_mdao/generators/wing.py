@@ -36,6 +36,13 @@ class Planform(OneLine):
         Tip chord over root chord.
     leading_edge_sweep : float
         Sweep of the leading edge (deg), positive aft.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform
+    >>> planform = Planform(root_chord=1.0, semi_span=3.0, taper=0.5, leading_edge_sweep=20.0)
+    >>> planform.tip_chord, round(planform.trailing_edge_sweep, 2)
+    (0.5, 11.16)
     """
 
     root_chord: float = 1.0
@@ -98,6 +105,15 @@ class Section(OneLine):
     ------
     InputError
         If the ends are elsewhere or points repeat.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import Section
+    >>> x = np.linspace(0.0, 1.0, 51)
+    >>> section = Section.symmetric(np.stack([x, 0.2 * x * (1.0 - x)], axis=1))
+    >>> round(float(section.thickness), 3)
+    0.1
     """
 
     upper: np.ndarray
@@ -157,7 +173,15 @@ class Section(OneLine):
 
 
 def flat_section() -> Section:
-    """Make a section of no thickness."""
+    """Make a section of no thickness.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import flat_section
+    >>> float(np.abs(flat_section().upper[:, 1]).max())
+    0.0
+    """
     return Section.symmetric(np.array([[0.0, 0.0], [1.0, 0.0]]))
 
 
@@ -173,6 +197,12 @@ def naca_section(thickness: float = 0.12) -> Section:
     -------
     Section
         The last coefficient, 0.1036 instead of 0.1015, closes the trailing edge.
+
+    Examples
+    --------
+    >>> from bspline_mdao import naca_section
+    >>> naca_section(0.12).upper[:, 1].max().round(3).item()  # half of the thickness
+    0.06
     """
     x, y = _naca_upper(thickness)
     return Section.symmetric(np.column_stack([x, y]), nose_radius=_naca_nose_radius(thickness))
@@ -194,6 +224,13 @@ def cambered_section(thickness: float, camber: float, reflex: float = 0.0) -> Se
     -------
     Section
         The thickness is laid off vertically, so that the tangent at the nose is vertical.
+
+    Examples
+    --------
+    >>> from bspline_mdao import cambered_section
+    >>> section = cambered_section(0.12, 0.02)
+    >>> section.lower.shape == section.upper.shape
+    True
     """
     x, y = _naca_upper(thickness)
     line = 4.0 * camber * x * (1.0 - x) * (1.0 - reflex * x)
@@ -256,6 +293,13 @@ class Wing(OneLine):
     -----
     Over the last ``tip_length`` of the span, s from 0 to 1, the thickness is scaled by ``sqrt(1 - s^3)``: a blunt tip
     without a jump in curvature, closed to the chord line, so that the tip is a line of the H-H topology.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, naca_section
+    >>> wing = Wing(Planform(semi_span=3.0, taper=0.5, leading_edge_sweep=20.0), naca_section(0.12))
+    >>> wing.planform.tip_chord
+    0.5
     """
 
     planform: Planform

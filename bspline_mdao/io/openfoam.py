@@ -60,6 +60,16 @@ def write_polymesh(folder: str | os.PathLike, grid: Grid, topology: Topology | N
     InputError
         If a block has no cells, cells have negative volumes, two patches have the same name in OpenFOAM, or a file
         cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao import brick_grid, write_polymesh
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_polymesh(f"{folder}/polyMesh", brick_grid((5, 5, 5, 5)))
+    ...     sorted(path.name for path in Path(folder, "polyMesh").iterdir())
+    ['boundary', 'faces', 'neighbour', 'owner', 'points']
     """
     PolyMesh.of(topology or find_topology(grid), grid.to_vector().reshape(-1, 3)).write(folder)
 
@@ -77,6 +87,12 @@ class CaseField(OneLine):
     conditions : mapping of str to str
         Entries of the patches of each kind, such as ``{"wall": "type zeroGradient;"}``; those under ``"other"`` are for
         all kinds that are not named, and for the patch ``unassigned``.
+
+    Examples
+    --------
+    >>> from bspline_mdao import CaseField
+    >>> CaseField("[0 2 -2 0 0 0 0]", 0.0, {"wall": "type zeroGradient;"})
+    CaseField(dimensions='[0 2 -2 0 0 0 0]', value=0, conditions=1 by name)
     """
 
     dimensions: str

@@ -51,6 +51,16 @@ def write_tecplot(
     References
     ----------
     Tecplot 360 Data Format Guide, Tecplot Inc.: ordered zones, DATAPACKING=BLOCK, VARLOCATION.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao import brick_grid, write_tecplot
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_tecplot(f"{folder}/body.dat", brick_grid((5, 5, 5, 5)))
+    ...     Path(folder, "body.dat").exists()
+    True
     """
     require_grid(grid)
     shapes = [block.shape for block in grid.blocks]

@@ -86,6 +86,19 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     ``n_increments``. For values that depend neither on the designs before, as in a restart, nor on which process
     evaluates them, give the mover a number, such as that which a study ended with; for those of independent designs
     (DOE), ``keep_increments=False`` will do.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import ControlMeshMove, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> mover = LinearElasticity(moving_mesh(model))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", ControlMeshMove(mover=mover), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("control_points").size // 3, problem.get_val("n_increments")
+    (78, 1)
     """
 
     way_of_check = SAME

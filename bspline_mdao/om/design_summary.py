@@ -57,6 +57,23 @@ class DesignSummary(OneLine):
     ----------
     entries : tuple of SummaryEntry
         The objective first.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import design_summary
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=5.0)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> summary = design_summary(problem)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     summary.write_csv(f"{folder}/design.csv")
+    >>> [entry.name for entry in summary.entries]
+    ['f', 'x']
     """
 
     entries: tuple[SummaryEntry, ...]

@@ -67,6 +67,20 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
         with ``live``.
     om.AnalysisError
         In a run, if a node is not finite, or if the nodes cannot be fitted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import Fit, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", Fit(model=model), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("grid_initial", 2.0 * model.regenerate().to_vector())
+    >>> problem.run_model()
+    >>> bool(np.allclose(problem.get_val("control_points_initial"), 2.0 * model.control_points.ravel()))
+    True
     """
 
     def initialize(self):

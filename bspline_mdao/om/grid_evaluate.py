@@ -71,6 +71,20 @@ class GridEvaluate(SparseComponent):
         the number of processes.
     om.AnalysisError
         In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import GridEvaluate, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", GridEvaluate(model=model), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("control_points", model.control_points.ravel())
+    >>> problem.run_model()
+    >>> bool(np.allclose(problem.get_val("grid"), model.regenerate().to_vector()))
+    True
     """
 
     def initialize(self):

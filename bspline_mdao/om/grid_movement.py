@@ -90,6 +90,19 @@ class GridMovement(om.Group):
         surfaces, if measures are of different surfaces, if the model does not say what moves, if ``live`` is asked
         for without ``fit``, or a ``surface`` together with a parametrization, with ``live``, or with measures of
         another one.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import DesignSurface, GridMovement, Twist, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> problem = om.Problem(GridMovement(model=wing.model, parametrization=shape, fit=False), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("twist", [0.0, -3.0], units="deg")
+    >>> problem.run_model()
+    >>> problem.get_val("grid").shape, problem.get_val("quality_pnorm").shape
+    ((4500,), (1,))
     """
 
     def initialize(self):

@@ -51,6 +51,19 @@ class InteriorControl(SparseComponent):
         In ``setup``, if two variables have one name or one that is taken, or one has no point to move.
     om.AnalysisError
         In a run, if a value or a control point is not finite.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import InteriorControl, InteriorPoints, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> component = InteriorControl(model=model, variables=[InteriorPoints("inside")])
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("control_points").shape
+    (234,)
     """
 
     is_linear = True

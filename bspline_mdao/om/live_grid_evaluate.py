@@ -62,6 +62,18 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
     om.AnalysisError
         In a run, if a number is not finite, if the nodes have no parameters and knots, or if the surroundings of a
         point are turned inside out.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import LiveGridEvaluate, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", LiveGridEvaluate(model=model), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("grid").shape
+    (2250,)
     """
 
     is_linear = False

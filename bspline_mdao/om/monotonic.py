@@ -38,6 +38,19 @@ class Monotonic(SparseComponent):
         In ``setup``, if there are fewer than two values.
     om.AnalysisError
         In a run, if a value is not finite.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import Monotonic
+    >>> problem = om.Problem(reports=None)
+    >>> component = Monotonic(variable="chord", size=3, decreasing=True)
+    >>> monotonic = problem.model.add_subsystem("taper", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("chord", [1.0, 0.7, 0.6])
+    >>> problem.run_model()
+    >>> problem.get_val(monotonic.output).round(6)  # positive where values fall
+    array([0.3, 0.1])
     """
 
     is_linear = True

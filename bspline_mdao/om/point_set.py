@@ -82,6 +82,21 @@ class PointSet(om.ExplicitComponent):
         several processes and points in the volumes: the grid is then distributed.
     om.AnalysisError
         In a run, if an input is not finite, or if the surroundings of a wall node are turned inside out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import PointSet, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> component = PointSet(model=model, points=np.array([[2.0, 0.0, 0.0]]), name="probe")
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("control_points", 1.1 * model.control_points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("probe").round(6) + 0.0
+    array([2.2, 0. , 0. ])
     """
 
     def initialize(self):

@@ -76,6 +76,18 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
         In ``setup``, if an option cannot be used; in a run, under complex step.
     om.AnalysisError
         In a run, if a node is not finite; with ``require_valid``, if a cell is inverted.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import Quality, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(reports=None)
+    >>> quality = problem.model.add_subsystem("quality", Quality(model=model), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> quality.report().n_inverted
+    0
     """
 
     is_linear = False

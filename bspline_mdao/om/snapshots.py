@@ -43,6 +43,12 @@ class Snapshot(OneLine):
         Its states.
     mach : float or None
         Mach number of the free stream.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Snapshot, brick_grid
+    >>> Snapshot.of(brick_grid((5, 5, 5, 5)), title="baseline")
+    Snapshot('baseline', 750 nodes, no flow)
     """
 
     grid: Grid

@@ -42,6 +42,19 @@ class SurfaceControl(SparseComponent):
         In a run, if a value or a control point is not finite.
     InputError
         For partial derivatives under complex step.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import DesignSurface, SurfaceControl, Twist, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", SurfaceControl(parametrization=shape), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("surface_control_points").size == 3 * wing.mesh.surface_ids.size
+    True
     """
 
     is_linear = False

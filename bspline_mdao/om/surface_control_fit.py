@@ -58,6 +58,21 @@ class SurfaceControlFit(om.ExplicitComponent):
         In ``setup``, if the nodes do not determine the control points, or depend on others than those.
     om.AnalysisError
         In a run, if a node is not finite, or leaves a plane of symmetry.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import SurfaceControlFit, SurfaceGrid, brick_grid, fit_grid, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> surface = SurfaceGrid.of(model)
+    >>> problem = om.Problem(reports=None)
+    >>> component = SurfaceControlFit(model=model, mesh=moving_mesh(model), surface=surface)
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("surface", 1.1 * surface.points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("surface_control_points").shape
+    (78,)
     """
 
     is_linear = False

@@ -50,6 +50,19 @@ class SurfaceEvaluate(om.ExplicitComponent):
         In ``setup``, if nodes depend on control points that a mover may move and that are not on the design surface.
     om.AnalysisError
         In a run, if a control point is not finite, or if the surroundings of a point are turned inside out.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import SurfaceEvaluate, SurfaceGrid, brick_grid, fit_grid, moving_mesh
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> component = SurfaceEvaluate(model=model, mesh=moving_mesh(model), surface=SurfaceGrid.of(model))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.run_model()
+    >>> problem.get_val("surface").shape
+    (294,)
     """
 
     def initialize(self):

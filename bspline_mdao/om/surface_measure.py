@@ -36,6 +36,19 @@ class SurfaceMeasure(SparseComponent):
         In a run, if a node is not finite.
     InputError
         For partial derivatives under complex step.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import EnclosedVolume, SurfaceGrid, SurfaceMeasure, brick_grid, fit_grid
+    >>> surface = SurfaceGrid.of(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> problem = om.Problem(reports=None)
+    >>> _ = problem.model.add_subsystem("body", SurfaceMeasure(measure=EnclosedVolume.of(surface)), promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("surface", surface.points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("volume", units="m**3").round(6)
+    array([1.])
     """
 
     is_linear = False

@@ -87,6 +87,13 @@ class ConstantKnots(OneLine):
     ------
     InputError
         If the knots are not of this form.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ConstantKnots
+    >>> ConstantKnots.uniform(n_control=6, order=4).knots.round(3)
+    array([0.   , 0.   , 0.   , 0.   , 0.333, 0.667, 1.   , 1.   , 1.   ,
+           1.   ])
     """
 
     knots: np.ndarray

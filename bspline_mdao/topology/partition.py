@@ -41,6 +41,13 @@ class Share(OneLine):
         Its pieces; None where it was made of rows.
     shapes_of_grid : tuple of tuple of int
         Number of nodes of each block of the grid in each direction; empty where the share was made of rows.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Share
+    >>> share = Share.of_rows([0, 1, 2], n_nodes_of_grid=100)
+    >>> share.n_nodes, share.is_grid
+    (3, False)
     """
 
     n_nodes_of_grid: int

@@ -116,6 +116,20 @@ def combine(name: str, combinations: np.ndarray, units: str | None = None) -> om
     -------
     openmdao.api.ExecComp
         To be added in front of what takes the variable.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import combine
+    >>> problem = om.Problem(reports=None)
+    >>> component = combine("y", np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 0.0]]))
+    >>> _ = problem.model.add_subsystem("body", component, promotes=["*"])
+    >>> _ = problem.setup()
+    >>> problem.set_val("combinations", [0.5, 1.0])
+    >>> problem.run_model()
+    >>> problem.get_val("y")
+    array([0.5, 2. , 0.5])
     """
     n_values, n_combinations = combinations.shape
     return om.ExecComp(

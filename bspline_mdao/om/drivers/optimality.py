@@ -72,6 +72,19 @@ def optimality_of(problem: om.Problem) -> tuple[float, float]:
         Norm of the gradient of the Lagrangian with the best multipliers, in units of the driver.
     float
         Largest violation of a constraint, in units of the driver.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import NLoptDriver, optimality_of
+    >>> problem = om.Problem(reports=None, driver=NLoptDriver(optimizer="LD_SLSQP", disp=False))
+    >>> _ = problem.model.add_subsystem("body", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-5.0, upper=2.0)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> _ = problem.run_driver()
+    >>> [residual < 1e-6 for residual in optimality_of(problem)]
+    [True, True]
     """
     model = ScaledModel(problem.driver)
     statement = Statement.of(model.design_limits(), model.constraint_limits(), tolerance=0.0)

@@ -58,6 +58,21 @@ def error_estimate(
         on several processes, or the finer member has cells of negative volume.
     om.AnalysisError
         If the flow has not been solved, or an adjoint cannot be.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import EulerFlow, FarField, error_estimate
+    >>> from bspline_mdao import fit_grid, infinite_wing_grid, naca_section
+    >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
+    >>> problem = om.Problem(EulerFlow(model=model, reference_area=1.0, iprint=0), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("alpha", 2.0, units="deg")
+    >>> problem.set_val("Mach_number", 0.5)
+    >>> problem.run_model()
+    >>> estimate = error_estimate(problem, of=["CD"])["CD"]
+    >>> estimate.contributions.size, 0.0 < estimate.finer < estimate.value
+    (768, True)
     """
     flow, names = flow or _only_flow(problem), list(of)
     unknown = [name for name in names if name not in FUNCTIONALS]

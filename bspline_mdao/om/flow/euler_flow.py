@@ -121,6 +121,19 @@ class EulerFlow(om.Group):
     InputError
         In ``setup``, if the patches do not tell what the boundary is, there is no reference area, or the partition does
         not fit the model or the number of processes.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import EulerFlow, FarField, fit_grid, infinite_wing_grid, naca_section
+    >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9), far_field=FarField(5.0)))
+    >>> problem = om.Problem(EulerFlow(model=model, reference_area=1.0, iprint=0), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("alpha", 2.0, units="deg")
+    >>> problem.set_val("Mach_number", 0.5)
+    >>> problem.run_model()
+    >>> problem.get_val("CL").round(1)
+    array([0.3])
     """
 
     def initialize(self):

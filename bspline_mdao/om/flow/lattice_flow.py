@@ -73,6 +73,19 @@ class LatticeFlow(om.Group):
         In ``setup``, if OpenAeroStruct is not there, the wall has no camber surface, or the model is another share.
     om.AnalysisError
         In a run, if panels of the lattice are folded.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import LatticeFlow, fit_grid, onera_m6_grid
+    >>> model = fit_grid(onera_m6_grid((9, 8, 7)))
+    >>> problem = om.Problem(LatticeFlow(model=model, reference_area=0.75, n_span=7), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("grid", model.regenerate().to_vector())
+    >>> problem.set_val("alpha", 3.0, units="deg")
+    >>> problem.run_model()
+    >>> problem.get_val("CL").round(2)
+    array([0.29])
     """
 
     def initialize(self):

@@ -73,6 +73,16 @@ class VortexLattice(om.Group):
     -----
     Optimise with ``CL`` and ``CD``. The forces on the bound vortices leave out those on the chordwise ones, which an
     optimiser with free twist at every station learns to make use of: their drag falls far below Munk's least one.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import VortexLattice
+    >>> problem = om.Problem(VortexLattice(n_chord=2, n_span=5, reference_area=8.0), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.final_setup()
+    >>> sorted(meta["prom_name"] for _, meta in problem.model.list_vars(is_indep_var=None, out_stream=None))[:3]
+    ['CD', 'CD_panels', 'CL']
     """
 
     def initialize(self):
