@@ -25,6 +25,17 @@ class MovementError(ArithmeticError):
 
     The message is one line that says where (increment, block, index) and what to do. Components raise it as
     ``om.AnalysisError``, so that a driver takes a smaller step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import LinearElasticity, MovementError, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> try:
+    ...     LinearElasticity(mesh, n_increments=1).move(mesh.points, np.nan * mesh.points[mesh.surface_ids])
+    ... except MovementError:
+    ...     "refused"
+    'refused'
     """
 
 
@@ -33,6 +44,15 @@ class FitWarning(UserWarning):
 
     `fit_grid` gives one such warning per fit, at the line that called it. The message is one line that says how many
     elements there are, where the worst is and what to do; the report of the model has it as well.
+
+    Examples
+    --------
+    >>> from bspline_mdao import FitWarning, brick_grid, fit_grid
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", FitWarning)  # a fit that movers may not survive is an error
+    ...     fit_grid(brick_grid((5, 5, 5, 5))).n_nodes
+    750
     """
 
 

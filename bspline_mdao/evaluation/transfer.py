@@ -142,6 +142,14 @@ class NodeTransfer(OneLine):
     Parameters
     ----------
     matrix : csr_array, shape (n_nodes of the target, n_nodes of the source)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import NodeTransfer, brick_grid, find_topology
+    >>> coarse, fine = (find_topology(brick_grid((n, n, n, n))) for n in (5, 9))
+    >>> NodeTransfer.of(coarse, fine).prolong(np.ones(coarse.n_nodes)).shape == (fine.n_nodes,)
+    True
     """
 
     matrix: csr_array

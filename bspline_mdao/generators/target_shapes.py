@@ -25,7 +25,17 @@ _SIDES = {"wing_lower": -1, "wing_upper": 1}
 
 
 class Shape(Protocol):
-    """A surface with two sides that meet at the leading edge, the trailing edge and the tip."""
+    """A surface with two sides that meet at the leading edge, the trailing edge and the tip.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import BlendedWingBody, Planform, Wing, lay_nodes, naca_section
+    >>> wing = Wing(Planform(semi_span=3.0), naca_section(0.12))  # a wing is a shape, as is a BlendedWingBody
+    >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
+    >>> lay_nodes(wing, +1, chord, span)[..., 2].round(3).tolist()
+    [[0.0, 3.0], [0.0, 3.0], [0.0, 3.0]]
+    """
 
     stations: np.ndarray
     """Distances from the symmetry plane along the span, shape (m,), ascending (m)."""
@@ -73,7 +83,16 @@ def fit_shape(model: FittedModel, surface_ids: np.ndarray, shape: Shape) -> np.n
 
 
 def nodes_on_shape(model: FittedModel, shape: Shape) -> np.ndarray:
-    """All nodes of a model's grid, shape (n_nodes, 3), those of the wing laid on another shape; see `fit_shape`."""
+    """All nodes of a model's grid, shape (n_nodes, 3), those of the wing laid on another shape; see `fit_shape`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, fit_grid
+    >>> from bspline_mdao import hh_wing_grid, naca_section, nodes_on_shape, rectangular_wing
+    >>> model = fit_grid(hh_wing_grid(rectangular_wing(), (5, 5, 5)))
+    >>> nodes_on_shape(model, Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))).shape
+    (1500, 3)
+    """
     grid = model.regenerate()
     return replace_nodes(model.topology, grid.to_vector().reshape(-1, 3), lay_walls(grid, shape))
 
@@ -98,6 +117,13 @@ def lay_walls(grid: Grid, shape: Shape) -> list[tuple[Window, np.ndarray]]:
     ------
     InputError
         If the grid has no such patches.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Planform, Wing, hh_wing_grid, lay_walls, naca_section, rectangular_wing
+    >>> wing = Wing(Planform(semi_span=3.0, taper=0.5), naca_section(0.12))
+    >>> [nodes.shape for _, nodes in lay_walls(hh_wing_grid(rectangular_wing(), (5, 5, 5)), wing)]
+    [(5, 1, 5, 3), (5, 1, 5, 3)]
     """
     windows = {patch.name: patch.windows for patch in grid.patches}
     for name in _SIDES:
@@ -128,6 +154,14 @@ def lay_nodes(shape: Shape, side: int, chord: np.ndarray, span: np.ndarray) -> n
     ndarray, shape (ni, nk, 3)
         Nodes (m). Both sides give the same ones at the leading edge, the trailing edge and the tip, those of the root
         are in the plane z = 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import lay_nodes, rectangular_wing
+    >>> chord, span = np.meshgrid([0.0, 0.5, 1.0], [0.0, 1.0], indexing="ij")
+    >>> lay_nodes(rectangular_wing(), +1, chord, span).shape
+    (3, 2, 3)
     """
     stations = shape.stations
     along = stations / stations[-1]

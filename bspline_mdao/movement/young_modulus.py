@@ -32,7 +32,16 @@ __all__ = [
 
 
 class StiffnessLaw(Protocol):
-    """Young's modulus of the elements as a differentiable function of the points."""
+    """Young's modulus of the elements as a differentiable function of the points.
+
+    Examples
+    --------
+    >>> from bspline_mdao import WallDistanceLaw, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> law = WallDistanceLaw(power=2.0)  # a law is one, as are those of yours with its three methods
+    >>> law.modulus(mesh, mesh.points, mesh.points).shape == (len(mesh.elements),)
+    True
+    """
 
     def modulus(self, mesh: MovingMesh, initial: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Modulus of every element, positive, shape (n_elements,).

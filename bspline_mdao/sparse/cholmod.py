@@ -21,7 +21,15 @@ __all__ = ["Cholmod", "CholmodAnalysis", "CholmodFactor"]
 
 @dataclass(frozen=True)
 class Cholmod(OneLine):
-    """Direct solver of SuiteSparse (GPL), supernodal, with the METIS order; needs the package scikit-sparse."""
+    """Direct solver of SuiteSparse (GPL), supernodal, with the METIS order; needs the package scikit-sparse.
+
+    Examples
+    --------
+    >>> from bspline_mdao import Cholmod, LinearElasticity, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=Cholmod()).solver.name
+    'CHOLMOD'
+    """
 
     @property
     def name(self) -> str:

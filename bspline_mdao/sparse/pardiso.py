@@ -27,7 +27,15 @@ N_KILOBYTES = 17
 
 @dataclass(frozen=True)
 class Pardiso(OneLine):
-    """Direct solver of Intel's MKL, with as many threads as that is set to; needs the package pypardiso."""
+    """Direct solver of Intel's MKL, with as many threads as that is set to; needs the package pypardiso.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, Pardiso, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=Pardiso()).solver.name  # needs pypardiso when it moves
+    'PARDISO'
+    """
 
     @property
     def name(self) -> str:

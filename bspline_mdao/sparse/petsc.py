@@ -85,6 +85,13 @@ class PetscMultigrid(OneLine):
     strong_threshold : float, optional
         Part of the largest coupling of an unknown from which another one is strong: elements much longer than high
         want a large one.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, PetscMultigrid, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=PetscMultigrid(tolerance=1e-10)).solver.name
+    'CG, BoomerAMG'
     """
 
     comm: Any = None
@@ -204,6 +211,13 @@ class PetscCholesky(OneLine):
     ----------
     comm : communicator of mpi4py, optional
         Processes that share rows and work; by default this one alone.
+
+    Examples
+    --------
+    >>> from bspline_mdao import LinearElasticity, PetscCholesky, brick_grid, fit_grid, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> LinearElasticity(mesh, solver=PetscCholesky()).solver.name
+    'MUMPS'
     """
 
     comm: Any = None

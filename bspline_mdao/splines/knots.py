@@ -142,6 +142,14 @@ class BilinearKnots(OneLine):
     ------
     InputError
         If the knots are not of this form.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import BilinearKnots
+    >>> knots = np.array([0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0])
+    >>> BilinearKnots(np.tile(knots, (2, 2, 1)), order=3).n_control
+    4
     """
 
     corners: np.ndarray

@@ -38,6 +38,16 @@ class BeamBuilder(Builder):
     ------
     InputError
         If there are no two nodes, or neighbours at one place.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import BeamBuilder
+    >>> from bspline_mdao.om.flow.aerostructure import Spar
+    >>> builder = BeamBuilder(np.array([[0.3, 0.0, 1.0], [0.3, 0.0, 0.0]]), Spar((0.004,)), radius=(0.04,))
+    >>> builder.get_number_of_nodes(), builder.get_ndof()
+    (2, 6)
     """
 
     def __init__(self, nodes: np.ndarray, spar: Spar, radius, generation: int | None = None):

@@ -46,6 +46,15 @@ class GeometryBuilder(Builder):
     ----------
     **options
         Those of `SurfaceGeometry`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, GeometryBuilder, Twist, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> builder = GeometryBuilder(model=wing.model, parametrization=shape, generation=2)
+    >>> type(builder.get_mesh_coordinate_subsystem()).__name__
+    'SurfaceGeometry'
     """
 
     def __init__(self, **options):
@@ -168,6 +177,15 @@ class EulerBuilder(FlowBuilder):
     **options
         Those of `EulerFlow`, such as ``reference_area``. With ``trim`` there is ``CL_target`` in the place of the angle
         of attack, and ``alpha`` is a result.
+
+    Examples
+    --------
+    >>> from bspline_mdao import EulerBuilder, EulerFlow, SurfaceGrid
+    >>> from bspline_mdao import fit_grid, infinite_wing_grid, naca_section
+    >>> model = fit_grid(infinite_wing_grid(naca_section(0.12), (17, 9)))
+    >>> builder = EulerBuilder(model, reference_area=1.0, iprint=0)  # options of EulerFlow
+    >>> builder.get_number_of_nodes() == SurfaceGrid.of(model).n_points
+    True
     """
 
     def __init__(

@@ -63,6 +63,20 @@ class SurfaceGeometry(om.Group):
     ------
     InputError
         In ``setup``, if a number does not exist, or the generation, or if a point of a set is outside the surface.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import DesignSurface, SurfaceGeometry, Twist, fit_grid, flat_plate_grid
+    >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+    >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+    >>> problem = om.Problem(SurfaceGeometry(model=wing.model, parametrization=shape, generation=2), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("x_aero0_geometry_input", wing.surface.points.ravel())
+    >>> problem.set_val("twist", [0.0, -3.0], units="deg")
+    >>> problem.run_model()
+    >>> problem.get_val("x_aero0_geometry_output").shape == (3 * wing.surface.n_points,)
+    True
     """
 
     def initialize(self):

@@ -27,6 +27,15 @@ class RigidLinkBuilder(Builder):
         Which nodes of the beam each node of the surface hangs on.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import RigidLinkBuilder, RigidLinks
+    >>> beam = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> builder = RigidLinkBuilder(RigidLinks.to_beam(np.array([[0.0, 0.1, 0.5]]), beam))
+    >>> [type(part).__name__ for part in builder.get_coupling_group_subsystem()]
+    ['LinkedDisplacements', 'LinkedLoads']
     """
 
     def __init__(self, links: RigidLinks, generation: int | None = None):

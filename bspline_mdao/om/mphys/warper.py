@@ -78,6 +78,18 @@ class VolumeWarper(om.Group):
     the grid of `GridMovement`, or an elastic wing's, of which control points alone would miss a part. That part fades
     over the blocks, see :doc:`/theory/asked_walls`; `miss` tells how much it is, and where, and so does the log to
     those who ask for information. Nodes of the surface that the solver does not give follow the control points.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import SurfaceGrid, VolumeWarper, brick_grid, fit_grid
+    >>> model = fit_grid(brick_grid((5, 5, 5, 5)))
+    >>> problem = om.Problem(VolumeWarper(model=model), reports=None)
+    >>> _ = problem.setup()
+    >>> problem.set_val("x_aero", 1.1 * SurfaceGrid.of(model).points.ravel())
+    >>> problem.run_model()
+    >>> problem.get_val("aero_vol_coords").shape
+    (2250,)
     """
 
     def initialize(self):
