@@ -50,7 +50,7 @@ class CellTransfer(OneLine):
     --------
     >>> from bspline_mdao import find_topology, flat_plate_grid
     >>> from bspline_mdao.evaluation.family import refined_topology
-    >>> topology = find_topology(flat_plate_grid())
+    >>> topology = find_topology(flat_plate_grid((9, 9, 5)))
     >>> transfer = CellTransfer.of(topology, refined_topology(topology, 1.5))
     >>> bool(np.allclose(transfer.prolong(np.ones(transfer.n_coarse)), 1.0))
     True

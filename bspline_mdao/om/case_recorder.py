@@ -42,7 +42,7 @@ class CaseRecorder(om.SqliteRecorder):
     >>> _ = problem.model.add_subsystem("copy", om.ExecComp("y = 2 * x", shape=1000), promotes=["*"])
     >>> recorder = CaseRecorder("cases.sql", longest=999)
     >>> problem.model.add_recorder(recorder)
-    >>> problem.setup()
+    >>> _ = problem.setup()
     >>> problem.run_model()
     >>> "copy.y" in recorder.left_out
     True
