@@ -17,7 +17,7 @@ from ..topology.grid import Grid, require_grid
 from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology
 from .disk import read_raw
-from .formats import FORMATS, GridFormat, format_of_content, format_of_name
+from .formats import FORMATS, GZIP, GridFormat, format_of_content, format_of_name
 from .patches import read_patches
 from .plot3d import Plot3dDialect
 
@@ -183,18 +183,19 @@ def check_grid_name(path: str | os.PathLike, grid: HasDialect) -> None:
 def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
     """Return the format that a grid is written in under a name."""
     name, plot3d = Path(path), FORMATS[0]
+    suffix = plot3d.suffix_of(name)
+    if isinstance(grid.dialect, Plot3dDialect) and suffix == plot3d.suffix_of(Path(grid.source)):
+        return plot3d  # also where another format has the suffix, such as .dat
     named = format_of_name(name)
     if named is not None:
         return named
-    suffix = plot3d.suffix_of(name)
-    if isinstance(grid.dialect, Plot3dDialect) and suffix == plot3d.suffix_of(Path(grid.source)):
-        return plot3d
     others = sorted(
         FORMATS[1:], key=lambda form: (bool(form.folder), bool(form.reader))
     )  # what is only looked at first
     names = ", ".join(str(form).removeprefix("a folder ") for form in others)
+    asked = "".join(name.suffixes[-2:]) if name.suffix.lower() == GZIP else name.suffix
     raise InputError(
-        f"{path}: no '{suffix}' files are written; name it {names}, or for {plot3d.name} "
+        f"{path}: no '{asked}' files are written; name it {names}, or for {plot3d.name} "
         f"{', '.join(filter(None, plot3d.suffixes))}"
     )
 

@@ -12,13 +12,11 @@ from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_factor import BLOCK
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
-from bspline_mdao.flow.euler.flux import ROUNDING
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.krylov import RESTART, solve_refined, solve_roughly, solve_system
 from bspline_mdao.flow.euler.newton import relative_residual
 from bspline_mdao.flow.euler.preconditioner import (
     COMPACT_DISSIPATION,
-    COMPACT_ROUNDING,
     BlockFactor,
     FactorPattern,
     compact_factor,
@@ -136,12 +134,6 @@ def compact_jacobian(case, dissipation):
     mean, jump = by_state[..., :BLOCK], by_state[..., BLOCK:]
     inner = slice(0, faces.n_inner)
     left, right = faces.left[inner], faces.right
-    between = 0.5 * (case.states[left] + case.states[right])
-    sound = np.sqrt(GAMMA * between[:, 4] / between[:, 0]) * np.linalg.norm(case.areas[inner], axis=1)
-    through = np.sum(between[:, 1:4] * case.areas[inner], axis=1)
-    less = 0.5 * (np.hypot(through, ROUNDING * sound) - np.hypot(through, COMPACT_ROUNDING * sound))
-    jump = jump.copy()
-    jump[inner] += less[:, None, None] * conserved_by_states(between)
     from_left = 0.5 * mean[inner] - dissipation * jump[inner]
     from_right = 0.5 * mean[inner] + dissipation * jump[inner]
     edge = slice(faces.n_inner, None)

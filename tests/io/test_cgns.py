@@ -244,7 +244,7 @@ def test_inspect_tells_boundary_from_interfaces_of_one_patch_and_drafts_the_boun
     inspect_grid(str(path), None, draft, None)
     said = " ".join(capsys.readouterr().out.split())
     assert "DEFAULT_SUBFACE interface 2 block 1 imax, block 2 imin" in said
-    assert "1 interfaces, 10 boundary faces" in said
+    assert "1 interface, 10 boundary faces" in said
     (patch,) = tomlkit.parse(draft.read_text())["patch"]
     assert len(patch["faces"]) == 10
 

@@ -206,7 +206,7 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
         with pytest.raises(InputError):
             write_plot3d(path, grid, dialect)
     with pytest.raises(InputError, match="cannot be written"):
-        write_plot3d(tmp_path / "none" / "grid", smooth_grid())
+        write_plot3d(path / "grid", smooth_grid())
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["grid"]
 

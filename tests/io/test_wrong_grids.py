@@ -150,9 +150,12 @@ def test_a_block_that_is_given_twice_is_reported_by_every_command(tmp_path, monk
         assert "block 1 (1, 1-4, 1-5) and block 2 (1, 1-4, 1-5) coincide" in capsys.readouterr().out.replace("\n", " ")
 
 
-@pytest.mark.parametrize("name", ["x.foo", "x.dat", "x.vtk", "x.su2", "x.h5", "x.dat.gz", "x.CSV"])
+@pytest.mark.parametrize("name", ["x.foo", "x.vtk", "x.su2", "x.h5", "x.dat.gz", "x.CSV"])
 def test_a_suffix_of_no_format_is_refused_with_those_that_are(tmp_path, name):
-    with pytest.raises(InputError, match=r"no '\.\w+' files are written; name it \.vtm \(ParaView\), \.cgns, .*\.xyz"):
+    with pytest.raises(
+        InputError,
+        match=r"no '\.[\w.]+' files are written; name it \.vtm \(ParaView\), \.dat \(Tecplot\), \.cgns, .*\.xyz",
+    ):
         write_grid(tmp_path / name, two_blocks())
     assert not list(tmp_path.iterdir())
 
@@ -170,7 +173,7 @@ def test_the_commands_refuse_such_names_before_they_work(tmp_path, monkeypatch, 
     model().save("m.h5")
     for arguments in (
         ["refine", "m.h5", "--factor", "1", "-o", "x.foo"],
-        ["move", "m.h5", "--deform", "twist=1deg", "-o", "x.dat"],
+        ["move", "m.h5", "--deform", "twist=1deg", "-o", "x.su2"],
         ["fit", "@flat_plate:5x5x5", "-o", "x.xyz"],
     ):
         assert run(arguments) == 2

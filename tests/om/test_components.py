@@ -11,6 +11,7 @@ from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain, s
 from openmdao.utils.assert_utils import assert_check_partials
 
 import bspline_mdao.om
+from bspline_mdao.design.interior_points import InteriorPoints
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
@@ -33,6 +34,7 @@ from bspline_mdao.om.component import SparseComponent
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
 from bspline_mdao.om.fit import Fit
 from bspline_mdao.om.grid_evaluate import GridEvaluate
+from bspline_mdao.om.interior_control import InteriorControl
 from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.point_set import PointSet
@@ -53,6 +55,10 @@ def of(mover):
 
 def parametrization(model):
     return Parametrization(moving_mesh(model), [Swirl("swirl", 5), Lift("lift")])
+
+
+def inner_points(model):
+    return [InteriorPoints("inner")]
 
 
 def most_nodes(model):
@@ -81,6 +87,10 @@ PARTIALS = {
         f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": of(mover)}, CONTROL_POINTS, wrt)
         for mover in (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
         for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
+    },
+    **{
+        f"InteriorControl, {wrt}": (InteriorControl, {"variables": inner_points}, CONTROL_POINTS, wrt)
+        for wrt in ("inner", CONTROL_POINTS_INITIAL)
     },
     "Quality, cells": (Quality, {"cells": True}, "cell_quality", GRID),
     **{

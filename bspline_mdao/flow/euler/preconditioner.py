@@ -1,9 +1,7 @@
 """The preconditioner of linear systems with the Jacobian: an incomplete factor L U of a compact neighbour of it.
 
 The compact neighbour sees the two cells at a face alone: the mean state is half-way between them, and a part of their
-difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. What the flow carries along is
-dissipated less across the stream, where first differences would spread it far more than the third ones of the Jacobian
-do. Time steps are on its diagonal.
+difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
 Pressures on walls are extrapolated from the first two cells, which takes a tenth fewer products than one.
 
 Each of several processes factors the part of its own cells: additive Schwarz without overlap.
@@ -29,7 +27,6 @@ from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_o
 from .block_factor import BlockFactor, Schedule, levels_of
 from .cell_sums import visit
 from .discretization import Discretization
-from .flux import ROUNDING
 from .gas import GAMMA
 from .linearization import Linearization
 from .reconstruction import FIRST, INNER, MEAN
@@ -40,11 +37,6 @@ FILL = 1
 COMPACT_DISSIPATION = 0.75
 """Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is
 unstable on grids with the spacing of boundary layers."""
-
-
-COMPACT_ROUNDING = 0.03
-"""Rounding of the speed with which the flow carries entropy and vorticity through a face, in place of that of the flux:
-with less the factor is worse, with more its neighbour."""
 
 
 def factor_pattern(discretization: Discretization) -> FactorPattern:
@@ -74,8 +66,7 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     jacobians = linearization.jacobians
     at_shocks = jacobians.shock_rows, jacobians.shocks
     sums = linearization.discretization.sums
-    field = linearization.states, linearization.areas
-    rest = jacobians.values, dissipation, *at_shocks, *field, pattern.rank, pattern.places, lower, upper, placed
+    rest = jacobians.values, dissipation, *at_shocks, pattern.rank, pattern.places, lower, upper, placed
     visit(len(placed), lambda part: _place(sums.starts, sums.entries, part.start, part.stop, *index, *rest))
     edge = linearization.discretization.faces.n_inner
     _place_behind(edge, *index[:3], jacobians.values, pattern.rank, pattern.places, lower, upper)
@@ -85,13 +76,13 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(
     face_starts, faces, first, end, cells, weights, classes, roles, jacobians, dissipation, shock_rows, shocks,
-    states, areas, rank, places, lower, upper, diagonal,
+    rank, places, lower, upper, diagonal,
 ):  # fmt: skip
     """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is.
 
     Those between own cells and others have none off the diagonal.
     """
-    n_own, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
+    n_own, half = len(rank), np.float32(0.5)
     for cell in range(first, end):
         row = rank[cell]
         for at in range(face_starts[cell], face_starts[cell + 1]):
@@ -111,10 +102,8 @@ def _place(
             other = cells[f, 2] if faces[at] >= 0 else cells[f, 1]
             is_later = other < n_own and rank[other] < row
             place = 25 * places[f]
-            less = _less_spread(states[cells[f, 1]], states[cells[f, 2]], areas[f], carried)
             for n in range(5):
                 mean, jump = load(jacobians, 50 * f + 10 * n), load(jacobians, 50 * f + 10 * n + 5)
-                jump = add_scaled(jump, less, load(carried, 5 * n))
                 # of the row of this cell: from itself, and from the other
                 own = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
                 store(diagonal, 25 * row + 5 * n, subtract_scaled(own, part, jump))
@@ -124,18 +113,6 @@ def _place(
                     at_upper = subtract_scaled(subtract_scaled(at_upper, sign * half, mean), -part, jump)
                     store(lower, place + 5 * n, at_lower)
                     store(upper, place + 5 * n, at_upper)
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _less_spread(left, right, s, carried):
-    """What a jump is less dissipated by: this times the derivatives of the conserved quantities, which are written."""
-    velocity = 0.5 * (left[1] + right[1]), 0.5 * (left[2] + right[2]), 0.5 * (left[3] + right[3])
-    square = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
-    sound = GAMMA * (left[4] + right[4]) / (left[0] + right[0]) * square
-    through = velocity[0] * s[0] + velocity[1] * s[1] + velocity[2] * s[2]
-    speed, compact = np.sqrt(through**2 + ROUNDING**2 * sound), np.sqrt(through**2 + COMPACT_ROUNDING**2 * sound)
-    _conserved(0.5 * (left[0] + right[0]), velocity, 1.0, carried)
-    return np.float32(0.5 * (speed - compact))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
