@@ -28,13 +28,19 @@ STYLE = {
 """Settings of matplotlib: text as in the papers, thin axes."""
 
 
-def require(name: str = "matplotlib"):
-    """Import a module that draws.
+NEED = {"pictures": "pictures need", "report": "a report needs"}
+"""How messages begin that name what is missing, by the extra that has it."""
+
+
+def require(name: str = "matplotlib", extra: str = "pictures"):
+    """Import a module that draws, or makes pages.
 
     Parameters
     ----------
     name : str
         Name of the module.
+    extra : {"pictures", "report"}
+        What installs it.
 
     Returns
     -------
@@ -49,7 +55,7 @@ def require(name: str = "matplotlib"):
         return importlib.import_module(name)
     except ModuleNotFoundError:
         library = name.partition(".")[0]
-        raise InputError(f"pictures need {library}: pip install 'bspline_mdao[pictures]'") from None
+        raise InputError(f"{NEED[extra]} {library}: pip install 'bspline_mdao[{extra}]'") from None
 
 
 @contextlib.contextmanager

@@ -21,16 +21,19 @@ from ..errors import InputError
 from ..io.disk import replaced_file
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
+from ..plotting.figures import require
 from ..wording import counted
 from .cells import worst_cells
 from .charts import Chart, height_chart, history_charts, pressure_chart, quality_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
-from .libraries import require
 from .space import LAYERS, SHOWN, camera, space_traces
 from .tables import Table, fit_table, height_table, history_table, number, quality_table, variable_table, worst_table
 from .walls import DrawnWalls, boundary_faces, wall_quads
 
 __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
+
+EXTRA = "report"
+"""What installs the libraries that pages are made with."""
 
 NO_MODEL = "The grid is not shown: each process has a part of it alone."
 """What is missing where a problem has shares of a model."""
@@ -116,7 +119,7 @@ def write_report(
         raise InputError(f"{path}: a report is an HTML file; give a name that ends in .html")
     if most_triangles < 100:
         raise InputError(f"most_triangles: {most_triangles} are too few to see a wall; give 100 or more")
-    require("plotly.graph_objects"), require("jinja2")
+    require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
     return write_contents(path, _contents(source, model, title), most_triangles)
 
 
@@ -154,8 +157,8 @@ def with_model(contents: Contents, model: FittedModel) -> Contents:
 
 def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLES) -> dict[str, Any]:
     """Write a page, see `write_report`."""
-    graph_objects, jinja2 = require("plotly.graph_objects"), require("jinja2")
-    markup = require("markupsafe").Markup
+    graph_objects, jinja2 = require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
+    markup = require("markupsafe", EXTRA).Markup
     sections, space, numbers = _sections(contents, most_triangles)
     charts = {chart.key: _json(graph_objects, chart.data, chart.layout) for s in sections for chart in s.charts}
     if space is not None:
@@ -175,7 +178,7 @@ def write_contents(path, contents: Contents, most_triangles: int = MOST_TRIANGLE
         space=numbers,
         shapes=[shape.label for shape in contents.shapes],
         diagram=None if contents.diagram is None else markup(_harmless(json.dumps(contents.diagram))),
-        plotly=markup(require("plotly.offline").get_plotlyjs()),
+        plotly=markup(require("plotly.offline", EXTRA).get_plotlyjs()),
         version=__version__,
         date=datetime.datetime.now().strftime("%Y-%m-%d %H:%M"),
     )
