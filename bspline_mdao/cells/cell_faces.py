@@ -148,6 +148,10 @@ class CellFaces:
         ranges = [np.arange(patch.start, patch.stop) for patch in self.boundary if patch.kind == kind]
         return np.concatenate(ranges) if ranges else np.zeros(0, dtype=int)
 
+    def corners_of(self, kind: str) -> np.ndarray:
+        """Rows of the corners, shape (n, 4), of the faces of all patches of a kind; ``Cp`` has the order of walls."""
+        return self.corners[self.faces_of(kind)]
+
     def sum_over_cells(self, values: np.ndarray, sign: float = -1.0) -> np.ndarray:
         """Sum numbers of the faces, shape (n_faces,), over those of every cell.
 

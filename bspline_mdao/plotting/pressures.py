@@ -24,8 +24,7 @@ def wall_quads(model: FittedModel) -> np.ndarray:
     ndarray of int, shape (n_faces, 4)
         Rows of the corners in the nodes of the grid.
     """
-    faces = CellFaces.of(model.topology, model.regenerate().to_vector().reshape(-1, 3))
-    return faces.corners[faces.faces_of("wall")]
+    return CellFaces.of(model.topology, model.regenerate().to_vector().reshape(-1, 3)).corners_of("wall")
 
 
 def faces_around(quads: np.ndarray, place: float) -> np.ndarray:

@@ -100,10 +100,9 @@ def boundary_faces(topology: Topology, nodes: np.ndarray, kind: str | None) -> t
 def wall_quads(topology: Topology, nodes: np.ndarray) -> np.ndarray | None:
     """Corners of the wall faces in the order of ``Cp``, shape (n, 4); None where blocks have no cells for a flow."""
     try:
-        faces = CellFaces.of(topology, nodes)
+        return CellFaces.of(topology, nodes).corners_of("wall")
     except InputError:
         return None
-    return faces.corners[faces.faces_of("wall")]
 
 
 def cut(points: np.ndarray, quads: np.ndarray, axis: int, place: float) -> np.ndarray:

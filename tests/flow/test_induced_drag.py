@@ -47,7 +47,7 @@ def wall(grid, shape=None):
     topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
     faces = CellFaces.of(topology, nodes)
     nodes = nodes if shape is None else replace_nodes(topology, nodes, lay_walls(grid, shape))
-    return faces.corners[faces.faces_of("wall")], nodes
+    return faces.corners_of("wall"), nodes
 
 
 def plate(n_span=13):

@@ -31,7 +31,7 @@ def wing():
     grid = onera_m6_grid((9, 9, 7))
     topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
     cells = CellFaces.of(topology, nodes)
-    return topology, nodes, area_vectors(nodes[cells.corners[cells.faces_of("wall")]])
+    return topology, nodes, area_vectors(nodes[cells.corners_of("wall")])
 
 
 @pytest.mark.slow

@@ -44,7 +44,7 @@ def test_pressures_change_evenly_along_the_combinations():
     rng, model = np.random.default_rng(7), fit_grid(onera_m6_grid((5, 5, 5)))
     nodes = model.regenerate().to_vector()
     faces = CellFaces.of(model.topology, nodes.reshape(-1, 3))
-    walls = nodes.reshape(-1, 3)[faces.corners[faces.faces_of("wall")]]
+    walls = nodes.reshape(-1, 3)[faces.corners_of("wall")]
     first, second = rng.normal(size=(2, len(walls), 3)) * [1.0, 20.0, 2.0]
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("grid", om.IndepVarComp("grid", nodes), promotes=["*"])

@@ -94,7 +94,7 @@ class FarVortex:
         walls, far = faces.faces_of("wall"), faces.faces_of("farfield")
         places = nodes @ axes.T
         low, high = _ends(comm, places)
-        bottom, top = _ends(comm, planes := places[faces.corners[faces.faces_of("symmetry")], 1].reshape(-1, 1))
+        bottom, top = _ends(comm, planes := places[faces.corners_of("symmetry"), 1].reshape(-1, 1))
         flat = _FLAT * np.max(high - low)
         strays = np.minimum(planes - bottom, top - planes).max(initial=0.0)
         areas = area_vectors(nodes[faces.corners[walls]])

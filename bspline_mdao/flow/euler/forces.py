@@ -98,7 +98,7 @@ class FlowForces:
         )
         coefficients = ForceCoefficients(middles, flow.axes, area, chord, reference)
         wing = WingCoefficients.of(coefficients, induced, on_walls, hinges, wall)
-        far = flow.faces.corners[flow.faces.faces_of("farfield")]
+        far = flow.faces.corners_of("farfield")
         return cls(flow.walls, far, flow.corners, WallPressure.of(flow), EntropyDrag.of(flow.discretization), wing)
 
     def __repr__(self) -> str:
@@ -170,7 +170,7 @@ class FlowForces:
 
 def _planes_of_symmetry(flow: FlowGrid, nodes: np.ndarray) -> list[float]:
     """Coordinates along the span of the planes of symmetry across it: one of a half wing, two of an infinite one."""
-    corners = flow.faces.corners[flow.faces.faces_of("symmetry")]
+    corners = flow.faces.corners_of("symmetry")
     span, sizes = (flow.corners.extend(nodes) @ flow.axes[1])[corners], flow.extent(nodes)
     across = span.max(axis=1, initial=-np.inf) - span.min(axis=1, initial=np.inf) < _FLAT * sizes
     places = np.sort(gathered(flow.comm, span[across].mean(axis=1)))

@@ -53,7 +53,7 @@ class Walls:
     @classmethod
     def of(cls, faces: CellFaces) -> Walls:
         """List the walls of the faces of one process."""
-        corners, none = faces.corners[faces.faces_of("wall")], np.zeros(0, int)
+        corners, none = faces.corners_of("wall"), np.zeros(0, int)
         return cls(ONE, corners, None, np.arange(len(corners)), none, none, 0)
 
     @classmethod

@@ -93,8 +93,8 @@ def even_pressures(
     problem.setup(mode="fwd")
     problem.run_model()
     nodes, names = problem.get_val(grid).reshape(-1, 3), list(pressures)
-    faces = CellFaces.of(model.topology, nodes)
-    areas = np.linalg.norm(area_vectors(nodes[faces.corners[faces.faces_of("wall")]]), axis=1)
+    walls = CellFaces.of(model.topology, nodes).corners_of("wall")
+    areas = np.linalg.norm(area_vectors(nodes[walls]), axis=1)
     weights = np.sqrt(areas / (len(names) * areas.sum()))[:, None]
     totals = problem.compute_totals(names, [variable])
     return even_combinations(np.vstack([weights * totals[name, variable] for name in names]))
