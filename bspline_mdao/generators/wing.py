@@ -160,12 +160,13 @@ class Section(OneLine):
         ndarray, shape (m, n, 2)
             Points in chords.
         """
-        curve = self._curves[side]
-        return np.stack([_at_arcs(curve, fraction, factor) for fraction, factor in zip(fractions, thickness)])
+        curve, (factors, of_curve) = self._curves[side], np.unique(thickness, return_inverse=True)
+        places = [_places(*arcs) for arcs in zip(*_arcs(curve, factors))]
+        return np.stack([_at_arcs(curve, places[k], f, factors[k]) for k, f in zip(of_curve, fractions)])
 
     def length(self, side: int, thickness: np.ndarray) -> np.ndarray:
         """Arc length in chords of one side, scaled in thickness by each factor (m,)."""
-        return np.array([_arcs(self._curves[side], factor)[1][-1] for factor in thickness])
+        return _arcs(self._curves[side], thickness)[1][:, -1]
 
     @cached_property
     def _curves(self):
@@ -257,19 +258,24 @@ def _spline(points, nose_radius, side):
     return CubicSpline(arc, points, bc_type=(start, (2, [0.0, 0.0])))
 
 
-def _arcs(curve, factor):
-    """Parameters and arc lengths along a curve scaled in y."""
+def _arcs(curve, factors):
+    """Parameters and arc lengths, both of shape (m, n), along a curve scaled in y by each of the factors (m,)."""
     t = np.linspace(0.0, 1.0, _SAMPLES) ** 2 * curve.x[-1]
-    speed = np.hypot(*(curve(t, 1) * [1.0, factor]).T)
-    return t, CubicSpline(t, speed).antiderivative()(t)
+    x, y = curve(t, 1).T
+    speed = np.hypot(x, np.multiply.outer(factors, y))
+    return np.broadcast_to(t, speed.shape), CubicSpline(t, speed, axis=1).antiderivative()(t)
 
 
-def _at_arcs(curve, fractions, factor):
-    """Points of a curve scaled in y at fractions of its arc length."""
-    t, arc = _arcs(curve, factor)
+def _places(t, arc):
+    """Parameter of a curve by its arc length, which is returned as well."""
     # at a nose the parameter goes as the arc, or as its root where there is no thickness: smooth in the root of the arc
-    at = CubicSpline(np.sqrt(arc), t)(np.sqrt(fractions * arc[-1]))
-    points = curve(at) * [1.0, factor]
+    return CubicSpline(np.sqrt(arc), t), arc[-1]
+
+
+def _at_arcs(curve, places, fractions, factor):
+    """Points of a curve scaled in y at fractions of its arc length."""
+    by_root, length = places
+    points = curve(by_root(np.sqrt(fractions * length))) * [1.0, factor]
     points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
     return points
 
