@@ -133,6 +133,7 @@ def test_the_tutorial_prints_what_it_shows(tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         assert cli(shlex.split(report)[1:]) == 0
         assert (tmp_path / "report.html").stat().st_size > 1e6
+        assert "The grid is not shown" not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_python_examples_of_the_components_run():

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cells.report import QualityReport
+from ..cells.report import NamedCell, QualityReport
 from ..design.interior_points import InteriorShift
 from ..shown import OneLine
 from ..topology.grid import Grid
 from .loss import stretched
 
-__all__ = ["LEAST_GAIN", "ORTHOGONAL", "BlockChange", "Improvement", "WorstCell", "reason_of"]
+__all__ = ["LEAST_GAIN", "ORTHOGONAL", "BlockChange", "Improvement", "WorstOfBlock", "reason_of"]
 
 ORTHOGONAL = 1e-6
 """Blocks whose worst cell lacks less than this have nothing to gain."""
@@ -26,30 +26,21 @@ LEAST_GAIN = 1e-3
 
 
 @dataclass(frozen=True)
-class WorstCell:
-    """The worst cell of a grid or a block.
+class WorstOfBlock(NamedCell):
+    """The cell of a block with the smallest Q, which is what is raised.
 
     Parameters
     ----------
-    block : str
-        Name of the block.
-    i, j, k : int
-        Number of the cell, from 1.
+    block, i, j, k
+        See `bspline_mdao.cells.report.NamedCell`.
     q : float
         Its Q, Eq. (9).
     is_held : bool
         Whether no interior control point moves any of its nodes.
     """
 
-    block: str
-    i: int
-    j: int
-    k: int
     q: float
     is_held: bool
-
-    def __str__(self) -> str:
-        return f"cell ({self.i}, {self.j}, {self.k}) of {self.block}"
 
 
 @dataclass(frozen=True)
@@ -58,12 +49,12 @@ class BlockChange(OneLine):
 
     Parameters
     ----------
-    before, after : WorstCell
+    before, after : WorstOfBlock
         The worst cell of the block, before and after.
     """
 
-    before: WorstCell
-    after: WorstCell
+    before: WorstOfBlock
+    after: WorstOfBlock
 
 
 @dataclass(frozen=True, eq=False)

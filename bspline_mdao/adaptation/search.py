@@ -29,7 +29,7 @@ from ..cells.report import report_quality
 from ..design.interior_points import InteriorShift
 from ..model.fitted_model import FittedModel
 from .heights import HeightLoss
-from .improvement import LEAST_GAIN, ORTHOGONAL, BlockChange, Improvement, WorstCell, reason_of
+from .improvement import LEAST_GAIN, ORTHOGONAL, BlockChange, Improvement, WorstOfBlock, reason_of
 from .loss import MEAN, WIDTH, WorstCells, price, price_slope, stretched
 
 __all__ = ["Search"]
@@ -269,9 +269,9 @@ class Search:
             reason=reason_of(changes),
         )
 
-    def worst_cell(self, block: BlockCells, q: np.ndarray) -> WorstCell:
+    def worst_cell(self, block: BlockCells, q: np.ndarray) -> WorstOfBlock:
         """The worst cell of a block."""
         n = int(np.argmin(q[block.cells]))
         is_held = not self.moved_by_any[block.cells][n]
         i, j, k = block.number(n)
-        return WorstCell(block.name, i, j, k, float(q[block.cells][n]), is_held)
+        return WorstOfBlock(block.name, i, j, k, float(q[block.cells][n]), is_held)

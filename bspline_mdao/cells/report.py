@@ -29,6 +29,7 @@ __all__ = [
     "CellsAfterMove",
     "Distribution",
     "InvertedCell",
+    "NamedCell",
     "PatchHeights",
     "QualityReport",
     "WorstCell",
@@ -69,8 +70,8 @@ class Distribution:
 
 
 @dataclass(frozen=True)
-class InvertedCell:
-    """A cell with a corner that is folded or flat.
+class NamedCell:
+    """A cell of a grid by its name.
 
     Parameters
     ----------
@@ -78,30 +79,40 @@ class InvertedCell:
         Name of the block.
     i, j, k : int
         Number of the cell, from 1.
-    corner : float
-        Smallest corner triple product of unit edges, relative to the handedness of the block.
     """
 
     block: str
     i: int
     j: int
     k: int
-    corner: float
 
     def __str__(self) -> str:
         return f"cell ({self.i}, {self.j}, {self.k}) of {self.block}"
 
 
 @dataclass(frozen=True)
-class WorstCell:
+class InvertedCell(NamedCell):
+    """A cell with a corner that is folded or flat.
+
+    Parameters
+    ----------
+    block, i, j, k
+        See `NamedCell`.
+    corner : float
+        Smallest corner triple product of unit edges, relative to the handedness of the block.
+    """
+
+    corner: float
+
+
+@dataclass(frozen=True)
+class WorstCell(NamedCell):
     """A cell whose smallest corner is among the smallest, inverted or not.
 
     Parameters
     ----------
-    block : str
-        Name of the block.
-    i, j, k : int
-        Number of the cell, from 1.
+    block, i, j, k
+        See `NamedCell`.
     corner, q : float
         Smallest corner triple product of unit edges, and Q.
     place : tuple of float
@@ -110,17 +121,10 @@ class WorstCell:
         Patch that the cell is at, a wall before others; empty where it is at none.
     """
 
-    block: str
-    i: int
-    j: int
-    k: int
     corner: float
     q: float
     place: tuple[float, ...]
     patch: str
-
-    def __str__(self) -> str:
-        return f"cell ({self.i}, {self.j}, {self.k}) of {self.block}"
 
 
 @dataclass(frozen=True)

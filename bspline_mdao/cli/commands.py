@@ -394,7 +394,7 @@ def quality(**options) -> None:
     "--model",
     type=click.Path(path_type=Path),
     metavar="MODEL.h5",
-    help="The model that was optimised, for a case file: its grid and quality are shown as well.",
+    help="The model that was optimised, for a case file that does not name it, or whose model was moved.",
 )
 @click.option("--title", metavar="TEXT", help="Heading of the page; the name of the source by default.")
 @click.option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ..topology.topology import Topology
 from ..walls.body_points import Body
 from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
-from .model_file import read_model, write_model
+from .model_file import arrays_of, checksum_of, document_of, read_model, write_model
 from .model_share import ModelShare
 from .records import FitReport, FitSettings, GridHeader
 
@@ -219,12 +220,32 @@ class FittedModel(Shown):
 
     def save(self, path, compress: bool = True) -> None:
         """Write the model to one HDF5 file, see `bspline_mdao.model.model_file.write_model`."""
-        write_model({f.name: getattr(self, f.name) for f in fields(self)}, path, compress)
+        write_model(self._fields(), path, compress)
+        self._note_file(path)
 
     @classmethod
     def load(cls, path) -> FittedModel:
         """Read a model from a file, see `bspline_mdao.model.model_file.read_model`."""
-        return read_model(path, cls)
+        model = read_model(path, cls)
+        model._note_file(path)
+        return model
+
+    def _fields(self) -> dict[str, object]:
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def _note_file(self, path) -> None:
+        object.__setattr__(self, "_file", Path(path).absolute())
+
+    @property
+    def file(self) -> Path | None:
+        """File that the model was saved to or loaded from last; None where it was neither."""
+        return self.__dict__.get("_file")
+
+    @cached_property
+    def checksum(self) -> str:
+        """Checksum of all that the model is, which its file has as an attribute: by it case files know their model."""
+        own = self._fields()
+        return checksum_of(document_of(**own), arrays_of(**own))
 
 
 MODELS = FittedModel, ModelShare

@@ -166,6 +166,15 @@ def read_fields(path: str | os.PathLike) -> dict[str, object]:
         return found | {"has_residual": has_residual}
 
 
+def checksum_in(path: str | os.PathLike) -> str | None:
+    """Checksum that the file of a model says it has; None where it is no such file."""
+    try:
+        with opened_model(path) as file:
+            return str(file.attrs["checksum"])
+    except (InputError, OSError, RuntimeError, KeyError):
+        return None
+
+
 def is_of_grid(name: str) -> bool:
     """Whether a dataset is of the size of the grid or one of its blocks."""
     return name.split("/")[0] in ("parameters", "residual", "iblank")

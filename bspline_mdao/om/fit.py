@@ -27,6 +27,7 @@ from .component import (
     finite_points,
     refuse_complex_step,
 )
+from .model_option import declare_model
 from .shares import WholeNodes, blocks_of, check_step, declare_partition
 
 
@@ -85,7 +86,7 @@ class Fit(CheckedOnProcesses, om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
+        declare_model(self, FittedModel, desc="fit of the baseline grid")
         declare_partition(self)
         self.options.declare("live", types=bool, default=False, desc="differentiate through parameters and knots")
 

@@ -7,7 +7,7 @@ from scipy.sparse import identity, kron
 
 from ..errors import InputError
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import MODELS, FittedModel
+from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare, nodes_at
 from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..numerics.processes import summed
@@ -24,6 +24,7 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
+from .model_option import declare_model
 from .shares import check_step, declare_partition, part_of_model
 
 
@@ -89,7 +90,7 @@ class GridEvaluate(SparseComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid, or a share of it")
+        declare_model(self, desc="the fitted grid, or a share of it")
         declare_partition(self)
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")

@@ -12,7 +12,6 @@ from ..measures.measure import MEMBERS
 from ..mesh.boundary import moving_mesh, require_mesh_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
-from ..model.fitted_model import MODELS
 from ..model.model_share import ModelShare
 from ..movement.elasticity import LinearElasticity
 from ..movement.increments import AUTO
@@ -24,6 +23,7 @@ from .control_mesh_move import ControlMeshMove, mesh_of
 from .fit import Fit
 from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
+from .model_option import declare_model
 from .quality import Quality
 from .shares import declare_partition
 from .surface_control import SurfaceControl
@@ -107,7 +107,7 @@ class GridMovement(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid")
+        declare_model(self)
         types = (Parametrization, type(None))
         self.options.declare("parametrization", types=types, default=None, recordable=False, desc="design variables")
         self.options.declare("measures", default=(), recordable=False, desc="what is measured of the surface")

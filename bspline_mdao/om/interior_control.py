@@ -17,6 +17,7 @@ from .component import (
     finite_points,
     finite_values,
 )
+from .model_option import declare_model
 
 
 class InteriorControl(SparseComponent):
@@ -71,7 +72,7 @@ class InteriorControl(SparseComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_model(self, FittedModel)
         self.options.declare("variables", recordable=False, desc="interior control points that move")
         self.shifts: dict[str, InteriorShift] = {}
 

@@ -20,6 +20,7 @@ from .component import (
     finite_points,
     refuse_complex_step,
 )
+from .model_option import declare_model
 from .shares import WholeNodes, blocks_of, declare_partition
 
 INPUTS = (GRID_INITIAL, CONTROL_POINTS_INITIAL, CONTROL_POINTS)
@@ -81,7 +82,7 @@ class LiveGridEvaluate(CheckedOnProcesses, om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="fit of the baseline grid")
+        declare_model(self, FittedModel, desc="fit of the baseline grid")
         declare_partition(self)
 
     @fails_together

@@ -25,6 +25,7 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
+from .model_option import declare_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ class PointSet(om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_model(self, FittedModel)
         self.options.declare("points", types=np.ndarray, recordable=False, desc="the points on the baseline, m")
         self.options.declare("name", types=str, default="points", desc="name of the output")
         self.options.declare("tolerance", default=None, desc="distance up to which a point counts as inside, m")

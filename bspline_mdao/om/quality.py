@@ -9,8 +9,7 @@ from ..cells.grid_quality import GridQuality, GridValues
 from ..cells.pieces import Pieces
 from ..cells.report import QualityReport, inverted_cells, report_quality
 from ..errors import InputError
-from ..model.fitted_model import FittedModel
-from ..model.model_share import ModelShare, nodes_at
+from ..model.model_share import nodes_at
 from ..names import GRID
 from ..numerics.processes import from_all, together
 from ..topology.partition import Partition
@@ -22,6 +21,7 @@ from .component import (
     finite_points,
     refuse_complex_step,
 )
+from .model_option import declare_model
 from .shares import declare_partition, share_of
 
 CELL_QUALITY = "cell_quality"
@@ -95,7 +95,7 @@ class Quality(CheckedOnProcesses, om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=(FittedModel, ModelShare), recordable=False, desc="the fitted grid")
+        declare_model(self)
         declare_partition(self)
         default = tuple(name for name, aggregate in AGGREGATES.items() if aggregate.is_default)
         self.options.declare("aggregates", default=default, desc="bounds that are outputs")

@@ -23,6 +23,7 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
+from .model_option import declare_model
 
 
 class SurfaceControlFit(om.ExplicitComponent):
@@ -80,7 +81,7 @@ class SurfaceControlFit(om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_model(self, FittedModel)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
         self.options.declare("numbers", default=None, recordable=False, desc="which of them are given")

@@ -7,7 +7,6 @@ import openmdao.api as om
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap, SurfaceState
-from ..model.fitted_model import MODELS
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from .component import (
     LINEAR_STEP,
@@ -19,6 +18,7 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
+from .model_option import declare_model
 
 
 class SurfaceEvaluate(om.ExplicitComponent):
@@ -67,7 +67,7 @@ class SurfaceEvaluate(om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid")
+        declare_model(self)
         self.options.declare("mesh", types=MovingMesh, recordable=False, desc="its control mesh, ready to move")
         self.options.declare("surface", types=SurfaceGrid, recordable=False, desc="which nodes")
 

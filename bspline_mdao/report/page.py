@@ -21,11 +21,12 @@ from ..errors import InputError
 from ..io.disk import replaced_file
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
+from ..om.model_option import named_model
 from ..plotting.figures import require
 from ..wording import counted
-from .cells import worst_cells
 from .charts import Chart, height_chart, history_charts, pressure_chart, quality_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
+from .model_file import find_model
 from .space import LAYERS, SHOWN, camera, space_traces
 from .tables import Table, fit_table, height_table, history_table, number, quality_table, variable_table, worst_table
 from .walls import DrawnWalls, boundary_faces, wall_quads
@@ -91,7 +92,8 @@ def write_report(
         pressures are shown as far as ``control_points`` (or ``grid``) and ``Cp`` are recorded, optimality where
         derivatives are.
     model : FittedModel or path-like, optional
-        The model that was optimised, for a case file.
+        The model that was optimised, for a case file; by default the file that the case file names, or one beside it
+        of the same checksum.
     title : str, optional
         Heading of the page; by default the name of the source.
     most_triangles : int
@@ -135,11 +137,9 @@ def _contents(source, model, title: str | None) -> Contents:
     diagram, missing = _diagram(source)
     contents = Contents(title or Path(source).name, history=history, missing=missing, diagram=diagram)
     if model is None:
-        text = (
-            "The case file does not hold the grid: give the model that was optimised, --model MODEL.h5 or "
-            "write_report(..., model=...), to see it with its quality."
-        )
-        return contents.without(text)
+        model, reason = find_model(Path(source), named_model(history.options))
+        if model is None:
+            return contents.without(reason)
     return with_model(contents, model if isinstance(model, FittedModel) else FittedModel.load(model))
 
 
@@ -216,7 +216,7 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
     shapes = contents.shapes
     quality = GridQuality.of_baseline(model.regenerate())
     reports = [report_quality(quality, shape.nodes) for shape in shapes]
-    worst = [worst_cells(quality, shape.nodes) for shape in shapes]
+    worst = [report.worst for report in reports]
     walls = DrawnWalls.of(model.topology, shapes[0].nodes, most_triangles)
     corners = wall_quads(model.topology, shapes[0].nodes) if any(shape.pressures for shape in shapes) else None
     cells = quality.first_cells if len(quality.first_cells.baseline) else None

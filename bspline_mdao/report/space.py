@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..cells.first_cells import FirstCells
+from ..cells.report import WorstCell
 from ..model.fitted_model import FittedModel
 from ..topology.sharing import boundary_sections
-from .cells import WorstCell
 from .contents import Axes, Contents, Shape
 from .walls import DrawnWalls, boundary_faces, every_line
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..cells.first_cells import FirstCells
-from ..cells.report import QualityReport
+from ..cells.report import QualityReport, WorstCell
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import CaseHistory
-from .cells import WorstCell
 from .contents import Shape
 
 __all__ = ["Table", "fit_table", "height_table", "history_table", "quality_table", "variable_table", "worst_table"]
@@ -71,16 +70,16 @@ def quality_table(shapes: Sequence[Shape], reports: Sequence[QualityReport]) -> 
 
 def worst_table(shape: Shape, cells: Sequence[WorstCell]) -> Table:
     """The worst cells, and where they are."""
-    rows = [
-        (c.block, f"{c.i}, {c.j}, {c.k}", number(c.q, 3), number(c.corner, 3), ", ".join(number(x, 4) for x in c.place))
-        for c in cells
-    ]
-    columns = ("block", "cell i, j, k", "Q", "corner", "place x, y, z (m)")
+    rows = []
+    for c in cells:
+        place = ", ".join(number(x, 4) for x in c.place)
+        rows.append((c.block, f"{c.i}, {c.j}, {c.k}", number(c.corner, 3), number(c.q, 3), place, c.patch or "–"))
+    columns = ("block", "cell i, j, k", "corner", "Q", "place x, y, z (m)", "at")
     return Table(
         f"Worst cells: {shape.label.lower()}",
         columns,
         rows,
-        "Inverted cells first, then the smallest Q; numbers are from 1.",
+        "The smallest corner triple products, as the command quality names them; numbers are from 1.",
     )
 
 

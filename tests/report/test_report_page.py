@@ -11,12 +11,10 @@ import pytest
 from report_cases import recorded_wing, small_model, twisted_wing
 
 from bspline_mdao import FittedModel, fit_grid, onera_m6_grid, optimality_of, write_report
-from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cli.main import run
 from bspline_mdao.errors import InputError
 from bspline_mdao.om.drivers.case_history import read_history
 from bspline_mdao.report import openmdao_report
-from bspline_mdao.report.cells import worst_cells
 from bspline_mdao.report.walls import DrawnWalls, cut
 
 pytest.importorskip("plotly", reason="plotly is not installed")
@@ -220,21 +218,6 @@ def test_the_last_optimality_is_that_of_the_problem(case_file, model):
     residual, violation = optimality_of(problem)
     assert history.convergence.residuals[-1] == pytest.approx(residual, rel=1e-4)
     assert history.convergence.violations[n] == pytest.approx(violation, rel=1e-5)
-
-
-def test_the_worst_cells_are_the_worst(model):
-    rng = np.random.default_rng(7)
-    nodes = model.regenerate().to_vector().reshape(-1, 3)
-    quality = GridQuality.of_baseline(model.regenerate())
-    nodes = nodes + 0.02 * rng.standard_normal(nodes.shape)  # some cells fold
-    found = worst_cells(quality, nodes, 12)
-    measures = [(v, q) for c in quality.cells(nodes) for v, q in zip(c.is_valid.ravel(), c.q.ravel())]
-    assert [cell.q for cell in found] == [q for _, q in sorted(measures)[:12]]
-    assert any(cell.corner < 0 for cell in found)
-    for cell in found:
-        block = next(b for b in quality.blocks if b.name == cell.block)
-        corners = block.nodes_of(nodes)[cell.i - 1 : cell.i + 1, cell.j - 1 : cell.j + 1, cell.k - 1 : cell.k + 1]
-        np.testing.assert_allclose(cell.place, corners.reshape(-1, 3).mean(axis=0))
 
 
 def test_few_triangles_are_drawn_of_many_and_edges_stay():

@@ -18,10 +18,10 @@ from ...flow.hinges import HingeMoment
 from ...flow.stream import RADIAN
 from ...mesh.surface import SurfaceGrid
 from ...model.fitted_model import FittedModel
-from ...model.model_share import ModelShare
 from ...names import GRID
 from ...topology.partition import Partition, Share
 from ..component import CheckedOnProcesses, add_bar, direction_in, fails_together
+from ..model_option import declare_model
 from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
@@ -138,7 +138,7 @@ class EulerFlow(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=(FittedModel, ModelShare), recordable=False, desc="the fitted grid")
+        declare_model(self)
         declare_references(self.options)
         declare_partition(self)
         self.options.declare("axes", default="xzy", desc="axes downstream, along the span, up")

@@ -16,11 +16,11 @@ from ...flow.span_strips import SpanStrips
 from ...flow.stream import RADIAN
 from ...measures.camber_surface import CamberSurface
 from ...mesh.surface import SurfaceGrid
-from ...model.fitted_model import MODELS
 from ...model.model_share import ModelShare, nodes_at
 from ...names import GRID, SURFACE
 from ...topology.partition import Partition
 from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
+from ..model_option import declare_model
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_coefficients, declare_references
 from .vortex_lattice import LatticeStates
@@ -90,7 +90,7 @@ class LatticeFlow(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=MODELS, recordable=False, desc="the fitted grid")
+        declare_model(self)
         declare_references(self.options)
         self.options.declare("n_chord", types=int, default=5, lower=2, desc="nodes along the chord")
         self.options.declare("n_span", types=int, default=17, lower=3, desc="nodes along the span")

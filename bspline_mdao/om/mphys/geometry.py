@@ -11,6 +11,7 @@ from ...model.fitted_model import FittedModel
 from ...names import SURFACE
 from ...numerics.processes import summed
 from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions
+from ..model_option import declare_model
 from ..surface_control import SurfaceControl
 from ..surface_evaluate import SurfaceEvaluate
 from ..surface_measure import SurfaceMeasure
@@ -81,7 +82,7 @@ class SurfaceGeometry(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_model(self, FittedModel)
         self.options.declare(
             "parametrization", types=Parametrization, recordable=False, desc="variables and constraints"
         )

@@ -13,6 +13,7 @@ from ...numerics.processes import summed, together
 from ...topology.partition import Partition, Share
 from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions, finite_points
 from ..grid_movement import GridMovement
+from ..model_option import declare_model
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
 from .distribution import nodes_of_rank
 from .renamed import Renamed, Renaming
@@ -94,7 +95,7 @@ class VolumeWarper(om.Group):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_model(self, FittedModel)
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
         self.options.declare("surface", default=None, recordable=False, desc="the design surface")
         self.options.declare("numbers", default=None, recordable=False, desc="surface nodes that the solver has")

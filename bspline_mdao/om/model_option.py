@@ -1,0 +1,89 @@
+"""The option ``model`` of systems, and what case files of any recorder say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import NamedTuple
+
+import openmdao.api as om
+
+from ..model.fitted_model import MODELS, FittedModel
+
+__all__ = ["NamedModel", "declare_model", "named_model"]
+
+IN_RECORDS = "model_in_records"
+"""Option that recorders keep."""
+
+
+class NamedModel(NamedTuple):
+    """What a case file says of the model that was optimised.
+
+    Parameters
+    ----------
+    checksum : str
+        Checksum of the model.
+    file : str
+        File that it was saved to or loaded from before the run; empty where it was neither.
+    """
+
+    checksum: str
+    file: str
+
+
+class _InRecords:
+    """Text that names the model of a system, made when a recorder asks for it: saved by then, it has a file."""
+
+    def __init__(self, options):
+        self._options = options
+
+    def __str__(self) -> str:
+        try:
+            model = self._options["model"]
+        except RuntimeError:  # it is not set
+            return ""
+        return f"{model.checksum} {model.file or ''}" if isinstance(model, FittedModel) else ""
+
+    __repr__ = __str__
+
+    def __deepcopy__(self, memo):
+        return _InRecords(deepcopy(self._options, memo))
+
+    def __reduce__(self):
+        return str, (str(self),)  # a case file is read without this package
+
+
+def declare_model(system: om.System, types=MODELS, desc: str = "the fitted grid") -> None:
+    """Declare the option ``model``, in ``initialize``, and one that names the model in case files.
+
+    The model itself is too large for them. OpenMDAO's recorders keep the other options of all systems.
+
+    Parameters
+    ----------
+    system : openmdao.api.System
+        The system.
+    types : type or tuple of types
+        What it takes for a model.
+    desc : str
+        What the model is.
+    """
+    system.options.declare("model", types=types, recordable=False, desc=desc)
+    text = _InRecords(system.options)
+    system.options.declare(IN_RECORDS, default=text, desc="made by itself: names the model in case files")
+
+
+def named_model(options: Mapping[str, Mapping[str, object]]) -> NamedModel | None:
+    """Find what the options of systems, as a case file has them, say of their model.
+
+    Parameters
+    ----------
+    options : mapping of str to mapping
+        Options of the systems by their names.
+
+    Returns
+    -------
+    NamedModel or None
+        Of the first system that has a model; None where none has, or each process has a share of it alone.
+    """
+    texts = (str(of_system.get(IN_RECORDS) or "") for of_system in options.values())
+    return next((NamedModel(*text.split(" ", 1)) for text in texts if text), None)
