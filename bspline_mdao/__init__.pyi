@@ -2,6 +2,10 @@
 
 from .adaptation.improve import improve_grid as improve_grid
 from .adaptation.improvement import Improvement as Improvement
+from .cad.files import CadShape as CadShape
+from .cad.files import read_cad as read_cad
+from .cad.write_cad import CadReport as CadReport
+from .cad.write_cad import write_cad as write_cad
 from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
 from .design.interior_points import InteriorPoints as InteriorPoints

@@ -1,5 +1,6 @@
 """What the documentation shows works: its Python examples and its command lines."""
 
+import importlib.util
 import json
 import os
 import re
@@ -62,6 +63,17 @@ def test_the_grid_comes_out_as_the_page_says(folder, monkeypatch):
     longer = read_grid("longer.cgns").to_vector().reshape(-1, 3)
     np.testing.assert_allclose(np.sort(longer, axis=0), np.sort(contents["grid"].to_vector().reshape(-1, 3), axis=0))
     assert {"bent.xyz", "fine.xyz", "coarse.cgns", "wing.vtm", "thicker.xyz", "fine.cgns"} <= set(os.listdir(folder))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("OCP") is None, reason="OpenCascade is missing: the extra cad")
+def test_surfaces_go_into_cad_as_the_page_says(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert cli(["inspect", "wing.xyz", "--draft", "wing.toml"]) == 0
+    assert run_commands("howto/cad.rst") == ["fit", "cad", "cad", "move"]
+    contents = run_blocks("howto/cad.rst")
+    assert contents["report"].distance < contents["report"].tolerance
+    assert contents["shape"].is_valid
+    assert {"wing.step", "wing.igs", "twisted.step", "longer.step"} <= set(os.listdir(folder))
 
 
 def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):

@@ -231,8 +231,9 @@ def refine(**options) -> None:
 @click.option(
     "--surface",
     type=click.Path(path_type=Path),
-    metavar="FILE.csv",
-    help="Write the new control points of the design surface, in the order in which --deform reads them.",
+    metavar="FILE",
+    help="Write the new surface: its control points (.csv), in the order in which --deform reads them, or CAD (.step, "
+    ".igs), see the command cad.",
 )
 @click.option("--allow-invalid", is_flag=True, help="Write the grid even if cells of it are inverted.")
 @json_option
@@ -383,6 +384,42 @@ def quality(**options) -> None:
     from .quality import measure_quality
 
     measure_quality(**options)
+
+
+@command("cad wing.h5 -o wing.step", "cad wing.h5 -o wing.igs --units mm --tolerance 1e-5")
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    required=True,
+    help="File to write: .step or .stp, .iges or .igs.",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="T",
+    help="Largest distance (m) from walls with curved knots, which are refitted; 1e-6 of the size of the walls by "
+    "default.",
+)
+@click.option(
+    "--units",
+    type=click.Choice(("m", "mm", "in", "ft")),
+    default="m",
+    show_default=True,
+    help="Unit of length of the file.",
+)
+@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to write, more than once; all walls by default.")
+@json_option
+def cad(**options) -> None:
+    """Write the walls of a model as B-spline surfaces for CAD, sewn along their edges, and read them back.
+
+    Sides of blocks with straight knots are exact; others are refitted to the tolerance, their edges exactly.
+    """
+    from .cad import write_cad_file
+
+    write_cad_file(**options)
 
 
 @command("report wing.h5 -o wing.html", "report case.sql --model wing.h5 -o optimum.html")

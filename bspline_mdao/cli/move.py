@@ -13,6 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..cad.files import SUFFIXES
+from ..cad.opencascade import require_opencascade
+from ..cad.write_cad import write_cad
 from ..cells.grid_quality import GridQuality
 from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from ..design.deformation import Deformation
@@ -32,6 +35,7 @@ from ..topology.grid import Grid
 from ..topology.sharing import node_sharing
 from ..walls.wall_correction import WallCorrection
 from ..wording import counted
+from .cad import show_cad
 from .movers import MoverOptions
 from .output import (
     MEANING_OF_INVALID,
@@ -76,7 +80,7 @@ class MoveOptions:
     slide, fix, release : tuple of str
         Patches that slide in their planes, are fixed, and are free.
     surface : Path, optional
-        File for the new control points of the design surface.
+        File for the new control points of the design surface, or for the surface as CAD.
     allow_invalid : bool
         Write a grid with inverted cells all the same.
     mover : MoverOptions
@@ -133,6 +137,9 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
         If the move cannot be done, or inverts cells of the grid; nothing is written then.
     """
     check_outputs([output, json, options.surface], [model_file, *filter(os.path.isfile, options.deform)])
+    is_cad = options.surface is not None and options.surface.suffix.lower() in SUFFIXES
+    if is_cad:
+        require_opencascade()
     with progress_bar() as progress:
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
@@ -142,10 +149,14 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
             raise MovementError(complaint(model, moved, options.mover))
         progress(0.9, "writing")
         with written_json(json, move_numbers(model_file, output, moved, options)):
-            if options.surface:
+            if is_cad:
+                cad = write_cad(options.surface, model, moved.movement.points, options.design or None)
+            elif options.surface:
                 _write_points(options.surface, moved.surface)
             write_grid(output, moved.grid, model.topology)
     show_move(model_file, output, moved, options)
+    if is_cad:
+        show_cad(cad)
     print_warnings(model.topology.warnings)
 
 
