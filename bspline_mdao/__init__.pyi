@@ -128,6 +128,7 @@ from .om.drivers.combinations import even_combinations as even_combinations
 from .om.drivers.combinations import even_pressures as even_pressures
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
+from .om.drivers.scipy_driver import ScipyDriver as ScipyDriver
 from .om.drivers.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.fit import Fit as Fit
 from .om.flow.error_estimate import error_estimate as error_estimate

@@ -80,6 +80,7 @@ def improve_file(path: Path, sliding: tuple[str, ...], figures=None) -> dict:
         return {"refused": str(error).replace(str(path), path.name)}
     seconds = time.process_time() - started
     if figures is not None:
+        Path(figures).mkdir(parents=True, exist_ok=True)
         draw(found, given, Path(figures, f"improve_{path.stem}.png"))
     return numbers_of(found, given, seconds)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import traceback
@@ -20,6 +21,9 @@ FAILED, INTERRUPTED = 2, 130
 
 SHARED = {"fit", "quality"}
 """Commands that know of several processes."""
+
+WITH_OPENMDAO = {"report"}
+"""Commands of the first process that import OpenMDAO. Its PETSc begins on all processes together, or breaks them."""
 
 EXPECTED = (click.ClickException, InputError, MovementError, OSError)
 """What commands raise on all processes alike."""
@@ -61,6 +65,8 @@ def run(arguments: Sequence[str]) -> int:
     except ImportError as error:
         _say(str(error))
         return FAILED
+    if processes.size > 1 and not WITH_OPENMDAO.isdisjoint(arguments[:1]):
+        importlib.import_module("openmdao.api")
     if processes.rank > 0 and SHARED.isdisjoint(arguments[:1]):
         return from_first(processes, None)
     if processes.rank > 0:

@@ -413,7 +413,7 @@ DRIVER = {
     "optimizer": Key(TEXT, "of NLopt, such as LD_SLSQP, or of SciPy: " + ", ".join(SCIPY), "LD_SLSQP"),
     "tolerance": Key(POSITIVE, "change of the objective at which it ends: relative (NLopt), or SciPy's tol", 1e-6),
     "max_iterations": Key(WHOLE, "at most so many evaluations (NLopt) or iterations (SciPy)", 100),
-    "options": Key(OPTIONS, "other options of NLoptDriver or ScipyOptimizeDriver by their names", otherwise="none"),
+    "options": Key(OPTIONS, "other options of NLoptDriver or ScipyDriver by their names", otherwise="none"),
 }
 """Table ``[driver]``."""
 

@@ -249,7 +249,7 @@ class _Script:
         driver, name = self.study.driver, self.study.driver["optimizer"]
         if name in SCIPY:
             settings = {"optimizer": name, "tol": driver["tolerance"], "maxiter": driver["max_iterations"]}
-            made = "om.ScipyOptimizeDriver"
+            made = "bm.ScipyDriver"
         else:
             settings = {"optimizer": name, "ftol_rel": driver["tolerance"], "maxeval": driver["max_iterations"]}
             made = "bm.NLoptDriver"

@@ -65,3 +65,22 @@ def test_what_is_wrong_is_said_once_and_all_ranks_end_alike(wing):
     assert first.splitlines()[1:] == ["2"]
     assert "does not exist" in first
     assert second == "2\n"
+
+
+def test_a_report_and_an_improvement_on_two_ranks_are_those_on_one(wing):
+    for n in (1, 2):
+        numbers_of(n, wing / f"report{n}.json", "report", wing / "3.h5", "-o", wing / f"{n}.html")
+        numbers_of(
+            n, wing / f"improve{n}.json", "improve", wing / "3.h5", "-o", wing / f"better{n}.xyz", "--iterations", 2
+        )
+    assert (wing / "better1.xyz").read_bytes() == (wing / "better2.xyz").read_bytes()
+    reports = [json.loads((wing / f"report{n}.json").read_text()) for n in (1, 2)]
+    assert reports[0]["triangles"] == reports[1]["triangles"] > 0
+
+
+def test_a_report_of_a_missing_file_is_refused_on_all_ranks(tmp_path):
+    first, *others = run_ranks(
+        "cases/command.py", 2, "report", str(tmp_path / "none.h5"), "-o", str(tmp_path / "r.html")
+    )
+    assert first.endswith("2\n")
+    assert others == ["2\n"]

@@ -1,0 +1,160 @@
+"""SciPy's optimizers as OpenMDAO drives them, which survive failed analyses and show how far they are.
+
+Theory: ``docs/theory/drivers.rst``, "Failed analyses".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+
+from ...numerics.progress import Progress, shown
+from .nlopt_problem import Point
+from .nlopt_rules import SearchRecord, Substitute, uphill, worst
+
+__all__ = ["ScipyDriver"]
+
+RECOVERIES = {
+    **dict.fromkeys(("L-BFGS-B", "TNC"), uphill),
+    **dict.fromkeys(("SLSQP", "COBYLA", "COBYQA", "Nelder-Mead", "Powell", "differential_evolution"), worst),
+}
+"""What optimizers are given where an analysis fails. Those that are not here were seen to end elsewhere than at the
+optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as they should: failures pass through."""
+
+
+class ScipyDriver(om.ScipyOptimizeDriver):
+    """SciPy's optimizers, with a bar of progress, where a failed analysis is a step too far and not the end.
+
+    It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
+    one gives the optimizer a value that makes it take a shorter step, puts the model back into the states of the last
+    good run, and goes on. So it does with ``SLSQP``, ``L-BFGS-B``, ``TNC``, ``COBYLA``, ``COBYQA``, ``Nelder-Mead``,
+    ``Powell`` and ``differential_evolution``; with other optimizers, in the first run and in derivatives a failure
+    passes through. `NLoptDriver` also starts again from the best point where failures have ended a search.
+
+    At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
+    that ends at a failure has failed, and leaves the model at its best point.
+
+    Parameters
+    ----------
+    **kwargs : dict
+        Options of the driver.
+
+    Attributes
+    ----------
+    n_failed_analyses : int
+        Number of analyses that failed in the last run.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import ScipyDriver
+    >>> problem = om.Problem(driver=ScipyDriver(optimizer="SLSQP", tol=1e-9, disp=False), reports=None)
+    >>> _ = problem.model.add_subsystem("bowl", om.ExecComp("f = (x - 3)**2"), promotes=["*"])
+    >>> problem.model.add_design_var("x", lower=-50, upper=50)
+    >>> problem.model.add_objective("f")
+    >>> _ = problem.setup()
+    >>> problem.run_driver().success
+    True
+    >>> print(f"{problem.get_val('x').item():.3f}")
+    3.000
+    """
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.n_failed_analyses = 0
+        self._tell: Progress | None = None
+        self._record: SearchRecord | None = None
+        self._substitute: Substitute | None = None
+        self._last = self._good_states = np.zeros(0)
+        self._base_constraints: dict = {}
+
+    def run(self) -> bool:
+        """Optimise.
+
+        Returns
+        -------
+        bool
+            True if it failed.
+        """
+        self.n_failed_analyses, self._record, self._substitute = 0, None, None
+        with shown(self._get_name()) as tell:
+            self._tell = tell
+            try:
+                fail = super().run()
+                self.fail = self._end_at_the_result(fail)
+            finally:
+                self._tell = None
+        return self.fail
+
+    def _objfunc(self, x_new):
+        """Objective at a point, or what makes the optimizer turn back where the analysis fails."""
+        if self._record is None:
+            self._begin()
+        self._last = np.array(x_new, dtype=float)
+        objective, self._substitute = super()._objfunc(x_new), None
+        is_failed = self._exc_info is not None and issubclass(self._exc_info[0], om.AnalysisError)
+        is_failed |= self._exc_info is None and not np.all(np.isfinite(objective))
+        if is_failed and self.options["optimizer"] in RECOVERIES:
+            objective, self._con_cache = self._turn_back(), self._base_constraints
+        elif self._exc_info is None:
+            objective = float(np.ravel(objective)[0])
+            self._keep(objective)
+        if self._tell is not None and self._record is not None:
+            self._tell(-1.0, f"run {self.iter_count}, best objective {self._record.base.objective:.6g}")
+        return objective
+
+    def _gradfunc(self, x_new):
+        """Gradient where the analysis did not fail."""
+        if self._substitute is not None:
+            return self._substitute.totals[0]
+        gradient, self._base_constraints = super()._gradfunc(x_new), self._con_cache
+        if self._exc_info is None and self._record is not None and np.array_equal(self._last, self._record.base.x):
+            self._record = self._record.with_totals(self._record.base, np.array(gradient, dtype=float)[None])
+        return gradient
+
+    def _begin(self) -> None:
+        """Take the first run, which the driver has done already, for the first point."""
+        designs = [np.ravel(value) for value in self.get_design_var_values().values()]
+        objective = float(np.ravel(next(iter(self.get_objective_values().values())))[0])
+        self._record = SearchRecord.at(_point(np.concatenate(designs), objective))
+        self._good_states, self._base_constraints = self._states().copy(), self._con_cache
+
+    def _keep(self, objective: float) -> None:
+        """Take note of a point."""
+        assert self._record is not None
+        self._record = self._record.with_point(_point(self._last, objective), 0.0)
+        self._good_states[:] = self._states()
+
+    def _turn_back(self) -> float:
+        """Count a failure and put the model back; the value for the optimizer."""
+        assert self._record is not None
+        self._exc_info = None
+        self.n_failed_analyses += 1
+        self._states()[:] = self._good_states
+        self._substitute = RECOVERIES[self.options["optimizer"]](self._record, self._last)
+        return self._substitute.objective
+
+    def _states(self) -> np.ndarray:
+        """All outputs of the model."""
+        return self._problem().model._outputs.asarray()
+
+    def _end_at_the_result(self, fail: bool) -> bool:
+        """Run the model where the optimizer says that it ended, unless it was last run there; whether it failed.
+
+        A search whose every step failed ends beside the last good point, whatever it says.
+        """
+        found = np.asarray(getattr(self._scipy_optimize_result, "x", self._last), dtype=float)
+        if self._record is None or (np.array_equal(found, self._last) and self._substitute is None):
+            return fail
+        self._objfunc(found)
+        if self._substitute is not None:
+            self._objfunc(self._record.base.x)
+            fail = True
+        if self._exc_info is not None:
+            self._reraise()
+        return fail
+
+
+def _point(x: np.ndarray, objective: float) -> Point:
+    """A point by its objective alone: the optimizer keeps its own account of constraints."""
+    return Point(x.copy(), objective, np.zeros(0), np.zeros(0))
