@@ -6,6 +6,7 @@ from .cad.files import CadShape as CadShape
 from .cad.files import read_cad as read_cad
 from .cad.write_cad import CadReport as CadReport
 from .cad.write_cad import write_cad as write_cad
+from .design.coarse_net import CoarseNet as CoarseNet
 from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
 from .design.interior_points import InteriorPoints as InteriorPoints
@@ -126,6 +127,8 @@ from .om.design_surface import DesignSurface as DesignSurface
 from .om.drivers.combinations import combine as combine
 from .om.drivers.combinations import even_combinations as even_combinations
 from .om.drivers.combinations import even_pressures as even_pressures
+from .om.drivers.design_level import DesignLevel as DesignLevel
+from .om.drivers.design_level import unused_gradient as unused_gradient
 from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
 from .om.drivers.scipy_driver import ScipyDriver as ScipyDriver

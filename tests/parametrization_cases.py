@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 
 from bspline_mdao import onera_m6_grid
+from bspline_mdao.design.coarse_net import CoarseNet
 from bspline_mdao.design.displacement import Local
 from bspline_mdao.design.free_form import FreeForm
 from bspline_mdao.design.lattice import Lattice
@@ -73,6 +74,7 @@ def swelling(name):
 
 
 VARIABLES = {
+    CoarseNet: lambda mesh: CoarseNet.of(wing_model(), mesh, Local("bump", direction="normal"), n=4),
     Camber: lambda mesh: Camber("camber", ReferenceAxis.of(mesh), stations=3),
     Chord: lambda mesh: Chord("chord", ReferenceAxis.of(mesh), stations=3),
     Dihedral: lambda mesh: Dihedral("dihedral", ReferenceAxis.of(mesh), stations=3),

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array
 
 from ..errors import InputError
+from ..mesh.moving_mesh import MovingMesh
 from ..shown import OneLine
 from .control_net import surface_normals
 from .selection import Where, rows_of
@@ -98,10 +99,19 @@ class Local(OneLine):
         InputError
             If nothing is selected, or the directions do not fit what is.
         """
-        mesh = layout.mesh
-        rows = np.arange(layout.n_surface) if self.where is None else rows_of(self.where, mesh, f"'{self.name}'")
-        directions = directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], f"'{self.name}'")
-        return Displacement(displacements(rows, directions, len(layout.points)))
+        return Displacement(displacements(*self.directed(layout.mesh), len(layout.points)))
+
+    def directed(self, mesh: MovingMesh) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points that are selected on a mesh, shape (n,), and their directions, shape (n, 3, m).
+
+        Raises
+        ------
+        InputError
+            As `bind`.
+        """
+        what = f"'{self.name}'"
+        rows = np.arange(len(mesh.surface_ids)) if self.where is None else rows_of(self.where, mesh, what)
+        return rows, directions_of(self.direction, len(rows), lambda: surface_normals(mesh)[rows], what)
 
 
 def directions_of(direction: Direction, n: int, normals: Callable[[], np.ndarray] | None, what: str) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
-from .nlopt_problem import Limits, Statement
+from .nlopt_problem import Limits, Point, Statement
 from .optimality import optimality
 
 __all__ = ["FEASIBLE", "CaseHistory", "Convergence", "Quantity", "read_history"]
@@ -41,11 +41,14 @@ class Convergence(NamedTuple):
         Evaluations that had a gradient, from 0.
     residuals : ndarray, shape (m,)
         Residuals of the first-order conditions there.
+    totals : ndarray, shape (m, 1 + n_constraints, n_variables)
+        Totals of objective and constraints there; empty where there are none.
     """
 
     violations: np.ndarray
     differentiated: np.ndarray
     residuals: np.ndarray
+    totals: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +131,14 @@ class CaseHistory:
     def of_kind(self, kind: str) -> tuple[Quantity, ...]:
         """Quantities of one kind."""
         return tuple(quantity for quantity in self.quantities if quantity.kind == kind)
+
+    def statement(self) -> Statement:
+        """Bounds and constraints as the driver sees them."""
+        return _statement(self.quantities)
+
+    def scaled_points(self) -> list[Point]:
+        """All evaluations as the driver sees them; there has to be one objective."""
+        return _points(self.quantities, self.n_evaluations)
 
 
 def read_history(file) -> CaseHistory:
@@ -220,19 +231,33 @@ def _convergence(quantities: tuple[Quantity, ...], cases) -> Convergence | None:
     )
     if len(objectives) != 1 or objectives[0].values.shape[1] != 1:
         return None
-    bounds, limits = (tuple(q.limits() for q in part) for part in (designs, constraints))
-    statement = Statement.of(bounds, limits, tolerance=0.0)
-    x, objective, others = (_rows(part, len(cases)) for part in (designs, objectives, constraints))
-    points = [statement.point(*point) for point in zip(x, objective[:, 0], others)]
+    statement, points = _statement(quantities), _points(quantities, len(cases))
     violations = np.array([point.violation for point in points])
     found = []
     for n, after in enumerate(cases[1:]):  # OpenMDAO files a gradient under the evaluation that comes next
         totals = after.derivatives
         if totals:
             rows = ([totals[q.name, wrt.name] for wrt in designs] for q in (*objectives, *constraints))
-            found.append((n, optimality(statement, points[n], np.vstack([np.hstack(row) for row in rows]))))
-    numbers, residuals = zip(*found) if found else ((), ())
-    return Convergence(violations, np.array(numbers, dtype=int), np.array(residuals))
+            found.append((n, np.vstack([np.hstack(row) for row in rows])))
+    residuals = [optimality(statement, points[n], matrix) for n, matrix in found]
+    matrices = [matrix for _, matrix in found]
+    stacked = np.array(matrices) if found else np.zeros((0, 0, 0))
+    return Convergence(violations, np.array([n for n, _ in found], dtype=int), np.array(residuals), stacked)
+
+
+def _statement(quantities: tuple[Quantity, ...]) -> Statement:
+    """Bounds and constraints as the driver sees them."""
+    bounds, limits = (tuple(q.limits() for q in quantities if q.kind == kind) for kind in ("variable", "constraint"))
+    return Statement.of(bounds, limits, tolerance=0.0)
+
+
+def _points(quantities: tuple[Quantity, ...], n: int) -> list[Point]:
+    """All evaluations as the driver sees them."""
+    x, objective, others = (
+        _rows([q for q in quantities if q.kind == kind], n) for kind in ("variable", "objective", "constraint")
+    )
+    statement = _statement(quantities)
+    return [statement.point(*point) for point in zip(x, objective[:, 0], others)]
 
 
 def _rows(quantities: list[Quantity], n: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from .nlopt_problem import Point, Statement
 from .scaled_model import ScaledModel
 
-__all__ = ["ACTIVE", "optimality", "optimality_of"]
+__all__ = ["ACTIVE", "multipliers", "optimality", "optimality_of"]
 
 ACTIVE = 1e-4
 """Distance from a limit, relative to its size where that exceeds one, within which it may hold the point: a hundred
@@ -56,6 +56,33 @@ def optimality(statement: Statement, point: Point, totals: np.ndarray) -> float:
     if outward.shape[1] == 0:
         return float(np.linalg.norm(totals[0]))
     return float(nnls(outward, -totals[0], maxiter=10 * outward.shape[1])[1])
+
+
+def multipliers(statement: Statement, point: Point, totals: np.ndarray) -> np.ndarray:
+    """Best multipliers of the constraints, see `optimality`.
+
+    Parameters
+    ----------
+    statement, point, totals
+        As for `optimality`.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        With them ``grad f + sum(y_i grad c_i)`` is the gradient of the Lagrangian but for bounds; of either sign, zero
+        where no limit may hold the point.
+    """
+    outward = _outward(statement, point, totals)
+    if outward.shape[1] == 0:
+        return np.zeros(len(totals) - 1)
+    found = nnls(outward, -totals[0], maxiter=10 * outward.shape[1])[0]
+    # each constraint by itself: the same rows of the outward gradients, of unit gradients of the constraints
+    unit = np.vstack([np.zeros(len(totals) - 1), np.eye(len(totals) - 1)])
+    rows, same = statement.inequalities, statement.equalities
+    is_active = _is_near(-rows.values(point.constraints), rows.limits)
+    equal = same.gradients(unit[1:])
+    signs = np.vstack([rows.gradients(unit[1:])[is_active], equal, -equal])
+    return signs.T @ found[: len(signs)]
 
 
 def optimality_of(problem: om.Problem) -> tuple[float, float]:

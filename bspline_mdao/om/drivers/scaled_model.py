@@ -164,6 +164,12 @@ class ScaledModel:
             self._check_for_zeros()
         return totals if self._linear_totals is None else np.vstack([totals, self._linear_totals])
 
+    def differentiate_in(self, name: str) -> np.ndarray:
+        """Totals (1 + m, size) of objective and constraints in any output of the model, in its units there."""
+        problem = self._driver._problem()
+        names = [*self._driver._objs, *self._constraints]
+        return np.array(problem.compute_totals(names, [name], return_format="array", driver_scaling=True))
+
     def design_limits(self) -> tuple[Limits, ...]:
         """Scaled bounds of the design variables."""
         values = self._driver.get_design_var_values()
