@@ -7,6 +7,7 @@ from .cad.files import read_cad as read_cad
 from .cad.write_cad import CadReport as CadReport
 from .cad.write_cad import write_cad as write_cad
 from .design.coarse_net import CoarseNet as CoarseNet
+from .cells.curved_grid import CurvedGrid as CurvedGrid
 from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
 from .design.interior_points import InteriorPoints as InteriorPoints
@@ -80,6 +81,7 @@ from .generators.wing import Wing as Wing
 from .generators.wing import cambered_section as cambered_section
 from .generators.wing import flat_section as flat_section
 from .generators.wing import naca_section as naca_section
+from .io.curved import write_curved_grid as write_curved_grid
 from .io.files import open_grid as open_grid
 from .io.files import read_grid as read_grid
 from .io.files import write_grid as write_grid
@@ -103,6 +105,7 @@ from .mesh.boundary import moving_grid as moving_grid
 from .mesh.boundary import moving_mesh as moving_mesh
 from .mesh.moving_mesh import MovingMesh as MovingMesh
 from .mesh.surface import SurfaceGrid as SurfaceGrid
+from .model.curved import curved_grid as curved_grid
 from .model.fitted_model import FittedModel as FittedModel
 from .model.fitted_model import family_member as family_member
 from .movement.delaunay import DelaunayGraph as DelaunayGraph

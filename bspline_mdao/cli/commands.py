@@ -16,7 +16,7 @@ import click
 
 from .. import __version__
 from ..fit.options import EXPONENTS, METHODS
-from ..io.formats import read_names, written_names
+from ..io.formats import curved_names, read_names, written_names
 from .movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
 from .sources import BUILT_IN
 from .words import DEFINITIONS, PROGRAM
@@ -27,6 +27,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 NAMES = {
     "read": read_names(),
     "written": written_names(),
+    "curved": curved_names(),
     "built_in": f"{' or '.join(f'@{name}' for name in BUILT_IN)}, at another size as @{next(iter(BUILT_IN))}:45x65x33",
     "definitions": DEFINITIONS,
 }
@@ -161,7 +162,7 @@ def fit(**options) -> None:
     fit_model(**options)
 
 
-@command("refine wing.h5 --factor 2 -o fine.xyz")
+@command("refine wing.h5 --factor 2 -o fine.xyz", "refine wing.h5 --factor 0.5 --degree 3 -o curved.cgns")
 @click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
 @click.option(
     "--factor",
@@ -171,11 +172,19 @@ def fit(**options) -> None:
     help="Cells per direction, by those of the grid; below 1 for a coarser member.",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
+@click.option(
+    "--degree",
+    type=click.IntRange(1, 4),
+    metavar="D",
+    help="Write curved hexahedra of degree 1 to 4, for solvers of high order; F counts elements then.",
+)
+@click.option("--allow-invalid", is_flag=True, help="Write curved hexahedra even if some of them are inverted.")
 @json_option
 def refine(**options) -> None:
-    """Write a finer or coarser member of the grid family of a model.
+    """Write a finer or coarser member of the grid family of a model, or curved elements of high order.
 
-    The name of GRID tells the format: {written}. Folders that are missing are made.
+    The name of GRID tells the format: {written}. Curved hexahedra are written as {curved}. Folders that are missing are
+    made.
     """
     from .refine import refine_model
 

@@ -1,13 +1,18 @@
-"""The command ``refine``: a member of the grid family of a model."""
+"""The command ``refine``: a member of the grid family of a model, structured or of curved elements."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError
 from ..evaluation.family import refined_topology
+from ..io.curved import curved_format, write_curved_grid
 from ..io.files import check_grid_name, write_grid
+from ..model.curved import curved_grid
 from ..model.fitted_model import FittedModel, family_member
+from ..topology.topology import Topology
 from ..wording import counted
 from .output import (
     check_outputs,
@@ -24,8 +29,10 @@ MOST_NODES = 100_000_000
 """A member with more nodes is refused: its evaluation takes some 200 bytes a node."""
 
 
-def refine_model(model: Path, factor: float, output: Path, json: Path | None) -> None:
-    """Write a finer or coarser member of the grid family of a model.
+def refine_model(
+    model: Path, factor: float, output: Path, json: Path | None, degree: int | None = None, allow_invalid: bool = False
+) -> None:
+    """Write a finer or coarser member of the grid family of a model, or curved elements.
 
     Parameters
     ----------
@@ -35,22 +42,28 @@ def refine_model(model: Path, factor: float, output: Path, json: Path | None) ->
         Cells per direction, divided by those of the grid.
     output, json : Path
         Grid and numbers to write.
+    degree : int, optional
+        Degree of curved elements, as many per direction as the member has cells; by default the member is structured.
+    allow_invalid : bool
+        Write curved elements even if some are inverted.
 
     Raises
     ------
     InputError
-        If the model cannot be used, the factor leaves no cell, or a file cannot be written.
+        If the model cannot be used, the factor leaves no cell, elements are inverted, or a file cannot be written.
     """
     check_outputs([output, json], [model])
+    if degree is not None:
+        _write_curved(model, factor, output, json, degree, allow_invalid)
+        return
+    if allow_invalid:
+        raise InputError("--allow-invalid is for curved elements; give --degree as well, or leave it out")
     numbers = {"model": str(model), "factor": factor, "grid": str(output)}
     with progress_bar() as progress:
         progress(0.0, "reading")
         fitted = FittedModel.load(model)
         check_grid_name(output, fitted.header)
-        topology = refined_topology(fitted.topology, factor)
-        n_nodes = topology.n_nodes
-        if n_nodes > MOST_NODES:
-            raise InputError(f"{model}: factor {factor:g} makes {n_nodes:,} nodes, more than {MOST_NODES:,}; lower it")
+        topology = _checked_topology(model, fitted, factor)
         progress(0.2, "evaluating")
         grid = family_member(fitted, factor)
         progress(0.8, "writing")
@@ -65,4 +78,55 @@ def refine_model(model: Path, factor: float, output: Path, json: Path | None) ->
     ]
     print_table(["block", "nodes before", "nodes", "name"], rows)
     print_warnings(fitted.topology.warnings)
+    print_lines([f"{output} written"])
+
+
+def _checked_topology(model: Path, fitted: FittedModel, factor: float, degree: int = 1) -> Topology:
+    """Topology of a member; one that memory does not take is refused."""
+    topology = refined_topology(fitted.topology, factor)
+    n_nodes = topology.n_nodes * degree**3
+    if n_nodes > MOST_NODES:
+        raise InputError(f"{model}: factor {factor:g} makes {n_nodes:,} nodes, more than {MOST_NODES:,}; lower it")
+    return topology
+
+
+def _write_curved(model: Path, factor: float, output: Path, json: Path | None, degree: int, allow_invalid: bool):
+    """Write curved elements and say what they are."""
+    curved_format(output)
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        fitted = FittedModel.load(model)
+        _checked_topology(model, fitted, factor, degree)
+        progress(0.1, "evaluating")
+        grid = curved_grid(fitted, degree, factor)
+        progress(0.5, "measuring")
+        worst, is_collapsed = grid.worst_jacobians(), grid.is_collapsed
+        is_inverted, n_collapsed = worst <= 0.0, int(is_collapsed.sum())
+        n_inverted = int(is_inverted.sum())
+        at = int(np.argmin(worst))
+        block, *cell = (int(number) + 1 for number in grid.places[at])
+        where = f"block {block}, element ({', '.join(map(str, cell))})"
+        if n_inverted and not allow_invalid:
+            raise InputError(
+                f"{model}: {n_inverted:,} of {counted(len(worst), 'element')} of degree {degree} are inverted, the "
+                f"worst in {where}; raise --factor, lower --degree, or give --allow-invalid"
+            )
+        numbers = {"model": str(model), "factor": factor, "degree": degree, "grid": str(output)}
+        numbers |= {"n_elements": len(grid.elements), "n_nodes": len(grid.nodes), "n_collapsed": n_collapsed}
+        numbers |= {"n_inverted": n_inverted, "worst_jacobian": float(worst[at])}
+        progress(0.8, "writing")
+        with written_json(json, {**numbers, "patches": {patch.name: len(patch.faces) for patch in grid.patches}}):
+            write_curved_grid(output, grid)
+    elements = counted(len(grid.elements), "curved hexahedron", "curved hexahedra")
+    print_title(f"{output}: {elements} of degree {degree}, {counted(len(grid.nodes), 'node')}")
+    print_table(["patch", "kind", "faces"], [(p.name, p.kind, f"{len(p.faces):,}") for p in grid.patches])
+    print_lines([f"least Jacobian of an element, by its largest: {worst[at]:.3g}, {where}"])
+    notes = list(fitted.topology.warnings)
+    if n_collapsed:
+        notes.append(
+            f"{n_collapsed:,} elements have edges that have collapsed: they are hexahedra with a node more than once"
+        )
+    if n_inverted:
+        notes.append(f"{n_inverted:,} elements are inverted")
+    print_warnings(notes)
     print_lines([f"{output} written"])

@@ -40,7 +40,7 @@ from .cgns_nodes import (
 from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
 from .formats import ADF
 
-__all__ = ["CgnsDialect", "open_cgns", "read_cgns", "write_cgns"]
+__all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_base", "write_cgns"]
 
 LIBRARY_VERSION = 3.4
 """Version written into new files; older tools refuse 4.0."""
@@ -316,24 +316,25 @@ def _resolve_links(group: h5py.Group, original: h5py.Group) -> None:
 def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
     """Write a file of one base, with a zone for every block."""
     with replaced_hdf5_file(path) as file, deferred_interrupts():
-        _write_root(file)
         is_flat = all(block.shape[2] == 1 for block in grid.blocks)
         n_indices = 2 if is_flat else 3
-        base = add_node(file, "Base", "CGNSBase_t", np.array([n_indices, 3], np.int32))
-        add_node(base, "DataClass", "DataClass_t", _DATA_CLASS)
+        base = write_base(file, n_indices)
         zones = [_write_zone(base, block, n_indices) for block in grid.blocks]
         add_boundaries(base, zones, grid, [w for w in topology.collapsed if w.is_on_face(topology.shapes[w.block])])
         add_connections(zones, topology.interfaces)
 
 
-def _write_root(file: h5py.File) -> None:
-    """Write what the CGNS library puts at the root of an HDF5 file."""
+def write_base(file: h5py.File, n_dimensions: int) -> h5py.Group:
+    """Write what the CGNS library puts at the root of an HDF5 file, and a base whose cells have 2 or 3 dimensions."""
     set_attributes(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
     del file.attrs["flags"]
     file[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", np.int8)
     version = "HDF5 Version " + h5py.version.hdf5_version
     file[" hdf5version"] = np.frombuffer(version.encode().ljust(33, b"\0"), np.int8)
     add_node(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([LIBRARY_VERSION], np.float32))
+    base = add_node(file, "Base", "CGNSBase_t", np.array([n_dimensions, 3], np.int32))
+    add_node(base, "DataClass", "DataClass_t", _DATA_CLASS)
+    return base
 
 
 def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
@@ -342,9 +343,21 @@ def _write_zone(base: h5py.Group, block: Block, n_indices: int) -> h5py.Group:
     sizes = np.array([n_nodes, n_nodes - 1, np.zeros_like(n_nodes)])
     zone = add_node(base, free_name(base, block.name), "Zone_t", sizes)
     add_node(zone, "ZoneType", "ZoneType_t", "Structured")
+    add_coordinates(zone, block.nodes.reshape(*block.shape[:n_indices], 3))
+    return zone
+
+
+def add_coordinates(zone: h5py.Group, nodes: np.ndarray) -> None:
+    """Write the coordinates of a zone.
+
+    Parameters
+    ----------
+    zone : h5py.Group
+        The zone.
+    nodes : ndarray, shape (..., 3)
+        Nodes in the zone's index directions.
+    """
     coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
     for axis, name in enumerate(_AXES):
-        nodes = block.nodes[..., axis].reshape(block.shape[:n_indices])
-        array = add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes.T, np.float64))
+        array = add_node(coordinates, name, "DataArray_t", np.ascontiguousarray(nodes[..., axis].T, np.float64))
         add_node(array, "DimensionalExponents", "DimensionalExponents_t", np.array([0, 1, 0, 0, 0], np.float32))
-    return zone

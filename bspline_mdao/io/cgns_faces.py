@@ -156,10 +156,7 @@ def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collap
         Windows of faces that have collapsed to lines or points; those that a patch covers are left to it.
     """
     for patch in grid.patches:
-        name = free_name(base, patch.name)
-        family = add_node(base, name, "Family_t")
-        is_misleading = patch.kind == "other" != kind_of_name(name)
-        add_node(family, "FamilyBC", "FamilyBC_t", _NO_KIND if is_misleading else _TYPE_OF_KIND[patch.kind])
+        name = add_family(base, patch.name, patch.kind)
         for window in patch.windows:
             condition = _add_condition(zones[window.block], "FamilySpecified", window)
             add_node(condition, "FamilyName", "FamilyName_t", name)
@@ -168,6 +165,15 @@ def add_boundaries(base: h5py.Group, zones: list[h5py.Group], grid: Grid, collap
         if not any(window.overlaps(other) for other in declared):
             nodes = grid.blocks[window.block].nodes[window.slices]
             _add_condition(zones[window.block], _degenerate_type(nodes), window)
+
+
+def add_family(base: h5py.Group, name: str, kind: str) -> str:
+    """Write the family of a patch with its kind; return its name in the file."""
+    name = free_name(base, name)
+    family = add_node(base, name, "Family_t")
+    is_misleading = kind == "other" != kind_of_name(name)
+    add_node(family, "FamilyBC", "FamilyBC_t", _NO_KIND if is_misleading else _TYPE_OF_KIND[kind])
+    return name
 
 
 def _degenerate_type(nodes: np.ndarray) -> str:

@@ -10,7 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["FORMATS", "POLYMESH", "GridFormat", "format_of_content", "format_of_name", "read_names", "written_names"]
+__all__ = [
+    "CURVED_FORMATS",
+    "FORMATS",
+    "POLYMESH",
+    "GridFormat",
+    "curved_names",
+    "format_of_content",
+    "format_of_name",
+    "read_names",
+    "written_names",
+]
 
 POLYMESH = "polyMesh"
 """Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
@@ -105,6 +115,12 @@ FORMATS = (
 )
 """All formats, in the order in which help names them."""
 
+CURVED_FORMATS = (
+    GridFormat("CGNS", "cgns_elements", "write_cgns_elements", suffixes=(".cgns",)),
+    GridFormat("Gmsh", "gmsh", "write_msh", suffixes=(".msh",)),
+)
+"""Formats of curved elements."""
+
 
 def format_of_content(head: bytes) -> GridFormat:
     """Return the format that reads a file, from its first 4096 bytes."""
@@ -126,6 +142,11 @@ def read_names() -> str:
     """Name the formats that are read, such as ``PLOT3D or CGNS``."""
     *names, last = (item.name for item in FORMATS if item.reader)
     return f"{', '.join(names)} or {last}" if names else last
+
+
+def curved_names() -> str:
+    """Name suffixes of the formats that curved elements are written in."""
+    return " or ".join(map(str, CURVED_FORMATS))
 
 
 def written_names() -> str:

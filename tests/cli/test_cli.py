@@ -399,3 +399,16 @@ def test_choices_of_fit_are_those_that_there_are():
 def test_every_built_in_grid_is_made_in_its_usual_size():
     for name, (_, shape) in BUILT_IN.items():
         assert set(load_grid(f"@{name}").shapes) == {shape}
+
+
+def test_refine_writes_curved_elements(model_file, capsys):
+    for name in ("curved.cgns", "curved.msh"):
+        assert run(["refine", model_file, "--factor", "1", "--degree", "2", "-o", name, "--json", "c.json"]) == 0
+        numbers = json.loads(Path("c.json").read_text())
+        assert numbers["degree"] == 2
+        assert numbers["n_inverted"] == 0 < numbers["worst_jacobian"] < 1
+        assert sum(numbers["patches"].values()) > 0
+        assert Path(name).stat().st_size > 27 * numbers["n_elements"]
+    assert "curved hexahedra of degree 2" in capsys.readouterr().out
+    fails_as_expected(["refine", model_file, "--factor", "1", "--degree", "2", "-o", "a.xyz"], capsys, ".cgns or .msh")
+    fails_as_expected(["refine", model_file, "--factor", "1", "--allow-invalid", "-o", "a.xyz"], capsys, "--degree")

@@ -1,0 +1,75 @@
+"""Curved hexahedra as an unstructured zone of a CGNS/HDF5 file.
+
+Sections of HEXA_8, HEXA_27, HEXA_64 or HEXA_125, then one of QUAD_4, QUAD_9, QUAD_16 or QUAD_25 for every patch, to
+which a boundary condition at face centres refers. Format: ``docs/theory/high_order.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from ..cells.curved_grid import CurvedGrid
+from .cgns import add_coordinates, write_base
+from .cgns_faces import add_family
+from .cgns_nodes import add_node, free_name
+from .disk import deferred_interrupts, replaced_hdf5_file
+from .element_order import cgns_order
+
+__all__ = ["write_cgns_elements"]
+
+HEXAHEDRA = {1: 17, 2: 19, 3: 39, 4: 56}
+QUADRANGLES = {1: 7, 2: 9, 3: 28, 4: 44}
+"""Numbers of the element types by degree (SIDS, section 7.3, and the library's ``cgnslib.h``)."""
+
+
+def write_cgns_elements(path: str | os.PathLike, grid: CurvedGrid) -> None:
+    """Write curved hexahedra as CGNS/HDF5, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to make or replace.
+    grid : CurvedGrid
+        The elements.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written.
+    """
+    n_numbers = grid.elements.size + sum(patch.faces.size for patch in grid.patches)
+    whole_number = np.int32 if max(n_numbers, len(grid.nodes)) < 2**31 else np.int64
+    with replaced_hdf5_file(path) as file, deferred_interrupts():
+        base = write_base(file, n_dimensions=3)
+        sizes = np.array([[len(grid.nodes)], [len(grid.elements)], [0]], whole_number)
+        zone = add_node(base, "Zone", "Zone_t", sizes)
+        add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        add_coordinates(zone, grid.nodes)
+        numbers = _numbers(grid.elements, cgns_order(grid.degree))
+        last = _add_section(zone, "Hexahedra", HEXAHEDRA[grid.degree], numbers.astype(whole_number), 0)[1]
+        conditions = add_node(zone, "ZoneBC", "ZoneBC_t")
+        for patch in grid.patches:
+            numbers = _numbers(patch.faces, cgns_order(grid.degree, 2)).astype(whole_number)
+            family, name = add_family(base, patch.name, patch.kind), free_name(zone, patch.name)
+            ends = _add_section(zone, name, QUADRANGLES[grid.degree], numbers, last)
+            condition = add_node(conditions, name, "BC_t", "FamilySpecified")
+            add_node(condition, "PointRange", "IndexRange_t", np.array(ends, whole_number)[:, None])
+            add_node(condition, "GridLocation", "GridLocation_t", "FaceCenter")
+            add_node(condition, "FamilyName", "FamilyName_t", family)
+            last = ends[1]
+
+
+def _numbers(lattices: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Node numbers from 1, in the order of the format, shape (n, n_nodes)."""
+    return lattices.reshape(len(lattices), -1)[:, order] + 1
+
+
+def _add_section(zone, name: str, kind: int, numbers: np.ndarray, last: int) -> tuple[int, int]:
+    """Write elements of one type behind element ``last``; return the numbers of the first and the last of them."""
+    ends = last + 1, last + len(numbers)
+    section = add_node(zone, name, "Elements_t", np.array([kind, 0], np.int32))
+    add_node(section, "ElementRange", "IndexRange_t", np.array(ends, numbers.dtype))
+    add_node(section, "ElementConnectivity", "DataArray_t", numbers.reshape(-1))
+    return ends
