@@ -6,6 +6,7 @@ from .cad.files import CadShape as CadShape
 from .cad.files import read_cad as read_cad
 from .cad.write_cad import CadReport as CadReport
 from .cad.write_cad import write_cad as write_cad
+from .cells.mixed_cells import MixedMesh as MixedMesh
 from .design.coarse_net import CoarseNet as CoarseNet
 from .cells.curved_grid import CurvedGrid as CurvedGrid
 from .design.displacement import Local as Local
@@ -85,6 +86,7 @@ from .io.curved import write_curved_grid as write_curved_grid
 from .io.files import open_grid as open_grid
 from .io.files import read_grid as read_grid
 from .io.files import write_grid as write_grid
+from .io.meshes.files import read_mesh as read_mesh
 from .io.openfoam import CaseField as CaseField
 from .io.openfoam import write_case as write_case
 from .io.openfoam import write_polymesh as write_polymesh
@@ -161,6 +163,7 @@ from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit
 from .om.surface_evaluate import SurfaceEvaluate as SurfaceEvaluate
 from .om.surface_measure import SurfaceMeasure as SurfaceMeasure
 from .report.page import write_report as write_report
+from .riding.riding_mesh import RidingMesh as RidingMesh
 from .sparse.cholesky import Cholesky as Cholesky
 from .sparse.cholmod import Cholmod as Cholmod
 from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients

@@ -17,6 +17,7 @@ import click
 from .. import __version__
 from ..fit.options import EXPONENTS, METHODS
 from ..io.formats import curved_names, read_names, written_names
+from ..io.meshes.files import mesh_names
 from .movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
 from .sources import BUILT_IN
 from .words import DEFINITIONS, PROGRAM
@@ -30,6 +31,7 @@ NAMES = {
     "curved": curved_names(),
     "built_in": f"{' or '.join(f'@{name}' for name in BUILT_IN)}, at another size as @{next(iter(BUILT_IN))}:45x65x33",
     "definitions": DEFINITIONS,
+    "meshes": mesh_names(),
 }
 """What stands in braces in the texts of commands."""
 
@@ -66,6 +68,60 @@ class Increments(click.IntRange):
     def convert(self, value, param, context):
         """Convert the text of the option to a number, or leave ``auto`` as it is."""
         return value if value == "auto" else super().convert(value, param, context)
+
+
+DEFORM = (
+    "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
+    "dihedral, pitch, translate=0.1/0/0, bumps=0.01,seed=1; or a file of its new control points (.csv, .npy). "
+    "Several are done in turn."
+)
+"""Help of the option that deforms."""
+
+MOVING = (
+    click.option(
+        "--mover",
+        default="elasticity",
+        show_default=True,
+        metavar="NAME",
+        help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
+    ),
+    click.option(
+        "--increments",
+        type=Increments(),
+        metavar="auto|N",
+        help="Increments. auto takes the first of 1, 2, 5 and 10 that keeps the control mesh good: the default of "
+        "elasticity and springs; that of other movers is 1.",
+    ),
+    click.option(
+        "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
+    ),
+    click.option(
+        "--stiffness",
+        metavar="NAME",
+        help=f"Stiffness of elasticity: {', '.join(STIFFNESS).replace(',', ' (default),', 1)}.",
+    ),
+    click.option(
+        "--solver",
+        metavar="NAME",
+        help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
+    ),
+    click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default."),
+    click.option(
+        "--slide",
+        multiple=True,
+        metavar="PATCH",
+        help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
+    ),
+    click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is."),
+    click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid."),
+)
+
+
+def moving_options(function: Callable) -> Callable:
+    """Add the options that say what moves the control mesh, and how its patches take part."""
+    for option in reversed(MOVING):
+        function = option(function)
+    return function
 
 
 @click.group(
@@ -198,45 +254,10 @@ def refine(**options) -> None:
     multiple=True,
     required=True,
     metavar="SPEC",
-    help="Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
-    "dihedral, pitch, translate=0.1/0/0, bumps=0.01,seed=1; or a file of its new control points (.csv, .npy). "
-    "Several are done in turn.",
+    help=DEFORM,
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
-@click.option(
-    "--mover",
-    default="elasticity",
-    show_default=True,
-    metavar="NAME",
-    help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
-)
-@click.option(
-    "--increments",
-    type=Increments(),
-    metavar="auto|N",
-    help="Increments. auto takes the first of 1, 2, 5 and 10 that keeps the control mesh good: the default of "
-    "elasticity and springs; that of other movers is 1.",
-)
-@click.option("--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default.")
-@click.option(
-    "--stiffness",
-    metavar="NAME",
-    help=f"Stiffness of elasticity: {', '.join(STIFFNESS).replace(',', ' (default),', 1)}.",
-)
-@click.option(
-    "--solver",
-    metavar="NAME",
-    help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
-)
-@click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default.")
-@click.option(
-    "--slide",
-    multiple=True,
-    metavar="PATCH",
-    help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
-)
-@click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is.")
-@click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid.")
+@moving_options
 @click.option(
     "--surface",
     type=click.Path(path_type=Path),
@@ -260,6 +281,51 @@ def move(model: Path, output: Path, json: Path | None, **options) -> None:
 
     mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
     move_model(model, output, json, MoveOptions(mover=mover, **options))
+
+
+@command(
+    "ride wing.h5 mesh.su2 --deform twist=10deg -o moved.su2",
+    "ride out/model.h5 mesh.su2 --to out/cases.sql -o optimum.su2",
+)
+@click.argument("model", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.argument("mesh", metavar="MESH", type=click.Path(path_type=Path))
+@click.option("--deform", multiple=True, metavar="SPEC", help=DEFORM)
+@click.option(
+    "--to",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Follow control points that are known, instead of a deformation: those of the best case of a case file "
+    "(.sql), or all of them as .csv or .npy.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="MESH", required=True, help="Mesh to write.")
+@click.option(
+    "--wall",
+    multiple=True,
+    metavar="MARKER",
+    help="Marker of the mesh that is a wall; by default those that lie on the walls of the fitted grid.",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=0.0),
+    metavar="D",
+    help="Distance up to which nodes may be outside the fitted grid; by default the size of its boundary faces there.",
+)
+@click.option(
+    "--hold-outside", is_flag=True, help="Hold nodes that are farther outside, where the boundary of the grid stays."
+)
+@moving_options
+@click.option("--allow-invalid", is_flag=True, help="Write the mesh even if cells of it are inverted.")
+@json_option
+def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options) -> None:
+    """Take an unstructured mesh along with the control mesh of a model.
+
+    MESH is {meshes}. It is written in the format that it is read in; all but its nodes stays as it is. Its walls go
+    where the deformation puts them, and nodes near them follow as a rigid body.
+    """
+    from .ride import RideOptions, ride_along
+
+    mover = MoverOptions(**{field.name: options.pop(field.name) for field in fields(MoverOptions)})
+    ride_along(model, mesh, output, json, RideOptions(mover=mover, **options))
 
 
 @command("init wing.xyz --patches wing.toml -o study.toml", "optimize study.toml -o out")

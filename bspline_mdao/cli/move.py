@@ -160,8 +160,26 @@ def move_model(model_file: Path, output: Path, json: Path | None, options: MoveO
     print_warnings(model.topology.warnings)
 
 
-def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) -> Moved:
-    """Make the move and measure it."""
+def moved_control_mesh(
+    model: FittedModel, model_file: Path, options: MoveOptions
+) -> tuple[MovingMesh, Deformation, np.ndarray, Movement]:
+    """Deform the design surface and move the control mesh behind it.
+
+    Returns
+    -------
+    mesh : MovingMesh
+    deformation : Deformation
+    surface : ndarray, shape (n_surface, 3)
+        New control points of the design surface (m).
+    movement : Movement
+
+    Raises
+    ------
+    InputError
+        If a deformation or a patch cannot be used.
+    MovementError
+        If the move cannot be done.
+    """
     if not model.header.patches:
         raise InputError(
             f"{model_file}: its grid has no patches, so nothing says what moves; write them with "
@@ -173,12 +191,17 @@ def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) 
     deformation = parse_deformation(options.deform, model, mesh)
     surface = deformation.apply(initial[mesh.surface_ids])
     with within(0.1, 0.7):
-        movement = mover.move(initial, surface)
+        return mesh, deformation, surface, mover.move(initial, surface)
+
+
+def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) -> Moved:
+    """Make the move and measure it."""
+    mesh, deformation, surface, movement = moved_control_mesh(model, model_file, options)
     progress(0.7, "evaluating")
     baseline = model.regenerate()
     grid, miss = _grid(model, options, deformation, movement.points, baseline)
     progress(0.8, "quality")
-    return Moved(mesh, initial, surface, movement, grid, miss, *_compared(baseline, grid))
+    return Moved(mesh, model.control_points, surface, movement, grid, miss, *_compared(baseline, grid))
 
 
 def _grid(

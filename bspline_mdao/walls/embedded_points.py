@@ -30,7 +30,7 @@ from .body_points import Body, BodyPoints
 from .grid_map import GridMap
 from .layer import Layered, WallLayer
 
-__all__ = ["EmbeddedPoints", "EmbeddedState"]
+__all__ = ["EmbeddedPoints", "EmbeddedState", "planes_of"]
 
 ON_PLANE = 1e-9
 """A point nearer to a plane than this part of the size of the grid lies in it: coordinates are rounded in files."""
@@ -126,7 +126,7 @@ class EmbeddedPoints(OneLine):
         evaluator = embed_points(mesh, inversion)
         offsets = points[in_volume] - evaluator.forward(control_points)
         if grid_map.layer is not None:
-            planes = _planes(grid_map, points[in_volume])
+            planes = planes_of(grid_map, points[in_volume])
             layer = WallLayer.of(grid_map.layer.wall, points[in_volume], planes=planes)
         rows = np.zeros(0, dtype=int)
         if walls is not None and in_body.any():
@@ -244,7 +244,7 @@ def _require_found(inversion: PointInversion, numbers: np.ndarray, n_points: int
         )
 
 
-def _planes(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def planes_of(grid_map: GridMap, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Points in the planes that walls end on, and the normals of these."""
     plane_points, size = grid_map.nodes[grid_map.plane_rows], np.linalg.norm(np.ptp(grid_map.nodes, axis=0))
     planes = []

@@ -22,7 +22,7 @@ from bspline_mdao.cli.sources import BUILT_IN, load_grid
 from bspline_mdao.fit.options import EXPONENTS, METHODS
 from bspline_mdao.topology.grid import Block
 
-COMMANDS = ("inspect", "fit", "refine", "quality")
+COMMANDS = ("inspect", "fit", "refine", "ride", "quality")
 
 
 @pytest.fixture

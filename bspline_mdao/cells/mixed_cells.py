@@ -1,0 +1,223 @@
+"""Meshes of mixed cells: tetrahedra, pyramids, wedges, hexahedra and polyhedra, by the faces of their cells.
+
+Corners are numbered as VTK, CGNS and Gmsh do::
+
+    tetra    0, 1, 2, and 3 above               pyramid      0, 1, 2, 3, and 4 above
+    wedge    0, 1, 2, and 3, 4, 5 above         hexahedron   0, 1, 2, 3, and 4, 5, 6, 7 above
+
+Every inner face is there twice, once of each of its cells, as a quad that goes around the normal out of the cell;
+triangles have their last corner twice, and faces of more corners are cut into a fan.
+
+Theory: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..shown import OneLine
+from .quads import area_vectors
+
+__all__ = ["FACES", "CellQuality", "MixedMesh", "first_heights", "padded"]
+
+FACES = {
+    "tetra": ((0, 2, 1, 1), (0, 1, 3, 3), (1, 2, 3, 3), (2, 0, 3, 3)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4, 4), (1, 2, 4, 4), (2, 3, 4, 4), (3, 0, 4, 4)),
+    "wedge": ((0, 2, 1, 1), (3, 4, 5, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "hexahedron": ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Faces of each kind of cell, around the normal out of it."""
+
+MIXERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
+"""Odd numbers by which corners become one number modulo 2^64 where they do not fit: two of ten million faces are taken
+for one with a chance of 3e-6."""
+
+UPRIGHT = 0.1
+"""Cosine of the angle between an edge and the normal of the wall, from which on the edge leads off the wall."""
+
+
+def padded(faces: np.ndarray) -> np.ndarray:
+    """Faces as quads, shape (n, 4): a triangle has its last corner twice."""
+    return faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
+
+
+@dataclass(frozen=True, eq=False)
+class CellQuality(OneLine):
+    """Volumes of cells, and which are inverted.
+
+    Parameters
+    ----------
+    volumes : ndarray, shape (n_cells,)
+        Volumes (m^3).
+    is_inverted : ndarray of bool, shape (n_cells,)
+        Whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive.
+    """
+
+    volumes: np.ndarray
+    is_inverted: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MixedMesh(OneLine):
+    """A mesh of mixed cells. Made by `read_mesh`, or from arrays.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Nodes (m).
+    cells : mapping of str to ndarray of int, each of shape (n_kind, n_corners)
+        Corners of the cells of each kind, see `FACES`.
+    markers : mapping of str to ndarray of int, each of shape (n_faces, 4)
+        Faces of the parts of the boundary by their names, triangles with their last corner twice.
+    polyhedra : tuple of two ndarray of int, of shapes (n_faces, 4) and (n_faces,), optional
+        Faces of cells of any kind as seen from each cell, around the normal out of it, and the numbers of their cells.
+    source : str
+        Where it comes from, for messages.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from bspline_mdao import MixedMesh
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> mesh = MixedMesh(corners, {"tetra": np.array([[0, 1, 2, 3]])})
+    >>> mesh.quality().volumes.round(6)
+    array([0.166667])
+    """
+
+    points: np.ndarray
+    cells: Mapping[str, np.ndarray]
+    markers: Mapping[str, np.ndarray] | None = None
+    polyhedra: tuple[np.ndarray, np.ndarray] | None = None
+    source: str = "mesh"
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        n = sum(len(corners) for corners in self.cells.values())
+        return n + (0 if self.polyhedra is None else int(self.polyhedra[1].max(initial=-1)) + 1)
+
+    @cached_property
+    def cell_faces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Faces of all cells, shape (n, 4), and their cells, shape (n,)."""
+        faces, cells, first = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
+        for kind, corners in self.cells.items():
+            faces.append(corners[:, np.array(FACES[kind])].reshape(-1, 4))
+            cells.append(first + np.repeat(np.arange(len(corners)), len(FACES[kind])))
+            first += len(corners)
+        if self.polyhedra is not None:
+            faces.append(self.polyhedra[0])
+            cells.append(first + self.polyhedra[1])
+        return np.concatenate(faces), np.concatenate(cells)
+
+    @cached_property
+    def skin(self) -> np.ndarray:
+        """Faces that one cell alone has, around the normal out of it, shape (n, 4)."""
+        faces, _ = self.cell_faces
+        keys = face_keys(faces, self.n_points)
+        _, first, counts = np.unique(keys, return_index=True, return_counts=True)
+        return faces[np.sort(first[counts == 1])]
+
+    def into_fluid(self, faces: np.ndarray) -> np.ndarray:
+        """Turn faces of the boundary so that they go around the normal into the mesh.
+
+        Parameters
+        ----------
+        faces : ndarray of int, shape (n, 4)
+            Faces of cells, in any direction.
+
+        Returns
+        -------
+        ndarray of int, shape (m, 4)
+            Those that are faces of one cell alone.
+        """
+        of_cells, _ = self.cell_faces
+        is_of_wall = np.zeros(self.n_points, dtype=bool)
+        is_of_wall[faces] = True
+        near = of_cells[is_of_wall[of_cells].all(axis=1)]
+        keys, first, counts = np.unique(face_keys(near, self.n_points), return_index=True, return_counts=True)
+        wanted = np.isin(keys, face_keys(faces, self.n_points)) & (counts == 1)
+        return near[np.sort(first[wanted])][:, ::-1]
+
+    def quality(self, points: np.ndarray | None = None) -> CellQuality:
+        """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
+        x, (faces, cells) = (self.points if points is None else points), self.cell_faces
+        n = self.n_cells
+        sums = np.stack([np.bincount(cells, x[faces, d].mean(axis=1), n) for d in range(3)], axis=1)
+        centres = sums / np.maximum(np.bincount(cells, minlength=n), 1)[:, None]
+        pyramids = np.einsum("fd,fd->f", area_vectors(x[faces]), x[faces].mean(axis=1) - centres[cells]) / 3.0
+        volumes, is_folded = np.bincount(cells, pyramids, n), np.zeros(n, dtype=bool)
+        sign = self._handedness(volumes)
+        is_folded[cells[pyramids * sign[cells] <= 0.0]] = True
+        return CellQuality(volumes * sign, is_folded | (volumes * sign <= 0.0))
+
+    def _handedness(self, volumes: np.ndarray) -> np.ndarray:
+        """Sign of the volumes of each kind: programs do not agree which way a wedge goes round."""
+        sign, first = np.ones(len(volumes)), 0
+        for corners in self.cells.values():
+            part = slice(first, first + len(corners))
+            sign[part] = -1.0 if np.count_nonzero(volumes[part] < 0.0) > len(corners) / 2 else 1.0
+            first += len(corners)
+        return sign
+
+
+def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:
+    """Numbers of faces, alike where the corners are, whatever their order: shape (n,)."""
+    ids = np.sort(faces, axis=1).astype(np.int64)
+    is_triangle = (ids[:, 1:] == ids[:, :-1]).any(axis=1)
+    first = np.argmax(ids[:, 1:] == ids[:, :-1], axis=1)
+    ids[is_triangle] = np.sort(np.where(np.arange(4) == first[is_triangle, None], n_points, ids[is_triangle]), axis=1)
+    if n_points < 2**21 - 1:  # three corners tell a face, and fit into one number
+        return (ids[:, 0] * (n_points + 1) + ids[:, 1]) * (n_points + 1) + ids[:, 2]
+    return ids[:, :3].astype(np.uint64) @ np.array(MIXERS, dtype=np.uint64)
+
+
+def first_heights(mesh: MixedMesh, wall: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the node next to each node of a wall, along the edge that leads off it most.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh.
+    wall : ndarray of int, shape (n_faces, 4)
+        Faces of the wall, around the normal into the mesh.
+    ids : ndarray of int, shape (n_wall,)
+        Nodes of the wall, ascending.
+
+    Returns
+    -------
+    at : ndarray of int, shape (m,)
+        Those of the nodes that have one, as numbers among `ids`.
+    beside : ndarray of int, shape (m,)
+        Nodes next to them.
+    """
+    is_wall = np.zeros(mesh.n_points, dtype=bool)
+    is_wall[ids] = True
+    faces, _ = mesh.cell_faces
+    faces = faces[is_wall[faces].any(axis=1) & ~is_wall[faces].all(axis=1)]
+    edges = np.concatenate([faces[:, [k, (k + 1) % 4]] for k in range(4)])
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    edges = np.unique(edges[is_wall[edges[:, 0]] & ~is_wall[edges[:, 1]]], axis=0)
+    at = np.searchsorted(ids, edges[:, 0])
+    off = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
+    cosines = np.einsum("ed,ed->e", off, wall_normals(mesh.points, wall, ids)[at])
+    cosines /= np.maximum(np.linalg.norm(off, axis=1), np.finfo(float).tiny)
+    order = np.lexsort((-cosines, at))
+    order = order[cosines[order] > UPRIGHT]
+    at, first = np.unique(at[order], return_index=True)
+    return at, edges[order[first], 1]
+
+
+def wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Unit normals of a wall at its nodes, shape (n_wall, 3), see `first_heights`."""
+    areas, at = area_vectors(points[wall]), np.searchsorted(ids, wall)
+    sums = np.stack([np.bincount(at.ravel(), np.repeat(areas[:, d], 4), len(ids)) for d in range(3)], axis=1)
+    return sums / np.maximum(np.linalg.norm(sums, axis=1), np.finfo(float).tiny)[:, None]

@@ -1,0 +1,275 @@
+"""The command ``ride``: a mesh that was not fitted moves with the control mesh of a model."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..cells.mixed_cells import CellQuality
+from ..cells.report import KEPT
+from ..design.deformation import Deformation
+from ..design.named_deformations import PrescribedPoints, read_points
+from ..errors import InputError, MovementError
+from ..io.meshes.files import check_same_format, read_mesh
+from ..mesh.boundary import wall_patches
+from ..mesh.surface import SurfaceGrid
+from ..model.fitted_model import FittedModel
+from ..names import CONTROL_POINTS
+from ..riding.riding_mesh import RiddenMesh, RidingMesh
+from ..riding.wall_faces import GridBoundary
+from ..wording import counted
+from .move import MoveOptions, moved_control_mesh
+from .movers import MoverOptions
+from .output import check_outputs, print_lines, print_table, print_title, print_warnings, progress_bar, written_json
+
+CASES = ".sql"
+"""Suffix of case files of OpenMDAO."""
+
+
+@dataclass(frozen=True)
+class RideOptions:
+    """Options of the command ``ride``.
+
+    Parameters
+    ----------
+    deform : tuple of str
+        Deformations of the design surface, one after the other.
+    to : Path, optional
+        Control points to follow instead.
+    wall : tuple of str
+        Markers of the mesh that are walls; those on walls of the grid where there is none.
+    tolerance : float, optional
+        Distance up to which nodes may be outside the grid (m).
+    hold_outside : bool
+        Hold nodes that are farther outside.
+    design, slide, fix, release : tuple of str
+        As those of ``move``.
+    allow_invalid : bool
+        Write a mesh with inverted cells all the same.
+    mover : MoverOptions
+        How to move.
+    """
+
+    deform: tuple[str, ...] = ()
+    to: Path | None = None
+    wall: tuple[str, ...] = ()
+    tolerance: float | None = None
+    hold_outside: bool = False
+    design: tuple[str, ...] = ()
+    slide: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+    release: tuple[str, ...] = ()
+    allow_invalid: bool = False
+    mover: MoverOptions = field(default_factory=MoverOptions)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ridden:
+    """A mesh that was moved, its cells before and after, and the heights at its walls relative to those before."""
+
+    mesh: RiddenMesh
+    before: CellQuality
+    after: CellQuality
+    ratios: np.ndarray
+    seconds: float
+
+    @property
+    def newly_inverted(self) -> np.ndarray:
+        """Numbers of the cells that are inverted now and were not."""
+        return np.flatnonzero(self.after.is_inverted & ~self.before.is_inverted)
+
+
+def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | None, options: RideOptions) -> None:
+    """Move the control mesh of a model, take a mesh along and write it.
+
+    Parameters
+    ----------
+    model_file, mesh_file : Path
+        Fitted model, and the mesh.
+    output, json : Path
+        Mesh and numbers to write.
+    options : RideOptions
+        What to move where, and how.
+
+    Raises
+    ------
+    InputError
+        If a file, a deformation or a patch cannot be used, or nodes of the mesh are outside the grid.
+    MovementError
+        If the move cannot be done, or inverts cells of the mesh; nothing is written then.
+    """
+    check_outputs([output, json], [model_file, mesh_file, options.to, *filter(os.path.isfile, options.deform)])
+    check_same_format(mesh_file, output)
+    if bool(options.deform) == (options.to is not None):
+        raise InputError("ride: nothing says where to; give --deform or --to, one of them")
+    with progress_bar() as progress:
+        progress(0.0, "reading")
+        model, file = FittedModel.load(model_file), read_mesh(mesh_file)
+        start = time.process_time()
+        progress(0.1, "looking for the nodes in the volumes")
+        riding = RidingMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
+        progress(0.6, "moving")
+        found = _measured(_state(model, model_file, riding, options), start)
+        if len(found.newly_inverted) and not options.allow_invalid:
+            raise MovementError(_complaint(found))
+        progress(0.9, "writing")
+        with written_json(json, ride_numbers(model_file, mesh_file, output, found, options)):
+            file.write(output, found.mesh.points)
+    show_ride(mesh_file, output, found)
+    print_warnings(_warnings(found))
+
+
+def _state(model: FittedModel, model_file: Path, riding: RidingMesh, options: RideOptions) -> RiddenMesh:
+    """Move the mesh."""
+    if options.to is not None:
+        return riding.at(_known_points(options.to, model))
+    chosen = {name: getattr(options, name) for name in ("deform", "design", "slide", "fix", "release", "mover")}
+    _, deformation, _, movement = moved_control_mesh(model, model_file, MoveOptions(**chosen))
+    state = riding.at(movement.points)
+    if riding.walls is None or any(isinstance(part, PrescribedPoints) for part in deformation.maps):
+        return state
+    return riding.at(movement.points, _asked(model, riding, state.points, deformation, options.design))
+
+
+def _known_points(path: Path, model: FittedModel) -> np.ndarray:
+    """Control points out of a file."""
+    if path.suffix.lower() != CASES:
+        return read_points(path, model.mesh.n_control_points)
+    from ..om.drivers.case_history import read_history
+
+    history = read_history(path)
+    names = sorted((name for name in history.outputs if name.rpartition(".")[2] == CONTROL_POINTS), key=len)
+    if not names:
+        raise InputError(
+            f"{path}: no control points are recorded; add '*{CONTROL_POINTS}' to what the driver records "
+            f"(recording_options['includes']) and run again"
+        )
+    cases = history.outputs[names[0]]
+    points = cases[history.best if history.best in cases else max(cases)]
+    if points.size != model.control_points.size:
+        raise InputError(
+            f"{path}: has {points.size // 3:,} control points and the model {model.mesh.n_control_points:,}; give the "
+            f"model that was optimised"
+        )
+    return points.reshape(-1, 3)
+
+
+def _asked(
+    model: FittedModel, riding: RidingMesh, points: np.ndarray, deformation: Deformation, design: tuple[str, ...]
+) -> np.ndarray:
+    """Where nodes of walls are to be: those of the design surface where the deformation puts them."""
+    walls = riding.walls
+    assert walls is not None
+    wall, surface = points[walls.rows], SurfaceGrid.of(model, design or None)
+    is_design = np.ones(len(wall), dtype=bool)
+    if set(surface.patches) != set(wall_patches(model.topology)):
+        is_design = GridBoundary.of(model).on_patches(walls.initial, set(surface.patches))
+    numbers = np.cumsum(is_design) - 1
+    planes = []
+    for ids, normal in walls.planes:
+        on_wall = np.flatnonzero(np.isin(walls.rows, ids))
+        planes.append((numbers[on_wall[is_design[on_wall]]], normal))
+    wall[is_design] = deformation.apply_to_nodes(walls.initial[is_design], planes)
+    return wall
+
+
+def _measured(state: RiddenMesh, start: float) -> _Ridden:
+    """Measure the cells and the heights at walls."""
+    mesh, walls = state.of.mesh, state.of.walls
+    ratios = np.zeros(0) if walls is None else walls.heights(state.points) / walls.heights(mesh.points)
+    seconds = time.process_time() - start
+    return _Ridden(state, mesh.quality(), mesh.quality(state.points), ratios, seconds)
+
+
+def _quantiles(ratios: np.ndarray) -> dict[str, float]:
+    """Quantiles of the heights relative to those before."""
+    levels = {"min": 0.0, "p01": 0.01, "median": 0.5, "p99": 0.99, "max": 1.0}
+    return {name: float(np.quantile(ratios, level)) for name, level in levels.items()} if len(ratios) else {}
+
+
+def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden, options: RideOptions) -> dict:
+    """Collect the numbers of a ride for JSON."""
+    of = found.mesh.of
+    return {
+        "model": str(model_file),
+        "from": str(mesh_file),
+        "mesh": str(output),
+        "deform": options.deform,
+        "to": None if options.to is None else str(options.to),
+        "n_nodes": of.n_points,
+        "n_cells": of.mesh.n_cells,
+        "n_held": len(of.held),
+        "farthest_outside": float(np.delete(of.distances, of.held).max(initial=0.0)),
+        "walls": () if of.walls is None else of.walls.faces.names,
+        "n_wall_nodes": of.n_asked,
+        "largest_displacement": float(np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)),
+        "min_volume": {"before": _least(found.before), "after": _least(found.after)},
+        "n_inverted": {"before": int(found.before.is_inverted.sum()), "after": int(found.after.is_inverted.sum())},
+        "newly_inverted": found.newly_inverted[:100].tolist(),
+        "heights": _quantiles(found.ratios),
+        "seconds": found.seconds,
+    }
+
+
+def _least(quality: CellQuality) -> float:
+    """Smallest volume (m^3)."""
+    return float(quality.volumes.min(initial=np.inf))
+
+
+def show_ride(mesh_file: Path, output: Path, found: _Ridden) -> None:
+    """Print the report of a ride."""
+    of = found.mesh.of
+    print_title(f"{mesh_file}: {counted(of.n_points, 'node')}, {counted(of.mesh.n_cells, 'cell')}")
+    moved = np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)
+    lines = [f"nodes moved by up to {moved:.3g} m"]
+    if of.walls is not None:
+        names = ", ".join(of.walls.faces.names)
+        lines.append(f"walls: {names}, {counted(of.n_asked, 'node')}, {of.walls.layer.n_followers:,} follow them")
+    farthest = float(np.delete(of.distances, of.held).max(initial=0.0))
+    held = f"; {counted(len(of.held), 'node')} held" if len(of.held) else ""
+    lines.append(f"farthest outside the fitted grid: {farthest:.2g} m{held}")
+    print_lines(lines)
+    rows = [
+        ("smallest volume (m^3)", _least(found.before), _least(found.after)),
+        ("inverted cells", int(found.before.is_inverted.sum()), int(found.after.is_inverted.sum())),
+    ]
+    print_table(["cells of the mesh", "before", "after"], rows)
+    if len(found.ratios):
+        print_lines(["heights of the first nodes at walls, by those before:"])
+        quantiles = _quantiles(found.ratios)
+        print_table(["min", "1 %", "median", "99 %", "max"], [tuple(f"{x:.3f}" for x in quantiles.values())])
+    print_lines([f"{output} written, {found.seconds:.2f} s"])
+
+
+def _complaint(found: _Ridden) -> str:
+    """Say which cells are inverted, and what cures it."""
+    new = found.newly_inverted
+    worst = new[np.argmin(found.after.volumes[new])]
+    return (
+        f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1}, of volume "
+        f"{found.after.volumes[worst]:.3g} m^3; nothing was written; take --increments 10 or a smaller deformation, "
+        f"fit the grid with more control points, or --allow-invalid to see it"
+    )
+
+
+def _warnings(found: _Ridden) -> list[str]:
+    """List what is wrong with a mesh that was written."""
+    of, warnings = found.mesh.of, []
+    if of.walls is None:
+        warnings.append(
+            "no boundary of the mesh lies on a wall of the fitted grid, so that no node follows a wall; name its walls "
+            "by --wall if it has any"
+        )
+    if len(found.newly_inverted):
+        warnings.append(f"{counted(len(found.newly_inverted), 'newly inverted cell')}")
+    quantiles = _quantiles(found.ratios)
+    if quantiles and not KEPT[0] <= quantiles["p01"] <= quantiles["p99"] <= KEPT[1]:
+        warnings.append(
+            f"the first nodes at walls are {quantiles['p01']:.3g} to {quantiles['p99']:.3g} times as high as before "
+            f"(1 % to 99 %), and so is y+"
+        )
+    return warnings

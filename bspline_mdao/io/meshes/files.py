@@ -1,0 +1,91 @@
+"""Files of meshes by the names of their formats.
+
+To add a format, write its module beside the others and add a line to `FORMATS`. The table imports none of them: the
+help of the command line shows it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Protocol
+
+from ...errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...cells.mixed_cells import MixedMesh
+
+__all__ = ["FORMATS", "MeshFile", "check_same_format", "mesh_names", "read_mesh"]
+
+FORMATS = {
+    ".su2": "bspline_mdao.io.meshes.su2.read_su2",
+}
+"""Reader of the files of each suffix."""
+
+
+class MeshFile(Protocol):
+    """A mesh and its file."""
+
+    @property
+    def mesh(self) -> MixedMesh:
+        """The mesh."""
+
+    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
+        """Write the file with other nodes, shape (n, 3), whole or not at all; all else in it stays."""
+
+
+def mesh_names() -> str:
+    """Name the suffixes of meshes, such as ``.su2 or .cgns``."""
+    *names, last = FORMATS
+    return f"{', '.join(names)} or {last}" if names else last
+
+
+def read_mesh(path: str | os.PathLike) -> MeshFile:
+    r"""Read a mesh that is not fitted.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; its suffix tells the format.
+
+    Returns
+    -------
+    MeshFile
+        With the ``mesh``, and ``write(path, points)`` that writes the file with other nodes.
+
+    Raises
+    ------
+    InputError
+        If no format has the suffix, or the file cannot be used.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from bspline_mdao import read_mesh
+    >>> nodes = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "cell.su2")
+    ...     _ = path.write_text(f"NDIME= 3\nNELEM= 1\n10 0 1 2 3\nNPOIN= 4\n{nodes}NMARK= 0\n")
+    ...     file = read_mesh(path)
+    ...     file.write(path, file.mesh.points * [1.0, 1.0, 2.0])
+    ...     print(path.read_text().splitlines()[7])
+    0.0 0.0 2.0
+    """
+    return resolve_name(FORMATS[_suffix(path)])(path)
+
+
+def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> None:
+    """Refuse to write a mesh in another format than it is read from."""
+    if _suffix(path) != _suffix(output):
+        raise InputError(f"{output}: the mesh is written as it is read, as {_suffix(path)}; name it so")
+
+
+def _suffix(path: str | os.PathLike) -> str:
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        raise InputError(f"{path}: is no mesh that can ride along; give a file {mesh_names()}")
+    return suffix

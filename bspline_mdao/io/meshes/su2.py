@@ -1,0 +1,147 @@
+"""SU2 meshes: elements, markers and nodes; written back with other coordinates in their places.
+
+Format: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...cells.mixed_cells import MixedMesh, padded
+from ...errors import InputError
+from ...shown import OneLine
+from ..disk import read_raw, replaced_file
+from .text_numbers import TextPoints, integers_by_line
+
+__all__ = ["Su2File", "read_su2"]
+
+CELLS = {10: ("tetra", 4), 12: ("hexahedron", 8), 13: ("wedge", 6), 14: ("pyramid", 5)}
+FACES = {5: 3, 9: 4}
+"""VTK's numbers of cells and faces, and their corners."""
+
+_KEYWORD = re.compile(rb"^[ \t]*([A-Z_]+)[ \t]*=[ \t]*([^\s%]+)[^\n]*\n?", re.M)
+
+
+@dataclass(frozen=True, eq=False)
+class Su2File(OneLine):
+    """An SU2 mesh and its file.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh.
+    text : TextPoints
+        The file, with the places of the coordinates.
+    """
+
+    mesh: MixedMesh
+    text: TextPoints
+
+    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
+        """Write the file with other nodes, shape (n, 3); all else stays, to the last byte."""
+        with replaced_file(path) as temporary:
+            Path(temporary).write_bytes(self.text.replaced(points))
+
+
+def read_su2(path: str | os.PathLike) -> Su2File:
+    """Read an SU2 mesh of one zone in three dimensions.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Su2File
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, has two dimensions, several zones or elements of another kind.
+    """
+    text, source = read_raw(path), str(path)
+    found = [(m[1].decode(), m[2].decode(errors="replace"), m.start(), m.end()) for m in _KEYWORD.finditer(text)]
+    ends = [start for _, _, start, _ in found[1:]] + [len(text)]
+    sections: dict[str, tuple[str, int, int]] = {}
+    markers: dict[str, np.ndarray] = {}
+    tag = ""
+    for (name, value, _, start), end in zip(found, ends):
+        if name == "MARKER_TAG":
+            tag = value
+        elif name == "MARKER_ELEMS":
+            markers[tag] = _marker(text[start:end], _count(value, name, source), f"{source}: marker '{tag}'")
+        elif name in sections:
+            raise InputError(
+                f"{source}: has {name} twice, so it has several zones; give each zone in a file of its own"
+            )
+        else:
+            sections[name] = value, start, end
+    for name in ("NDIME", "NELEM", "NPOIN"):
+        if name not in sections:
+            raise InputError(f"{source}: has no {name}; give a mesh in the format of SU2")
+    if sections["NDIME"][0] != "3":
+        raise InputError(f"{source}: has NDIME={sections['NDIME'][0]}; only meshes of three dimensions ride along")
+    n_points, start, end = _count(sections["NPOIN"][0], "NPOIN", source), *sections["NPOIN"][1:]
+    points = TextPoints.of(text, start, end, 3, 0, source)
+    if len(points.values) != n_points:
+        raise InputError(f"{source}: announces {n_points:,} nodes and holds {len(points.values):,}; write it again")
+    value, start, end = sections["NELEM"]
+    cells = _cells(text[start:end], _count(value, "NELEM", source), source)
+    for ids in (*cells.values(), *markers.values()):
+        if ids.size and not 0 <= ids.min() <= ids.max() < n_points:
+            raise InputError(f"{source}: an element has node {ids.max()} of {n_points:,}, from 0; write it again")
+    return Su2File(MixedMesh(points.values, cells, markers, source=source), points)
+
+
+def _count(value: str, name: str, source: str) -> int:
+    """Return a number of things."""
+    if not value.isdigit():
+        raise InputError(f"{source}: {name}={value} is no number; write it again")
+    return int(value)
+
+
+def _rows(text: bytes, n: int, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the lines of elements, and where each line begins."""
+    numbers, starts = integers_by_line(re.sub(rb"%[^\n]*", b"", text), what)
+    if len(starts) - 1 != n:
+        raise InputError(f"{what}: announces {n:,} elements and holds {len(starts) - 1:,}; write it again")
+    return numbers, starts
+
+
+def _corners(numbers: np.ndarray, starts: np.ndarray, n_corners: int, what: str) -> np.ndarray:
+    """Corners of elements of one kind by the beginning of their lines."""
+    if len(starts) and starts.max() + n_corners >= len(numbers):
+        raise InputError(f"{what}: its last element has too few nodes; write it again")
+    return numbers[starts[:, None] + 1 + np.arange(n_corners)]
+
+
+def _cells(text: bytes, n: int, source: str) -> dict[str, np.ndarray]:
+    """Corners of the cells of each kind."""
+    numbers, starts = _rows(text, n, source)
+    kinds = numbers[starts[:-1]]
+    unknown = np.setdiff1d(kinds, list(CELLS))
+    if len(unknown):
+        raise InputError(f"{source}: has elements of kind {unknown[0]}; known are {', '.join(map(str, CELLS))}")
+    found = {kind: np.flatnonzero(kinds == kind) for kind in CELLS}
+    return {
+        name: _corners(numbers, starts[found[kind]], n_corners, source)
+        for kind, (name, n_corners) in CELLS.items()
+        if len(found[kind])
+    }
+
+
+def _marker(text: bytes, n: int, what: str) -> np.ndarray:
+    """Faces of a marker, shape (n, 4), in the order of their kinds."""
+    numbers, starts = _rows(text, n, what)
+    kinds = numbers[starts[:-1]]
+    parts = [
+        padded(_corners(numbers, starts[np.flatnonzero(kinds == kind)], n_corners, what))
+        for kind, n_corners in FACES.items()
+    ]
+    return np.concatenate(parts)

@@ -1,0 +1,63 @@
+"""Mixed cells: volumes, folds, skins, and nodes next to walls."""
+
+import numpy as np
+import pytest
+from riding_cases import HALVES, mesh
+
+from bspline_mdao import MixedMesh
+from bspline_mdao.cells.mixed_cells import first_heights
+
+BOX = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [2, 3, 5], [0, 3, 5]], dtype=float)
+
+CELLS = {
+    "tetra": (np.array([[0, 1, 2, 6]]), [5.0]),
+    "pyramid": (np.array([[0, 1, 2, 3, 6]]), [10.0]),
+    "wedge": (HALVES, [15.0, 15.0]),
+    "hexahedron": (np.arange(8)[None], [30.0]),
+}
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_volumes_are_those_of_the_cells_whichever_way_they_go_round(kind):
+    cells, volumes = CELLS[kind]
+    for points in (BOX, BOX * [-1.0, 1.0, 1.0]):
+        quality = MixedMesh(points, {kind: cells}).quality()
+        np.testing.assert_allclose(quality.volumes, volumes, rtol=1e-14)
+        assert not quality.is_inverted.any()
+
+
+def test_a_cell_whose_face_is_pushed_through_is_inverted():
+    box = MixedMesh(BOX, {"hexahedron": np.arange(8)[None]})
+    pushed = BOX.copy()
+    pushed[6] = [0.3, 0.3, 0.2]
+    assert box.quality(pushed).volumes[0] > 0.0
+    assert box.quality(pushed).is_inverted.all()
+
+
+def test_volumes_are_those_of_vtk():
+    pyvista = pytest.importorskip("pyvista", reason="the extra 'pictures' is not installed")
+    cells = mesh().cells
+    kinds = {pyvista.CellType.HEXAHEDRON: cells["hexahedron"], pyvista.CellType.PYRAMID: cells["pyramid"]}
+    sizes = pyvista.UnstructuredGrid(kinds, mesh().points).compute_cell_sizes()["Volume"]
+    quality = mesh().quality()
+    assert not quality.is_inverted.any()
+    np.testing.assert_allclose(quality.volumes, np.abs(sizes), rtol=0.1, atol=1e-3 * sizes.max())
+    of_pyramids = slice(len(cells["hexahedron"]), None)
+    assert quality.volumes[of_pyramids].sum() == pytest.approx(np.abs(sizes[of_pyramids]).sum(), rel=1e-2)
+
+
+def test_the_skin_and_faces_in_any_direction_look_into_the_mesh():
+    wedges = MixedMesh(BOX, {"wedge": HALVES})
+    assert len(wedges.skin) == 8
+    turned = wedges.into_fluid(np.array([[3, 2, 1, 0], [4, 5, 1, 0], [1, 2, 0, 0]]))
+    assert {tuple(sorted(set(face))) for face in turned.tolist()} == {(0, 1, 2), (0, 1, 4, 5)}
+    for face in turned:
+        a, b, c, d = BOX[face]
+        assert np.cross(c - a, d - b) @ (BOX.mean(axis=0) - a) > 0.0
+
+
+def test_the_node_next_to_a_wall_is_at_the_end_of_the_edge_that_leads_off_it():
+    box = MixedMesh(BOX, {"wedge": HALVES})
+    floor = box.into_fluid(np.array([[0, 1, 2, 2], [0, 2, 3, 3]]))
+    at, beside = first_heights(box, floor, np.arange(4))
+    assert (at.tolist(), beside.tolist()) == ([0, 1, 2, 3], [4, 5, 6, 7])

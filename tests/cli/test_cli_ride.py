@@ -1,0 +1,61 @@
+"""The command ``ride``: what it writes, tells and refuses."""
+
+import numpy as np
+import openmdao.api as om
+import pytest
+from riding_cases import mesh, model, su2_text, twisted
+from test_cli import fails_as_expected, numbers
+
+from bspline_mdao import GridEvaluate, read_mesh
+from bspline_mdao.cli.main import run
+
+TWIST = ["--deform", "twist=10deg", "--increments", "1"]
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    model().save("wing.h5")
+    (tmp_path / "wing.su2").write_text(su2_text(mesh()))
+    return tmp_path
+
+
+def test_ride_puts_the_walls_where_the_deformation_does_and_tells_of_cells_and_heights(workplace, capsys):
+    arguments = ["ride", "wing.h5", "wing.su2", "-o", "moved.su2", *TWIST, "--json", "r.json", "--allow-invalid"]
+    assert run(arguments) == 0
+    found, text = numbers("r.json"), capsys.readouterr().out
+    assert (found["walls"], found["n_held"], found["n_inverted"]["before"]) == (["wing"], 0, 0)
+    assert 0.98 < found["heights"]["p01"] < found["heights"]["p99"] < 1.02
+    for words in ("walls: wing", "inverted cells", "heights of the first nodes", "moved.su2 written"):
+        assert words in text
+    moved, rows = read_mesh("moved.su2").mesh.points, np.unique(mesh().markers["wing"])
+    asked = twisted()[1].apply_to_nodes(mesh().points[rows])
+    np.testing.assert_allclose(moved[rows], asked, rtol=0, atol=1e-14)
+
+
+def test_ride_follows_the_best_case_of_an_optimisation_or_control_points_of_a_file(workplace):
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("grid", GridEvaluate(model=model()), promotes=["*"])
+    problem.driver.add_recorder(om.SqliteRecorder(str(workplace / "cases.sql")))
+    problem.driver.recording_options["includes"] = ["*"]
+    problem.setup()
+    problem.set_val("control_points", twisted()[0].ravel())
+    problem.run_driver()
+    problem.cleanup()
+    np.save("points.npy", twisted()[0])
+    for known in (next(workplace.rglob("cases.sql")), "points.npy"):
+        assert run(["ride", "wing.h5", "wing.su2", "--to", str(known), "-o", "to.su2", "--allow-invalid"]) == 0
+        moved = read_mesh("to.su2").mesh.points
+        assert np.linalg.norm(moved - mesh().points, axis=1).max() > 0.05
+
+
+def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
+    start = ["ride", "wing.h5", "wing.su2"]
+    fails_as_expected([*start, "-o", "m.su2"], capsys, "give --deform or --to, one of them")
+    fails_as_expected([*start, "-o", "m.stl", *TWIST], capsys, "m.stl: is no mesh that can ride along")
+    fails_as_expected([*start, "-o", "wing.su2", *TWIST], capsys, "wing.su2: is read by this command")
+    fails_as_expected([*start, "-o", "m.su2", *TWIST, "--wall", "tail"], capsys, "no marker is 'tail'")
+    fails_as_expected([*start, "-o", "m.su2", *TWIST, "--json", "m.json"], capsys, "inverts", "nothing was written")
+    np.save("few.npy", np.zeros((5, 3)))
+    fails_as_expected([*start, "-o", "m.su2", "--to", "few.npy"], capsys, "few.npy")
+    assert {path.name for path in workplace.iterdir()} == {"wing.h5", "wing.su2", "few.npy"}

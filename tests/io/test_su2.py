@@ -1,0 +1,63 @@
+"""SU2 meshes: what is read, what is kept, what is refused."""
+
+import numpy as np
+import pytest
+from riding_cases import mesh, su2_text
+
+from bspline_mdao import InputError, read_mesh
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "wing.su2"
+    path.write_text(su2_text(mesh()))
+    return path
+
+
+def test_a_mesh_comes_in_as_it_was(file):
+    found = read_mesh(file).mesh
+    np.testing.assert_array_equal(found.points, mesh().points)
+    for kind, cells in mesh().cells.items():
+        np.testing.assert_array_equal(found.cells[kind], cells)
+    assert {name: len(faces) for name, faces in found.markers.items()} == {k: len(v) for k, v in mesh().markers.items()}
+
+
+def test_all_but_the_nodes_that_moved_is_kept_to_the_last_byte(file):
+    read, rng = read_mesh(file), np.random.default_rng(4)
+    points = mesh().points.copy()
+    moved = rng.choice(len(points), 50, replace=False)
+    points[moved] += rng.standard_normal((50, 3))
+    read.write(file.with_name("moved.su2"), points)
+    old, new = (path.read_bytes().split(b"\n") for path in (file, file.with_name("moved.su2")))
+    first = old.index(f"NPOIN= {len(points)}".encode()) + 1
+    assert [n for n, (a, b) in enumerate(zip(old, new)) if a != b] == sorted((first + moved).tolist())
+    assert all(new[first + n].endswith(b" %d" % n) for n in moved)
+    np.testing.assert_array_equal(read_mesh(file.with_name("moved.su2")).mesh.points, points)
+    read.write(file.with_name("same.su2"), mesh().points)
+    assert file.with_name("same.su2").read_bytes() == file.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("NDIME= 3", "NDIME= 2", "has NDIME=2; only meshes of three dimensions"),
+        ("NDIME= 3", "NDIM= 3", "has no NDIME"),
+        (f"NPOIN= {mesh().n_points}", "NPOIN= 7", "announces 7 nodes"),
+        (f"NELEM= {mesh().n_cells}", "NELEM= x", "NELEM=x is no number"),
+        (f"NELEM= {mesh().n_cells}", f"NELEM= {mesh().n_cells + 1}", "elements and holds"),
+        ("\n12 ", "\n99 ", "has elements of kind 99"),
+        ("\n12 ", "\n12 999999", "has node"),
+        ("% made by hand", "NDIME= 3", "several zones"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(file, old, new, words):
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=words) as error:
+        read_mesh(file)
+    assert str(file) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_other_names_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"wing.stl: is no mesh that can ride along; give a file .*\.su2"):
+        read_mesh(tmp_path / "wing.stl")

@@ -1,0 +1,87 @@
+"""Meshes that ride along, which the tests share."""
+
+from functools import cache
+
+import numpy as np
+
+from bspline_mdao import LinearElasticity, MixedMesh, Spacing, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao.design.named_deformations import parse_deformation
+from bspline_mdao.riding.wall_faces import GridBoundary
+
+SPACING = Spacing(off_wall=1e-4)
+
+HALVES = np.array([[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]])
+"""Two wedges of a hexahedron."""
+
+
+@cache
+def model():
+    """A wing with a boundary layer."""
+    return fit_grid(onera_m6_grid((9, 11, 9), SPACING), n_control=(6, 6, 6))
+
+
+@cache
+def twisted():
+    """Its control points after a twist, and the deformation."""
+    mesh = moving_mesh(model())
+    deformation = parse_deformation(["twist=10deg"], model(), mesh)
+    initial = model().control_points
+    return LinearElasticity(mesh, n_increments=1).move(
+        initial, deformation.apply(initial[mesh.surface_ids])
+    ).points, deformation
+
+
+def corners_of(ids):
+    """Corners of the cells of a block, shape (n_cells, 8)."""
+    low, high = ids[:, :, :-1], ids[:, :, 1:]
+    around = [(slice(None, -1),) * 2, (slice(1, None), slice(None, -1)), (slice(1, None),) * 2]
+    around.append((slice(None, -1), slice(1, None)))
+    return np.stack([half[part] for half in (low, high) for part in around], axis=-1).reshape(-1, 8)
+
+
+def joined(grid):
+    """Nodes of a grid, each once, and the corners of its cells."""
+    points = grid.to_vector().reshape(-1, 3)
+    unique, numbers = np.unique(points, axis=0, return_inverse=True)
+    cells, first = [], 0
+    for shape in grid.shapes:
+        n = int(np.prod(shape))
+        cells.append(corners_of(numbers.ravel()[first : first + n].reshape(shape)))
+        first += n
+    return unique, np.concatenate(cells)
+
+
+@cache
+def mesh():
+    """A mesh about the same wing with other nodes: hexahedra, stout ones cut into pyramids; with markers."""
+    points, cells = joined(onera_m6_grid((8, 12, 10), SPACING))
+    lengths = np.linalg.norm(points[cells[:, [1, 3, 4]]] - points[cells[:, [0]]], axis=2)
+    is_cut = lengths.max(axis=1) < 5.0 * lengths.min(axis=1)
+    cut = cells[is_cut]
+    middles = len(points) + np.arange(len(cut))[:, None]
+    faces = cut[:, [[0, 1, 2, 3], [7, 6, 5, 4], [0, 4, 5, 1], [1, 5, 6, 2], [2, 6, 7, 3], [3, 7, 4, 0]]]
+    pyramids = np.concatenate([faces, np.broadcast_to(middles[:, None], (len(cut), 6, 1))], axis=2).reshape(-1, 5)
+    points = np.concatenate([points, points[cut].mean(axis=1)])
+    kinds = {"hexahedron": cells[~is_cut], "pyramid": pyramids}
+    bare = MixedMesh(points, kinds)
+    skin = bare.skin
+    is_wall = GridBoundary.of(model()).on_walls(points[skin])
+    in_plane = (points[skin][:, :, 2] == 0.0).all(axis=1) & ~is_wall
+    markers = {"wing": skin[is_wall], "symmetry": skin[in_plane], "far": skin[~is_wall & ~in_plane]}
+    return MixedMesh(points, kinds, markers)
+
+
+def su2_text(mesh):
+    """The text of a mesh in the format of SU2."""
+    kinds, n = {"tetra": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}, 0
+    lines = ["% made by hand", "NDIME= 3", f"NELEM= {mesh.n_cells}"]
+    for kind, cells in mesh.cells.items():
+        lines += [f"{kinds[kind]} {' '.join(map(str, row))} {n + k}" for k, row in enumerate(cells.tolist())]
+        n += len(cells)
+    lines.append(f"NPOIN= {mesh.n_points}")
+    lines += [f"  {x:.16e}\t{y:.16e} {z:.16e} {k}" for k, (x, y, z) in enumerate(mesh.points.tolist())]
+    lines.append(f"NMARK= {len(mesh.markers)}")
+    for name, faces in mesh.markers.items():
+        lines += [f"MARKER_TAG= {name}", f"MARKER_ELEMS= {len(faces)}"]
+        lines += [f"5 {a} {b} {c}" if c == d else f"9 {a} {b} {c} {d}" for a, b, c, d in faces.tolist()]
+    return "\n".join([*lines, "FFD_NBOX= 0", ""])
