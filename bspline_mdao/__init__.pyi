@@ -13,7 +13,6 @@ from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
 from .design.interior_points import InteriorPoints as InteriorPoints
 from .design.lattice import Lattice as Lattice
-from .design.linear_constraints import Collinear as Collinear
 from .design.linear_constraints import InPlane as InPlane
 from .design.linear_constraints import Linked as Linked
 from .design.linear_constraints import Mirrored as Mirrored
@@ -40,6 +39,7 @@ from .design.selection import NearPlane as NearPlane
 from .design.selection import OnPatch as OnPatch
 from .design.selection import OnSideOfPlane as OnSideOfPlane
 from .design.selection import SurfaceRows as SurfaceRows
+from .design.tangent_continuity import TangentContinuity as TangentContinuity
 from .design.user_defined import UserVariable as UserVariable
 from .errors import DerivativeModeWarning as DerivativeModeWarning
 from .errors import FitWarning as FitWarning
@@ -98,6 +98,8 @@ from .measures.camber_surface import CamberSurface as CamberSurface
 from .measures.clearance import Clearance as Clearance
 from .measures.clearance import PlaneClearance as PlaneClearance
 from .measures.curvature import Curvature as Curvature
+from .measures.seams import SeamContinuity as SeamContinuity
+from .measures.seams import seam_continuity as seam_continuity
 from .measures.section_thickness import SectionThickness as SectionThickness
 from .measures.thickness import Thickness as Thickness
 from .measures.volume import EnclosedVolume as EnclosedVolume

@@ -10,7 +10,6 @@ from bspline_mdao.design.displacement import Local
 from bspline_mdao.design.free_form import FreeForm
 from bspline_mdao.design.lattice import Lattice
 from bspline_mdao.design.linear_constraints import (
-    Collinear,
     EqualDisplacement,
     InPlane,
     Linked,
@@ -21,6 +20,7 @@ from bspline_mdao.design.linear_constraints import (
 from bspline_mdao.design.planform import Camber, Chord, Dihedral, Span, Sweep, Taper, ThicknessFactor, Twist
 from bspline_mdao.design.reference_axis import ReferenceAxis
 from bspline_mdao.design.selection import NearPlane
+from bspline_mdao.design.tangent_continuity import TangentContinuity
 from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.fit.fitting import fit_grid
 
@@ -90,7 +90,7 @@ VARIABLES = {
 """Every kind of variable, on a mesh of `wing_model`: all of them pass the same tests of their derivatives."""
 
 CONSTRAINTS = {
-    Collinear: lambda: Collinear(max_kink=170.0),
+    TangentContinuity: lambda: TangentContinuity(max_kink=80.0),
     InPlane: lambda: InPlane(NearPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), normal=(0.2, 1.0, 0.3)),
     Linked: lambda: Linked([3, 8, 5], [11, 2, 14], directions=(1.0, 2.0, 0.5)),
     Mirrored: lambda: Mirrored((0.0, 1.0, 0.0)),

@@ -1,4 +1,4 @@
-"""The surface as a net of control points: its quads, its seams, and a normal at every point.
+"""The surface as a net of control points: its quads, and a normal at every point.
 
 The normal at a point is the mean of the unit normals of the corners of the quads around it, weighted by their angles,
 so that it does not depend on how the surface is cut into quads. At a sharp edge it halves the angle between the two
@@ -14,8 +14,6 @@ Visualization and Computer Graphics* 11, 2005.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +23,7 @@ from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import dots, lengths, unit_vectors
 from ..topology.boundary_surface import facing, quads_in_turn
 
-__all__ = ["surface_normals", "surface_quads", "surface_seams"]
+__all__ = ["surface_normals", "surface_quads"]
 
 CANCELLED = 1e-6
 """Part of the sum of all angles below which the weighted normals around a point count as cancelling: the sides of a
@@ -125,59 +123,3 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 def _sum_at(quads: np.ndarray, vectors: np.ndarray, n: int) -> np.ndarray:
     """Sum vectors of corners, shape (n_quads, 4, 3), at the points of the corners: shape (n, 3)."""
     return np.stack([np.bincount(quads.ravel(), vectors[..., d].ravel(), n) for d in range(3)], axis=1)
-
-
-def surface_seams(mesh: MovingMesh) -> np.ndarray:
-    """Find all seams of the surface: edges at which two sides of blocks meet, with the control points next to them.
-
-    1. Sides of blocks on the surface give four edges each, with the line of points next to it.
-    2. Edges of the same points, read in either direction, belong together; a seam is an edge of two sides.
-    3. Each point of a seam gives a triple, unless two of its points are one.
-
-    Parameters
-    ----------
-    mesh : MovingMesh
-        The mesh.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 3)
-        Rows of ``mesh.surface_ids``: the point next to the seam on one side, on the seam, and on the other side, each
-        triple once. Where an edge is collapsed and has no such point, there is no triple.
-    """
-    sides = defaultdict(list)
-    # steps 1 and 2
-    for face in _faces(mesh):
-        for edge, inner in _edges(face):
-            ahead, back = tuple(edge.tolist()), tuple(edge[::-1].tolist())
-            sides[min(ahead, back)].append(inner if ahead <= back else inner[::-1])
-    # step 3
-    found = [np.column_stack([pair[0], edge, pair[1]]) for edge, pair in sides.items() if len(pair) == 2]
-    triples = np.concatenate([np.zeros((0, 3), dtype=np.int64), *found])
-    a, on, b = np.moveaxis(triples, 1, 0)
-    return _once(triples[(a != on) & (on != b) & (a != b)])
-
-
-def _faces(mesh: MovingMesh) -> Iterator[np.ndarray]:
-    """Sides of blocks on the surface, as rows; neither those between two blocks nor those without extent."""
-    found = defaultdict(list)
-    for ids in mesh.blocks:
-        for side in range(6):
-            face = mesh.surface_rows[np.take(ids, -(side % 2), axis=side // 2)]
-            has_collapsed = (face == face[:1]).all() or (face == face[:, :1]).all()
-            if (face >= 0).all() and not has_collapsed:
-                found[np.unique(face).tobytes()].append(face)
-    return (faces[0] for faces in found.values() if len(faces) == 1)
-
-
-def _edges(face: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The four edges of a face, each with the line of points next to it."""
-    for lines in (face, face.T):
-        yield lines[0], lines[1]
-        yield lines[-1], lines[-2]
-
-
-def _once(triples: np.ndarray) -> np.ndarray:
-    """Triples without those that are the same, read in either direction."""
-    ordered = np.where((triples[:, :1] > triples[:, 2:]), triples[:, ::-1], triples)
-    return triples[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]

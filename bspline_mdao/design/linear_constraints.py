@@ -1,4 +1,4 @@
-"""Linear constraints among surface control points: pinned, in a plane, linked, opposite, collinear, mirrored.
+"""Linear constraints among surface control points: pinned, in a plane, linked, opposite, mirrored.
 
 Each gives homogeneous equations on the displacements of the points; `bspline_mdao.design.elimination` solves them. Of
 two points that move alike one is the *leader*, the *follower* depends on it. Theory:
@@ -18,14 +18,12 @@ from scipy.spatial.distance import cdist
 from ..checks import as_numbers, as_vector
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from ..numerics.vectors import lengths, nearest_plane
+from ..numerics.vectors import nearest_plane
 from ..shown import OneLine
-from .control_net import surface_seams
 from .elimination import Equations
 from .selection import Selection, Where, rows_of
 
 __all__ = [
-    "Collinear",
     "ConstrainedDirections",
     "EqualDisplacement",
     "InPlane",
@@ -229,77 +227,6 @@ class EqualDisplacement:
 def _of_pairs(n_surface: int, pairs: np.ndarray, axes: np.ndarray, sign: float) -> Equations:
     """Equations ``n . (d_follower + sign d_leader) = 0``."""
     return Equations.of(n_surface, pairs, np.stack([sign * axes, axes], axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class Collinear(OneLine):
-    """Control points across seams between sides of blocks stay in line, in the ratio of the baseline (G1).
-
-    The points on the seam follow their two neighbours, where nothing else constrains them.
-
-    Parameters
-    ----------
-    where : Selection, array_like of int or None
-        Points on seams, as rows of ``mesh.surface_ids`` in case of numbers; what else is selected does not count. By
-        default all at which the baseline is smooth.
-    max_kink : float
-        Largest angle of the baseline between the two sides at which it counts as smooth (deg).
-    name : str
-        For messages.
-
-    Examples
-    --------
-    >>> from bspline_mdao import Collinear, ball_grid, fit_grid, moving_mesh
-    >>> mesh = moving_mesh(fit_grid(ball_grid((5, 5, 5, 5))))
-    >>> collinear = Collinear(max_kink=30.0)
-    >>> collinear.equations(mesh, mesh.points[mesh.surface_ids]).matrix.shape[1] == 3 * mesh.surface_ids.size
-    True
-    """
-
-    where: Where | None = None
-    max_kink: float = 5.0
-    name: str = "collinear"
-
-    def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
-        """Equations ``(d_+ - d_0) + r (d_- - d_0) = 0`` at each point of a seam, where r is the ratio of the lengths.
-
-        Raises
-        ------
-        InputError
-            If no point is on a seam, or the baseline has a kink at one that was asked for.
-        """
-        triples = surface_seams(mesh)
-        if self.where is not None:
-            triples = triples[np.isin(triples[:, 1], _rows(self.where, mesh, self.name))]
-        before, after = np.diff(points[triples], axis=1).transpose(1, 0, 2)
-        kinks = _angles(before, after)
-        is_smooth = kinks <= self.max_kink
-        self._check(mesh, triples, kinks, is_smooth)
-        ratios = lengths(after[is_smooth]) / lengths(before[is_smooth])
-        weights = np.stack([ratios, -(1.0 + ratios), np.ones_like(ratios)], axis=1) / (1.0 + ratios)[:, None]
-        coefficients = weights[:, None, :, None] * np.eye(3)[:, None]
-        return Equations.of(len(points), triples[is_smooth], coefficients, follower=1)
-
-    def _check(self, mesh, triples, kinks, is_smooth):
-        """Refuse to be about nothing, and kinks where smoothness was asked for."""
-        if not len(triples) or (self.where is None and not is_smooth.any()):
-            raise InputError(
-                f"linear constraint '{self.name}': no point is on a seam at which the surface is smooth; leave it out"
-            )
-        if self.where is not None and not is_smooth.all():
-            worst = np.argmax(np.where(is_smooth, -np.inf, kinks))
-            place = mesh.place_of_surface_point(triples[worst, 1])
-            raise InputError(
-                f"linear constraint '{self.name}': the surface has a kink of {kinks[worst]:.3g} deg at "
-                f"{place}; leave it out, or raise max_kink from {self.max_kink:g}"
-            )
-
-
-def _angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angles between vectors (deg), shape (n,); 180 where one has no length."""
-    crossed = lengths(np.cross(a, b))
-    angles = np.degrees(np.arctan2(crossed, np.sum(a * b, axis=-1)))
-    return np.where(lengths(a) * lengths(b) > 0.0, angles, 180.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def moving_mesh(
         require_kind(model, FittedModel, "the model of a moving mesh", "make it with fit_grid(grid)")
     parameters = tuple(greville_abscissae(volume) for volume in model.mesh.volumes)
     asked = _Requests.of(model.topology, len(model.control_points), design, fixed, released, sliding)
-    return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters=parameters)
+    return _mesh(model.topology, model.mesh.control_ids, model.control_points, asked, parameters, model.mesh.volumes)
 
 
 def require_mesh_of(model: FittedModel | ModelShare, mesh: MovingMesh, what: str) -> None:
@@ -183,7 +183,9 @@ class _Requests:
         return cls(matching_patches(topology, design), **found, fixed_point_ids=fixed_point_ids)
 
 
-def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Requests, parameters=None) -> MovingMesh:
+def _mesh(
+    topology: Topology, blocks, points: np.ndarray, asked: _Requests, parameters=None, volumes=None
+) -> MovingMesh:
     """Sort the boundary faces of all blocks by what is asked of them."""
     allowed, others = AllowedDirections.of(len(points)), []
     allowed.fix(asked.fixed_point_ids)
@@ -214,6 +216,7 @@ def _mesh(topology: Topology, blocks, points: np.ndarray, asked: _Requests, para
         points,
         **allowed.fields(),
         parameters=parameters,
+        volumes=volumes,
         planes=tuple(plane for (face, _), plane in zip(undecided, planes) if plane and face.kind != "farfield"),
         obstacles=_obstacles(fixed, allowed.surface),
     )

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from ..cells.hexahedron import cell_quality, collapsed_corners
 from ..errors import InputError
 from ..shown import OneLine
+from ..splines.volume import Volume
 
 __all__ = ["MovingMesh", "Tangling", "require_mesh"]
 
@@ -74,6 +75,8 @@ class MovingMesh(OneLine):
         Unit normals of these planes.
     parameters : tuple of ndarray, each of shape (N0, N1, N2, 3), or None
         Place of every point of every block in parameter space, where the mesh is a control mesh.
+    volumes : tuple of Volume, or None
+        Splines of every block, where the mesh is a control mesh.
     planes : tuple of (ndarray, float)
         Unit normals and offsets (m) of the planes of no declared kind in which points slide because the design surface
         ends on them; the surface itself may leave them.
@@ -98,6 +101,7 @@ class MovingMesh(OneLine):
     in_plane_rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     in_plane_normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parameters: tuple[np.ndarray, ...] | None = None
+    volumes: tuple[Volume, ...] | None = None
     planes: tuple[tuple[np.ndarray, float], ...] = ()
     obstacles: tuple[tuple[str, np.ndarray], ...] = ()
 

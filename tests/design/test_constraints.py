@@ -8,10 +8,8 @@ from scipy.sparse import csr_array, vstack
 from topology_cases import ORIENTATIONS, box, grid_of, o_grid, patch, split
 
 from bspline_mdao import onera_m6_grid
-from bspline_mdao.design.control_net import surface_seams
 from bspline_mdao.design.elimination import Equations, eliminate
 from bspline_mdao.design.linear_constraints import (
-    Collinear,
     EqualDisplacement,
     InPlane,
     Linked,
@@ -20,7 +18,9 @@ from bspline_mdao.design.linear_constraints import (
     Pinned,
 )
 from bspline_mdao.design.selection import InBox, NearPlane, SurfaceRows
+from bspline_mdao.design.tangent_continuity import TangentContinuity
 from bspline_mdao.errors import InputError
+from bspline_mdao.mesh.seams import seams_of_mesh
 from bspline_mdao.numerics.vectors import nearest_plane
 from bspline_mdao.topology.index_space import Window
 
@@ -36,6 +36,16 @@ def displaced(mesh, *constraints, seed=0):
     elimination = eliminate(mesh, surface_of(mesh), constraints)
     d = np.random.default_rng(seed).normal(size=(len(mesh.surface_ids), 3))
     return elimination, d, (elimination.matrix @ d.ravel()).reshape(-1, 3)
+
+
+def surface_seams(mesh):
+    """Points next to seams, on them, and next to them on the other side: rows, shape (n, 3), each triple once."""
+    found = [np.stack([s.first.line(1), s.first.line(0), s.second.line(1)], axis=1) for s in seams_of_mesh(mesh)]
+    triples = np.concatenate([np.zeros((0, 3), dtype=int), *found])
+    a, on, b = triples.T
+    triples = triples[(a != on) & (on != b) & (a != b)]
+    ordered = np.where(triples[:, :1] > triples[:, 2:], triples[:, ::-1], triples)
+    return triples[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]
 
 
 def four_walls():
@@ -306,7 +316,7 @@ def test_sides_between_blocks_and_collapsed_sides_have_no_seams():
 def test_control_points_across_smooth_seams_stay_in_line_also_where_four_sides_meet():
     mesh = four_walls()
     surface, triples = surface_of(mesh), surface_seams(mesh)
-    elimination, d, moved = displaced(mesh, Collinear())
+    elimination, d, moved = displaced(mesh, TangentContinuity())
     before, after = np.diff((surface + 0.1 * moved)[triples], axis=1).transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(before, after), axis=1).max() < 1e-15
     is_on_seam = np.zeros(len(surface), dtype=bool)
@@ -315,11 +325,11 @@ def test_control_points_across_smooth_seams_stay_in_line_also_where_four_sides_m
     assert elimination.dependent.sum() == 3 * (len(triples) - 1)  # where two seams cross, one follows from the other
 
 
-def test_affine_moves_pass_collinear_and_translations_pass_linked():
+def test_affine_moves_pass_tangent_continuity_and_translations_pass_linked():
     mesh = four_walls()
     surface = surface_of(mesh)
     affine = surface @ np.random.default_rng(1).normal(size=(3, 3))
-    elimination = eliminate(mesh, surface, [Collinear()])
+    elimination = eliminate(mesh, surface, [TangentContinuity()])
     np.testing.assert_allclose(elimination.matrix @ affine.ravel(), affine.ravel(), atol=1e-14)
     shift = np.tile([0.3, -0.2, 0.1], len(surface))
     elimination = eliminate(mesh, surface, [EqualDisplacement(np.arange(len(surface))), Linked([3], [7])])
@@ -329,7 +339,7 @@ def test_affine_moves_pass_collinear_and_translations_pass_linked():
 def test_pinned_seams_hand_their_neighbours_over():
     mesh = four_walls()
     triples = surface_seams(mesh)
-    _, _, moved = displaced(mesh, Collinear(), Pinned(triples[:, 1]))
+    _, _, moved = displaced(mesh, TangentContinuity(), Pinned(triples[:, 1]))
     assert (moved[triples[:, 1]] == 0.0).all()
     before, after = np.diff((surface_of(mesh) + 0.1 * moved)[triples], axis=1).transpose(1, 0, 2)
     assert np.linalg.norm(np.cross(before, after), axis=1).max() < 1e-15
@@ -339,9 +349,12 @@ def test_pinned_seams_hand_their_neighbours_over():
 @pytest.mark.parametrize(
     ("constraint", "message"),
     [
-        (Collinear(InBox(), name="seams"), r"'seams': the surface has a kink of 1\d\d deg at point \(\d+, .* of block"),
-        (Collinear(), "no point is on a seam"),
-        (Collinear([16]), "no point is on a seam"),
+        (
+            TangentContinuity(InBox(), name="seams"),
+            r"'seams': the surface has a kink of 1\d\d deg at point \(\d+, .* of block",
+        ),
+        (TangentContinuity(), "no point is on a seam"),
+        (TangentContinuity([16]), "no point is on a seam"),
         (Mirrored([0, 0, 1.0]), r"point \(\d, \d, \d\) of block \d has no partner, the nearest point is .* m off"),
         (Mirrored([0, 1.0, 0], tolerance=0.5), "partners"),
         (InPlane(np.arange(36), name="root"), r"'root': point \(.*\) of block \d is .* m off the plane through all"),

@@ -1,0 +1,150 @@
+"""How smooth a surface is across its seams: the angle between tangent planes, and curvatures on either side.
+
+At places along a seam, ``n`` is the unit normal of a side, ``T`` the unit tangent of the seam and ``h = n x T`` the
+direction across it in the tangent plane. The normal curvature in that direction is ``II(d, d)`` where
+``S_u d_u + S_v d_v = h``; positive where the surface bends towards its normal, into the fluid.
+Theory: ``docs/theory/linear_constraints.rst``.
+
+References
+----------
+M. P. do Carmo, *Differential Geometry of Curves and Surfaces*, 1976: normal curvature by the second fundamental form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks import as_finite_points, require_kind
+from ..errors import InputError
+from ..mesh.seams import Seam, SideEdge, find_seams
+from ..mesh.spline_sides import spline_sides
+from ..model.fitted_model import FittedModel
+from ..numerics.vectors import dots, lengths
+from ..shown import OneLine
+
+__all__ = ["SeamContinuity", "seam_continuity"]
+
+NO_PLANE = 1e-6
+"""Sine between the two derivatives of a side, or part of the longest of them, at which it has no tangent plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeamContinuity(OneLine):
+    """Smoothness across one seam.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The two sides: block, side and patch.
+    points : ndarray, shape (n, 3)
+        Places along the seam (m).
+    kinks : ndarray, shape (n,)
+        Angles between the two tangent planes (deg): 0 where the surface is smooth, 180 where it turns back on itself.
+    curvatures : ndarray, shape (n, 2)
+        Normal curvature across the seam on either side (1/m).
+
+    Examples
+    --------
+    >>> from bspline_mdao import ball_grid, fit_grid, seam_continuity
+    >>> seam = seam_continuity(fit_grid(ball_grid((9, 9, 9, 9))))[0]
+    >>> seam.points.shape, bool(seam.max_kink < 1.0)
+    ((21, 3), True)
+    """
+
+    names: tuple[str, str]
+    points: np.ndarray
+    kinks: np.ndarray
+    curvatures: np.ndarray
+
+    @property
+    def max_kink(self) -> float:
+        """Largest angle between the two tangent planes (deg)."""
+        return float(self.kinks.max(initial=0.0))
+
+    @property
+    def max_jump(self) -> float:
+        """Largest difference between the curvatures of both sides (1/m); it has a meaning where there is no kink."""
+        return float(np.abs(np.diff(self.curvatures, axis=1)).max(initial=0.0))
+
+
+def seam_continuity(
+    model: FittedModel,
+    control_points: np.ndarray | None = None,
+    patches: str | Sequence[str] | None = None,
+    n_places: int = 21,
+) -> tuple[SeamContinuity, ...]:
+    """Measure kinks and curvatures across all seams between sides of blocks on a surface.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The model; it is the splines that are measured, without the residual.
+    control_points : ndarray, shape (n_control_points, 3), optional
+        Moved control points (m); the fitted ones by default.
+    patches : str or sequence of str, optional
+        Patches by name or pattern (``"wing*"``); all walls by default.
+    n_places : int
+        Places along each seam, without its ends; those at which a side has no tangent plane are left out.
+
+    Returns
+    -------
+    tuple of SeamContinuity
+        The largest kink first.
+
+    Raises
+    ------
+    InputError
+        If a patch does not exist, no patch is a wall, or there is no place.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ball_grid, fit_grid, seam_continuity
+    >>> seams = seam_continuity(fit_grid(ball_grid((9, 9, 9, 9))))
+    >>> len(seams)  # the edges of a cube
+    12
+    """
+    require_kind(model, FittedModel, "the model of seams", "make it with fit_grid(grid)")
+    if n_places < 1:
+        raise InputError(f"seams: {n_places} places along each; ask for at least 1")
+    points = model.control_points
+    if control_points is not None:
+        points = as_finite_points(control_points, len(points), f"{model.header.source}: control points")
+    sides = spline_sides(model, points, patches)
+    t = np.arange(1, n_places + 1) / (n_places + 1)
+    names = [side.name for side in sides]
+    found = [_measured(seam, t, names) for seam in find_seams([(side.surface, side.ids) for side in sides])]
+    return tuple(sorted(found, key=lambda seam: -seam.max_kink))
+
+
+def _measured(seam: Seam, t: np.ndarray, names: Sequence[str]) -> SeamContinuity:
+    normals, curvatures, has_plane = zip(*(_on_side(edge, t) for edge in (seam.first, seam.second)))
+    both = has_plane[0] & has_plane[1]
+    kinks = np.degrees(np.arctan2(lengths(np.cross(*normals)), dots(*normals)))
+    return SeamContinuity(
+        (names[seam.first.number], names[seam.second.number]),
+        seam.first.side.points(*seam.first.uv(t))[both],
+        kinks[both],
+        np.stack(curvatures, axis=1)[both],
+    )
+
+
+def _on_side(edge: SideEdge, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit normals, curvatures across the seam, and whether there is a tangent plane, at places along a seam."""
+    uv = edge.uv(t)
+    gradients, hessians = edge.side.gradients(*uv), edge.side.hessians(*uv)
+    s_u, s_v = gradients[..., 0], gradients[..., 1]
+    crossed, size = np.cross(s_u, s_v), lengths(gradients.swapaxes(1, 2))
+    area = lengths(crossed)
+    has_plane = (area > NO_PLANE * size.prod(axis=1)) & (size.min(axis=1) > NO_PLANE * size.max())
+    normals = crossed / np.where(has_plane, area, 1.0)[:, None]
+    tangent = gradients[..., 1 - edge.axis]
+    across = np.cross(normals, tangent / np.where(has_plane, lengths(tangent), 1.0)[:, None])
+    # d with S_u d_u + S_v d_v = across, by the dual basis
+    safe = np.where(has_plane, area, 1.0)
+    d_u = dots(np.cross(across, s_v), normals) / safe
+    d_v = dots(np.cross(s_u, across), normals) / safe
+    second = np.einsum("ndk,nd->nk", hessians, normals)
+    return normals, second[:, 0] * d_u**2 + 2.0 * second[:, 1] * d_u * d_v + second[:, 2] * d_v**2, has_plane

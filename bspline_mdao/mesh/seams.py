@@ -1,0 +1,178 @@
+"""Seams of a surface: edges at which two sides of volumes meet, with the derivatives of both there.
+
+On either side the derivative into the side and the one along the seam are linear in control points: those on the seam
+and those of the next line. With curved knots the knots along the seam vary into the side, which adds a term of the
+points on the seam. Theory: ``docs/theory/linear_constraints.rst``.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..shown import OneLine
+from ..splines.basis import basis_gradients
+from ..splines.knots import ConstantKnots
+from ..splines.side import VolumeSide
+from ..splines.volume import Volume
+from .moving_mesh import MovingMesh
+
+__all__ = ["Seam", "SideEdge", "find_seams", "seams_of_mesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class SideEdge(OneLine):
+    """An edge of a side.
+
+    Parameters
+    ----------
+    side : VolumeSide
+        The side.
+    ids : ndarray of int, shape (N_u, N_v)
+        Numbers of its control points.
+    axis, end : int
+        The edge is where u (axis 0) or v (axis 1) has this parameter, 0 or 1.
+    is_reversed : bool
+        Whether the seam runs against the other parameter.
+    number : int
+        Number of the side, for the caller.
+    """
+
+    side: VolumeSide
+    ids: np.ndarray
+    axis: int
+    end: int
+    is_reversed: bool
+    number: int
+
+    def line(self, inside: int) -> np.ndarray:
+        """Numbers of the control points of a line, 0 on the seam and 1 next to it, along the seam."""
+        lines = self.ids if self.axis == 0 else self.ids.T
+        line = lines[-1 - inside if self.end else inside]
+        return line[::-1] if self.is_reversed else line
+
+    @property
+    def inward(self) -> float:
+        """Sign of the derivative in the parameter that leads into the side."""
+        return -1.0 if self.end else 1.0
+
+    @property
+    def along(self) -> float:
+        """Sign of the derivative along the seam."""
+        return -1.0 if self.is_reversed else 1.0
+
+    def uv(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters u and v of places t, 0 to 1, along the seam."""
+        own = 1.0 - t if self.is_reversed else t
+        fixed = np.full(len(t), float(self.end))
+        return (fixed, own) if self.axis == 0 else (own, fixed)
+
+    def greville(self) -> np.ndarray:
+        """Places along the seam that belong to its control points, ascending."""
+        knots = self.side.edge_knots(1 - self.axis, self.end)
+        sums, order = np.cumsum(knots.knots), knots.order
+        own = ((sums[order - 1 : -1] - sums[:-order]) / (order - 1)).clip(0.0, 1.0)
+        own[[0, -1]] = 0.0, 1.0
+        return 1.0 - own[::-1] if self.is_reversed else own
+
+    def weights(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weights of control points in derivatives at places along the seam.
+
+        Returns
+        -------
+        inner : ndarray, shape (n, N)
+            Of the next line in the derivative into the side.
+        own : ndarray, shape (n, N)
+            Of the line on the seam in the same.
+        tangent : ndarray, shape (n, N)
+            Of the line on the seam in the derivative along it.
+        """
+        into, along = self.side.axes[self.axis], self.side.axes[1 - self.axis]
+        at = self.side.parameters(*self.uv(t))
+        values = _dense(self.side.volume.knots[along], along, at)
+        across = _dense(self.side.volume.knots[into], into, at)[..., 1 + into]
+        first, second = (-1, -2) if self.end else (0, 1)
+        inner = self.inward * across[:, second, None] * values[..., 0]
+        own = self.inward * (across[:, first, None] * values[..., 0] + values[..., 1 + into])
+        tangent = self.along * values[..., 1 + along]
+        return (inner[:, ::-1], own[:, ::-1], tangent[:, ::-1]) if self.is_reversed else (inner, own, tangent)
+
+
+def _dense(knots, direction: int, parameters: np.ndarray) -> np.ndarray:
+    """All basis functions of a direction and their derivatives in three parameters, shape (n, N, 4)."""
+    spans, values = basis_gradients(knots, direction, parameters)
+    found = np.zeros((len(parameters), knots.n_control, 4))
+    found[np.arange(len(parameters))[:, None], spans[:, None] + np.arange(1 - knots.order, 1)] = values
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Seam(OneLine):
+    """Two edges of sides that are one.
+
+    Parameters
+    ----------
+    first, second : SideEdge
+        The edge as that of either side; both run the same way.
+    """
+
+    first: SideEdge
+    second: SideEdge
+
+
+def find_seams(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Seam]:
+    """Find the edges that two sides share, by the numbers of their control points.
+
+    Parameters
+    ----------
+    sides : iterable of (VolumeSide, ndarray of int)
+        Sides, and the numbers of their control points, shape (N_u, N_v).
+
+    Returns
+    -------
+    list of Seam
+        Those that have not collapsed to a point.
+    """
+    found: dict[tuple, list[SideEdge]] = defaultdict(list)
+    for number, (side, ids) in enumerate(sides):
+        for axis in (0, 1):
+            for end in (0, 1):
+                line = (ids if axis == 0 else ids.T)[-end]
+                ahead, back = tuple(line.tolist()), tuple(line[::-1].tolist())
+                if len(set(ahead)) > 1:
+                    found[min(ahead, back)].append(SideEdge(side, ids, axis, end, ahead > back, number))
+    return [Seam(*edges) for edges in found.values() if len(edges) == 2]
+
+
+def seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
+    """Find the seams of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``.
+
+    A mesh without splines counts as one of order 2, whose sides are the quads between its points.
+    """
+    return find_seams(_sides(mesh))
+
+
+def _sides(mesh: MovingMesh) -> Iterator[tuple[VolumeSide, np.ndarray]]:
+    """Sides of blocks on the surface; neither those between two blocks nor those without extent."""
+    found = defaultdict(list)
+    for number, ids in enumerate(mesh.blocks):
+        for side in range(6):
+            face = mesh.surface_rows[np.take(ids, -(side % 2), axis=side // 2)]
+            has_collapsed = (face == face[:1]).all() or (face == face[:, :1]).all()
+            if (face >= 0).all() and not has_collapsed:
+                found[np.unique(face).tobytes()].append((number, side, face))
+    for faces in found.values():
+        if len(faces) == 1:
+            number, side, face = faces[0]
+            ids, direction = mesh.blocks[number], side // 2
+            volume = mesh.volumes[number] if mesh.volumes else _linear(ids.shape)
+            u, v = (d for d in range(3) if d != direction)
+            yield VolumeSide(volume, mesh.points[ids], direction, side % 2, (u, v)), face
+
+
+def _linear(shape: tuple[int, ...]) -> Volume:
+    """Splines of order 2 whose control points are the points of a block."""
+    return Volume(tuple(ConstantKnots.uniform(n, min(n, 2)) for n in shape))
