@@ -6,9 +6,9 @@ from .cad.files import CadShape as CadShape
 from .cad.files import read_cad as read_cad
 from .cad.write_cad import CadReport as CadReport
 from .cad.write_cad import write_cad as write_cad
+from .cells.curved_grid import CurvedGrid as CurvedGrid
 from .cells.mixed_cells import MixedMesh as MixedMesh
 from .design.coarse_net import CoarseNet as CoarseNet
-from .cells.curved_grid import CurvedGrid as CurvedGrid
 from .design.displacement import Local as Local
 from .design.free_form import FreeForm as FreeForm
 from .design.interior_points import InteriorPoints as InteriorPoints
