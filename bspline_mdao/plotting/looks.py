@@ -527,8 +527,12 @@ def has_screen() -> bool:
 
 
 def _has_trame() -> bool:
+    """Whether PyVista has its interactive backend: a package of its own, trame-pyvista, from PyVista 0.48 on."""
     import importlib.util
 
+    registered = getattr(require("pyvista"), "registered_jupyter_backends", None)
+    if registered is not None:
+        return "trame" in {backend.name for backend in registered()}
     return all(importlib.util.find_spec(name) for name in ("trame", "trame_vtk", "trame_vuetify", "ipywidgets"))
 
 

@@ -183,3 +183,16 @@ def test_what_users_print_is_one_short_line(model):
         assert repr(what).startswith(type(what).__name__ + "(")
         assert len(repr(what)) <= 120
         assert "\n" not in repr(what)
+
+
+@pytest.mark.parametrize("names", [("client", "trame"), ("client",), ()])
+def test_a_notebook_asks_for_trame_where_pyvista_has_it(monkeypatch, names):
+    from types import SimpleNamespace
+
+    pyvista = pytest.importorskip("pyvista", reason="pyvista is not installed")
+    backends = tuple(SimpleNamespace(name=name) for name in names)
+    monkeypatch.setattr(pyvista, "registered_jupyter_backends", lambda: backends, raising=False)
+    monkeypatch.setattr(looks, "_in_notebook", lambda: True)
+    asked = []
+    looks._show(SimpleNamespace(show=lambda **how: asked.append(how["jupyter_backend"])))
+    assert asked == ["trame" if "trame" in names else "static"]
