@@ -1,7 +1,8 @@
 """Members of a grid family: the same mapping at a smoothly changed spacing of the parameters, section II.E.
 
-The parameters of a fitted grid are smooth functions of the index. A finer or coarser member takes them at more or fewer
-index positions, by cubic Hermite interpolation with slopes of fourth order, one index direction after the other. So
+The parameters of a fitted grid are smooth functions of the index (`.index_map`), with as many continuous derivatives as
+the splines have, and two at least. A finer or coarser member takes them at more or fewer index positions, one index
+direction after the other. So
 
 - integer factors keep the nodes of the grid, and factors 1/2, 1/3, ... pick from them;
 - the nodes of a face depend on the face alone, and neighbours get the same;
@@ -11,13 +12,8 @@ The topology stays, with all indices scaled: the interval of indices between two
 cells for its ``n``, one at least. Linked segments have equal intervals, so that they agree again; windows that end
 between two cuts go to the nearest index.
 
-Along its own direction a parameter increases strictly: slopes are limited to three times the smaller neighbouring
-difference (Fritsch and Carlson), which ordinary grids never reach. Where interpolation *across* a line would fold it,
-the line is interpolated linearly across. Theory: ``docs/theory/evaluation.rst``.
-
-References
-----------
-F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17 (1980), 238-246.
+Along its own direction a parameter increases strictly. Where interpolation *across* a line would fold it, the line is
+interpolated linearly across. Theory: ``docs/theory/evaluation.rst``.
 """
 
 from __future__ import annotations
@@ -34,6 +30,7 @@ from ..splines.mesh import BSplineMesh
 from ..topology.index_space import Window
 from ..topology.topology import NearMiss, Topology
 from .evaluator import Evaluator
+from .index_map import interpolate, interpolate_linearly
 
 MOST_NODES = 1e11
 """Nodes of a member above which no memory takes their indices."""
@@ -86,11 +83,17 @@ def refine(topology: Topology, mesh: BSplineMesh, parameters: Sequence[np.ndarra
         If the factor is not a positive number.
     """
     member = refined_topology(topology, factor)
-    refined = tuple(refine_parameters(x, s.shape) for x, s in zip(parameters, member.segments))
+    continuity = continuity_of(mesh)
+    refined = tuple(refine_parameters(x, s.shape, continuity) for x, s in zip(parameters, member.segments))
     return FamilyMember(member, mesh, refined)
 
 
-def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def continuity_of(mesh: BSplineMesh) -> int:
+    """Continuous derivatives of the map from indices to parameters: p - 2 of splines of order p, and two at least."""
+    return max(2, *(order - 2 for volume in mesh.volumes for order in volume.orders))
+
+
+def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...], continuity: int = 2) -> np.ndarray:
     """Parameters at other index positions, spread evenly over the same range of indices.
 
     Parameters
@@ -99,6 +102,8 @@ def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndar
         Parameters of a grid, each increasing along its own direction.
     shape : tuple of int
         Numbers of nodes wanted.
+    continuity : int
+        Continuous derivatives of the parameters as functions of the index.
 
     Returns
     -------
@@ -106,85 +111,14 @@ def refine_parameters(parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndar
     """
     refined = np.empty((*shape, 3))
     for d in range(3):
-        x = interpolate(parameters[..., d], d, shape[d], is_increasing=True)
+        x = interpolate(parameters[..., d], d, shape[d], is_increasing=True, continuity=continuity)
         smooth = straight = x
         for other in ((d + 1) % 3, (d + 2) % 3):
-            smooth = interpolate(smooth, other, shape[other])
-            straight = _interpolate_linearly(straight, other, shape[other])
+            smooth = interpolate(smooth, other, shape[other], continuity=continuity)
+            straight = interpolate_linearly(straight, other, shape[other])
         is_folded = ((np.diff(smooth, axis=d) <= 0) & (np.diff(straight, axis=d) > 0)).any(axis=d, keepdims=True)
         refined[..., d] = np.where(is_folded, straight, smooth)
     return refined
-
-
-def interpolate(values: np.ndarray, axis: int, n: int, is_increasing: bool = False) -> np.ndarray:
-    """Cubic Hermite interpolation of values at integers, at ``n`` evenly spread positions.
-
-    Parameters
-    ----------
-    values : ndarray
-        Values.
-    axis : int
-        Axis along which they are interpolated.
-    n : int
-        Number of positions, the first and the last value being two of them.
-    is_increasing : bool
-        Limit slopes so that increasing values are interpolated by an increasing function.
-
-    Returns
-    -------
-    ndarray
-        ``n`` long along the axis. Positions at integers get the values themselves, and equal values their own bits.
-    """
-    x = np.moveaxis(values, axis, -1)
-    if x.shape[-1] == 1:
-        return np.moveaxis(np.repeat(x, n, axis=-1), -1, axis)
-    steps = np.diff(x, axis=-1)
-    slopes = _slopes(steps)
-    if is_increasing:
-        slopes = np.clip(slopes, 0.0, _largest_slopes(steps))
-    at, s = _positions(x.shape[-1], n)
-    step, bend_low, bend_high = steps[..., at], slopes[..., at] - steps[..., at], slopes[..., at + 1] - steps[..., at]
-    inner = x[..., at] + s * (step + (1 - s) * ((1 - s) * bend_low - s * bend_high))
-    return np.moveaxis(np.where(s == 1.0, x[..., at + 1], inner), -1, axis)
-
-
-def _interpolate_linearly(values: np.ndarray, axis: int, n: int) -> np.ndarray:
-    x = np.moveaxis(values, axis, -1)
-    if x.shape[-1] == 1:
-        return np.moveaxis(np.repeat(x, n, axis=-1), -1, axis)
-    at, s = _positions(x.shape[-1], n)
-    return np.moveaxis((1 - s) * x[..., at] + s * x[..., at + 1], -1, axis)
-
-
-def _positions(n_values: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Interval of each position, and the fraction of it that lies before the position."""
-    position = np.arange(n) * (n_values - 1) / max(n - 1, 1)
-    at = np.minimum(position.astype(int), n_values - 2)
-    return at, position - at
-
-
-def _slopes(steps: np.ndarray) -> np.ndarray:
-    """Slopes at the integers from the differences between them: of fourth order inside, of third at the ends."""
-    n = steps.shape[-1]
-    if n < 3:
-        inner = [(steps[..., 0] + steps[..., 1]) / 2] if n == 2 else []
-        first = (3 * steps[..., 0] - steps[..., 1]) / 2 if n == 2 else steps[..., 0]
-        last = (3 * steps[..., -1] - steps[..., -2]) / 2 if n == 2 else steps[..., 0]
-        return np.stack([first, *inner, last], axis=-1)
-    ends = [_end_slopes(*(steps[..., m] for m in order)) for order in ((0, 1, 2), (-1, -2, -3))]
-    inner = (7 * (steps[..., 1:-2] + steps[..., 2:-1]) - steps[..., :-3] - steps[..., 3:]) / 12
-    return np.concatenate([np.stack(ends[0], axis=-1), inner, np.stack(ends[1][::-1], axis=-1)], axis=-1)
-
-
-def _end_slopes(h_0, h_1, h_2) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes at the end and next to it of the cubic through the last four values."""
-    return (11 * h_0 - 7 * h_1 + 2 * h_2) / 6, (2 * h_0 + 5 * h_1 - h_2) / 6
-
-
-def _largest_slopes(steps: np.ndarray) -> np.ndarray:
-    """Three times the smaller neighbouring difference, at every integer."""
-    padded = np.concatenate([steps[..., :1], steps, steps[..., -1:]], axis=-1)
-    return 3 * np.minimum(padded[..., :-1], padded[..., 1:])
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from ..cells.line_neighbours import LineNeighbours
 from ..errors import InputError
 from ..shown import OneLine
 from ..topology.topology import Topology
-from .family import interpolate
+from .index_map import interpolate
 
 __all__ = ["CellTransfer", "NodeTransfer"]
 
@@ -135,7 +135,7 @@ class CellTransfer(OneLine):
 class NodeTransfer(OneLine):
     """Interpolation of node values from one member of a grid family to another, finer or coarser.
 
-    By cubic Hermite interpolation in the index, as the parameters of members are, or linearly. Where nodes coincide
+    By smooth interpolation in the index, as the parameters of members are, or linearly. Where nodes coincide
     they keep their values: a coarser member of half the cells picks from them. Nodes that blocks share get the same
     values if they had.
 

@@ -8,12 +8,12 @@ from bspline_mdao.cells.hexahedron import cell_quality
 from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.family import (
     IndexScaling,
-    interpolate,
     refine,
     refine_parameters,
     refined_topology,
     scaled_count,
 )
+from bspline_mdao.evaluation.index_map import interpolate
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.model.fitted_model import family_member
 from bspline_mdao.splines.volume import evaluate
@@ -58,21 +58,62 @@ def test_coarse_members_pick_from_the_values():
         np.testing.assert_array_equal(interpolate(x, 0, 12 // m + 1), x[::m])
 
 
-def test_interpolation_is_of_fourth_order():
+@pytest.mark.parametrize("continuity", [2, 3, 4])
+def test_interpolation_is_of_fifth_order(continuity):
+    t = [np.linspace(0, 1, n) for n in (21, 41, 81)]
     errors = [
-        np.abs(
-            interpolate(np.sin(3 * np.linspace(0, 1, n)), 0, 5 * n - 4) - np.sin(3 * np.linspace(0, 1, 5 * n - 4))
-        ).max()
-        for n in (21, 41, 81)
+        np.abs(interpolate(np.sin(3 * x), 0, 5 * len(x) - 4, continuity=continuity) - np.sin(3 * fine)).max()
+        for x, fine in zip(t, (np.linspace(0, 1, 5 * len(x) - 4) for x in t))
     ]
-    assert np.log2(np.divide(errors[:-1], errors[1:])).min() > 3.7
+    assert np.log2(np.divide(errors[:-1], errors[1:])).min() > 4.7
 
 
-def test_increasing_values_stay_increasing():
+@pytest.mark.parametrize("is_increasing", [False, True])
+@pytest.mark.parametrize("continuity", [2, 3, 4])
+def test_derivatives_are_continuous_at_old_values_up_to_the_order_asked_for(continuity, is_increasing):
+    """Each side is a polynomial, which divided differences of as many positions as it has coefficients give exactly."""
+    n_inside = 2 * continuity + 1  # positions of an interval that are its coefficients
+    x = np.cumsum(10.0 ** np.random.default_rng(continuity).uniform(-1, 1, (20, 9)), axis=1)
+    fine = interpolate(x, 1, 8 * n_inside + 1, is_increasing, continuity)
+    taylor = np.linalg.inv(np.vander(np.arange(n_inside + 1) / n_inside, increasing=True))
+    for node in range(1, 8):
+        at = node * n_inside
+        before, after = fine[:, at - n_inside : at + 1][:, ::-1] @ taylor.T, fine[:, at : at + n_inside + 1] @ taylor.T
+        before *= (-1.0) ** np.arange(n_inside + 1)
+        scale = np.abs(after).max()
+        np.testing.assert_allclose(before[:, : continuity + 1], after[:, : continuity + 1], rtol=0, atol=1e-7 * scale)
+        if 2 <= node <= 6:  # the first two and the last two intervals have the polynomial of the same five values
+            assert np.abs(before - after)[:, continuity + 1].max() > 1e-4 * scale
+
+
+@pytest.mark.parametrize("continuity", [2, 3, 4, 5])
+def test_increasing_values_stay_increasing(continuity):
     rng = np.random.default_rng(2)
-    x = np.cumsum(10.0 ** rng.uniform(-6, 0, (50, 12)), axis=1)
-    assert (np.diff(interpolate(x, 1, 45, is_increasing=True)) > 0).all()
-    assert (np.diff(interpolate(x, 1, 45)) < 0).any()
+    x = np.cumsum(10.0 ** rng.uniform(-6, 0, (200, 12)), axis=1)
+    assert (np.diff(interpolate(x, 1, 23 * 11 + 1, True, continuity)) > 0).all()
+    assert (np.diff(interpolate(x, 1, 23 * 11 + 1, False, continuity)) < 0).any()
+
+
+@pytest.mark.parametrize("continuity", [2, 4])
+def test_ordinary_stretching_is_not_limited(continuity):
+    for x in (stretched(12, 1.6), stretched(15, 1.4), stretched(9, 0.7)):
+        free, limited = (interpolate(x, 0, 41, is_limited, continuity) for is_limited in (False, True))
+        np.testing.assert_allclose(limited, free, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("is_increasing", [False, True])
+def test_the_map_is_the_same_from_both_ends(is_increasing):
+    x = np.cumsum(10.0 ** np.random.default_rng(5).uniform(-3, 0, (9, 11)), axis=1)
+    there, back = interpolate(x, 1, 34, is_increasing), -interpolate(-x[:, ::-1], 1, 34, is_increasing)[:, ::-1]
+    np.testing.assert_allclose(back, there, rtol=0, atol=1e-13)
+
+
+def test_members_are_as_smooth_as_the_splines():
+    grid = make_grid(smooth_box(9, 8, 7))
+    for order, continuity in ((3, 2), (4, 2), (5, 3), (6, 4)):
+        model = fit_grid(grid, n_control=7, order=order, keep_residual=False)
+        member = model.member(1.5).parameters[0]
+        np.testing.assert_array_equal(member, refine_parameters(model.parameters[0], member.shape[:3], continuity))
 
 
 def test_equal_values_keep_their_bits():
