@@ -159,6 +159,7 @@ from .om.mphys.rigid_links import RigidLinkBuilder as RigidLinkBuilder
 from .om.mphys.warper import VolumeWarper as VolumeWarper
 from .om.point_set import PointSet as PointSet
 from .om.quality import Quality as Quality
+from .om.ride import Ride as Ride
 from .om.snapshots import Snapshot as Snapshot
 from .om.surface_control import SurfaceControl as SurfaceControl
 from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit

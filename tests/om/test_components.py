@@ -9,8 +9,10 @@ import openmdao.api as om
 import pytest
 from component_cases import Heights, Lift, Shear, Swirl, movable_model, plain, small_model, two_blocks
 from openmdao.utils.assert_utils import assert_check_partials
+from riding_cases import joined
 
 import bspline_mdao.om
+from bspline_mdao.cells.mixed_cells import MixedMesh
 from bspline_mdao.design.interior_points import InteriorPoints
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
@@ -39,6 +41,7 @@ from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.point_set import PointSet
 from bspline_mdao.om.quality import Quality
+from bspline_mdao.om.ride import Ride
 from bspline_mdao.om.surface_control import SurfaceControl
 from bspline_mdao.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.om.surface_evaluate import SurfaceEvaluate
@@ -65,6 +68,12 @@ def most_nodes(model):
     """Numbers of most nodes of the surface, in disorder."""
     n = SurfaceGrid.of(model).n_points
     return np.random.default_rng(3).permutation(n)[n // 10 :]
+
+
+def own_cells(model):
+    """The grid of a model as a mesh that rides."""
+    points, cells = joined(model.regenerate())
+    return MixedMesh(points, {"hexahedron": cells})
 
 
 def wall_nodes(model):
@@ -117,6 +126,10 @@ PARTIALS = {
         for wrt, options in {SURFACE: {}, CONTROL_POINTS: {"numbers": most_nodes}}.items()
     },
     "PointSet": (PointSet, {"points": wall_nodes}, "points", SURFACE),
+    **{
+        f"Ride, {wrt}": (Ride, {"mesh": own_cells, "asked": wrt == "wall"}, "mesh", wrt)
+        for wrt in (CONTROL_POINTS, "wall")
+    },
     "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),
     "Monotonic": (Monotonic, {"variable": "twist", "size": 6}, "twist_differences", "twist"),
     "Monotonic decreasing": (

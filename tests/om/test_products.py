@@ -16,6 +16,7 @@ from euler_cases import with_guessed_patches
 import bspline_mdao
 from bspline_mdao import CamberSurface, EulerFlow, fit_grid, moving_mesh, onera_m6_grid, read_grid
 from bspline_mdao.cells.aggregates import AGGREGATES
+from bspline_mdao.cells.mixed_cells import MixedMesh
 from bspline_mdao.design.interior_points import InteriorPoints
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
@@ -43,6 +44,7 @@ from bspline_mdao.om.live_grid_evaluate import LiveGridEvaluate
 from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.point_set import PointSet
 from bspline_mdao.om.quality import Quality
+from bspline_mdao.om.ride import Ride
 from bspline_mdao.om.surface_control import SurfaceControl
 from bspline_mdao.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.om.surface_evaluate import SurfaceEvaluate
@@ -132,6 +134,7 @@ COMPONENTS = {
     ),
     "SurfaceEvaluate": lambda: SurfaceEvaluate(model=model(), mesh=moving_mesh(model()), surface=surface()),
     "SurfaceMeasure": lambda: SurfaceMeasure(measure=Heights(surface())),
+    "Ride": lambda: Ride(model=wing(), mesh=MixedMesh(probes(), {})),
     "PointSet": lambda: PointSet(model=wing(), points=box_in_wing()),
     "PointSet, in the volumes": lambda: PointSet(model=wing(), points=np.concatenate([box_in_wing(), probes()])),
     "Monotonic": lambda: Monotonic(variable="twist", size=6),
