@@ -111,6 +111,15 @@ def test_an_optimisation_for_several_conditions_runs_as_the_page_says():
     assert np.abs(problem.get_val("twist")).max() > 0.1
 
 
+def test_a_design_begins_with_few_control_points_as_the_page_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    problem = run_blocks("howto/levels.rst")["problem"]
+    areas = [float(part) for part in re.findall(r"\[([\d.]+)\]", capsys.readouterr().out)]
+    assert len(areas) == 3
+    assert areas[0] > areas[1] > areas[2]
+    assert problem.get_val("volume") > 1.1 - 1e-6
+
+
 def test_flows_and_optimisations_go_on_as_the_page_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     contents = run_blocks("howto/restart.rst")

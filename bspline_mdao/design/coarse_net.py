@@ -288,7 +288,7 @@ class CoarseNet(OneLine):
         chosen: list[Knot] = []
         net, size = self, self._norm(gradient, metric)
         while len(chosen) < n_knots:
-            sizes = {knot: net.refine([knot])._norm(gradient, metric) for knot in net._missing()}
+            sizes = {knot: net.refine([knot])._norm(gradient, metric) for knot in net.missing()}
             best = max(sizes, key=sizes.__getitem__, default=None)
             if best is None or not sizes[best] > size * (1.0 + SAME):
                 break
@@ -337,8 +337,8 @@ class CoarseNet(OneLine):
         here = self.weights.T @ gradient
         return float(here @ np.linalg.solve(self.mass(metric), here))
 
-    def _missing(self) -> list[Knot]:
-        """All knots that can be inserted, one of each symmetric pair."""
+    def missing(self) -> list[Knot]:
+        """Return all knots that can be inserted, one of each symmetric pair."""
         found = []
         for number in sorted(self._strips_used):
             knots = np.flatnonzero(~self.kept[number])

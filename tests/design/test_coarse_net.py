@@ -50,7 +50,7 @@ def test_knots_of_the_wing_are_curved():
 @pytest.mark.parametrize("seed", range(3))
 def test_refinement_keeps_the_shape_to_round_off_on_curved_knots(seed):
     random, coarse = np.random.default_rng(seed), net_of()
-    missing = coarse._missing()
+    missing = coarse.missing()
     some = [missing[i] for i in random.permutation(len(missing))[:3]]
     for finer in (coarse.refine(some), coarse.refine(coarse.halves()), full(coarse)):
         values = 0.02 * random.normal(size=coarse.n_values)
@@ -108,7 +108,7 @@ def test_bounds_contain_every_shape_within_the_coarse_ones():
 def test_the_knot_that_a_planted_gradient_misses_is_chosen_first():
     random, coarse = np.random.default_rng(5), net_of()
     for planted in [(0, 1), (0, 3), (1, 0)]:
-        assert planted in coarse._missing()
+        assert planted in coarse.missing()
         finer = coarse.refine([planted])
         mode = finer.mass() @ random.normal(size=finer.n_values)
         area = np.diag(coarse._areas)

@@ -160,6 +160,24 @@ def test_the_transonic_m6_saves_drag_on_the_finer_grid_as_well(script, tmp_path)
     assert_drawn_and_recorded(tmp_path, "m6_transonic", n_drivers=1)
 
 
+def test_every_level_of_the_m6_goes_on_from_the_one_before(script, tmp_path, monkeypatch):
+    levels = script("m6_levels")
+    rows = ((5, 7, 5), (5, 5), (6, 5)), ((4, 6, 4), (4, 4), (5, 4))
+    monkeypatch.setitem(levels.SIZES, "quick", (*rows, 1, 1e-3, 2))
+    numbers = levels.main(quick=True, figures=tmp_path)
+    assert_totals_are_exact(numbers["totals"])
+    assert sum(knots.size for knots in numbers["knots"]) == 1
+    assert numbers["n_variables"][0] < numbers["n_variables"][1] < numbers["n_variables"][2]
+    assert 0.0 < numbers["used"][0] < numbers["used"][1] < 1.0
+    files = [om.CaseReader(str(tmp_path / f"m6_levels_{number}.sql")) for number in (1, 2, 3)]
+    names = [file.list_cases("driver", out_stream=None) for file in files]
+    first = [file.get_case(each[0])["drag"].item() for file, each in zip(files, names)]
+    lowest = [min(file.get_case(name)["drag"].item() for name in each) for file, each in zip(files, names)]
+    assert first[0] > first[1] > first[2]
+    assert all(later < 1.01 * before for before, later in zip(lowest, first[1:]))
+    assert (tmp_path / "m6_levels.png").stat().st_size > 50_000
+
+
 def test_no_thinner_section_has_less_drag_at_zero_lift(script, tmp_path):
     numbers = script("adodg1_naca0012").main(quick=True, figures=tmp_path, drivers=ONE_DRIVER)
     assert_totals_are_exact(numbers["totals"])

@@ -204,14 +204,15 @@ def _carried(coarse: np.ndarray, refinement: np.ndarray, mass: np.ndarray) -> np
 
 
 def _curvature_of(cases, n: int) -> np.ndarray:
-    """Second derivatives of the Lagrangian in units of the driver, shape (n, n), from the gradients of a run.
+    """Second derivatives of the Lagrangian in the combinations, in units of the driver, (n, n), from a run's gradients.
 
     Updates of Broyden, Fletcher, Goldfarb and Shanno with Powell's damping, in the order of the run, with the
     multipliers of its best point.
     """
     history = read_history(cases)
     found, variables = history.convergence, history.of_kind("variable")
-    if [(q.name, q.values.shape[1]) for q in variables] != [("combinations", n)]:
+    ends = dict(zip([q.name for q in variables], np.cumsum([q.values.shape[1] for q in variables])))
+    if not any(q.name == "combinations" and q.values.shape[1] == n for q in variables):
         raise InputError(f"{cases}: is of other variables; give the case file of the level before")
     if found is None or len(found.differentiated) < 2:
         raise InputError(
@@ -225,7 +226,8 @@ def _curvature_of(cases, n: int) -> np.ndarray:
     gradients = found.totals[:, 0] + np.einsum("c,kcn->kn", weights, found.totals[:, 1:])
     x = np.array([points[number].x for number in found.differentiated])
     steps, changes = np.diff(x, axis=0), np.diff(gradients, axis=0)
-    return _updated(steps, changes)
+    own = slice(ends["combinations"] - n, ends["combinations"])
+    return _updated(steps, changes)[own, own]
 
 
 def _updated(steps: np.ndarray, changes: np.ndarray) -> np.ndarray:

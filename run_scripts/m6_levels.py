@@ -1,0 +1,202 @@
+"""Sections of the ONERA M6 in three levels: few control points first, knots inserted where the gradient asks for them.
+
+Heights of both sides make the drag at fixed lift, volume and thickness least: by all control points from the start, and
+in three levels, each of which starts from the shape, the bounds and the second derivatives of the one before. It takes
+four minutes, with ``--quick`` half a minute. What comes out are flow and gradient solutions of both ways until the drag
+is within 1, 0.1 and 0.01 counts of the least that either finds, the knots, a check of the totals, and a picture of the
+histories, the points of the levels and the sections.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import openmdao.api as om
+
+import bspline_mdao as bm
+from bspline_mdao.names import GRID
+from bspline_mdao.om.drivers.recorded_run import RecordedRun, nlopt, optimise
+from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, draw_sections, figure
+from bspline_mdao.run_script import pick_size, run
+from bspline_mdao.testing import check_totals, perturb_design
+
+MACH, LIFT, THINNEST = 0.5, 0.27, 0.9
+"""Mach number, lift coefficient, and what must be left of the thickness anywhere, relative to that of the M6."""
+
+DRAG, PARTS, UNIT = 0.04, (-0.5, 0.5), 0.03
+"""Unit of the objective, parts of the heights within which control points move, and the unit of the first changes: the
+root mean square of the displacement over the surface (m)."""
+
+COUNT, WITHIN = 1e-4, (1.0, 0.1, 0.01)
+"""A drag count, and how near to the least drag it is to be, in counts."""
+
+STATIONS, COLORS = (0.2, 0.5, 0.8), (ORANGE, GREEN, BLUE)
+"""Parts of the half span where sections are drawn, and the colors of the levels."""
+
+SIZES = {
+    "quick": (((5, 9, 5), (6, 6), (7, 5)), ((4, 6, 4), (5, 5), (5, 4)), 2, 1e-3, 4),
+    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 11, 5), (6, 6), (8, 4)), 4, 1e-7, 100),
+    "paper": (((17, 33, 17), (25, 25), (25, 13)), ((7, 15, 7), (9, 9), (11, 7)), 5, 1e-7, 200),
+}
+"""Nodes and control points of the rows of blocks along the stream, away from the wing and along the span, knots that
+are inserted first, tolerance of the objective, and iterations at most."""
+
+SOON = 2e-3
+"""Tolerance of the objective at which the coarse levels end: what they leave, the next one has to find anyway."""
+
+
+def make_model(shape, n_control) -> bm.FittedModel:
+    """Make the grid about the M6 and fit it."""
+    stream, normal, span = n_control
+    counts = [(i, j, k) for k, j, i in product(span, normal, stream)]
+    return bm.fit_grid(bm.onera_m6_grid(shape), n_control=counts, keep_residual=False)
+
+
+def make_net(model: bm.FittedModel) -> bm.CoarseNet:
+    """Make the coarsest net of parts of the heights of control points off the edges and the tip."""
+    mesh = bm.moving_mesh(model)
+    upper, lower = (bm.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
+    sides = (upper & ~lower) | (lower & ~upper)
+    heights = np.abs(mesh.points[mesh.surface_ids][sides.mask(mesh), 1])
+    return bm.CoarseNet.of(model, mesh, bm.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None), n=4)
+
+
+def pose(model: bm.FittedModel, level: bm.DesignLevel) -> om.Problem:
+    """Pose the problem of a level. Not yet set up."""
+    wall, planform = bm.SurfaceGrid.of(model, "wing*"), bm.onera_m6_planform()
+    span = planform.semi_span * np.array([0.02, 0.9])
+    leading, trailing = (np.column_stack([planform.x(part, span), 0.0 * span, span]) for part in (0.1, 0.9))
+    geometry = bm.GridMovement(
+        model=model,
+        parametrization=bm.Parametrization(level.net.mesh, [level.net]),
+        measures=[
+            bm.Thickness.grid(wall, 5, 5, relative=True, leading=leading, trailing=trailing),
+            bm.EnclosedVolume.of(wall, relative=True),
+        ],
+        mover=bm.LinearElasticity(level.net.mesh, n_increments=3),
+        fit=False,
+        quality=False,
+    )
+    area = planform.semi_span**2 * 2.0 / planform.aspect_ratio
+    flow = bm.EulerFlow(model=model, reference_area=area, trim=True, tolerance=1e-12, iprint=0)
+    problem = om.Problem(reports=None)
+    level.add_to(problem.model)
+    problem.model.add_subsystem("geometry", geometry, promotes=["*"])
+    problem.model.add_subsystem("flow", flow, promotes=["*"])
+    problem.model.add_subsystem("drag", om.ExecComp("drag = CD_induced + CD_entropy"), promotes=["*"])
+    problem.model.set_input_defaults("Mach_number", val=MACH)
+    problem.model.set_input_defaults("CL_target", val=LIFT)
+    problem.model.add_constraint("thickness", lower=THINNEST)
+    problem.model.add_constraint("volume", lower=1.0)
+    problem.model.add_objective("drag", ref=DRAG)
+    return problem
+
+
+def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
+    """Find the sections both ways.
+
+    Parameters
+    ----------
+    paper, quick : bool
+        Another of `SIZES`; the quick one stops after some iterations.
+    figures : path-like, optional
+        Folder for ``m6_levels.png`` and the recorded cases.
+
+    Returns
+    -------
+    dict
+        ``n_nodes``; the ``initial`` drag; for ``at_once`` and ``levels`` the drag and the solutions, see `counts`; of
+        the levels ``n_variables``, the part of the gradient that is ``used`` at the end of each, and the ``knots``
+        inserted first along each strip; and ``totals`` away from the optimum, see `check_totals`.
+    """
+    *sizes, n_knots, tolerance, iterations = pick_size(SIZES, paper, quick)
+    model = make_model(*sizes)
+    net = make_net(model)
+
+    def solve(level: bm.DesignLevel, tolerance: float, name: str) -> RecordedRun:
+        return optimise(lambda: pose(model, level), nlopt(tolerance, iterations), folder / f"m6_levels_{name}.sql")
+
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(figures or temporary)
+        at_once = solve(bm.DesignLevel.first(net.refine(net.missing()), *PARTS, unit=UNIT), tolerance, "at_once")
+        levels = [bm.DesignLevel.first(net, *PARTS, unit=UNIT)]
+        runs, used = [solve(levels[0], SOON, "1")], []
+        for n, ends in enumerate((SOON, tolerance), start=1):
+            level, problem = levels[-1], runs[-1].problem
+            gradient = bm.unused_gradient(problem, level.net)
+            used.append(level.net.part_used(gradient))
+            knots = level.net.where_to_refine(gradient, n_knots) if n == 1 else level.net.missing()
+            levels.append(level.refined(problem, knots, folder / f"m6_levels_{n}.sql"))
+            runs.append(solve(levels[-1], ends, str(n + 1)))
+    least = min(history(each).min() for each in (at_once, runs[-1]))
+    if figures:
+        with figure(figures, "m6_levels", (11.0, 7.0)) as canvas:
+            draw(canvas, model, levels, at_once, runs, least)
+    found, away = {"at_once": [at_once], "levels": runs}, perturb_design(runs[-1].problem, size=0.1)
+    return {
+        "n_nodes": model.n_nodes,
+        "initial": at_once.history["drag"][0].item(),
+        **{name: {"drag": each[-1].problem["drag"].item()} | counts(each, least) for name, each in found.items()},
+        "n_variables": [level.net.n_values for level in levels],
+        "used": used,
+        "knots": [np.flatnonzero(after & ~before) for before, after in zip(net.kept, levels[1].net.kept)],
+        "totals": check_totals(away, n_directions=1, step=0.005, levels=2)._asdict(),
+    }
+
+
+def history(run: RecordedRun) -> np.ndarray:
+    """Least drag of a feasible wing up to each flow solution."""
+    is_feasible = run.convergence.violations < 1e-5
+    return np.minimum.accumulate(np.where(is_feasible, run.history["drag"].ravel(), np.inf))
+
+
+def counts(runs: list[RecordedRun], least: float) -> dict:
+    """Flow and gradient solutions of all runs, two gradients for each choice of knots, and when drag was ``within``."""
+    n_before = sum(len(run.history["drag"]) for run in runs[:-1])
+    n_gradients = sum(len(run.convergence.differentiated) + 2 for run in runs) - 2
+    course, within = history(runs[-1]), {}
+    for part in WITHIN:
+        there = np.flatnonzero(course < least + part * COUNT)
+        if len(there):
+            gradients = np.count_nonzero(runs[-1].convergence.differentiated <= there[0])
+            before = n_gradients - len(runs[-1].convergence.differentiated)
+            within[str(part)] = {"flows": n_before + int(there[0]) + 1, "gradients": before + int(gradients)}
+    return {"flows": n_before + len(course), "gradients": n_gradients, "within": within}
+
+
+def draw(canvas, model: bm.FittedModel, levels, at_once: RecordedRun, runs: list[RecordedRun], least: float) -> None:
+    """Draw the drag over the flow solutions, where the levels have points, and sections."""
+    drag, planform, sections = (canvas.add_subplot(place) for place in (121, 222, 224))
+    course = (history(at_once) - least) / COUNT
+    drag.semilogy(np.arange(1, len(course) + 1), course, color=GRAY, label="all at once")
+    before = 1
+    for number, (each, level, color) in enumerate(zip(runs, levels, COLORS), start=1):
+        course, mesh = (history(each) - least) / COUNT, level.net.mesh
+        drag.semilogy(before + np.arange(len(course)), course, color=color, label=f"level {number}")
+        before += len(course)
+        rows = level.net.variable.directed(mesh)[0][np.unique(level.net.weights.tocsc().argmax(axis=0))]
+        points = mesh.points[mesh.surface_ids][rows]
+        above = points[points[:, 1] > 0.0]
+        style = {"ms": 15 - 4 * number, "color": color, "label": f"{level.net.n_values} points"}
+        planform.plot(above[:, 0], above[:, 2], "o", **style)
+    drag.set(xlabel="flow solutions", ylabel="drag above the least (counts)", ylim=(1e-3, None))
+    planform.set(xlabel="$x$ (m)", ylabel="$z$ (m)", aspect="equal")
+    baseline = model.regenerate().to_vector().reshape(-1, 3)
+    draw_sections(sections, model, baseline, STATIONS, color=GRAY, ls="--", label="ONERA M6")
+    for each, color, name in ((at_once, GRAY, "all at once"), (runs[-1], BLUE, "levels")):
+        draw_sections(sections, model, each.problem.get_val(GRID).reshape(-1, 3), STATIONS, color=color, label=name)
+    for axes in (drag, planform, sections):
+        axes.legend(
+            fontsize=8,
+            loc="upper right" if axes is drag else "center left",
+            bbox_to_anchor=None if axes is drag else (1.0, 0.5),
+        )
+
+
+if __name__ == "__main__":
+    run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/m6_levels.png'
