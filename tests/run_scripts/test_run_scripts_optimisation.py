@@ -77,6 +77,22 @@ def test_min_area_body_becomes_a_ball_at_second_order(script, tmp_path, monkeypa
     assert_drawn(tmp_path, "min_area_body")
 
 
+def test_smooth_seams_keeps_a_swelling_ball_smooth_where_it_gets_a_kink_without(script, tmp_path, monkeypatch):
+    smooth_seams = script("smooth_seams")
+    monkeypatch.setitem(smooth_seams.SIZES, False, (9, 5))
+    numbers = smooth_seams.main(figures=tmp_path, folder=tmp_path)
+    free, smooth = numbers["free"], numbers["smooth"]
+    assert numbers["snapped_kink"] < numbers["fitted_kink"]
+    assert free["kink"] > 30.0
+    assert smooth["kink"] < 2.0
+    for body in (free, smooth):
+        assert body["success"]
+        assert body["violation"] < 1e-8
+        assert body["cad"] is None or (body["cad"]["n_solids"] == 1 and body["cad"]["distance"] < 1e-9)
+    assert_totals_are_exact(numbers["totals"])
+    assert (tmp_path / "smooth_seams.png").stat().st_size > 50_000
+
+
 def test_quality_constrained_cube_tangles_without_the_constraint_and_turns_with_it(script, tmp_path):
     numbers = script("quality_constrained").main(figures=tmp_path)
     for kind, evaluations in (("unconstrained", 100), ("constrained", 600)):

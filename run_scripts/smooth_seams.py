@@ -1,0 +1,157 @@
+"""A ball that swells on one of its six sides: with and without one tangent plane across the seams around it.
+
+The body of least surface is asked for at a larger volume, where only the control points inside of one side may move.
+Without a constraint the side becomes a cap on the ball, as a soap film on a ring, with a kink all around. With linear
+equations among control points the seams follow and stay smooth. It takes some ten seconds. What comes out are kinks and
+curvatures across the seams before and after, areas, a check of the totals, STEP files of both bodies with what
+OpenCascade reads back, where it is installed, and a picture of the section and of the kinks along the seams.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import openmdao.api as om
+
+import bspline_mdao as bm
+from bspline_mdao.om.drivers.recorded_run import nlopt, optimise_with
+from bspline_mdao.plotting import BLUE, GRAY, ORANGE, figure
+from bspline_mdao.run_script import run
+from bspline_mdao.testing import check_totals, perturb_design
+
+LARGER = 1.15
+"""Volume of the body by that of the ball."""
+
+TOLERANCE = 1e-12
+"""Of the area (m^2)."""
+
+DRIVER = {"NLopt LD_SLSQP": nlopt}
+
+SIZES = {False: (17, 7), True: (33, 11)}
+"""Nodes and control points along the edges of each side, at the larger size (True) and small."""
+
+WAYS = {"free": (), "smooth": (bm.TangentContinuity(),)}
+"""Linear constraints of both bodies."""
+
+
+class Ball:
+    """A ball whose seams are smooth to round-off: ``model``, ``mesh``, ``surface`` and the ``inside`` of its top."""
+
+    def __init__(self, n_nodes: int, n_control: int):
+        fitted = bm.fit_grid(bm.ball_grid((n_nodes, n_nodes, n_nodes, 5)), n_control=(n_control, n_control, 4))
+        mesh = bm.moving_mesh(fitted)
+        self.kink = bm.seam_continuity(fitted)[0].max_kink
+        points = fitted.control_points.copy()
+        points[mesh.surface_ids] = bm.TangentContinuity().snapped(mesh, points[mesh.surface_ids])
+        self.model = replace(fitted, control_points=points, residual=None)
+        self.mesh, self.surface = bm.moving_mesh(self.model), bm.SurfaceGrid.of(self.model)
+        self.points = self.mesh.points[self.mesh.surface_ids]
+        longest = np.abs(self.points).max(axis=1)
+        self.inside = np.flatnonzero(self.points[:, 2] > np.sort(np.abs(self.points), axis=1)[:, 1] * (1.0 + 1e-6))
+        self.rays = (self.points / longest[:, None])[self.inside]
+
+    def problem(self, constraints) -> om.Problem:
+        """Least area at the larger volume, not set up."""
+        swelling = bm.Local("swelling", self.inside, direction=self.rays)
+        parametrization = bm.Parametrization(self.mesh, [swelling], constraints=constraints)
+        problem = om.Problem(reports=None)
+        evaluate = bm.SurfaceEvaluate(model=self.model, mesh=self.mesh, surface=self.surface)
+        area, volume = bm.SurfaceArea.of(self.surface), bm.EnclosedVolume.of(self.surface)
+        problem.model.add_subsystem("control", bm.SurfaceControl(parametrization=parametrization), promotes=["*"])
+        problem.model.add_subsystem("evaluate_surface", evaluate, promotes=["*"])
+        problem.model.add_subsystem("area", bm.SurfaceMeasure(measure=area), promotes=["*"])
+        problem.model.add_subsystem("volume", bm.SurfaceMeasure(measure=volume), promotes=["*"])
+        problem.model.add_design_var("swelling", ref=0.2)
+        problem.model.add_objective("surface_area", ref=10.0)
+        problem.model.add_constraint("volume", equals=LARGER * volume.evaluate(self.surface.points), ref=4.0)
+        return problem
+
+    def control_points(self, problem: om.Problem) -> np.ndarray:
+        """All control points of a body; those inside of the volumes stay."""
+        points = self.model.control_points.copy()
+        points[self.mesh.surface_ids] = problem.get_val("surface_control_points").reshape(-1, 3)
+        return points
+
+
+def main(paper: bool = False, figures=None, folder=None) -> dict:
+    """Let the ball swell in both ways.
+
+    Parameters
+    ----------
+    paper : bool
+        More nodes and control points.
+    figures : path-like, optional
+        Folder for ``smooth_seams.png``.
+    folder : path-like, optional
+        Where ``free.step`` and ``smooth.step`` go; they are removed again by default.
+
+    Returns
+    -------
+    dict
+        ``fitted_kink`` and ``snapped_kink``, the largest kink (deg) of the ball as fitted and as snapped; for each body
+        its ``area`` (m^2) and ``volume`` (m^3), the largest ``kink`` (deg) and the largest jump of ``curvature`` across
+        seams (1/m), what `RecordedRun.numbers` returns, and ``cad``, numbers of the STEP file, or None; ``totals`` of
+        the smooth one, see `check_totals`.
+    """
+    ball = Ball(*SIZES[paper])
+    bodies, seams, numbers = {}, {}, {}
+    for name, constraints in WAYS.items():
+        (done,) = optimise_with(DRIVER, partial(ball.problem, constraints), TOLERANCE, 300).values()
+        bodies[name] = done.problem
+        points = ball.control_points(done.problem)
+        seams[name] = bm.seam_continuity(ball.model, points)
+        numbers[name] = done.numbers() | {
+            "area": done.problem.get_val("surface_area").item(),
+            "volume": done.problem.get_val("volume").item(),
+            "kink": seams[name][0].max_kink,
+            "curvature": max(seam.max_jump for seam in seams[name]),
+            "cad": into_cad(ball.model, points, name, folder),
+        }
+    started = ball.problem(WAYS["smooth"])
+    started.setup(mode="rev")
+    started.run_model()
+    if figures:
+        draw(figures, ball, bodies, seams)
+    snapped = bm.seam_continuity(ball.model)[0].max_kink
+    totals = check_totals(perturb_design(started))._asdict()
+    return {"fitted_kink": ball.kink, "snapped_kink": snapped, **numbers, "totals": totals}
+
+
+def into_cad(model: bm.FittedModel, points: np.ndarray, name: str, folder=None) -> dict | None:
+    """Write a body as STEP, and say what is read back; None where OpenCascade is not installed."""
+    if find_spec("OCP") is None:
+        return None
+    with TemporaryDirectory() as other:
+        report = bm.write_cad(Path(folder or other, f"{name}.step"), model, points)
+    names = "distance", "tolerance", "is_valid", "n_solids", "n_open", "n_exact", "n_bytes"
+    return {name: getattr(report, name) for name in names}
+
+
+def draw(figures, ball: Ball, bodies: dict[str, om.Problem], seams) -> None:
+    """Draw the section of both bodies, and the kinks along the seams around their tops."""
+    x = ball.surface.points
+    cut = np.flatnonzero(np.abs(x[:, 1]) < 1e-6)
+    cut = cut[np.argsort(np.arctan2(x[cut, 0], x[cut, 2]))]
+    with figure(figures, "smooth_seams", (9.0, 3.8)) as drawing:
+        left, right = drawing.subplots(1, 2)
+        left.plot(*x[np.append(cut, cut[0])][:, [0, 2]].T, color=GRAY, label="ball")
+        for (name, problem), color in zip(bodies.items(), (ORANGE, BLUE)):
+            nodes = problem.get_val("surface").reshape(-1, 3)[cut]
+            left.plot(*np.append(nodes, nodes[:1], axis=0)[:, [0, 2]].T, color=color, label=name)
+            kinks = np.array([seam.kinks for seam in seams[name][:4]])
+            right.semilogy(np.linspace(0.0, 1.0, kinks.shape[1]), kinks.max(axis=0), color=color, label=name)
+        left.set(aspect="equal", xlabel="x (m)", ylabel="z (m)")
+        right.set(xlabel="place along the seams", ylabel="kink (deg)", ylim=(1e-4, 100.0))
+        left.legend(frameon=False)
+        right.legend(frameon=False)
+
+
+if __name__ == "__main__":
+    run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/smooth_seams.png'
