@@ -59,5 +59,5 @@ def test_what_is_wrong_is_said_in_one_line(file, old, new, words):
 
 
 def test_other_names_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"wing.stl: is no mesh that can ride along; give a file .*\.su2"):
+    with pytest.raises(InputError, match=r"wing.stl: is no mesh that can ride along; give .*\.su2"):
         read_mesh(tmp_path / "wing.stl")

@@ -12,6 +12,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Protocol
 
 from ...errors import InputError
+from ..formats import POLYMESH
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,8 +23,10 @@ __all__ = ["FORMATS", "MeshFile", "check_same_format", "mesh_names", "read_mesh"
 
 FORMATS = {
     ".su2": "bspline_mdao.io.meshes.su2.read_su2",
+    ".cgns": "bspline_mdao.io.meshes.cgns.read_cgns_mesh",
+    POLYMESH: "bspline_mdao.io.meshes.polymesh.read_polymesh",
 }
-"""Reader of the files of each suffix."""
+"""Reader of the files of each suffix, and of OpenFOAM's folder."""
 
 
 class MeshFile(Protocol):
@@ -38,9 +41,9 @@ class MeshFile(Protocol):
 
 
 def mesh_names() -> str:
-    """Name the suffixes of meshes, such as ``.su2 or .cgns``."""
-    *names, last = FORMATS
-    return f"{', '.join(names)} or {last}" if names else last
+    """Name the suffixes of meshes, such as ``.su2 or .cgns or a folder polyMesh``."""
+    names = (f"a folder {name}" if name == POLYMESH else name for name in FORMATS)
+    return " or ".join(names)
 
 
 def read_mesh(path: str | os.PathLike) -> MeshFile:
@@ -49,7 +52,7 @@ def read_mesh(path: str | os.PathLike) -> MeshFile:
     Parameters
     ----------
     path : path-like
-        The file; its suffix tells the format.
+        The file, whose suffix tells the format, or OpenFOAM's folder ``polyMesh``.
 
     Returns
     -------
@@ -85,7 +88,7 @@ def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> Non
 
 
 def _suffix(path: str | os.PathLike) -> str:
-    suffix = Path(path).suffix.lower()
+    suffix = POLYMESH if Path(path).name == POLYMESH else Path(path).suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(f"{path}: is no mesh that can ride along; give a file {mesh_names()}")
+        raise InputError(f"{path}: is no mesh that can ride along; give {mesh_names()}")
     return suffix

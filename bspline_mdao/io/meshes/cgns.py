@@ -1,0 +1,252 @@
+"""CGNS meshes in HDF5 with unstructured zones: elements, boundary conditions, nodes; written with other coordinates.
+
+Nodes of several zones that coincide are one, so that they move alike.
+
+Format: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from numba import njit
+
+from ...cells.mixed_cells import MixedMesh, padded
+from ...errors import InputError
+from ...shown import OneLine
+from ..cgns_nodes import children, damaged_is_input_error, first_child, is_link, require_stored, value, word
+from ..disk import deferred_interrupts, read_raw, replaced_file
+from ..formats import ADF
+
+__all__ = ["CgnsMeshFile", "read_cgns_mesh"]
+
+CELLS = {10: ("tetra", 4), 12: ("pyramid", 5), 14: ("wedge", 6), 17: ("hexahedron", 8)}
+FACES = {5: 3, 7: 4}
+LINES = {2: 1, 3: 2}
+MIXED = 20
+"""CGNS's numbers of cells, faces, and of what is no part of a boundary, and their corners."""
+
+AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
+
+
+@dataclass(frozen=True, eq=False)
+class CgnsMeshFile(OneLine):
+    """A CGNS mesh and its file.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh.
+    path : str
+        The file.
+    places : tuple of tuple of str
+        Places of the coordinates of every zone in the file.
+    numbers : ndarray of int, shape (n_stored,)
+        Node of the mesh that each node of the zones is, one zone after the other.
+    """
+
+    mesh: MixedMesh
+    path: str
+    places: tuple[tuple[str, ...], ...]
+    numbers: np.ndarray
+
+    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
+        """Write a copy of the file with other nodes, shape (n, 3), at the precision of the file."""
+        with replaced_file(path) as temporary:
+            shutil.copyfile(self.path, temporary)
+            with damaged_is_input_error(self.path), deferred_interrupts(), h5py.File(temporary, "r+") as file:
+                first = 0
+                for places in self.places:
+                    n = file[places[0]].size
+                    moved = points[self.numbers[first : first + n]]
+                    for axis, place in enumerate(places):
+                        file[place][...] = moved[:, axis].reshape(file[place].shape)
+                    first += n
+
+
+def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
+    """Read the unstructured zones of a CGNS file in HDF5.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    CgnsMeshFile
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, in ADF, has structured zones, linked coordinates, or elements of another kind.
+    """
+    source, head = str(path), read_raw(path, 64)
+    if head.startswith(ADF) or head[4:].startswith(ADF):
+        raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
+    points: list[np.ndarray] = []
+    cells: dict[str, list[np.ndarray]] = {}
+    markers: dict[str, list[np.ndarray]] = {}
+    places, first = [], 0
+    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
+        zones = [
+            (name, zone)
+            for _, base in children(file, "CGNSBase_t")
+            if int(value(base)[0]) == 3
+            for name, zone in children(base, "Zone_t")
+        ]
+        if not zones:
+            raise InputError(f"{source}: has no zones of three dimensions; give a CGNS mesh")
+        for name, zone in zones:
+            zone_points, zone_places = _coordinates(zone, f"{source}: zone '{name}'")
+            elements = _elements(zone, len(zone_points), f"{source}: zone '{name}'")
+            for kind, corners in elements.cells.items():
+                cells.setdefault(kind, []).append(corners + first)
+            for marker, faces in elements.markers(zone).items():
+                markers.setdefault(marker, []).append(faces + first)
+            points.append(zone_points)
+            places.append(zone_places)
+            first += len(zone_points)
+    joined, numbers = np.concatenate(points), np.arange(first)
+    if len(zones) > 1:
+        joined, numbers = np.unique(joined, axis=0, return_inverse=True)
+        numbers = numbers.ravel()
+    mesh = MixedMesh(
+        joined,
+        {kind: numbers[np.concatenate(parts)] for kind, parts in cells.items()},
+        {name: numbers[np.concatenate(parts)] for name, parts in markers.items()},
+        source=source,
+    )
+    return CgnsMeshFile(mesh, os.path.abspath(path), tuple(places), numbers)
+
+
+def _coordinates(zone: h5py.Group, what: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Nodes of a zone, and the places of their coordinates."""
+    kind = first_child(zone, "ZoneType_t")
+    if kind is None or word(kind) != "Unstructured":
+        raise InputError(f"{what} is structured; fit it, or take it as the grid that others ride on")
+    found = children(zone, "GridCoordinates_t")
+    arrays = dict(children(dict(found).get("GridCoordinates", found[0][1]), "DataArray_t")) if found else {}
+    missing = [axis for axis in AXES if axis not in arrays]
+    if missing:
+        raise InputError(f"{what} has no {missing[0]}; only Cartesian coordinates can be read")
+    for axis in AXES:
+        require_stored(arrays[axis])
+        if is_link(arrays[axis]):
+            raise InputError(f"{what}: {axis} is a link to another file; copy it into this one")
+    data = [arrays[axis][" data"] for axis in AXES]
+    return np.stack([np.asarray(x, dtype=float).ravel() for x in data], axis=1), tuple(x.name for x in data)
+
+
+@dataclass(frozen=True, eq=False)
+class _Elements:
+    """Elements of a zone.
+
+    Parameters
+    ----------
+    cells : dict of ndarray
+        Corners of the cells of each kind, from 0.
+    faces : ndarray, shape (n, 4)
+        Corners of its faces.
+    numbers : ndarray, shape (n,)
+        Their numbers in the zone, ascending.
+    sections : dict of ndarray
+        Faces of each section that has some, as rows of `faces`.
+    """
+
+    cells: dict[str, np.ndarray]
+    faces: np.ndarray
+    numbers: np.ndarray
+    sections: dict[str, np.ndarray]
+
+    def markers(self, zone: h5py.Group) -> dict[str, np.ndarray]:
+        """Faces of boundary conditions by their names; where there are none, of sections."""
+        found = {}
+        for _, group in children(zone, "ZoneBC_t"):
+            for name, condition in children(group, "BC_t"):
+                family = first_child(condition, "FamilyName_t")
+                label = name if family is None else word(family)
+                rows = self._rows_of(condition)
+                found[label] = np.concatenate([found.get(label, np.zeros((0, 4), dtype=np.int64)), self.faces[rows]])
+        found = {name: faces for name, faces in found.items() if len(faces)}
+        return found or {name: self.faces[rows] for name, rows in self.sections.items()}
+
+    def _rows_of(self, condition: h5py.Group) -> np.ndarray:
+        """Faces of a condition: those that it lists, or all of whose corners it lists."""
+        children_of = dict(children(condition, "IndexRange_t") + children(condition, "IndexArray_t"))
+        place = first_child(condition, "GridLocation_t")
+        chosen = children_of.get("PointRange", children_of.get("ElementRange"))
+        listed = children_of.get("PointList", children_of.get("ElementList"))
+        if chosen is not None:
+            low, high = np.asarray(value(chosen)).ravel()[:2]
+            ids = np.arange(int(low), int(high) + 1)
+        elif listed is not None:
+            ids = np.asarray(value(listed)).ravel()
+        else:
+            return np.zeros(0, dtype=np.int64)
+        if place is not None and word(place) == "Vertex":
+            return np.flatnonzero(np.isin(self.faces + 1, ids).all(axis=1))
+        return np.flatnonzero(np.isin(self.numbers, ids))
+
+
+def _elements(zone: h5py.Group, n_points: int, what: str) -> _Elements:
+    """Read all sections of elements of a zone."""
+    cells: dict[str, list[np.ndarray]] = {}
+    faces, numbers = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    names: list[str] = []
+    for name, section in children(zone, "Elements_t"):
+        kind = int(np.asarray(value(section)).ravel()[0])
+        parts = dict(children(section, "DataArray_t") + children(section, "IndexRange_t"))
+        low, high = (int(x) for x in np.asarray(value(parts["ElementRange"])).ravel()[:2])
+        stored = np.asarray(value(parts["ElementConnectivity"])).ravel().astype(np.int64)
+        for number, rows, corners in _by_kind(kind, stored, low, high, f"{what}, section '{name}'"):
+            if corners.size and not 1 <= corners.min() <= corners.max() <= n_points:
+                raise InputError(f"{what}, section '{name}': has node {corners.max()} of {n_points:,}; write it again")
+            if number in CELLS:
+                cells.setdefault(CELLS[number][0], []).append(corners - 1)
+            elif number in FACES:
+                faces.append(padded(corners - 1))
+                numbers.append(rows)
+                names += [name] * len(rows)
+    order = np.argsort(np.concatenate(numbers), kind="stable")
+    of = np.array(names, dtype=object)[order]
+    sections = {name: np.flatnonzero(of == name) for name in dict.fromkeys(names)}
+    joined = {kind: np.concatenate(parts) for kind, parts in cells.items()}
+    return _Elements(joined, np.concatenate(faces)[order], np.concatenate(numbers)[order], sections)
+
+
+def _by_kind(kind: int, stored: np.ndarray, low: int, high: int, what: str):
+    """Kind, numbers and corners, from 1, of the elements of a section, kind after kind."""
+    n, sizes = high - low + 1, {**{k: size for k, (_, size) in CELLS.items()}, **FACES, **LINES}
+    if kind in sizes:
+        if len(stored) != n * sizes[kind]:
+            raise InputError(f"{what}: announces {n:,} elements and holds another number; write it again")
+        yield kind, np.arange(low, high + 1), stored.reshape(n, sizes[kind])
+        return
+    if kind != MIXED:
+        raise InputError(f"{what}: has elements of kind {kind}; known are {', '.join(map(str, [*sizes, MIXED]))}")
+    steps = np.zeros(max(sizes) + 1, dtype=np.int64)
+    steps[list(sizes)] = np.array(list(sizes.values())) + 1
+    starts = np.empty(n, dtype=np.int64)
+    if not _find_starts(stored, steps, starts):
+        raise InputError(f"{what}: its mixed elements are damaged, or of another kind; write it again")
+    kinds = stored[starts]
+    for number in np.unique(kinds).tolist():
+        rows = np.flatnonzero(kinds == number)
+        yield number, low + rows, stored[starts[rows][:, None] + 1 + np.arange(sizes[number])]
+
+
+@njit(cache=True)
+def _find_starts(stored, steps, starts):
+    """Write where each of mixed elements begins; False where they do not end with the numbers, or a kind is unknown."""
+    at = 0
+    for element in range(len(starts)):
+        if at >= len(stored) or not 0 <= stored[at] < len(steps) or steps[stored[at]] == 0:
+            return False
+        starts[element] = at
+        at += steps[stored[at]]
+    return at == len(stored)

@@ -1,0 +1,154 @@
+"""Meshes of CGNS and OpenFOAM: what is read, what is kept, what is refused."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from riding_cases import HALVES, corners_of
+
+from bspline_mdao import InputError, MixedMesh, brick_grid, read_mesh, write_polymesh
+from bspline_mdao.io.cgns import write_base
+from bspline_mdao.io.cgns_nodes import add_node
+
+BOX = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [2, 3, 5], [0, 3, 5]], dtype=float)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_polymesh(tmp_path / "polyMesh", brick_grid((5, 4, 6, 3)))
+    (tmp_path / "polyMesh" / "cellZones").write_text("0\n(\n)\n")
+    return tmp_path / "polyMesh"
+
+
+@pytest.fixture
+def cgns(tmp_path):
+    """Two zones side by side: a box of two wedges in mixed elements, and one of a hexahedron; single precision in y."""
+    path = tmp_path / "boxes.cgns"
+    with h5py.File(path, "w", track_order=True) as file:
+        base = write_base(file, 3)
+        wedges = np.concatenate([[14, *row] for row in HALVES + 1])
+        for name, shift, kind, cells in (("left", 0.0, 20, wedges), ("right", 2.0, 17, np.arange(8) + 1)):
+            n = 2 if kind == 20 else 1
+            zone = add_node(base, name, "Zone_t", np.array([[8], [n], [0]], np.int32))
+            add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+            coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+            for axis, values in zip("XYZ", (BOX + [shift, 0.0, 0.0]).T):
+                kept = values.astype(np.float32 if axis == "Y" else np.float64)
+                add_node(coordinates, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(kept))
+            add_elements(zone, "cells", kind, (1, n), cells)
+            add_elements(zone, "faces", 7, (n + 1, n + 1), np.array([1, 2, 3, 4]))
+            conditions = add_node(zone, "ZoneBC", "ZoneBC_t")
+            floor = add_node(conditions, f"bc {name}", "BC_t", "BCWall")
+            add_node(floor, "FamilyName", "FamilyName_t", "floor")
+            add_node(floor, "PointRange", "IndexRange_t", np.array([[n + 1, n + 1]], np.int32))
+            solution = add_node(zone, "FlowSolution", "FlowSolution_t")
+            add_node(solution, "Pressure", "DataArray_t", np.arange(8.0))
+    return path
+
+
+def add_elements(zone, name, kind, numbers, corners):
+    section = add_node(zone, name, "Elements_t", np.array([kind, 0], np.int32))
+    add_node(section, "ElementRange", "IndexRange_t", np.array(numbers, np.int32))
+    add_node(section, "ElementConnectivity", "DataArray_t", np.asarray(corners, np.int32))
+
+
+def test_polyhedra_of_openfoam_have_the_volumes_of_the_blocks(folder):
+    mesh = read_mesh(folder).mesh
+    blocks = brick_grid((5, 4, 6, 3)).blocks
+    volumes = [
+        MixedMesh(b.nodes.reshape(-1, 3), {"hexahedron": corners_of(np.arange(b.nodes[..., 0].size).reshape(b.shape))})
+        .quality()
+        .volumes
+        for b in blocks
+    ]
+    np.testing.assert_allclose(mesh.quality().volumes, np.abs(np.concatenate(volumes)), rtol=1e-12)
+    assert len(mesh.markers["body"]) == len(mesh.into_fluid(mesh.markers["body"])) > 0
+
+
+def test_the_folder_keeps_all_but_points(folder):
+    read = read_mesh(folder)
+    read.write(folder.parent / "moved" / "polyMesh", read.mesh.points * [1.0, 2.0, 1.0])
+    moved = folder.parent / "moved" / "polyMesh"
+    assert {path.name for path in moved.iterdir()} == {path.name for path in folder.iterdir()}
+    for path in folder.iterdir():
+        assert (path.read_bytes() == (moved / path.name).read_bytes()) == (path.name != "points")
+    np.testing.assert_array_equal(read_mesh(moved).mesh.points, read.mesh.points * [1.0, 2.0, 1.0])
+    read.write(moved, read.mesh.points)
+    assert (moved / "points").read_bytes() == (folder / "points").read_bytes()
+
+
+def test_faces_of_many_corners_are_cut_into_fans(folder):
+    hexagon = [[np.cos(a), np.sin(a), z] for z in (0.0, 2.0) for a in np.arange(6) * np.pi / 3]
+    sides = [f"4({k} {(k + 1) % 6} {(k + 1) % 6 + 6} {k + 6})" for k in range(6)]
+    head = (folder / "points").read_text().partition("}")[0] + "}\n"
+    texts = {
+        "points": "12\n(\n" + "\n".join(f"({x!r} {y!r} {z!r})" for x, y, z in np.array(hexagon).tolist()) + "\n)\n",
+        "faces": "8\n(\n6(0 5 4 3 2 1)\n6(6 7 8 9 10 11) // the lid\n" + "\n".join(sides) + "\n)\n",
+        "owner": "8\n(\n0 0 0 0 0 0 0 0\n)\n",
+        "neighbour": "0\n(\n)\n",
+        "boundary": "1\n(\n wall { type wall; nFaces 8; startFace 0; }\n)\n",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(head + text)
+    mesh = read_mesh(folder).mesh
+    assert mesh.quality().volumes == pytest.approx([3.0 * 3.0**0.5])
+    assert {name: len(faces) for name, faces in mesh.markers.items()} == {"wall": 14}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("points", "format ascii", "format binary", "points: is binary; write it in ASCII"),
+        ("owner", "\n0\n", "\nx\n", "owner: is no list of whole numbers"),
+        ("faces", "\n4(", "\n4(7 ", "announces .* faces"),
+        ("boundary", "startFace", "start", "has no faces of the mesh"),
+    ],
+)
+def test_what_is_wrong_in_a_folder_is_said_in_one_line(folder, name, old, new, words):
+    text = (folder / name).read_text()
+    (folder / name).write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=words) as error:
+        read_mesh(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_compressed_files_are_named(folder):
+    shutil.move(folder / "points", folder / "points.gz")
+    with pytest.raises(InputError, match=r"points.gz: is compressed; decompress it"):
+        read_mesh(folder)
+
+
+def test_zones_that_touch_share_their_nodes(cgns):
+    mesh = read_mesh(cgns).mesh
+    assert (mesh.n_points, mesh.n_cells) == (12, 3)
+    np.testing.assert_allclose(np.sort(mesh.quality().volumes), [15.0, 15.0, 30.0])
+    assert {name: len(faces) for name, faces in mesh.markers.items()} == {"floor": 2}
+
+
+def test_a_cgns_file_keeps_all_but_coordinates_and_their_precision(cgns):
+    read = read_mesh(cgns)
+    moved = read.mesh.points + 0.1 * np.random.default_rng(3).standard_normal(read.mesh.points.shape)
+    read.write(cgns.with_name("moved.cgns"), moved)
+    with h5py.File(cgns) as old, h5py.File(cgns.with_name("moved.cgns")) as new:
+        names = []
+        old.visit(names.append)
+        changed = {n for n in names if isinstance(old[n], h5py.Dataset) and (old[n][()] != new[n][()]).any()}
+        assert changed == {f"Base/{z}/GridCoordinates/Coordinate{a}/ data" for z in ("left", "right") for a in "XYZ"}
+        for name in names:
+            assert dict(old[name].attrs) == dict(new[name].attrs)
+            assert not isinstance(old[name], h5py.Dataset) or old[name].dtype == new[name].dtype
+    again = read_mesh(cgns.with_name("moved.cgns")).mesh.points
+    np.testing.assert_allclose(again[np.lexsort(again.T)], moved[np.lexsort(moved.T)], rtol=0, atol=1e-6)
+    read.write(cgns.with_name("same.cgns"), read.mesh.points)
+    assert cgns.with_name("same.cgns").read_bytes() == cgns.read_bytes()
+
+
+def test_what_is_wrong_in_a_cgns_mesh_is_said_in_one_line(cgns, tmp_path):
+    with h5py.File(cgns, "r+") as file:
+        file["Base/left/cells/ElementConnectivity/ data"][0] = 23
+    with pytest.raises(InputError, match="zone 'left', section 'cells': its mixed elements are damaged"):
+        read_mesh(cgns)
+    (tmp_path / "old.cgns").write_bytes(b"@(#)ADF Database Version A02011>" + bytes(64))
+    with pytest.raises(InputError, match="old ADF format"):
+        read_mesh(tmp_path / "old.cgns")
