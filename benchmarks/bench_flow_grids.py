@@ -5,9 +5,8 @@ or made here::
 
     python benchmarks/bench_flow_grids.py [STEP [NAME...]]
 
-Flows start from coarser members of the grid, where that fails with long time steps, and at last come by way of more
-dissipation, as in a first run of the component; steps and products are those of the last way, time is that of all. The
-ratio is to the first grid that is flown at that Mach number.
+Flows start as in a first run of the component, see `cold_solutions`; steps and products are those of the last way, time
+is that of all. The ratio is to the first grid that is flown at that Mach number.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.newton import solve_by_dissipation, solve_flow
-from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
+from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
 from bspline_mdao.flow.stream import RADIAN
 from bspline_mdao.generators.canonical import onera_m6_grid
 from bspline_mdao.generators.hh_wing import Spacing, hh_wing_grid
@@ -109,14 +108,9 @@ def main(step: int = 4, *names: str) -> None:
             stream = free_stream(mach, RADIAN * alpha, flow.axes)
             for _ in range(1 + is_first):  # the first one compiles, and is not counted
                 start = time.process_time()
-                states = states_from_coarse(levels, nodes, stream)
-                field = flow.discretization, areas, stream
-                solution = solve_flow(*field, pattern=flow.pattern, states=states)
-                if solution.residual > LARGEST_RESIDUAL:
-                    states = states_from_coarse(levels, nodes, stream, is_long=True)
-                    solution = solve_flow(*field, pattern=flow.pattern, states=states, is_long=True)
-                if solution.residual > LARGEST_RESIDUAL:
-                    solution = solve_by_dissipation(*field, pattern=flow.pattern)
+                for solution in cold_solutions(flow, levels, nodes, areas, stream):
+                    if solution.residual <= LARGEST_RESIDUAL:
+                        break
                 cost = (time.process_time() - start) / flow.faces.n_cells * 1e6
             is_first = False
             n_steps, products = len(solution.history) - 1, sum(one.n_products for one in solution.history)

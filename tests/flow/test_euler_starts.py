@@ -7,6 +7,8 @@ import pytest
 from euler_cases import one_of_each_kind
 
 from bspline_mdao import flat_plate_grid, onera_m6_grid
+from bspline_mdao.flow.euler import cold_start
+from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import relative_residual, solve_by_dissipation, solve_flow
@@ -88,3 +90,25 @@ def test_what_is_given_up_on_the_way_is_no_solution(wing):
     assert not solution.is_converged
     left = relative_residual(wing.flow.discretization, solution.states, *wing.field[1:])
     assert solution.residual == pytest.approx(left, rel=1e-12)
+
+
+def cold_runs(wing):
+    """Numbers of products of all ways of a cold start with one coarser member."""
+    levels = coarse_levels(wing.topology, wing.nodes, 1)
+    runs = cold_solutions(wing.flow, levels, wing.nodes, *wing.field[1:], max_steps=3)
+    return [[step.n_products for step in run.history] for run in runs]
+
+
+def test_long_time_steps_come_first_where_the_flow_on_a_coarser_member_took_many_steps(wing, monkeypatch):
+    plain_first = cold_runs(wing)
+    monkeypatch.setattr(cold_start, "HARD", 1)
+    long_first = cold_runs(wing)
+    assert plain_first[0] != plain_first[1]
+    assert long_first == [plain_first[1], plain_first[0], plain_first[2]]
+
+
+def test_all_ways_of_a_cold_start_share_their_products(wing, monkeypatch):
+    monkeypatch.setattr(cold_start, "MOST_PRODUCTS_OF_ALL", 1)
+    first, *others = cold_runs(wing)
+    assert sum(first) >= 1
+    assert others == [[0], [0]]

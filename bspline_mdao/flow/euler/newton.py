@@ -61,8 +61,11 @@ WORTH, LARGEST_SOLVE, MOST_LEFT = 0.3, 300, 0.8
 """Part of its right-hand side that a linear solve has to leave less of for a step; the products after which it ends,
 and the part of its residual that a cycle may leave: a smaller CFL number is cheaper."""
 
-MOST_PRODUCTS = 1500
-"""Products with the Jacobian after which a run has failed: three times what the flow about grids of others takes."""
+MOST_PRODUCTS = 1000
+"""Products with the Jacobian after which a run has failed: twice what the flow about grids of others takes at most."""
+
+CLOSE, MORE = 1e-5, 0.5
+"""Residual from which on a run is given more products than the most, and this part of them."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +161,8 @@ def solve_flow(
     max_steps : int
         Largest number of Newton steps.
     max_products : int
-        No step is begun after so many products with the Jacobian.
+        No step is begun after so many products with the Jacobian, or half as many more where the residual is below
+        1e-5.
     is_long : bool
         Whether flat cells have long time steps, see `time_terms`: surer with shocks in layers of flat cells at walls.
     progress : callable, optional
@@ -181,7 +185,7 @@ def solve_flow(
     scale = field.scale(tolerance)
     states = discretization.uniform(stream) if states is None else states
     residual = field.residual(states)
-    norm, n_left = field.norm(residual), max_products
+    norm = field.norm(residual)
     if not np.isfinite(norm):  # a start with shocks on coarser members can be too harsh for the extrapolation here
         states = discretization.uniform(stream)
         residual = field.residual(states)
@@ -189,15 +193,15 @@ def solve_flow(
     cfl = _first_cfl(scale / norm) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     system: _StepSystem | None = None
-    while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL and n_left > 0:
-        if _is_rounded(history) or _is_stalled(history, STALLED_LONG if is_long else STALLED):
+    while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
+        is_stalled = _is_stalled(history, STALLED_LONG if is_long else STALLED)
+        if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
             break
         part = ROUGH if history[-1].residual > ROUGH_UNTIL else max(FORCING, 0.5 * tolerance / history[-1].residual)
         if not _is_kept(history):
             system = None  # it makes room for the next
         system = system or _StepSystem.of(field, pattern, states, cfl, is_long)  # steps 1 and 2
         update, n_products = system.solve(residual, part)  # step 3
-        n_left -= n_products
         states, residual, length = advance(field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
@@ -251,6 +255,11 @@ def _is_stalled(history: list[NewtonStep], n: int) -> bool:
     """Whether the last n steps have not halved the lowest residual."""
     before, lately = ([step.residual for step in part] for part in (history[:-n], history[-n:]))
     return bool(before) and min(lately) > 0.5 * min(before)
+
+
+def _is_spent(history: list[NewtonStep], most: int) -> bool:
+    """Whether a run has had its products, of which it has more where it is close."""
+    return sum(step.n_products for step in history) >= most * (1.0 + MORE if history[-1].residual < CLOSE else 1.0)
 
 
 def _is_kept(history: list[NewtonStep]) -> bool:

@@ -27,6 +27,7 @@ from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_o
 from .block_factor import BlockFactor, Schedule, levels_of
 from .cell_sums import visit
 from .discretization import Discretization
+from .flux import ROUNDING
 from .gas import GAMMA
 from .linearization import Linearization
 from .reconstruction import FIRST, INNER, MEAN
@@ -37,6 +38,10 @@ FILL = 1
 COMPACT_DISSIPATION = 0.75
 """Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is
 unstable on grids with the spacing of boundary layers."""
+
+FLAT, FLAT_ROUNDING = 20.0, 0.02
+"""Areas of faces of flat cells relative to the middle one of their cells, from which on the speed with which the flow
+carries entropy and vorticity through them is rounded off by less than in the flux, and by how much less at last."""
 
 
 def factor_pattern(discretization: Discretization) -> FactorPattern:
@@ -66,7 +71,8 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     jacobians = linearization.jacobians
     at_shocks = jacobians.shock_rows, jacobians.shocks
     sums = linearization.discretization.sums
-    rest = jacobians.values, dissipation, *at_shocks, pattern.rank, pattern.places, lower, upper, placed
+    field = linearization.states, carried_excess(linearization)
+    rest = jacobians.values, dissipation, *at_shocks, *field, pattern.rank, pattern.places, lower, upper, placed
     visit(len(placed), lambda part: _place(sums.starts, sums.entries, part.start, part.stop, *index, *rest))
     edge = linearization.discretization.faces.n_inner
     _place_behind(edge, *index[:3], jacobians.values, pattern.rank, pattern.places, lower, upper)
@@ -76,13 +82,13 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(
     face_starts, faces, first, end, cells, weights, classes, roles, jacobians, dissipation, shock_rows, shocks,
-    rank, places, lower, upper, diagonal,
+    states, excess, rank, places, lower, upper, diagonal,
 ):  # fmt: skip
     """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is.
 
     Those between own cells and others have none off the diagonal.
     """
-    n_own, half = len(rank), np.float32(0.5)
+    n_own, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
     for cell in range(first, end):
         row = rank[cell]
         for at in range(face_starts[cell], face_starts[cell + 1]):
@@ -102,8 +108,12 @@ def _place(
             other = cells[f, 2] if faces[at] >= 0 else cells[f, 1]
             is_later = other < n_own and rank[other] < row
             place = 25 * places[f]
+            if excess[f] > 0.0:
+                _half_way(states[cells[f, 1]], states[cells[f, 2]], carried)
             for n in range(5):
                 mean, jump = load(jacobians, 50 * f + 10 * n), load(jacobians, 50 * f + 10 * n + 5)
+                if excess[f] > 0.0:
+                    jump = add_scaled(jump, excess[f], load(carried, 5 * n))
                 # of the row of this cell: from itself, and from the other
                 own = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
                 store(diagonal, 25 * row + 5 * n, subtract_scaled(own, part, jump))
@@ -129,6 +139,53 @@ def _place_behind(first, cells, weights, classes, jacobians, rank, places, lower
         for n in range(5):
             for m in range(5):
                 blocks[places[f], n, m] += behind * jacobians[f, n, m]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _half_way(left, right, block):
+    """Write the derivatives of the conserved quantities half-way between two states."""
+    velocity = 0.5 * (left[1] + right[1]), 0.5 * (left[2] + right[2]), 0.5 * (left[3] + right[3])
+    _conserved(0.5 * (left[0] + right[0]), velocity, 1.0, block)
+
+
+def carried_excess(linearization: Linearization) -> np.ndarray:
+    """Half the speed, times the area, that is taken from the dissipation of every face, shape (n_faces,), float32.
+
+    Across flat cells the rounding of the speed that carries entropy and vorticity is a thousand times what the flow
+    carries along them. The Jacobian dissipates a third difference by it, which smooth fields hardly have; the compact
+    neighbour's first difference would tie all cells of a layer together.
+    """
+    stencil, areas = linearization.discretization.stencil, linearization.areas
+    n_seen, sizes = len(linearization.states), np.linalg.norm(areas, axis=1)
+    largest, out = np.zeros((n_seen, 4)), np.zeros(len(areas), np.float32)
+    _largest(stencil.cells, stencil.roles, sizes, largest)
+    middle = 0.5 * (largest[:, 2] + largest[:, 3])
+    _excess(stencil.cells, stencil.roles, areas, sizes, linearization.states, middle, out)
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _largest(cells, roles, sizes, largest):
+    """Find the four largest faces of every cell, in falling order."""
+    for f in range(len(cells)):
+        for k in range(1, 3 if roles[f] == INNER else 2):
+            size, own = sizes[f], largest[cells[f, k]]
+            for n in range(4):
+                if size > own[n]:
+                    size, own[n] = own[n], size
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _excess(cells, roles, areas, sizes, states, middle, out):
+    for f in range(len(cells)):
+        b, c = cells[f, 1], cells[f, 2]
+        if roles[f] != INNER or sizes[f] <= FLAT * max(middle[b], middle[c]):
+            continue
+        part = max(FLAT_ROUNDING, ROUNDING * FLAT * max(middle[b], middle[c]) / sizes[f])
+        w, v, s = states[b], states[c], areas[f]
+        through = 0.5 * ((w[1] + v[1]) * s[0] + (w[2] + v[2]) * s[1] + (w[3] + v[3]) * s[2])
+        sound = GAMMA * (w[4] + v[4]) / (w[0] + v[0]) * sizes[f] ** 2
+        out[f] = 0.5 * (np.sqrt(through**2 + ROUNDING**2 * sound) - np.sqrt(through**2 + part**2 * sound))
 
 
 def time_terms(

@@ -21,9 +21,9 @@ from ...topology.index_space import Window, block_rows
 from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .flow_grid import FlowGrid
-from .newton import solve_flow
+from .newton import FlowSolution, solve_flow
 
-__all__ = ["CoarseLevel", "coarse_levels", "states_from_coarse", "useful_levels"]
+__all__ = ["CoarseLevel", "coarse_flows", "coarse_levels", "spread_from", "states_from_coarse", "useful_levels"]
 
 TOLERANCE, MAX_STEPS = 1e-3, 30
 """Residual of the flows on coarser members, and their Newton steps at most."""
@@ -129,7 +129,17 @@ def useful_levels(n_cells: int) -> int:
 def states_from_coarse(
     levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray, is_long: bool = False
 ) -> np.ndarray | None:
-    """Solve on the coarser members for states to start from on the grid.
+    """Solve on the coarser members for states to start from on the grid; None, for the uniform stream, without any.
+
+    Parameters and states are those of `coarse_flows` and `spread_from`.
+    """
+    return spread_from(levels, coarse_flows(levels, nodes, stream, is_long))
+
+
+def coarse_flows(
+    levels: list[CoarseLevel], nodes: np.ndarray, stream: np.ndarray, is_long: bool = False
+) -> list[FlowSolution]:
+    """Solve roughly on the coarser members, on each from the flow on the next.
 
     Parameters
     ----------
@@ -144,24 +154,29 @@ def states_from_coarse(
 
     Returns
     -------
-    ndarray, shape (n_cells, 5), or None
-        None, for the uniform stream, without levels.
+    list of FlowSolution
+        The finest member's first.
     """
     if not levels:
-        return None
+        return []
     level, coarse_nodes = levels[0], levels[0].pick(nodes)
-    start = states_from_coarse(levels[1:], coarse_nodes, stream, is_long)
+    coarser = coarse_flows(levels[1:], coarse_nodes, stream, is_long)
     solution = solve_flow(
         level.flow.discretization,
         level.flow.areas(coarse_nodes),
         stream,
         pattern=level.flow.pattern,
-        states=start,
+        states=spread_from(levels[1:], coarser),
         tolerance=TOLERANCE,
         max_steps=MAX_STEPS,
         is_long=is_long,
     )
-    return level.spread(solution.states)
+    return [solution, *coarser]
+
+
+def spread_from(levels: list[CoarseLevel], flows: list[FlowSolution]) -> np.ndarray | None:
+    """States of the cells of a grid, shape (n_cells, 5), from the flow on its first coarser member; None without."""
+    return levels[0].spread(flows[0].states) if levels else None
 
 
 def _parents(shapes, coarse_shapes, planes) -> np.ndarray:
