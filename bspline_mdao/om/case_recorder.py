@@ -8,6 +8,8 @@ from fnmatch import fnmatchcase
 import numpy as np
 import openmdao.api as om
 
+from .drivers.short_records import LONGEST, sources_of
+
 __all__ = ["CaseRecorder"]
 
 
@@ -16,8 +18,9 @@ class CaseRecorder(om.SqliteRecorder):
 
     A driver's own records hold design variables, objective and constraints, which are short. Those of a problem, a
     model or a solver, and of a driver that is told to include ``"*"``, hold every variable as text, and with them the
-    grid and the states of a flow, over and over. This recorder leaves out what has more values than ``longest``, unless
-    it is asked for or is a design variable or a response.
+    grid and the states of a flow, over and over. `NLoptDriver` and `ScipyDriver` leave these out of their records and
+    of those of their problem, whichever recorder writes them. This recorder, attached to whatever, leaves out what has
+    more values than ``longest``, unless it is asked for or is a design variable or a response.
 
     Parameters
     ----------
@@ -48,18 +51,18 @@ class CaseRecorder(om.SqliteRecorder):
     True
     """
 
-    def __init__(self, filepath, longest: int = 10_000, keep: Sequence[str] = (), **options):
+    def __init__(self, filepath, longest: int = LONGEST, keep: Sequence[str] = (), **options):
         super().__init__(filepath, **options)
         self.longest, self.keep = longest, (keep,) if isinstance(keep, str) else tuple(keep)
         self.left_out: set[str] = set()
 
     def record_iteration_driver(self, driver, data, metadata):
         """Record an iteration of a driver: its design variables and responses, and what else is short."""
-        super().record_iteration_driver(driver, self._short(data, _sources(driver)), metadata)
+        super().record_iteration_driver(driver, self._short(data, sources_of(driver)), metadata)
 
     def record_iteration_problem(self, problem, data, metadata):
         """Record a case of a problem: its design variables and responses, and what else is short."""
-        super().record_iteration_problem(problem, self._short(data, _sources(problem.driver)), metadata)
+        super().record_iteration_problem(problem, self._short(data, sources_of(problem.driver)), metadata)
 
     def record_iteration_system(self, system, data, metadata):
         """Record a run of a system, as far as it is short."""
@@ -80,8 +83,3 @@ class CaseRecorder(om.SqliteRecorder):
         names = name, name.rpartition(".")[2]
         is_asked = any(fnmatchcase(each, pattern) for pattern in self.keep for each in names)
         return np.size(value) <= self.longest or name in wanted or is_asked
-
-
-def _sources(driver) -> frozenset[str]:
-    """Absolute names of the outputs that are design variables or responses."""
-    return frozenset(meta["source"] for found in (driver._designvars, driver._responses) for meta in found.values())

@@ -29,7 +29,7 @@ def is_quick(optimizer):
     return optimizer not in ("differential_evolution", "Nelder-Mead", "COBYLA")
 
 
-@pytest.mark.parametrize("optimizer", filter(is_quick, RECOVERIES))
+@pytest.mark.parametrize("optimizer", list(filter(is_quick, RECOVERIES)))
 @pytest.mark.parametrize("says_nan", [False, True])
 def test_optimizers_survive_a_wall_in_their_way(optimizer, says_nan):
     problem, component = walled(optimizer, says_nan=says_nan)

@@ -21,6 +21,7 @@ from .nlopt_optimizer import ENDS, Criteria, Outcome, Settings, minimise
 from .nlopt_problem import Limits, Point, Statement
 from .nlopt_rules import RECOVERIES, AlgorithmRules, ConservativeRules, LineSearchRules, NoRules
 from .scaled_model import ScaledModel
+from .short_records import ShortRecords
 
 __all__ = ["NLoptDriver", "declare_options", "make_settings"]
 
@@ -35,7 +36,7 @@ CITATION = """
 """
 
 
-class NLoptDriver(Driver):
+class NLoptDriver(ShortRecords, Driver):
     """Optimise with any algorithm of NLopt.
 
     After the run the model is at the best point found: the one of lowest objective among those that violate no
@@ -47,6 +48,9 @@ class NLoptDriver(Driver):
     Options are those of NLopt in scaled variables; zero switches a stopping criterion off. Those of OpenMDAO's
     ``ScipyOptimizeDriver`` hold as well: ``tol``, ``maxiter``, ``disp`` and the dictionary ``opt_settings``, in which
     ``ftol``, ``maxfun`` and others mean what they do in SciPy; what has no counterpart is refused.
+
+    Recorders of the driver and of its problem leave out variables of more than 10,000 values, such as grids, unless
+    ``recording_options["includes"]`` names them.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ import openmdao.api as om
 from ...numerics.progress import Progress, shown
 from .nlopt_problem import Point
 from .nlopt_rules import SearchRecord, Substitute, uphill, worst
+from .short_records import ShortRecords
 
 __all__ = ["ScipyDriver"]
 
@@ -22,7 +23,7 @@ RECOVERIES = {
 optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as they should: failures pass through."""
 
 
-class ScipyDriver(om.ScipyOptimizeDriver):
+class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
     """SciPy's optimizers, with a bar of progress, where a failed analysis is a step too far and not the end.
 
     It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
@@ -32,7 +33,7 @@ class ScipyDriver(om.ScipyOptimizeDriver):
     passes through. `NLoptDriver` also starts again from the best point where failures have ended a search.
 
     At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
-    that ends at a failure has failed, and leaves the model at its best point.
+    that ends at a failure has failed, and leaves the model at its best point. Records are short, as of `NLoptDriver`.
 
     Parameters
     ----------
