@@ -68,3 +68,12 @@ def test_script_writes_what_it_is_told_to_and_nothing_else(name, tmp_path):
     assert figures
     assert all(f.suffix == ".png" and f.stat().st_size > 10_000 for f in figures)
     assert {p.name for p in tmp_path.iterdir()} == {"numbers.json", "figures"}
+
+
+@pytest.mark.slow
+def test_walls_of_curved_elements_come_nearer_to_the_splines_with_their_degree(script, tmp_path):
+    found = script("curved_elements").main(quick=True, figures=tmp_path)["order 4"]
+    assert found["degree 1"]["order"][-1] > 1.8
+    assert found["degree 2"]["distance"][-1] < 0.05 * found["degree 1"]["distance"][-1]
+    assert min(found["degree 2"]["worst_jacobian"]) > 0
+    assert {"curved_elements.png", "ball.cgns", "ball.msh"} <= {path.name for path in tmp_path.iterdir()}
