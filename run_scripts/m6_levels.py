@@ -1,15 +1,16 @@
 """Sections of the ONERA M6 in three levels: few control points first, knots inserted where the gradient asks for them.
 
-Heights of both sides make the drag at fixed lift, volume and thickness least: by all control points from the start, and
-in three levels, each of which starts from the shape, the bounds and the second derivatives of the one before. It takes
-four minutes, with ``--quick`` half a minute. What comes out are flow and gradient solutions of both ways until the drag
-is within 1, 0.1 and 0.01 counts of the least that either finds, the knots, a check of the totals, and a picture of the
-histories, the points of the levels and the sections.
+Heights of both sides make the drag at fixed lift, volume and thickness least: by all control points from the start,
+along the heights as they are and along even combinations of them, and in three levels, each of which starts from the
+shape, the bounds and the second derivatives of the one before. It takes five minutes, with ``--quick`` half a minute.
+What comes out are flow and gradient solutions of the three ways until the drag is within 1, 0.1 and 0.01 counts of the
+least that any finds, the knots, a check of the totals, and a picture of the histories and the points of the levels.
 """
 
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -17,32 +18,34 @@ import numpy as np
 import openmdao.api as om
 
 import bspline_mdao as bm
-from bspline_mdao.names import GRID
 from bspline_mdao.om.drivers.recorded_run import RecordedRun, nlopt, optimise
-from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, draw_sections, figure
+from bspline_mdao.plotting import BLUE, GRAY, GREEN, ORANGE, figure
 from bspline_mdao.run_script import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
 MACH, LIFT, THINNEST = 0.5, 0.27, 0.9
 """Mach number, lift coefficient, and what must be left of the thickness anywhere, relative to that of the M6."""
 
-DRAG, PARTS, UNIT = 0.04, (-0.5, 0.5), 0.03
-"""Unit of the objective, parts of the heights within which control points move, and the unit of the first changes: the
-root mean square of the displacement over the surface (m)."""
+DRAG, PARTS, UNIT, HEIGHT = 0.04, (-0.5, 0.5), 0.03, 0.2
+"""Unit of the objective, parts of the heights within which control points move, the unit of the first changes: the root
+mean square of the displacement over the surface (m), and that of heights as they are."""
 
 COUNT, WITHIN = 1e-4, (1.0, 0.1, 0.01)
 """A drag count, and how near to the least drag it is to be, in counts."""
 
-STATIONS, COLORS = (0.2, 0.5, 0.8), (ORANGE, GREEN, BLUE)
-"""Parts of the half span where sections are drawn, and the colors of the levels."""
+COLORS = ORANGE, GREEN, BLUE
+"""Colors of the levels."""
 
 SIZES = {
     "quick": (((5, 9, 5), (6, 6), (7, 5)), ((4, 6, 4), (5, 5), (5, 4)), 2, 1e-3, 4),
-    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 11, 5), (6, 6), (8, 4)), 4, 1e-7, 100),
+    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 11, 5), (6, 6), (8, 4)), 4, 1e-7, 40),
     "paper": (((17, 33, 17), (25, 25), (25, 13)), ((7, 15, 7), (9, 9), (11, 7)), 5, 1e-7, 200),
 }
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span, knots that
 are inserted first, tolerance of the objective, and iterations at most."""
+
+FEWEST = 5, 4
+"""Points of the coarsest net along the chord and along the span."""
 
 SOON = 2e-3
 """Tolerance of the objective at which the coarse levels end: what they leave, the next one has to find anyway."""
@@ -61,7 +64,8 @@ def make_net(model: bm.FittedModel) -> bm.CoarseNet:
     upper, lower = (bm.OnPatch(model, f"wing_{side}") for side in ("upper", "lower"))
     sides = (upper & ~lower) | (lower & ~upper)
     heights = np.abs(mesh.points[mesh.surface_ids][sides.mask(mesh), 1])
-    return bm.CoarseNet.of(model, mesh, bm.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None), n=4)
+    variable = bm.Local("heights", sides, heights[:, None] * [0.0, 1.0, 0.0], units=None)
+    return bm.CoarseNet.of(model, mesh, variable, n=FEWEST)
 
 
 def pose(model: bm.FittedModel, level: bm.DesignLevel) -> om.Problem:
@@ -96,7 +100,7 @@ def pose(model: bm.FittedModel, level: bm.DesignLevel) -> om.Problem:
 
 
 def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
-    """Find the sections both ways.
+    """Find the sections all three ways.
 
     Parameters
     ----------
@@ -108,9 +112,10 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     Returns
     -------
     dict
-        ``n_nodes``; the ``initial`` drag; for ``at_once`` and ``levels`` the drag and the solutions, see `counts`; of
-        the levels ``n_variables``, the part of the gradient that is ``used`` at the end of each, and the ``knots``
-        inserted first along each strip; and ``totals`` away from the optimum, see `check_totals`.
+        ``n_nodes``; the ``initial`` drag; for all at once, along ``heights`` as they are and along combinations that
+        are ``even``, and for ``levels`` the drag and the solutions, see `counts`; of the levels ``n_variables``, the
+        part of the gradient that is ``used`` at the end of each, and the ``knots`` inserted first along each strip; and
+        ``totals`` away from the optimum, see `check_totals`.
     """
     *sizes, n_knots, tolerance, iterations = pick_size(SIZES, paper, quick)
     model = make_model(*sizes)
@@ -121,9 +126,10 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
 
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(figures or temporary)
-        at_once = solve(bm.DesignLevel.first(net.refine(net.missing()), *PARTS, unit=UNIT), tolerance, "at_once")
-        levels = [bm.DesignLevel.first(net, *PARTS, unit=UNIT)]
-        runs, used = [solve(levels[0], SOON, "1")], []
+        finest, coarsest = (bm.DesignLevel.first(each, *PARTS, unit=UNIT) for each in (net.refine(net.missing()), net))
+        heights = replace(finest, columns=HEIGHT * np.eye(finest.net.n_values))
+        ways = {name: [solve(level, tolerance, name)] for name, level in (("heights", heights), ("even", finest))}
+        levels, runs, used = [coarsest], [solve(coarsest, SOON, "1")], []
         for n, ends in enumerate((SOON, tolerance), start=1):
             level, problem = levels[-1], runs[-1].problem
             gradient = bm.unused_gradient(problem, level.net)
@@ -131,15 +137,17 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
             knots = level.net.where_to_refine(gradient, n_knots) if n == 1 else level.net.missing()
             levels.append(level.refined(problem, knots, folder / f"m6_levels_{n}.sql"))
             runs.append(solve(levels[-1], ends, str(n + 1)))
-    least = min(history(each).min() for each in (at_once, runs[-1]))
+    ways["levels"] = runs
+    least = min(history(each[-1]).min() for each in ways.values())
     if figures:
-        with figure(figures, "m6_levels", (11.0, 7.0)) as canvas:
-            draw(canvas, model, levels, at_once, runs, least)
-    found, away = {"at_once": [at_once], "levels": runs}, perturb_design(runs[-1].problem, size=0.1)
+        with figure(figures, "m6_levels", (11.0, 5.0)) as canvas:
+            draw(canvas, levels, ways, least)
+    numbers = {name: {"drag": each[-1].problem["drag"].item()} | counts(each, least) for name, each in ways.items()}
+    away = perturb_design(runs[-1].problem, size=0.1)
     return {
         "n_nodes": model.n_nodes,
-        "initial": at_once.history["drag"][0].item(),
-        **{name: {"drag": each[-1].problem["drag"].item()} | counts(each, least) for name, each in found.items()},
+        "initial": runs[0].history["drag"][0].item(),
+        **numbers,
         "n_variables": [level.net.n_values for level in levels],
         "used": used,
         "knots": [np.flatnonzero(after & ~before) for before, after in zip(net.kept, levels[1].net.kept)],
@@ -155,45 +163,36 @@ def history(run: RecordedRun) -> np.ndarray:
 
 def counts(runs: list[RecordedRun], least: float) -> dict:
     """Flow and gradient solutions of all runs, two gradients for each choice of knots, and when drag was ``within``."""
-    n_before = sum(len(run.history["drag"]) for run in runs[:-1])
-    n_gradients = sum(len(run.convergence.differentiated) + 2 for run in runs) - 2
-    course, within = history(runs[-1]), {}
+    flows = sum(len(run.history["drag"]) for run in runs[:-1])
+    gradients = sum(len(run.convergence.differentiated) + 2 for run in runs[:-1])
+    course, differentiated, within = history(runs[-1]), runs[-1].convergence.differentiated, {}
     for part in WITHIN:
         there = np.flatnonzero(course < least + part * COUNT)
         if len(there):
-            gradients = np.count_nonzero(runs[-1].convergence.differentiated <= there[0])
-            before = n_gradients - len(runs[-1].convergence.differentiated)
-            within[str(part)] = {"flows": n_before + int(there[0]) + 1, "gradients": before + int(gradients)}
-    return {"flows": n_before + len(course), "gradients": n_gradients, "within": within}
+            n_gradients = gradients + int(np.count_nonzero(differentiated <= there[0]))
+            within[str(part)] = {"flows": flows + int(there[0]) + 1, "gradients": n_gradients}
+    return {"flows": flows + len(course), "gradients": gradients + len(differentiated), "within": within}
 
 
-def draw(canvas, model: bm.FittedModel, levels, at_once: RecordedRun, runs: list[RecordedRun], least: float) -> None:
-    """Draw the drag over the flow solutions, where the levels have points, and sections."""
-    drag, planform, sections = (canvas.add_subplot(place) for place in (121, 222, 224))
-    course = (history(at_once) - least) / COUNT
-    drag.semilogy(np.arange(1, len(course) + 1), course, color=GRAY, label="all at once")
-    before = 1
-    for number, (each, level, color) in enumerate(zip(runs, levels, COLORS), start=1):
-        course, mesh = (history(each) - least) / COUNT, level.net.mesh
-        drag.semilogy(before + np.arange(len(course)), course, color=color, label=f"level {number}")
-        before += len(course)
+def draw(canvas, levels: list[bm.DesignLevel], ways: dict, least: float) -> None:
+    """Draw the drag over the flow solutions, and where the levels have points."""
+    drag, planform = canvas.subplots(1, 2)
+    mesh, start = levels[0].net.mesh, 1
+    for name, style in (("heights", ":"), ("even", "-")):
+        course = (history(ways[name][0]) - least) / COUNT
+        drag.semilogy(np.arange(1, len(course) + 1), course, style, color=GRAY, label=f"all at once, {name}")
+    for number, (each, level, color) in enumerate(zip(ways["levels"], levels, COLORS), start=1):
+        course = (history(each) - least) / COUNT
+        drag.semilogy(start + np.arange(len(course)), course, color=color, label=f"level {number}")
+        start += len(course)
         rows = level.net.variable.directed(mesh)[0][np.unique(level.net.weights.tocsc().argmax(axis=0))]
-        points = mesh.points[mesh.surface_ids][rows]
-        above = points[points[:, 1] > 0.0]
-        style = {"ms": 15 - 4 * number, "color": color, "label": f"{level.net.n_values} points"}
-        planform.plot(above[:, 0], above[:, 2], "o", **style)
+        x, y, z = mesh.points[mesh.surface_ids][rows].T
+        label = f"{level.net.n_values} points"
+        planform.plot(x[y > 0.0], z[y > 0.0], "o", ms=15 - 4 * number, color=color, label=label)
     drag.set(xlabel="flow solutions", ylabel="drag above the least (counts)", ylim=(1e-3, None))
     planform.set(xlabel="$x$ (m)", ylabel="$z$ (m)", aspect="equal")
-    baseline = model.regenerate().to_vector().reshape(-1, 3)
-    draw_sections(sections, model, baseline, STATIONS, color=GRAY, ls="--", label="ONERA M6")
-    for each, color, name in ((at_once, GRAY, "all at once"), (runs[-1], BLUE, "levels")):
-        draw_sections(sections, model, each.problem.get_val(GRID).reshape(-1, 3), STATIONS, color=color, label=name)
-    for axes in (drag, planform, sections):
-        axes.legend(
-            fontsize=8,
-            loc="upper right" if axes is drag else "center left",
-            bbox_to_anchor=None if axes is drag else (1.0, 0.5),
-        )
+    for axes in (drag, planform):
+        axes.legend(fontsize=8)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Coarse nets: what they can do, finer ones can, to round-off, on curved knots; knots are chosen by the gradient."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from bspline_mdao import (
     BilinearKnots,
     CoarseNet,
+    ConstantKnots,
     InputError,
     Local,
     OnPatch,
@@ -18,6 +20,7 @@ from bspline_mdao import (
     onera_m6_grid,
 )
 from bspline_mdao.design.parametrization import Parametrization
+from bspline_mdao.design.surface_strips import Face, Strip, SurfaceStrips, _labels
 
 
 @cache
@@ -84,6 +87,28 @@ def test_faces_of_a_closed_surface_agree_along_their_edges(grid):
     values = np.random.default_rng(0).normal(size=coarse.n_values)
     same = coarse.to(finer).values(values)
     np.testing.assert_allclose(moved(finer, same), moved(coarse, values), rtol=0.0, atol=1e-14)
+
+
+def test_knots_of_a_folded_face_come_in_pairs_and_its_halves_agree():
+    rows = np.arange(9 * 5).reshape(9, 5)
+    rows[:, 0] = [0, 5, 10, 15, 20, 15, 10, 5, 0]  # the halves of an edge are one
+    _, numbers = np.unique(rows, return_inverse=True)
+    rows = numbers.reshape(rows.shape)
+    labels = _labels([rows])
+    assert labels[0, 0, 0] == labels[0, 0, 1]
+    assert labels[0, 1, 0] != labels[0, 1, 1]
+    inner = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+    folded = Strip(ConstantKnots(np.concatenate([np.zeros(4), inner, np.ones(4)]), 4), np.eye(3)[0], True)
+    plain = Strip(ConstantKnots.uniform(5, 4), np.eye(3)[1], False)
+    surface = SurfaceStrips((Face(rows, (0, 1), (False, False)),), (folded, plain), rows.max() + 1)
+    mesh = SimpleNamespace(surface_ids=np.arange(rows.max() + 1))
+    coarse = CoarseNet(Local("bump", direction="y"), surface, mesh, (np.zeros(5, bool), np.zeros(1, bool)))
+    assert coarse.missing() == [(0, 0), (0, 1), (0, 2), (1, 0)]
+    for net in (coarse, coarse.refine([(0, 0)]), coarse.refine(coarse.missing())):
+        assert (net.kept[0] == net.kept[0][::-1]).all()
+        np.testing.assert_allclose(net.weights @ np.ones(net.n_values), 1.0, atol=1e-14)
+        values = np.random.default_rng(1).normal(size=coarse.n_values)
+        np.testing.assert_allclose(net.weights @ coarse.to(net).values(values), coarse.weights @ values, atol=1e-14)
 
 
 def test_bounds_contain_every_shape_within_the_coarse_ones():
