@@ -165,7 +165,7 @@ class _Elements:
 
     def markers(self, zone: h5py.Group) -> dict[str, np.ndarray]:
         """Faces of boundary conditions by their names; where there are none, of sections."""
-        found = {}
+        found: dict[str, np.ndarray] = {}
         for _, group in children(zone, "ZoneBC_t"):
             for name, condition in children(group, "BC_t"):
                 family = first_child(condition, "FamilyName_t")

@@ -101,12 +101,23 @@ class TextPoints:
         if (counts < skip + n_axes).any():
             raise InputError(f"{what}: node {int(np.argmax(counts < skip + n_axes)) + 1} has too few coordinates")
         ids = firsts[:, None] + skip + np.arange(n_axes)
-        spans = start + np.stack([starts[ids], ends[ids]], axis=-1)
+        return cls._at(text, start + np.stack([starts[ids], ends[ids]], axis=-1), what)
+
+    @classmethod
+    def of_words(cls, text: bytes, start: int, stop: int, n_axes: int, what: str) -> TextPoints:
+        """Find points in a part of a text whose words are nothing but their coordinates, on whatever lines."""
+        starts, ends, _ = _words(np.frombuffer(text, dtype=np.uint8)[start:stop])
+        if len(starts) % n_axes:
+            raise InputError(f"{what}: {len(starts):,} coordinates are not {n_axes} of each node; write it again")
+        return cls._at(text, start + np.stack([starts, ends], axis=-1).reshape(-1, n_axes, 2), what)
+
+    @classmethod
+    def _at(cls, text: bytes, spans: np.ndarray, what: str) -> TextPoints:
         try:
             values = np.array([text[a:b] for a, b in spans.reshape(-1, 2).tolist()]).astype(float)
         except ValueError as error:
             raise InputError(f"{what}: a coordinate is no number ({error}); write the file again") from error
-        return cls(text, spans, values.reshape(-1, n_axes))
+        return cls(text, spans, values.reshape(spans.shape[:2]))
 
     def replaced(self, values: np.ndarray) -> bytes:
         """Return the text with other coordinates, shape (n, n_axes): the words of points that stay are kept."""

@@ -1,0 +1,147 @@
+"""Gmsh (.msh) and VTK (.vtu) meshes: meshio reads them; they are written back with other nodes in their places.
+
+Format: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...cells.mixed_cells import MixedMesh, padded
+from ...errors import InputError
+from ...shown import OneLine
+from ..disk import read_raw, replaced_file
+from .gmsh_nodes import find_gmsh_nodes
+from .vtu_points import find_vtu_points
+
+__all__ = ["MeshioFile", "read_msh", "read_vtu"]
+
+CELLS = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
+FACES = {"triangle": 3, "quad": 4}
+"""Corners of cells and faces by meshio's names, to which the number of nodes is added where there are more."""
+
+
+class StoredPoints(Protocol):
+    """Nodes in the bytes of a file."""
+
+    @property
+    def values(self) -> np.ndarray:
+        """The nodes, shape (n, 3)."""
+
+    def replaced(self, values: np.ndarray) -> bytes:
+        """Return the bytes with other nodes."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshioFile(OneLine):
+    """A mesh that meshio read, and its file.
+
+    Parameters
+    ----------
+    mesh : MixedMesh
+        The mesh.
+    stored : StoredPoints
+        The file, with the places of the nodes.
+    """
+
+    mesh: MixedMesh
+    stored: StoredPoints
+
+    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
+        """Write the file with other nodes, shape (n, 3); all else stays."""
+        with replaced_file(path) as temporary:
+            Path(temporary).write_bytes(self.stored.replaced(points))
+
+
+def read_msh(path: str | os.PathLike) -> MeshioFile:
+    """Read a mesh of Gmsh, format 2.2 or 4.1, in ASCII or binary.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    MeshioFile
+        Its markers are physical surfaces.
+
+    Raises
+    ------
+    InputError
+        If meshio is missing, or the file cannot be used.
+    """
+    stored = find_gmsh_nodes(read_raw(path), str(path))
+    return _file(path, stored, "gmsh")
+
+
+def read_vtu(path: str | os.PathLike) -> MeshioFile:
+    """Read an unstructured grid of VTK in one piece.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    MeshioFile
+        It has no markers.
+
+    Raises
+    ------
+    InputError
+        If meshio is missing, or the file cannot be used.
+    """
+    found = _read(path, "vtu")
+    return _file(path, find_vtu_points(read_raw(path), np.asarray(found.points), str(path)), "vtu", found)
+
+
+def _read(path: str | os.PathLike, form: str) -> Any:
+    """Let meshio read a file."""
+    try:
+        meshio = importlib.import_module("meshio")
+    except ImportError as error:
+        raise InputError(f"{path}: needs meshio: pip install 'bspline_mdao[gmsh]'") from error
+    try:
+        return meshio.read(path, file_format=form)
+    except (Exception, SystemExit) as error:  # whatever meshio makes of a damaged file; it exits where it knows why
+        raise InputError(
+            f"{path}: meshio cannot read it ({str(error) or type(error).__name__}); write it again"
+        ) from error
+
+
+def _file(path: str | os.PathLike, stored: StoredPoints, form: str, found: Any = None) -> MeshioFile:
+    """Make the mesh of what meshio read."""
+    found = _read(path, form) if found is None else found
+    points = np.asarray(found.points)
+    if not np.array_equal(points, stored.values.astype(points.dtype)):
+        raise InputError(f"{path}: its nodes are not those that meshio reads; save it again, as version 4.1 or 2.2")
+    cells: dict[str, list[np.ndarray]] = {}
+    for block in found.cells:
+        name = block.type.rstrip("0123456789")
+        if name in CELLS:
+            cells.setdefault(name, []).append(np.asarray(block.data)[:, : CELLS[name]].astype(np.int64))
+    if not cells:
+        raise InputError(f"{path}: has no tetrahedra, pyramids, wedges or hexahedra; give a mesh of a volume")
+    joined = {name: np.concatenate(parts) for name, parts in cells.items()}
+    return MeshioFile(MixedMesh(stored.values, joined, _markers(found), source=str(path)), stored)
+
+
+def _markers(found: Any) -> dict[str, np.ndarray]:
+    """Faces of physical surfaces by their names, or numbers where they have none."""
+    names = {int(number): name for name, (number, dimension) in found.field_data.items() if dimension == 2}
+    markers: dict[str, list[np.ndarray]] = {}
+    for block, ids in zip(found.cells, found.cell_data.get("gmsh:physical", [])):
+        kind = block.type.rstrip("0123456789")
+        if kind in FACES:
+            faces = padded(np.asarray(block.data)[:, : FACES[kind]].astype(np.int64))
+            for number in np.unique(ids).tolist():
+                markers.setdefault(names.get(number, str(number)), []).append(faces[np.asarray(ids) == number])
+    return {name: np.concatenate(parts) for name, parts in markers.items()}
