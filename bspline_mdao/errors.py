@@ -60,7 +60,13 @@ class SpuriousDragWarning(UserWarning):
     """Drag that is an objective or a constraint, of which more than a tenth comes from the errors of the grid.
 
     `EulerFlow` gives one such warning for each problem, when it first runs. The message is one line that says how the
-    drag is made up and what to do. ``warnings.simplefilter("ignore", SpuriousDragWarning)`` silences it.
+    drag is made up and what to do.
+
+    Examples
+    --------
+    >>> from bspline_mdao import SpuriousDragWarning
+    >>> import warnings
+    >>> warnings.simplefilter("ignore", SpuriousDragWarning)  # silences it
     """
 
 
@@ -69,4 +75,10 @@ class DerivativeModeWarning(UserWarning):
 
     `EulerFlow` gives one such warning for each problem, with its first gradient. The message is one line that says how
     many they are in both modes, and which mode to set up.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DerivativeModeWarning
+    >>> import warnings
+    >>> warnings.simplefilter("error", DerivativeModeWarning)  # a script that does not go on in the slow mode
     """

@@ -59,16 +59,12 @@ def test_every_public_name_says_what_it_is(name):
     assert (thing(name).__doc__ or "").strip().splitlines()[0].endswith((".", ":", "`"))
 
 
-WITHOUT = {"DerivativeModeWarning", "SpuriousDragWarning", "even_pressures"}
-"""Public names whose example would be an optimisation with a flow."""
-
-
 def test_every_public_name_has_an_example_that_runs():
     public = {name for name in SHOWN if "." not in name}
     docs = {
         name: (thing(name).__doc__ or "") + (getattr(thing(name), "__init__", thing).__doc__ or "") for name in public
     }
-    assert {name for name, doc in docs.items() if ">>>" not in doc} == WITHOUT
+    assert {name for name, doc in docs.items() if ">>>" not in doc} == set()
 
 
 def test_the_variables_that_everyone_uses_are_complete():

@@ -89,6 +89,18 @@ def even_pressures(
     ------
     InputError
         If the pressures do not depend on the variable.
+
+    Examples
+    --------
+    >>> from bspline_mdao import DesignSurface, EulerFlow, Twist, even_pressures, fit_grid, onera_m6_grid
+    >>> wing = DesignSurface.of(fit_grid(onera_m6_grid((5, 5, 5))))
+    >>> problem = om.Problem(reports=None)
+    >>> shape = wing.grid_movement([Twist("twist", wing.axis, stations=2)])
+    >>> _ = problem.model.add_subsystem("shape", shape, promotes=["*"])
+    >>> flow = EulerFlow(model=wing.model, reference_area=wing.planform_area, iprint=-1)
+    >>> _ = problem.model.add_subsystem("flow", flow, promotes=["*"])
+    >>> even_pressures(problem, wing.model, "twist").shape
+    (2, 2)
     """
     problem.setup(mode="fwd")
     problem.run_model()
