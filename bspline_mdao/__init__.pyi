@@ -109,6 +109,7 @@ from .mesh.boundary import moving_grid as moving_grid
 from .mesh.boundary import moving_mesh as moving_mesh
 from .mesh.moving_mesh import MovingMesh as MovingMesh
 from .mesh.surface import SurfaceGrid as SurfaceGrid
+from .model.certify import certify as certify
 from .model.curved import curved_grid as curved_grid
 from .model.fitted_model import FittedModel as FittedModel
 from .model.fitted_model import family_member as family_member

@@ -176,6 +176,9 @@ AGGREGATES = {
     "corner_ks": Aggregate("triples", "ks", "bound of the corner triple products of unit edges", is_default=True),
     "corner_pnorm": Aggregate("triples", "pnorm", "p-norm bound of the corner triple products of unit edges"),
     "jacobian_ks": Aggregate("jacobians", "ks", "bound of the corner Jacobians over the cell's volume in the baseline"),
+    "certified_ks": Aggregate(
+        "coefficients", "ks", "bound of the Jacobian everywhere in the cells, over the cell's volume in the baseline"
+    ),
     "volume_ks": Aggregate("volume", "ks", "bound of the cell volumes over those of the baseline", is_default=True),
     "height_low_ks": Aggregate("height", "ks", "lower bound of the first cells' heights at walls over the baseline's"),
     "height_high_ks": Aggregate(

@@ -16,11 +16,15 @@ import numpy as np
 from ..numerics.processes import gathered, together
 from ..topology.index_space import Window
 from .cell_loops import as_points, block_jvp, block_measures, block_vjp
-from .hexahedron import UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, stack_plane
+from .hexahedron import COLLAPSE_TOLERANCE, UPPER_CORNERS, cell_quality, collapsed_corners, flat_direction, stack_plane
+from .jacobian_bounds import N_COEFFICIENTS, block_coefficients, coefficients_jvp, coefficients_vjp
 from .orthogonality import orthogonality, orthogonality_jvp, orthogonality_vjp
 from .pieces import Frame, Pieces, has_cells
 
 __all__ = ["BlockCells", "Chunk", "Measures", "block_cells", "chunk_jvp", "chunk_measures", "chunk_vjp"]
+
+LOWER_CORNERS = np.uint8(0b00001111)
+"""Corners 0 to 3: those of a planar block."""
 
 CHUNK_CELLS = 8192
 """Cells of a chunk, at most, if it is more than one layer: their corner measures fit the second-level cache."""
@@ -52,6 +56,8 @@ class BlockCells:
         Direction with a single node.
     normal : ndarray, shape (3,), or None
         Unit normal of a planar block, which serves as its third edges.
+    shortest : float
+        Edges at degenerate corners that are shorter have collapsed (m).
     """
 
     name: str
@@ -64,6 +70,7 @@ class BlockCells:
     was_invalid: np.ndarray
     flat: int | None
     normal: np.ndarray | None
+    shortest: float
 
     @classmethod
     def of_baseline(
@@ -96,6 +103,7 @@ class BlockCells:
             was_invalid=np.flatnonzero(~quality.is_valid),
             flat=flat,
             normal=frame.normal,
+            shortest=COLLAPSE_TOLERANCE * frame.size,
         )
 
     @property
@@ -212,6 +220,12 @@ class Chunk:
         return self.block.degenerate_corners[self.start : self.stop]
 
     @property
+    def solid_bits(self) -> np.ndarray:
+        """Those of the cells that `solid` gives: of a planar block's both sides alike."""
+        bits = self.degenerate_corners
+        return bits if self.block.flat is None else (bits & LOWER_CORNERS) * np.uint8(17)
+
+    @property
     def in_block(self) -> slice:
         """Slice of the chunk's cells among those of the block."""
         layer = int(np.prod(self.block.degenerate_corners.shape[1:]))
@@ -254,26 +268,37 @@ class Measures:
         Corner Jacobians divided by the volume of the cell on the baseline; infinite at degenerate corners.
     volume : ndarray, shape (n_cells,)
         Volumes divided by those of the baseline; infinite where there was none.
+    coefficients : ndarray, shape (27, n_cells), or None
+        Bernstein coefficients of the Jacobian divided by the volume of the cell on the baseline; infinite where
+        they are zero by a collapsed edge. None where they are not asked for.
     """
 
     q: np.ndarray
     triples: np.ndarray
     jacobians: np.ndarray
     volume: np.ndarray
+    coefficients: np.ndarray | None = None
 
     @classmethod
     def zeros_like(cls, other: Measures) -> Measures:
         """Zeros of the shapes of another."""
-        return cls(*(np.zeros_like(x) for x in (other.q, other.triples, other.jacobians, other.volume)))
+        coefficients = None if other.coefficients is None else np.zeros_like(other.coefficients)
+        return cls(*(np.zeros_like(x) for x in (other.q, other.triples, other.jacobians, other.volume)), coefficients)
 
 
-def chunk_measures(chunk: Chunk, nodes: np.ndarray) -> Measures:
+def chunk_measures(chunk: Chunk, nodes: np.ndarray, with_coefficients: bool = False) -> Measures:
     """Measure the cells of a chunk of a grid with nodes (n_nodes, 3)."""
     triples, jacobians, volume = _empty(chunk)
     points = as_points(chunk.solid(nodes, chunk.block.normal))
     block_measures(points, chunk.degenerate_corners, chunk.block.handedness, triples, jacobians, volume)
-    _scale(chunk, jacobians, volume, np.inf)
-    return Measures(orthogonality(triples, axis=0), triples, jacobians, volume)
+    coefficients = None
+    if with_coefficients:
+        coefficients, bits = np.empty((N_COEFFICIENTS, volume.size)), chunk.solid_bits
+        block_coefficients(points, bits, chunk.block.handedness, chunk.block.shortest, coefficients)
+        _scale(chunk, coefficients, np.inf)
+    _scale(chunk, jacobians, np.inf)
+    _scale(chunk, volume[None], np.inf)
+    return Measures(orthogonality(triples, axis=0), triples, jacobians, volume, coefficients)
 
 
 def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Measures) -> Measures:
@@ -281,8 +306,15 @@ def chunk_jvp(chunk: Chunk, nodes: np.ndarray, d_nodes: np.ndarray, measures: Me
     d_triples, d_jacobians, d_volume = _empty(chunk)
     points, d_points = as_points(chunk.solid(nodes, chunk.block.normal)), as_points(chunk.solid(d_nodes))
     block_jvp(points, d_points, chunk.degenerate_corners, chunk.block.handedness, d_triples, d_jacobians, d_volume)
-    _scale(chunk, d_jacobians, d_volume, 0.0)
-    return Measures(orthogonality_jvp(measures.triples, d_triples, axis=0), d_triples, d_jacobians, d_volume)
+    _scale(chunk, d_jacobians, 0.0)
+    _scale(chunk, d_volume[None], 0.0)
+    d_coefficients = None
+    if measures.coefficients is not None:
+        d_coefficients = np.empty_like(measures.coefficients)
+        coefficients_jvp(points, d_points, chunk.degenerate_corners, chunk.block.handedness, d_coefficients)
+        _scale(chunk, d_coefficients, 0.0)
+    change = orthogonality_jvp(measures.triples, d_triples, axis=0)
+    return Measures(change, d_triples, d_jacobians, d_volume, d_coefficients)
 
 
 def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures, nodes_bar: np.ndarray) -> None:
@@ -295,6 +327,11 @@ def chunk_vjp(chunk: Chunk, nodes: np.ndarray, measures: Measures, bar: Measures
         as_points(solid), chunk.degenerate_corners, chunk.block.handedness,
         triples_bar, bar.jacobians * inverse, bar.volume * inverse, as_points(solid_bar),
     )  # fmt: skip
+    if bar.coefficients is not None:
+        coefficients_vjp(
+            as_points(solid), chunk.degenerate_corners, chunk.block.handedness, bar.coefficients * inverse,
+            as_points(solid_bar),
+        )  # fmt: skip
     chunk.add(solid_bar, nodes_bar)
 
 
@@ -303,11 +340,10 @@ def _empty(chunk):
     return np.empty((8, n)), np.empty((8, n)), np.empty(n)
 
 
-def _scale(chunk, jacobians, volume, without):
-    """Divide by the volumes of the baseline; cells that had none get the value ``without``."""
+def _scale(chunk, rows, without):
+    """Divide rows by the volumes of the baseline; cells that had none get the value ``without``."""
     inverse = chunk.block.inverse_volume[chunk.in_block]
     had_none = inverse == 0.0
-    jacobians *= np.where(had_none, 1.0, inverse)
-    volume *= inverse
+    rows *= np.where(had_none, 1.0, inverse)
     if had_none.any():
-        jacobians[:, had_none] = volume[had_none] = without
+        rows[:, had_none] = without

@@ -176,21 +176,21 @@ class GridQuality(OneLine):
 
     def cells_in_turn(self, nodes: np.ndarray) -> Iterator[CellQuality]:
         """Measure every cell as `cells` does, one block after another, without keeping them."""
-        normals = self._normals(nodes)
+        normals = self.normals(nodes)
         places = ((block, block.nodes_of(nodes), normals.get(block.window.block)) for block in self.blocks)
         return (cell_quality(x, block.degenerate_in_block, block.handedness, normal) for block, x, normal in places)
 
-    def _normals(self, nodes):
-        """Mean normals of planar blocks that are split, now."""
+    def normals(self, nodes: np.ndarray) -> dict[int, np.ndarray]:
+        """Mean normals of planar blocks that are split, by their numbers, now; all processes call it."""
         if not self.pieces.has_split_planes:
             return {}
-        planes = [block for block in self.blocks if block.flat is not None]
-        views = [np.moveaxis(block.nodes_of(nodes), block.flat, 2)[:, :, 0] for block in planes]
+        planes = [(block, block.flat) for block in self.blocks if block.flat is not None]
+        views = [np.moveaxis(block.nodes_of(nodes), flat, 2)[:, :, 0] for block, flat in planes]
         areas = np.zeros((len(self.pieces.shapes), 3))
-        for block, plane in zip(planes, views):
+        for (block, _), plane in zip(planes, views):
             areas[block.window.block] += summed_areas(plane)
         areas = summed(self.pieces.comm, areas)
-        return {block.window.block: unit_normal(areas[block.window.block]) for block in planes}
+        return {block.window.block: unit_normal(areas[block.window.block]) for block, _ in planes}
 
     def require(self, names: Sequence[str]) -> None:
         """Refuse names of aggregates that do not exist, or not on this grid.
@@ -232,10 +232,10 @@ class GridQuality(OneLine):
         names = self.aggregates if names is None else names
         self.require(names)
         q = np.empty(self.n_cells) if cells else None
-        of_cells = _of_cells(names)
+        of_cells, is_certified = _of_cells(names), _needs_coefficients(names)
 
         def work(chunk: Chunk):
-            measures = chunk_measures(chunk, nodes)
+            measures = chunk_measures(chunk, nodes, is_certified)
             if q is not None:
                 q[chunk.in_grid] = measures.q
             return [self._rule(name).part(AGGREGATES[name].numbers(measures)) for name in of_cells]
@@ -262,10 +262,10 @@ class GridQuality(OneLine):
             Changes of what ``values`` holds.
         """
         d_q = np.empty(self.n_cells) if values.q is not None else None
-        of_cells = _of_cells(values.aggregates)
+        of_cells, is_certified = _of_cells(values.aggregates), _needs_coefficients(values.aggregates)
 
         def work(chunk: Chunk):
-            measures = chunk_measures(chunk, nodes)
+            measures = chunk_measures(chunk, nodes, is_certified)
             change = chunk_jvp(chunk, nodes, d_nodes, measures)
             if d_q is not None:
                 d_q[chunk.in_grid] = change.q
@@ -297,8 +297,10 @@ class GridQuality(OneLine):
         nodes_bar = np.zeros((self.n_nodes, 3))
         seeds = {name: bar.aggregates[name] for name in _of_cells(bar.aggregates) if bar.aggregates[name] != 0.0}
 
+        is_certified = _needs_coefficients(seeds)
+
         def work(chunk: Chunk):
-            measures = chunk_measures(chunk, nodes)
+            measures = chunk_measures(chunk, nodes, is_certified)
             adjoint = Measures.zeros_like(measures)
             for name, seed in seeds.items():
                 AGGREGATES[name].numbers(adjoint)[...] += seed * self._weights(measures, values, name)
@@ -379,6 +381,11 @@ def _sum(weights, changes):
 def _of_cells(names) -> list[str]:
     """Aggregates among the names that measure cells, in their order."""
     return [name for name in names if not AGGREGATES[name].is_of_heights]
+
+
+def _needs_coefficients(names) -> bool:
+    """Whether one of the aggregates is of Bernstein coefficients, which take time of their own."""
+    return any(AGGREGATES[name].measure == "coefficients" for name in names)
 
 
 def _height_signs(names) -> dict[str, float]:

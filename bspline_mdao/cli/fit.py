@@ -7,17 +7,20 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from ..cells.certificate import Certificate
 from ..errors import FitWarning, InputError
+from ..evaluation.spline_validity import certify_splines
 from ..fit.fitting import fit_blocks, fit_grid
 from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import CANDIDATES, Fallback, FitReport
-from ..numerics.processes import world
+from ..numerics.processes import on_first, world
 from ..topology.grid import Grid
 from ..topology.stored_grid import StoredGrid
 from ..wording import counted
 from .output import (
     MEANING_OF_INVALID,
+    certificate_numbers,
     check_outputs,
     counts_text,
     print_lines,
@@ -25,6 +28,7 @@ from .output import (
     print_title,
     print_warnings,
     progress_bar,
+    show_certificate,
     written_json,
 )
 from .sources import file_of, load_grid, stored_grid
@@ -98,9 +102,16 @@ def fit_model(
             stored = stored_grid(grid_name, patches, comm)
             _warn_of_patches(stored, grid_name)
             model = fit_blocks(stored, comm, progress=progress, **options)
-    with written_json(json, fit_numbers(model), comm):
+        progress(1.0, "validity")
+        certificate = on_first(comm, lambda: _certificate(model))
+    with written_json(json, fit_numbers(model, certificate), comm):
         model.save(output)
-    show_fit(model, output)
+    show_fit(model, output, certificate)
+
+
+def _certificate(model: FittedModel | FittedBlocks) -> Certificate:
+    """What is proved about the splines."""
+    return Certificate((), certify_splines(model.mesh, model.control_points, model.topology.segment_names))
 
 
 def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
@@ -123,7 +134,7 @@ def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
         )
 
 
-def fit_numbers(model: FittedModel | FittedBlocks) -> dict:
+def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate) -> dict:
     """Collect the numbers of a fit for JSON."""
     report, fallback = model.report, model.report.fallback
     return {
@@ -140,6 +151,7 @@ def fit_numbers(model: FittedModel | FittedBlocks) -> dict:
         "worst_node": vars(report.worst),
         "n_invalid_control_elements": report.n_invalid,
         "invalid_control_elements": [vars(element) for element in report.invalid],
+        "certificate": certificate_numbers(certificate),
         "method": model.settings.method,
         "fallback": fallback and {**vars(fallback), "n_points": dict(zip(CANDIDATES, fallback.n_points))},
         "factor_bytes": report.factor_bytes,
@@ -148,7 +160,7 @@ def fit_numbers(model: FittedModel | FittedBlocks) -> dict:
     }
 
 
-def show_fit(model: FittedModel | FittedBlocks, output: Path) -> None:
+def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate) -> None:
     """Print the report of a fit."""
     report, worst = model.report, model.report.worst
     sizes = f"{counted(report.n_nodes, 'node')}, {counted(report.n_control_points, 'control point')}"
@@ -170,6 +182,7 @@ def show_fit(model: FittedModel | FittedBlocks, output: Path) -> None:
     if report.factor_bytes:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
+    show_certificate(certificate)
     print_lines([f"{output} written, {report.seconds:.2f} s"])
     print_warnings(report.warnings)
     if report.n_invalid:

@@ -16,6 +16,7 @@ import numpy as np
 from ..cad.files import SUFFIXES
 from ..cad.opencascade import require_opencascade
 from ..cad.write_cad import write_cad
+from ..cells.certificate import Certificate, certify_cells
 from ..cells.grid_quality import GridQuality
 from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_quality
 from ..design.deformation import Deformation
@@ -39,6 +40,7 @@ from .cad import show_cad
 from .movers import MoverOptions
 from .output import (
     MEANING_OF_INVALID,
+    certificate_numbers,
     check_outputs,
     height_numbers,
     height_warnings,
@@ -47,6 +49,7 @@ from .output import (
     print_title,
     print_warnings,
     progress_bar,
+    show_certificate,
     show_height_ratios,
     written_json,
 )
@@ -110,6 +113,7 @@ class Moved:
     before: QualityReport
     after: QualityReport
     newly_inverted: tuple[InvertedCell, ...]
+    certificate: Certificate
 
     @property
     def largest_displacement(self) -> float:
@@ -227,12 +231,13 @@ def _grid(
     return model.header.grid(topology.shapes, state.nodes), miss
 
 
-def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...]]:
-    """Quality before and after, and the worst cells that are inverted now and were not."""
+def _compared(baseline: Grid, grid: Grid) -> tuple[QualityReport, QualityReport, tuple[InvertedCell, ...], Certificate]:
+    """Quality before and after, the worst cells that are inverted now and were not, and what is proved of all."""
     quality = GridQuality.of_baseline(baseline)
     before, after = (g.to_vector().reshape(-1, 3) for g in (baseline, grid))
     newly_inverted = inverted_cells(quality, quality.cells(after), newly=True)
-    return report_quality(quality, before), report_quality(quality, after), newly_inverted
+    certificate = Certificate(certify_cells(quality, after))
+    return report_quality(quality, before), report_quality(quality, after), newly_inverted, certificate
 
 
 def _write_points(path: Path, points: np.ndarray) -> None:
@@ -273,6 +278,7 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
         "before": {name: getattr(moved.before, name) for name in QUALITY},
         "after": {name: getattr(moved.after, name) for name in QUALITY},
+        "certificate": certificate_numbers(moved.certificate),
         "heights": height_numbers(moved.after.heights, is_compared=True),
     }
 
@@ -292,6 +298,7 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
         ["quality of the grid", "before", "after"],
         [(label, getattr(moved.before, name), getattr(moved.after, name)) for name, label in QUALITY.items()],
     )
+    show_certificate(moved.certificate)
     show_height_ratios(moved.after.heights)
     if moved.miss:
         print_lines([f"the wall's nodes are where the deformation puts them; of control points alone, {moved.miss}"])

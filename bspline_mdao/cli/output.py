@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ..cells.certificate import Certificate
 from ..cells.first_cells import WallNode
 from ..cells.report import KEPT, PatchHeights
 from ..cells.wall_spacing import WallSpacing, flat_plate_y_plus
@@ -185,6 +186,34 @@ MEANING_OF_INVALID = (
 
 HEIGHTS = ("height_min", "height_median", "height_max")
 """What is written of heights where there is no baseline to compare with."""
+
+
+def certificate_numbers(certificate: Certificate) -> dict:
+    """Collect what is proved about the validity of a grid for JSON: block by block, places numbered from 1."""
+    parts = {"cells": certificate.cells, "splines": certificate.splines}
+    return {
+        "status": certificate.status,
+        **{
+            name: [
+                {
+                    "block": block.block,
+                    "status": block.status,
+                    "n": block.n,
+                    "n_invalid": block.n_invalid,
+                    "n_undecided": block.n_undecided,
+                    "places": block.places,
+                }
+                for block in blocks
+            ]
+            for name, blocks in parts.items()
+        },
+    }
+
+
+def show_certificate(certificate: Certificate) -> None:
+    """Print what is proved about the validity of a grid, and which blocks are not valid."""
+    first, *rest = certificate.lines()
+    print_lines([f"proved everywhere, not only at corners: {first}", *rest])
 
 
 def height_numbers(heights: Sequence[PatchHeights], *, is_compared: bool) -> list[dict]:

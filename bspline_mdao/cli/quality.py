@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..cells.certificate import Certificate, certify_cells
 from ..cells.grid_quality import GridQuality
 from ..cells.pieces import Pieces
 from ..cells.report import InvertedCell, QualityReport, WorstCell, inverted_cells, report_quality
@@ -22,6 +23,7 @@ from ..topology.partition import Partition
 from ..topology.stored_grid import StoredBlock, StoredGrid
 from ..wording import counted
 from .output import (
+    certificate_numbers,
     check_outputs,
     counts_text,
     height_numbers,
@@ -31,6 +33,7 @@ from .output import (
     print_title,
     print_warnings,
     progress_bar,
+    show_certificate,
     show_height_ratios,
     show_heights,
     written_json,
@@ -79,10 +82,11 @@ def measure_quality(
         progress(0.5, "cells")
         quality = GridQuality.of_pieces(before.pieces, before.nodes)
         report = report_quality(quality, grid.nodes, bins)
+        certificate = Certificate(certify_cells(quality, grid.nodes))
         newly = () if baseline is None else inverted_cells(quality, quality.cells(grid.nodes), newly=True)
-    with written_json(json, _numbers(grid_name, baseline, report, newly), comm):
+    with written_json(json, _numbers(grid_name, baseline, report, certificate, newly), comm):
         pass
-    _show(grid_name, baseline, report, newly)
+    _show(grid_name, baseline, report, certificate, newly)
     print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
@@ -162,7 +166,13 @@ def _shapes_text(grid: Grid | StoredGrid) -> str:
     return ", ".join(shapes[:3]) + (", ..." if len(shapes) > 3 else "")
 
 
-def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> dict:
+def _numbers(
+    grid_name: str,
+    baseline_name: str | None,
+    report: QualityReport,
+    certificate: Certificate,
+    newly: Sequence[InvertedCell],
+) -> dict:
     """Collect the numbers of the cells for JSON; cell numbers are from 1."""
     is_compared = baseline_name is not None
     return {
@@ -178,6 +188,7 @@ def _numbers(grid_name: str, baseline_name: str | None, report: QualityReport, n
         "min_jacobian": report.min_jacobian,
         "min_volume": report.min_volume,
         "inverted": [vars(cell) for cell in report.inverted],
+        "certificate": certificate_numbers(certificate),
         "worst": [vars(cell) for cell in report.worst],
         "histogram": {
             "edges": report.histogram.edges.tolist(),
@@ -194,7 +205,13 @@ def _worst_text(cell: WorstCell) -> str:
     return f"{cell}: corner {cell.corner:.3g}, Q {cell.q:.3g}, around ({place}) m{patch}"
 
 
-def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newly: Sequence[InvertedCell]) -> None:
+def _show(
+    grid_name: str,
+    baseline_name: str | None,
+    report: QualityReport,
+    certificate: Certificate,
+    newly: Sequence[InvertedCell],
+) -> None:
     """Print the measures of the cells, the first cells at walls, and inverted cells."""
     print_title(f"{grid_name}: {counted(report.n_cells, 'cell')}")
     rows = [
@@ -206,6 +223,7 @@ def _show(grid_name: str, baseline_name: str | None, report: QualityReport, newl
         ("inverted cells", f"{report.n_inverted:,}"),
     ]
     print_table(["measure", "value"], rows)
+    show_certificate(certificate)
     print_lines(["cells with the smallest corners:"])
     print_lines([f"  {_worst_text(cell)}" for cell in report.worst[:MOST_WORST]])
     show_heights(report.heights)
