@@ -10,6 +10,17 @@ from bspline_mdao.om.drivers.short_records import LONGEST
 DRIVERS = {"NLopt": NLoptDriver, "SciPy": ScipyDriver}
 
 
+class Counted(om.ExplicitComponent):
+    """A component with an output that is no number, and so has no size."""
+
+    def setup(self):
+        self.add_input("short", np.zeros(2))
+        self.add_discrete_output("word", "none")
+
+    def compute(self, inputs, outputs, discrete_inputs, discrete_outputs):
+        discrete_outputs["word"] = "some"
+
+
 def recorded(tmp_path, driver, where, includes=None, long_variable=False, residuals=False):
     """Names, by their last parts, in the last case of a recorder of a driver or a problem."""
     n = LONGEST + 1
@@ -19,6 +30,7 @@ def recorded(tmp_path, driver, where, includes=None, long_variable=False, residu
     part = om.ExecComp(formulas, **shapes, do_coloring=False, has_diag_partials=False)
     part.options["default_shape"] = (1,)
     problem.model.add_subsystem("part", om.Group(), promotes=["*"]).add_subsystem("f", part, promotes=["*"])
+    problem.model.add_subsystem("counted", Counted(), promotes=["*"])
     problem.model.approx_totals()
     problem.model.add_design_var("x")
     if long_variable:
@@ -47,7 +59,7 @@ def recorded(tmp_path, driver, where, includes=None, long_variable=False, residu
 @pytest.mark.parametrize("where", ["driver", "problem"])
 def test_a_plain_recorder_leaves_out_what_is_long(tmp_path, driver, where):
     found = recorded(tmp_path, DRIVERS[driver], where, residuals=True)
-    assert found >= {"f", "short"}
+    assert found >= {"f", "short", "word"}
     assert not found & {"grid", "long"}
 
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import Any
 
+import numpy as np
+
 __all__ = ["ALL", "LONGEST", "ShortRecords", "sources_of"]
 
 LONGEST = 10_000
@@ -32,7 +34,8 @@ class ShortRecords:
 
         def is_taken(name: str) -> bool:
             meta = about.get(name)
-            if meta is None or name in sources or (meta.get("size") or 0) <= LONGEST:
+            size = None if meta is None else meta["size"]  # a word instead, where a variable has none
+            if not isinstance(size, int | np.integer) or size <= LONGEST or name in sources:
                 return True
             return any(fnmatchcase(each, pattern) for pattern in asked for each in (name, meta["prom_name"]))
 
