@@ -39,7 +39,7 @@ COMPACT_DISSIPATION = 0.75
 """Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is
 unstable on grids with the spacing of boundary layers."""
 
-FLAT, FLAT_ROUNDING = 20.0, 0.02
+FLAT, FLAT_ROUNDING = 20.0, 0.03
 """Areas of faces of flat cells relative to the middle one of their cells, from which on the speed with which the flow
 carries entropy and vorticity through them is rounded off by less than in the flux, and by how much less at last."""
 
