@@ -142,6 +142,8 @@ from .om.drivers.optimality import optimality_of as optimality_of
 from .om.drivers.scipy_driver import ScipyDriver as ScipyDriver
 from .om.drivers.series_recorder import SeriesRecorder as SeriesRecorder
 from .om.fit import Fit as Fit
+from .om.flow.adapt_grid import adapt_grid as adapt_grid
+from .om.flow.adaptation import Adaptation as Adaptation
 from .om.flow.error_estimate import error_estimate as error_estimate
 from .om.flow.euler_flow import EulerFlow as EulerFlow
 from .om.flow.lattice_flow import LatticeFlow as LatticeFlow

@@ -90,3 +90,15 @@ def test_m6_has_the_pressures_measured_and_the_lift_of_another_solver(script, tm
     assert numbers["members"][-1]["CL"] == pytest.approx(numbers["SU2"]["CL"], rel=0.1)
     assert numbers["Cp_difference"]["0.44"] < 0.1
     assert (tmp_path / "validation_m6.png").stat().st_size > 50_000
+
+
+def test_the_grid_of_a_section_is_adapted_to_its_drag(script, tmp_path):
+    numbers = script("adapt_grid").main(quick=True, figures=tmp_path)
+    given = numbers["members"][1]
+    assert numbers["adapted"]["n_cells"] == given["n_cells"]
+    assert 0.0 < numbers["adapted"]["CD"] < 0.65 * given["CD"]
+    assert numbers["lift_ratio"] < 0.6
+    for key in ("estimate", "bound"):
+        assert 0.0 < numbers[key][1] < 0.8 * numbers[key][0]
+    assert all(after < 0.7 * before for before, after in numbers["others"].values())
+    assert (tmp_path / "adapt_grid.png").stat().st_size > 50_000

@@ -1,0 +1,94 @@
+"""A smooth measure of what the adjoint says of a grid, differentiated with respect to its states and its nodes.
+
+    c = P^T (P psi . R_f(P w, N x)),    value = sum_c (sqrt(c^2 + s^2) - s)
+
+The contributions c of the cells are those of `.error_estimate`: the residual on a finer member of prolonged states and
+nodes, weighted with a prolonged adjoint, which is frozen here.
+
+Theory: ``docs/theory/adaptation.rst``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...numerics.vectors import dots
+from .error_estimate import FinerMember
+
+__all__ = ["EstimateLoss", "WeightedAdjoint"]
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedAdjoint:
+    """The adjoint of a functional, and what its contributions count.
+
+    Parameters
+    ----------
+    psi : ndarray, shape (n_cells, 5)
+        Adjoint on the grid.
+    bound : float
+        The sum of all contributions without signs that counts one.
+    width : float
+        Contributions below this count by their squares.
+    """
+
+    psi: np.ndarray
+    bound: float
+    width: float
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateLoss:
+    """Sum over the functionals of all contributions without signs, each by its bound.
+
+    Parameters
+    ----------
+    member : FinerMember
+        The finer member that residuals are looked at on.
+    adjoints : sequence of WeightedAdjoint
+        One of each functional.
+    stream : ndarray, shape (5,)
+        The free stream.
+    """
+
+    member: FinerMember
+    adjoints: Sequence[WeightedAdjoint]
+    stream: np.ndarray
+
+    def value(self, states: np.ndarray, nodes: np.ndarray):
+        """Loss of states, shape (n_cells, 5), on nodes, shape (n_nodes, 3), in metres; real or complex."""
+        w, _, areas = self._finer(states, nodes)
+        residual = self.member.flow.discretization.residual(w, areas, self.stream)
+        return sum(self._count(adjoint, residual)[0] for adjoint in self.adjoints)
+
+    def gradient(self, states: np.ndarray, nodes: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Loss, and its derivatives with respect to the states, (n_cells, 5), and the nodes, (n_nodes, 3)."""
+        member = self.member
+        w, x, areas = self._finer(states, nodes)
+        scheme = member.flow.discretization
+        residual = scheme.residual(w, areas, self.stream)
+        total, bar = 0.0, np.zeros_like(residual)
+        for adjoint in self.adjoints:
+            value, slopes, psi = self._count(adjoint, residual)
+            total += value
+            bar += psi * member.cells.spread(slopes)[:, None]
+        tangent = scheme.linearize(w, areas, self.stream)
+        states_bar = member.cells.prolong_transposed(tangent.state_vjp(bar))
+        nodes_bar = member.nodes.prolong_transposed(member.flow.areas_vjp(x, tangent.area_vjp(bar)))
+        return float(total), states_bar, nodes_bar
+
+    def _finer(self, states, nodes):
+        """States, nodes and area vectors of the finer member."""
+        w, x = self.member.cells.prolong(states), self.member.nodes.prolong(nodes)
+        return w, x, self.member.flow.areas(x)
+
+    def _count(self, adjoint: WeightedAdjoint, residual):
+        """What a functional counts, its derivatives by the contributions, and its adjoint on the finer member."""
+        psi = self.member.cells.prolong(adjoint.psi)
+        contributions = self.member.cells.restrict_sums(dots(psi, residual))
+        rounded = np.sqrt(contributions**2 + adjoint.width**2)
+        value = np.sum(rounded - adjoint.width) / adjoint.bound
+        return value, contributions / rounded / adjoint.bound, psi

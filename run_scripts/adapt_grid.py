@@ -1,0 +1,131 @@
+"""Adapt the grid of a section to its drag, by interior control points and the adjoint's estimate of the error.
+
+It takes a minute or two, with ``--quick`` some seconds, and with ``--paper``, which adapts a grid of the ONERA M6 as
+well, some ten minutes. What comes out are lift and drag on O-grids about NACA 0012 and on the adapted one of them, at
+the conditions that it was adapted to and at others, their errors against what is exact, and a picture of the cells
+with what they contribute to the error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import openmdao.api as om
+from validation_sections import ALPHA, POTENTIAL, o_grid
+
+import bspline_mdao as bm
+from bspline_mdao.plotting import BLUE, ORANGE, figure
+from bspline_mdao.run_script import pick_size, run
+
+MACH = 0.5
+"""Of the flow that the grid is adapted to, at the angle ``ALPHA``: without shocks, so that the drag is zero."""
+
+OTHERS = ((0.5, 2.5), (0.3, 1.25))
+"""Mach numbers and angles (deg) that the grid is not adapted to."""
+
+SIZES = {"quick": (16, 32, 64), "default": (32, 64, 128), "paper": (32, 64, 128)}
+"""Cells around the section of the family; the grid in the middle is adapted."""
+
+EFFORT = {"quick": (2, 6), "default": (4, 8), "paper": (4, 8)}
+"""Rounds, and iterations in each."""
+
+M6 = ((9, 17, 9), (13, 13), (13, 7)), 3.06, 0.0042
+"""Nodes of the rows of blocks of a grid of 13,824 cells about the M6, its angle (deg), and the drag that grids of up to
+36,864 cells tend to by their estimates."""
+
+
+def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
+    """Adapt the grid in the middle of a family.
+
+    Parameters
+    ----------
+    paper, quick : bool
+        Another of the sizes; the M6 as well.
+    figures : path-like, optional
+        Folder for ``adapt_grid.png``.
+
+    Returns
+    -------
+    dict
+        ``members``, for each grid of the family its ``n_cells``, ``CL`` and ``CD``; ``adapted``, the same of the one
+        that was adapted; ``estimate`` and ``bound`` of the drag before and after; ``others``, drags before and after at
+        other conditions; ``flows`` that were solved; ``drag_ratio`` and ``lift_ratio``, errors after by those
+        before. With ``paper``, ``M6``: drag, estimate and bound before and after, and the ratio of the errors.
+    """
+    sizes, (rounds, iterations) = pick_size(SIZES, paper, quick), pick_size(EFFORT, paper, quick)
+    models = [bm.fit_grid(o_grid(n)) for n in sizes]
+    members = [solve(model, MACH, ALPHA) for model in models]
+    given = models[1]
+    search = {"rounds": rounds, "iterations": iterations, "reference_area": 1.0}
+    found = bm.adapt_grid(given, "CD", mach=MACH, alpha=ALPHA, **search)
+    adapted = solve(found.model, MACH, ALPHA)
+    numbers = {
+        "members": members,
+        "adapted": adapted,
+        **changes(found),
+        "flows": found.flows,
+        "others": {
+            f"M {mach:g}, {alpha:g} deg": [solve(model, mach, alpha)["CD"] for model in (given, found.model)]
+            for mach, alpha in OTHERS
+        },
+        "drag_ratio": abs(adapted["CD"] / members[1]["CD"]),
+        "lift_ratio": abs((adapted["CL"] - POTENTIAL[MACH]) / (members[1]["CL"] - POTENTIAL[MACH])),
+    }
+    if paper:
+        shape, alpha, drag = M6
+        planform = bm.onera_m6_planform()
+        search = {"rounds": 4, "iterations": 6, "reference_area": 2.0 * planform.semi_span**2 / planform.aspect_ratio}
+        wing = bm.fit_grid(bm.onera_m6_grid(shape, far_field=bm.FarField(distance=20.0)))
+        on_wing = bm.adapt_grid(wing, "CD", mach=MACH, alpha=alpha, limits={"CD": drag}, **search)
+        values = [on_wing.before["CD"].value, on_wing.after["CD"].value]
+        numbers["M6"] = {"CD": values, **changes(on_wing), "drag_ratio": on_wing.ratio("CD")}
+    if figures:
+        draw(figures, given, found, members, adapted)
+    return numbers
+
+
+def solve(model: bm.FittedModel, mach: float, alpha: float) -> dict:
+    """Solve a flow; returns the number of cells, lift and drag."""
+    problem = om.Problem(bm.EulerFlow(model=model, reference_area=1.0, iprint=0), reports=None)
+    problem.setup(mode="rev")
+    problem.set_val("Mach_number", mach)
+    problem.set_val("alpha", alpha, units="deg")
+    problem.run_model()
+    n_cells = problem.get_val("states").size // 5
+    return {"n_cells": n_cells, **{name: problem.get_val(name).item() for name in ("CL", "CD")}}
+
+
+def changes(found: bm.Adaptation) -> dict:
+    """Estimated error and bound of the drag, each before and after."""
+    both = found.before["CD"], found.after["CD"]
+    return {"estimate": [each.error for each in both], "bound": [each.bound for each in both]}
+
+
+def draw(folder, given: bm.FittedModel, found: bm.Adaptation, members: list[dict], adapted: dict) -> None:
+    """Draw the cells about the section with what they contribute, and the drag over the cells."""
+    from matplotlib.collections import PolyCollection
+
+    with figure(folder, "adapt_grid", size=(12.0, 4.0)) as canvas:
+        before, after, drag = canvas.subplots(1, 3)
+        pairs = ((before, given.regenerate(), found.before), (after, found.grid, found.after))
+        for axes, grid, estimates in pairs:
+            x = grid.blocks[0].nodes[:, :, 0, :2]
+            corners = np.stack([x[:-1, :-1], x[1:, :-1], x[1:, 1:], x[:-1, 1:]], axis=2).reshape(-1, 4, 2)
+            sizes = np.log10(np.maximum(np.abs(estimates["CD"].contributions), 1e-12))
+            look = {"cmap": "viridis", "clim": (-7.0, -4.0), "edgecolors": "w", "linewidths": 0.15}
+            cells = axes.add_collection(PolyCollection(corners, array=sizes, **look))
+            axes.set(xlim=(-0.3, 1.3), ylim=(-0.8, 0.8), aspect="equal", xlabel="$x / c$")
+            axes.set_title(f"{'given' if axes is before else 'adapted'}: $C_D$ = {estimates['CD'].value:.5f}")
+        canvas.colorbar(cells, ax=[before, after], label="contribution to the error of $C_D$, decades")
+        sides = [np.sqrt(member["n_cells"]) for member in members]
+        drag.loglog(sides, [abs(member["CD"]) for member in members], "o-", color=BLUE, label="family")
+        drag.loglog(np.sqrt(adapted["n_cells"]), abs(adapted["CD"]), "s", color=ORANGE, label="adapted")
+        drag.set(xlabel="cells each way", ylabel="$|C_D|$, exactly 0", title=f"Mach {MACH:g}, {ALPHA:g}°")
+        drag.set_xticks(sides, [f"{side:.0f}" for side in sides])
+        drag.minorticks_off()
+        drag.legend()
+
+
+if __name__ == "__main__":
+    run(main)
+
+# sphinx_gallery_thumbnail_path = '_static/adapt_grid.png'
