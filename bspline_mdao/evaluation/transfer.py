@@ -19,7 +19,6 @@ from ..cells.line_neighbours import LineNeighbours
 from ..errors import InputError
 from ..shown import OneLine
 from ..topology.topology import Topology
-from .index_map import interpolate
 
 __all__ = ["CellTransfer", "NodeTransfer"]
 
@@ -135,7 +134,7 @@ class CellTransfer(OneLine):
 class NodeTransfer(OneLine):
     """Interpolation of node values from one member of a grid family to another, finer or coarser.
 
-    By smooth interpolation in the index, as the parameters of members are, or linearly. Where nodes coincide
+    By cubic Hermite interpolation in the index, which folds stretched lines less than smoother ones, or linearly. Where nodes coincide
     they keep their values: a coarser member of half the cells picks from them. Nodes that blocks share get the same
     values if they had.
 
@@ -219,7 +218,7 @@ def _interpolation(source: np.ndarray, target: np.ndarray, order: int) -> csr_ar
     for m in range(len(source) - 1):
         n, columns = target[m + 1] - target[m] + 1, np.eye(source[m + 1] - source[m] + 1)
         if order == 4:
-            part = interpolate(columns, 0, n)
+            part = _hermite(columns, n)
         else:
             at = np.linspace(0.0, len(columns) - 1.0, n)
             part = np.stack([np.interp(at, np.arange(len(columns)), column) for column in columns], axis=1)
@@ -227,6 +226,34 @@ def _interpolation(source: np.ndarray, target: np.ndarray, order: int) -> csr_ar
         matrix[rows] = 0.0  # the plane at a cut has the same value from both sides
         matrix[rows, places] = part
     return csr_array(matrix)
+
+
+def _hermite(values: np.ndarray, n: int) -> np.ndarray:
+    """Cubic Hermite interpolation of rows at ``n`` evenly spread positions; rows at integers keep their values.
+
+    Slopes are of fourth order inside and of third at the ends: on the strongly stretched lines of coarse grids, the
+    coordinates of which grow like exponentials, wider stencils at the ends fold cells.
+    """
+    position = np.arange(n) * (len(values) - 1) / max(n - 1, 1)
+    at = np.clip(position.astype(int), 0, max(len(values) - 2, 0))
+    if len(values) == 1:
+        return values[at]
+    s, steps = (position - at)[:, None], np.diff(values, axis=0)
+    slopes = _slopes(steps)
+    low, high = slopes[at] - steps[at], slopes[at + 1] - steps[at]
+    inner = values[at] + s * (steps[at] + (1.0 - s) * ((1.0 - s) * low - s * high))
+    return np.where(s == 1.0, values[at + 1], inner)
+
+
+def _slopes(h: np.ndarray) -> np.ndarray:
+    """Slopes at integers from the differences between them."""
+    if len(h) == 1:
+        return h[[0, 0]]
+    if len(h) == 2:
+        return np.stack([3.0 * h[0] - h[1], h[0] + h[1], 3.0 * h[1] - h[0]]) / 2.0
+    first, last = ([11 * a - 7 * b + 2 * c, 2 * a + 5 * b - c] for a, b, c in (h[:3], h[:-4:-1]))
+    inner = (7.0 * (h[1:-2] + h[2:-1]) - h[:-3] - h[3:]) / 12.0
+    return np.concatenate([np.array(first) / 6.0, inner, np.array(last[::-1]) / 6.0])
 
 
 def _coefficients(lines: LineNeighbours) -> list[csr_array]:

@@ -141,7 +141,10 @@ class ErrorSearch:
         """Pose the flow afresh, estimate the errors of all coefficients, and keep the loss with their adjoints."""
         self.pose(values)
         nodes, states = self.solve(values)
-        self.member.flow.require_volumes(self.member.nodes.prolong(nodes))
+        try:
+            self.member.flow.require_volumes(self.member.nodes.prolong(nodes))
+        except InputError as error:
+            raise InputError(f"adapt: on the finer member of the grid {error}; give a grid of more cells") from None
         estimates, adjoints = {}, []
         for name in self.limits:
             bar = self.forces.vjp(states, nodes, self.alpha, self.mach, {name: np.ones(1)})[0]
