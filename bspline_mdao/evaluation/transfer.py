@@ -134,9 +134,9 @@ class CellTransfer(OneLine):
 class NodeTransfer(OneLine):
     """Interpolation of node values from one member of a grid family to another, finer or coarser.
 
-    By cubic Hermite interpolation in the index, which folds stretched lines less than smoother ones, or linearly. Where nodes coincide
-    they keep their values: a coarser member of half the cells picks from them. Nodes that blocks share get the same
-    values if they had.
+    By cubic Hermite interpolation in the index, which folds stretched lines less than smoother ones, or linearly. Where
+    nodes coincide they keep their values: a coarser member of half the cells picks from them. Nodes that blocks share
+    get the same values if they had.
 
     Parameters
     ----------
