@@ -15,6 +15,8 @@ from numpy.polynomial.legendre import leggauss
 
 from ..errors import InputError
 from ..shown import OneLine
+from .bezier import lagrange_validity
+from .hexahedron import COLLAPSE_TOLERANCE
 
 __all__ = ["CurvedGrid", "CurvedPatch"]
 
@@ -113,7 +115,7 @@ class CurvedGrid(OneLine):
         """Smallest determinant of every element's map, by the largest; shape (n,).
 
         It is sampled at Gauss points, and at the nodes of elements that have not collapsed: an element with a value of
-        0 or less is inverted, one above 0 may be inverted between the points.
+        0 or less is inverted, one above 0 may be inverted between the points: see `statuses`.
         """
         worst = np.empty(len(self.elements))
         largest = np.empty(len(self.elements))
@@ -125,6 +127,23 @@ class CurvedGrid(OneLine):
             worst[part][counts] = np.minimum(worst[part], flat.min(axis=1))[counts]
             largest[part][counts] = np.maximum(largest[part], np.abs(flat).max(axis=1))[counts]
         return worst / np.where(largest > 0.0, largest, 1.0)
+
+    def statuses(self) -> np.ndarray:
+        """What is proved of every element by lower bounds of its Jacobian, shape (n,), see `lagrange_validity`.
+
+        Where edges have collapsed, the Jacobian may be zero there.
+
+        Returns
+        -------
+        ndarray of uint8
+            `bspline_mdao.cells.bernstein.VALID`, ``UNDECIDED`` or ``INVALID``.
+        """
+        shortest = COLLAPSE_TOLERANCE * float(np.linalg.norm(np.ptp(self.nodes, axis=0)))
+        status = np.empty(len(self.elements), dtype=np.uint8)
+        for start in range(0, len(self.elements), CHUNK):
+            part = slice(start, start + CHUNK)
+            status[part] = lagrange_validity(self.nodes[self.elements[part]], shortest=shortest)[0]
+        return status
 
     def _jacobians(self, points: tuple[float, ...]) -> Iterator[tuple[slice, np.ndarray]]:
         """Determinants of some elements at the products of points in [0, 1], shape (n, P, P, P)."""

@@ -10,7 +10,9 @@ from bspline_mdao.cells import jacobian_bounds
 from bspline_mdao.cells.bernstein import INVALID, MAX_HALVINGS, UNDECIDED, VALID
 from bspline_mdao.cells.bezier import lagrange_validity
 from bspline_mdao.cells.cell_loops import as_points
+from bspline_mdao.cells.grid_quality import GridQuality, GridValues
 from bspline_mdao.errors import InputError
+from bspline_mdao.generators.shell import ball_grid
 
 CUBE = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)], dtype=float)
 
@@ -164,3 +166,33 @@ def test_left_handed_and_collapsed_elements_are_judged_by_what_is_left():
     assert lagrange_validity(wedge[None, ..., [1, 0, 2]], shortest=1e-12)[0][0] == INVALID
     with pytest.raises(InputError, match="curved elements: nodes of shape"):
         lagrange_validity(nodes[0])
+
+
+def test_the_bound_for_constraints_is_below_every_jacobian_and_its_derivatives_are_exact():
+    grid, rng = ball_grid((4, 5, 6, 4), far=3.0), np.random.default_rng(6)
+    quality = GridQuality.of_baseline(grid, rho=40.0)
+    nodes = grid.to_vector().reshape(-1, 3)
+    nodes = nodes + rng.uniform(-0.02, 0.02, nodes.shape)
+    values = quality.evaluate(nodes, ["certified_ks", "jacobian_ks", "volume_ks"])
+    assert values.aggregates["certified_ks"] < values.aggregates["jacobian_ks"]
+    d_nodes, seeds = rng.standard_normal(nodes.shape), {name: rng.standard_normal() for name in values.aggregates}
+    changes = quality.jvp(nodes, d_nodes, values).aggregates
+    forward = sum(seeds[name] * changes[name] for name in seeds)
+    reverse = float((quality.vjp(nodes, values, GridValues(seeds)) * d_nodes).sum())
+    assert abs(forward - reverse) < 1e-12 * abs(forward)
+    change = corner_coefficients(nodes, quality, d_nodes)
+    step = [corner_coefficients(nodes + h * d_nodes, quality) for h in (-1.0, 1.0, -2.0, 2.0)]
+    # coefficients are cubic in the nodes: this difference of five points is exact
+    assert np.allclose(change, (8.0 * (step[1] - step[0]) - (step[3] - step[2])) / 12.0, rtol=1e-10, atol=1e-10)
+
+
+def corner_coefficients(nodes, quality, d_nodes=None):
+    """Bernstein coefficients of the first block, or their change."""
+    block = quality.blocks[0]
+    points, out = as_points(block.nodes_of(nodes)), np.empty((27, block.n_cells))
+    if d_nodes is None:
+        jacobian_bounds.block_coefficients(points, block.degenerate_corners, float(block.handedness), 0.0, out)
+    else:
+        changes = as_points(block.nodes_of(d_nodes))
+        jacobian_bounds.coefficients_jvp(points, changes, block.degenerate_corners, float(block.handedness), out)
+    return out

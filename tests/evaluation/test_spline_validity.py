@@ -1,0 +1,89 @@
+"""Certified validity of splines, curved knots included: what is called valid is, wherever it is looked at."""
+
+import numpy as np
+import pytest
+
+from bspline_mdao import BilinearKnots, ConstantKnots, FunctionKnots, InputError, brick_grid, certify, fit_grid
+from bspline_mdao.cells.bernstein import INVALID, UNDECIDED, VALID
+from bspline_mdao.evaluation.spline_validity import spline_statuses
+from bspline_mdao.splines.volume import Volume, evaluate_gradients, volume_basis
+
+COUNTS, ORDER = (6, 5, 7), 4
+
+
+def curved_volume(rng, spread):
+    """A volume with knots that differ from edge to edge."""
+    knots = []
+    for n in COUNTS:
+        corners = np.tile(ConstantKnots.uniform(n, ORDER).knots, (2, 2, 1))
+        corners[..., ORDER:n] += spread / (n - ORDER + 1) * rng.uniform(-1.0, 1.0, (2, 2, n - ORDER))
+        knots.append(BilinearKnots(corners, ORDER))
+    return Volume(tuple(knots))
+
+
+def bent_net(rng, size):
+    """Control points of a stretched and bent box, moved at random by a part of their distances."""
+    i, j, k = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in COUNTS), indexing="ij")
+    k = k + 0.2 * size * rng.uniform(-1.0, 1.0, i.shape) / COUNTS[2]
+    i, j = (x + size * rng.uniform(-1.0, 1.0, i.shape) / n for x, n in ((i, COUNTS[0]), (j, COUNTS[1])))
+    height = 1.0 + 1e-3 * (np.exp(4.0 * k) - 1.0)  # thin at the wall
+    return np.stack([height * np.cos(i), 3.0 * j, height * np.sin(i)], axis=-1)[:, ::-1]
+
+
+def least_by_element(volume, net, sign, rng, n):
+    """Smallest sampled Jacobian of every element."""
+    x = rng.uniform(0.0, 1.0, (n, 3))
+    least = np.full([c - ORDER + 1 for c in COUNTS], np.inf)
+    np.minimum.at(least, tuple(volume_basis(volume, x)[0].T), sign * np.linalg.det(evaluate_gradients(volume, net, x)))
+    return least
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+def test_no_element_of_a_spline_is_falsely_valid_or_invalid(spread):
+    rng, counts = np.random.default_rng(int(10 * spread)), np.zeros(3, dtype=int)
+    for size in (0.1, 0.4, 0.8):
+        volume, net = curved_volume(rng, spread), bent_net(rng, size)
+        status = spline_statuses(volume, net, 1)
+        sampled = least_by_element(volume, net, 1, rng, 40_000)
+        assert (sampled[status == VALID] > 0.0).all()
+        assert (status[sampled < 0.0] != VALID).all()
+        counts += np.bincount(status.ravel(), minlength=3)
+    assert counts[VALID] > 20
+    assert counts[INVALID] > 3
+
+
+def test_curved_knots_alone_leave_a_straight_grid_valid():
+    volume = curved_volume(np.random.default_rng(4), 0.4)
+    net = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in COUNTS), indexing="ij"), axis=-1)
+    status = spline_statuses(volume, net * [1.0, 1.0, 1e-5], 1)
+    assert (status == VALID).mean() > 0.5
+    assert not (status == INVALID).any()
+    assert (spline_statuses(volume, net * [1.0, 1.0, -1e-5], -1) == status).all()  # left-handed
+
+
+def test_nothing_is_proved_of_knots_that_are_functions():
+    def value(s, t):
+        return np.full((s.size, 1), 0.5)
+
+    knots = FunctionKnots(order=3, n_control=4, value=value, gradient=lambda s, t: np.zeros((s.size, 1, 2)))
+    volume = Volume((knots, ConstantKnots.uniform(3, 3), ConstantKnots.uniform(2, 2)))
+    net = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in (4, 3, 2)), indexing="ij"), axis=-1)
+    assert (spline_statuses(volume, net, 1) == UNDECIDED).all()
+
+
+def test_a_fold_of_a_model_is_named_by_block_and_place():
+    model = fit_grid(brick_grid((5, 5, 5, 5)))
+    assert certify(model).is_valid
+    points = model.control_points.copy()
+    ids = model.mesh.control_ids[2]
+    points[ids[1, 1, 1]] += 3.0 * (points[ids[-1, -1, -1]] - points[ids[0, 0, 0]])
+    found = certify(model, points)
+    assert found.status == "invalid"
+    assert found.splines[2].status == "invalid"
+    assert "spline element" in "\n".join(found.lines())
+    assert found.cells[2].n_invalid > 0
+    assert len(repr(found)) < 200
+    with pytest.raises(InputError, match="a grid has no control points"):
+        certify(brick_grid((5, 5, 5, 5)), points)
+    with pytest.raises(InputError, match="a str has no cells"):
+        certify("wing.xyz")
