@@ -82,6 +82,12 @@ def test_points_of_other_meshes_follow_as_the_page_says(folder, monkeypatch):
     assert np.abs(contents["embedded"].forward(contents["moved"]) - contents["probes"]).max() > 0.01
 
 
+def test_a_mesh_rides_along_as_the_page_says(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    contents = run_blocks("howto/ride.rst")
+    assert np.abs(contents["state"].points - contents["corners"])[:, 2].max() > 0.01
+
+
 def test_a_case_for_openfoam_is_written_as_the_page_says(folder, monkeypatch):
     monkeypatch.chdir(folder)
     shutil.copy("m6.h5", "wing.h5")
