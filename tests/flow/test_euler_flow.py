@@ -144,7 +144,7 @@ def test_totals_by_nodes_of_the_grid_agree_with_differences_of_converged_flows(f
 def test_forward_and_adjoint_totals_agree():
     totals = []
     for mode in ("fwd", "rev"):
-        flown = problem(mode, linear_tolerance=1e-14)
+        flown = problem(mode)
         flown.run_model()
         totals.append(flown.compute_totals(COEFFICIENTS, STREAM))
     for key, forward in totals[0].items():
