@@ -105,6 +105,15 @@ def _halve(c, upper, direction):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _copy(c, out):
+    """Copy a box; the loops compile in a tenth of the time of an assignment of arrays."""
+    for i in range(c.shape[0]):
+        for j in range(c.shape[1]):
+            for k in range(c.shape[2]):
+                out[i, j, k] = c[i, j, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def decide(coefficients, counts, margin, has_zeros, max_halvings):
     """Decide whether a polynomial is positive.
 
@@ -137,9 +146,9 @@ def decide(coefficients, counts, margin, has_zeros, max_halvings):
     per_halving = 2.0 * max(l, m, n) * UNIT * largest  # a halving takes means of two, one after the other
     boxes, marks = np.empty((max_halvings + 1, l, m, n)), np.empty((max_halvings + 1, l, m, n))
     levels = np.zeros(max_halvings + 1, dtype=np.int64)
-    boxes[0] = coefficients
+    _copy(coefficients, boxes[0])
     if has_zeros:
-        marks[0] = counts
+        _copy(counts, marks[0])
     top, bound, is_open, n_boxes = 0, np.inf, False, 0
     while top >= 0:
         box, mark, level = boxes[top], marks[top], levels[top]

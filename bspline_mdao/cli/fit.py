@@ -48,6 +48,7 @@ def fit_model(
     parametrization: str = "chord_length",
     no_residual: bool = False,
     no_wall_layer: bool = False,
+    certify: bool = False,
 ) -> None:
     """Fit a grid, write the model and show how good it is.
 
@@ -71,6 +72,8 @@ def fit_model(
         How control points and parameters are found, see `bspline_mdao.fit_grid`.
     no_residual, no_wall_layer : bool
         Do not keep the residual; do not let nodes near walls follow them.
+    certify : bool
+        Prove which elements of the splines are valid everywhere.
 
     Raises
     ------
@@ -102,8 +105,10 @@ def fit_model(
             stored = stored_grid(grid_name, patches, comm)
             _warn_of_patches(stored, grid_name)
             model = fit_blocks(stored, comm, progress=progress, **options)
-        progress(1.0, "validity")
-        certificate = on_first(comm, lambda: _certificate(model))
+        certificate = None
+        if certify:
+            progress(1.0, "validity")
+            certificate = on_first(comm, lambda: _certificate(model))
     with written_json(json, fit_numbers(model, certificate), comm):
         model.save(output)
     show_fit(model, output, certificate)
@@ -134,7 +139,7 @@ def _warn_of_patches(grid: Grid | StoredGrid, grid_name: str) -> None:
         )
 
 
-def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate) -> dict:
+def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | None) -> dict:
     """Collect the numbers of a fit for JSON."""
     report, fallback = model.report, model.report.fallback
     return {
@@ -151,7 +156,7 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate) -> 
         "worst_node": vars(report.worst),
         "n_invalid_control_elements": report.n_invalid,
         "invalid_control_elements": [vars(element) for element in report.invalid],
-        "certificate": certificate_numbers(certificate),
+        "certificate": certificate and certificate_numbers(certificate),
         "method": model.settings.method,
         "fallback": fallback and {**vars(fallback), "n_points": dict(zip(CANDIDATES, fallback.n_points))},
         "factor_bytes": report.factor_bytes,
@@ -160,7 +165,7 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate) -> 
     }
 
 
-def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate) -> None:
+def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate | None) -> None:
     """Print the report of a fit."""
     report, worst = model.report, model.report.worst
     sizes = f"{counted(report.n_nodes, 'node')}, {counted(report.n_control_points, 'control point')}"
@@ -182,7 +187,8 @@ def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certi
     if report.factor_bytes:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
-    show_certificate(certificate)
+    if certificate is not None:
+        show_certificate(certificate)
     print_lines([f"{output} written, {report.seconds:.2f} s"])
     print_warnings(report.warnings)
     if report.n_invalid:
