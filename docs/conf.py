@@ -1,8 +1,8 @@
 """Sphinx configuration; build with ``sphinx-build -W -b html docs docs/_build/html``.
 
-That takes two minutes and a half of one core, half a minute of them for the notebooks, and all but three scripts of the gallery are
-shown without being run. With ``-t gallery`` those that have changed since the last time are run, at their small size:
-seven minutes of one core for all 31, once kernels are compiled.
+That takes two minutes and a half of one core, half a minute of them for the notebooks, and all but three scripts of the
+gallery are shown without being run. With ``-t gallery`` those that have changed since the last time are run, at their
+small size: seven minutes of one core for 31, once kernels are compiled.
 """
 
 import subprocess
