@@ -282,8 +282,9 @@ class Measures:
     @classmethod
     def zeros_like(cls, other: Measures) -> Measures:
         """Zeros of the shapes of another."""
+        q, triples, jacobians, volume = map(np.zeros_like, (other.q, other.triples, other.jacobians, other.volume))
         coefficients = None if other.coefficients is None else np.zeros_like(other.coefficients)
-        return cls(*(np.zeros_like(x) for x in (other.q, other.triples, other.jacobians, other.volume)), coefficients)
+        return cls(q, triples, jacobians, volume, coefficients)
 
 
 def chunk_measures(chunk: Chunk, nodes: np.ndarray, with_coefficients: bool = False) -> Measures:

@@ -113,9 +113,10 @@ def _check(names: list[str], limits: Mapping[str, float] | None, rounds: int, it
     unknown = [name for name in names if name not in FUNCTIONALS]
     if unknown or not names:
         raise InputError(f"adapt to {', '.join(unknown) or 'nothing'}; give any of {', '.join(FUNCTIONALS)}")
-    for name in names if limits is not None else ():
-        if name not in limits or not np.isfinite(limits[name]):
-            raise InputError(f"adapt: limits has no number for {name}; give one, or leave limits out")
+    if limits is not None:
+        for name in names:
+            if name not in limits or not np.isfinite(limits[name]):
+                raise InputError(f"adapt: limits has no number for {name}; give one, or leave limits out")
     for what, number in (("rounds", rounds), ("iterations", iterations)):
         if number < 1:
             raise InputError(f"adapt: {what} is {number}; give 1 or more")

@@ -165,7 +165,7 @@ class ErrorSearch:
         try:
             error, error_bar = self.error_loss(values)
         except om.AnalysisError:
-            error, error_bar = FAILED, 0.0
+            error, error_bar = FAILED, np.zeros_like(nodes_bar)
         return loss + error, self.shift.vjp(self.evaluator.adjoint(nodes_bar + error_bar))
 
     def error_loss(self, values: np.ndarray) -> tuple[float, np.ndarray]:
