@@ -138,7 +138,7 @@ def summary(model: bm.FittedModel, combinations: np.ndarray, found: om.Problem) 
     """Tell the drag of a design, its heights and their lowest, and its drag in other flows.
 
     These are ``cold``, on the same grid from the uniform stream, and ``finer``, on a finer member of the family: from
-    the flow of the design, and cold.
+    the flow of the design, and cold. Drag is nan where none is found.
     """
     heights, finer = found.get_val("heights", units="m"), model.member(FINER)
     with tempfile.TemporaryDirectory() as folder:
@@ -155,13 +155,16 @@ def summary(model: bm.FittedModel, combinations: np.ndarray, found: om.Problem) 
 
 
 def drag_at(found: om.Problem, problem: om.Problem, states: Path | None = None) -> float:
-    """Fly a design again, from saved states or from the uniform stream."""
+    """Fly a design again, from saved states or from the uniform stream; returns its drag, nan where no flow is found."""
     problem.setup(mode="rev")
     problem.set_val("combinations", found.get_val("combinations"))
     if states is not None:
         problem.final_setup()
         problem.model.flow.load_states(states)
-    problem.run_model()
+    try:
+        problem.run_model()
+    except om.AnalysisError:
+        return np.nan
     return problem.get_val("CD").item()
 
 

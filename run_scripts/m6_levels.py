@@ -143,7 +143,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         with figure(figures, "m6_levels", (11.0, 5.0)) as canvas:
             draw(canvas, levels, ways, least)
     numbers = {name: {"drag": each[-1].problem["drag"].item()} | counts(each, least) for name, each in ways.items()}
-    away = perturb_design(runs[-1].problem, size=0.1)
+    away = perturb_design(runs[-1].problem, size=0.01)
     return {
         "n_nodes": model.n_nodes,
         "initial": runs[0].history["drag"][0].item(),

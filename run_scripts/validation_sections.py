@@ -29,6 +29,9 @@ ALPHA = 1.25
 CHORD = 1.0089304113651427
 """Of the section by the chord of the equation of NACA, where its thickness is zero."""
 
+SECTION = bm.naca_section(0.12, extended=True)
+"""That of Vassberg and Jameson: the equation of NACA until it closes, scaled to unit chord."""
+
 CELLS = np.array([256, 512, 1024, 2048])
 PUBLISHED = {
     0.5: (np.array([0.178366720, 0.179125033, 0.179487608, 0.179650543]) / CHORD, 0.179783519 / CHORD),
@@ -101,18 +104,9 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
     return numbers
 
 
-def sharp_section() -> bm.Section:
-    """Make the section of Vassberg and Jameson: the equation of NACA until it closes, scaled to unit chord."""
-    powers = -0.1015, 0.2843, -0.3516, -0.1260
-    x = 0.5 * CHORD * (1.0 - np.cos(np.linspace(0.0, np.pi, 401)))
-    points = np.stack([x, 0.6 * (0.2969 * np.sqrt(x) + x * np.polyval(powers, x))], axis=1) / CHORD
-    points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
-    return bm.Section.symmetric(points, nose_radius=0.5 * (0.6 * 0.2969) ** 2 / CHORD)
-
-
 def o_grid(n: int) -> bm.Grid:
     """Make an O-grid of n cells around, and away, to 150 chords."""
-    return bm.section_o_grid(sharp_section(), n)
+    return bm.section_o_grid(SECTION, n)
 
 
 def hh_grid(n: int) -> bm.Grid:
@@ -120,7 +114,7 @@ def hh_grid(n: int) -> bm.Grid:
     n_side, n_away, coarseness = n // 2, 3 * n // 8 + 1, 64.0 / n
     spacing = bm.Spacing(off_wall=6e-3 * coarseness, leading=8e-3 * coarseness, trailing=8e-3 * coarseness)
     shape, far = ((n_away, n_side + 1, n_away), n_away), bm.FarField(distance=50.0)
-    return bm.infinite_wing_grid(sharp_section(), shape, spacing, far)
+    return bm.infinite_wing_grid(SECTION, shape, spacing, far)
 
 
 def every_second_node(grid: bm.Grid) -> bm.Grid:

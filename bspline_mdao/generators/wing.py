@@ -18,6 +18,9 @@ from .stretching import stretch_lines
 _SAMPLES = 1000
 """Points at which the speed along a section is sampled; arc lengths are then good to 1e-9 chords."""
 
+_EXTENDED = 1.0089304113651427
+"""Chords at which the thickness of the four-digit equation is zero."""
+
 _STATIONS = 120
 """Span stations at which the surface is sampled before its spanwise lines are divided."""
 
@@ -186,18 +189,21 @@ def flat_section() -> Section:
     return Section.symmetric(np.array([[0.0, 0.0], [1.0, 0.0]]))
 
 
-def naca_section(thickness: float = 0.12) -> Section:
+def naca_section(thickness: float = 0.12, extended: bool = False) -> Section:
     """Make a symmetric four-digit NACA section with its trailing edge closed.
 
     Parameters
     ----------
     thickness : float
         Thickness in chords; 0.12 for the NACA 0012.
+    extended : bool
+        Follow the equation to where it closes, at 1.0089 chords, and scale that to one, as Vassberg and Jameson do (J.
+        Aircraft 47, 2010).
 
     Returns
     -------
     Section
-        The last coefficient, 0.1036 instead of 0.1015, closes the trailing edge.
+        Unless extended, the last coefficient, 0.1036 instead of 0.1015, closes the trailing edge.
 
     Examples
     --------
@@ -205,6 +211,13 @@ def naca_section(thickness: float = 0.12) -> Section:
     >>> naca_section(0.12).upper[:, 1].max().round(3).item()  # half of the thickness
     0.06
     """
+    if extended:
+        x = 0.5 * _EXTENDED * (1.0 - np.cos(np.linspace(0.0, np.pi, 401)))
+        powers = -0.1015, 0.2843, -0.3516, -0.1260
+        y = 5.0 * thickness * (0.2969 * np.sqrt(x) + x * np.polyval(powers, x))
+        points = np.column_stack([x, y]) / _EXTENDED
+        points[[0, -1]] = [[0.0, 0.0], [1.0, 0.0]]
+        return Section.symmetric(points, nose_radius=_naca_nose_radius(thickness) / _EXTENDED)
     x, y = _naca_upper(thickness)
     return Section.symmetric(np.column_stack([x, y]), nose_radius=_naca_nose_radius(thickness))
 

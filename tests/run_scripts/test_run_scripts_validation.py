@@ -63,7 +63,7 @@ def test_sections_of_two_families_approach_the_lift_published_and_no_drag(script
 
 
 def test_the_section_of_vassberg_and_jameson_closes(script):
-    section = script("validation_sections").sharp_section()
+    section = script("validation_sections").SECTION
     x, y = section.upper[-3:].T
     np.testing.assert_allclose(y, (1.0 - x) * 0.14188, rtol=1e-3, atol=1e-9)
     assert section.thickness == pytest.approx(0.12 / 1.00893, rel=1e-3)
