@@ -155,7 +155,7 @@ def summary(model: bm.FittedModel, combinations: np.ndarray, found: om.Problem) 
 
 
 def drag_at(found: om.Problem, problem: om.Problem, states: Path | None = None) -> float:
-    """Fly a design again, from saved states or from the uniform stream; returns its drag, nan where no flow is found."""
+    """Fly a design again, from saved states or from the uniform stream; its drag is nan where no flow is found."""
     problem.setup(mode="rev")
     problem.set_val("combinations", found.get_val("combinations"))
     if states is not None:
