@@ -353,13 +353,12 @@ def test_a_flow_with_long_time_steps_is_the_same():
     np.testing.assert_allclose(again.states, flow.states, atol=1e-8)
 
 
-def test_a_run_ends_after_its_products_but_has_half_as_many_more_where_it_is_close():
+def test_a_run_ends_after_its_products():
     def run(residual, *n_products):
         return [newton.NewtonStep(residual, 1.0, n, 1.0) for n in n_products]
 
     assert not newton._is_spent(run(1e-3, 40, 50), 100)
     assert newton._is_spent(run(1e-3, 40, 60), 100)
-    assert not newton._is_spent(run(1e-6, 40, 60), 100)
     assert newton._is_spent(run(1e-6, 90, 60), 100)
     assert newton._is_spent(run(1.0, 0), 0)
 
