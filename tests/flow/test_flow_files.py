@@ -167,5 +167,6 @@ def test_files_that_cannot_be_used_are_refused_in_one_line(flown, tmp_path):
 
 def test_a_flow_shows_what_it_is_in_few_words(flown):
     assert repr(wing()).startswith("FittedModel(12 blocks, 1,500 nodes, 177 control points, RMS ")
-    assert all(len(repr(value)) < 100 for _, value in flown.model.flow.options.items())
+    options = {name: value for name, value in flown.model.flow.options.items() if name != "model_in_records"}  # a path
+    assert all(len(repr(value)) < 100 for value in options.values())
     assert all(desc["desc"] for _, desc in flown.model.list_outputs(desc=True, out_stream=None))
