@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ...cells.mixed_cells import MixedMesh, padded
 from ...errors import InputError
-from ...shown import OneLine
-from ..disk import read_raw, replaced_file
+from ..disk import read_raw
+from .stored_mesh import StoredMesh
 from .text_numbers import TextPoints, integers_by_line
 
-__all__ = ["Su2File", "read_su2"]
+__all__ = ["read_su2"]
 
 CELLS = {10: ("tetra", 4), 12: ("hexahedron", 8), 13: ("wedge", 6), 14: ("pyramid", 5)}
 FACES = {5: 3, 9: 4}
@@ -27,28 +25,7 @@ FACES = {5: 3, 9: 4}
 _KEYWORD = re.compile(rb"^[ \t]*([A-Z_]+)[ \t]*=[ \t]*([^\s%]+)[^\n]*\n?", re.M)
 
 
-@dataclass(frozen=True, eq=False)
-class Su2File(OneLine):
-    """An SU2 mesh and its file.
-
-    Parameters
-    ----------
-    mesh : MixedMesh
-        The mesh.
-    text : TextPoints
-        The file, with the places of the coordinates.
-    """
-
-    mesh: MixedMesh
-    text: TextPoints
-
-    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write the file with other nodes, shape (n, 3); all else stays, to the last byte."""
-        with replaced_file(path) as temporary:
-            Path(temporary).write_bytes(self.text.replaced(points))
-
-
-def read_su2(path: str | os.PathLike) -> Su2File:
+def read_su2(path: str | os.PathLike) -> StoredMesh:
     """Read an SU2 mesh of one zone in three dimensions.
 
     Parameters
@@ -58,7 +35,7 @@ def read_su2(path: str | os.PathLike) -> Su2File:
 
     Returns
     -------
-    Su2File
+    StoredMesh
 
     Raises
     ------
@@ -96,7 +73,7 @@ def read_su2(path: str | os.PathLike) -> Su2File:
     for ids in (*cells.values(), *markers.values()):
         if ids.size and not 0 <= ids.min() <= ids.max() < n_points:
             raise InputError(f"{source}: an element has node {ids.max()} of {n_points:,}, from 0; write it again")
-    return Su2File(MixedMesh(points.values, cells, markers, source=source), points)
+    return StoredMesh(MixedMesh(points.values, cells, markers, source=source), points)
 
 
 def _count(value: str, name: str, source: str) -> int:

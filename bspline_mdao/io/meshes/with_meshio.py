@@ -7,59 +7,25 @@ from __future__ import annotations
 
 import importlib
 import os
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ...cells.mixed_cells import MixedMesh, padded
 from ...errors import InputError
-from ...shown import OneLine
-from ..disk import read_raw, replaced_file
+from ..disk import read_raw
 from .gmsh_nodes import find_gmsh_nodes
+from .stored_mesh import StoredMesh, StoredPoints
 from .vtu_points import find_vtu_points
 
-__all__ = ["MeshioFile", "read_msh", "read_vtu"]
+__all__ = ["read_msh", "read_vtu"]
 
 CELLS = {"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8}
 FACES = {"triangle": 3, "quad": 4}
 """Corners of cells and faces by meshio's names, to which the number of nodes is added where there are more."""
 
 
-class StoredPoints(Protocol):
-    """Nodes in the bytes of a file."""
-
-    @property
-    def values(self) -> np.ndarray:
-        """The nodes, shape (n, 3)."""
-
-    def replaced(self, values: np.ndarray) -> bytes:
-        """Return the bytes with other nodes."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeshioFile(OneLine):
-    """A mesh that meshio read, and its file.
-
-    Parameters
-    ----------
-    mesh : MixedMesh
-        The mesh.
-    stored : StoredPoints
-        The file, with the places of the nodes.
-    """
-
-    mesh: MixedMesh
-    stored: StoredPoints
-
-    def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
-        """Write the file with other nodes, shape (n, 3); all else stays."""
-        with replaced_file(path) as temporary:
-            Path(temporary).write_bytes(self.stored.replaced(points))
-
-
-def read_msh(path: str | os.PathLike) -> MeshioFile:
+def read_msh(path: str | os.PathLike) -> StoredMesh:
     """Read a mesh of Gmsh, format 2.2 or 4.1, in ASCII or binary.
 
     Parameters
@@ -69,7 +35,7 @@ def read_msh(path: str | os.PathLike) -> MeshioFile:
 
     Returns
     -------
-    MeshioFile
+    StoredMesh
         Its markers are physical surfaces.
 
     Raises
@@ -81,7 +47,7 @@ def read_msh(path: str | os.PathLike) -> MeshioFile:
     return _file(path, stored, "gmsh")
 
 
-def read_vtu(path: str | os.PathLike) -> MeshioFile:
+def read_vtu(path: str | os.PathLike) -> StoredMesh:
     """Read an unstructured grid of VTK in one piece.
 
     Parameters
@@ -91,7 +57,7 @@ def read_vtu(path: str | os.PathLike) -> MeshioFile:
 
     Returns
     -------
-    MeshioFile
+    StoredMesh
         It has no markers.
 
     Raises
@@ -117,7 +83,7 @@ def _read(path: str | os.PathLike, form: str) -> Any:
         ) from error
 
 
-def _file(path: str | os.PathLike, stored: StoredPoints, form: str, found: Any = None) -> MeshioFile:
+def _file(path: str | os.PathLike, stored: StoredPoints, form: str, found: Any = None) -> StoredMesh:
     """Make the mesh of what meshio read."""
     found = _read(path, form) if found is None else found
     points = np.asarray(found.points)
@@ -131,7 +97,7 @@ def _file(path: str | os.PathLike, stored: StoredPoints, form: str, found: Any =
     if not cells:
         raise InputError(f"{path}: has no tetrahedra, pyramids, wedges or hexahedra; give a mesh of a volume")
     joined = {name: np.concatenate(parts) for name, parts in cells.items()}
-    return MeshioFile(MixedMesh(stored.values, joined, _markers(found), source=str(path)), stored)
+    return StoredMesh(MixedMesh(stored.values, joined, _markers(found), source=str(path)), stored)
 
 
 def _markers(found: Any) -> dict[str, np.ndarray]:
