@@ -23,6 +23,7 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
+from .model_option import declare_model
 
 WALL = "wall"
 
@@ -84,7 +85,7 @@ class Ride(om.ExplicitComponent):
 
     def initialize(self):
         """Declare the options."""
-        self.options.declare("model", types=FittedModel, recordable=False, desc="the fitted grid")
+        declare_model(self, FittedModel)
         self.options.declare("mesh", types=MixedMesh, recordable=False, desc="the mesh on the baseline")
         self.options.declare("name", types=str, default="mesh", desc="name of the output")
         self.options.declare("asked", types=bool, default=False, desc="whether nodes of walls are given")
