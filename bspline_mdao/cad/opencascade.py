@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..extras import library
 from .tensor_surface import TensorSurface
 
 __all__ = [
@@ -46,10 +46,7 @@ def require_opencascade() -> None:
     InputError
         If it is not installed.
     """
-    try:
-        import OCP  # noqa: F401
-    except ModuleNotFoundError:
-        raise InputError("CAD files need OpenCascade: pip install 'bspline_mdao[cad]'") from None
+    library("OCP", "CAD files need OpenCascade", "cad")
 
 
 def to_face(surface: TensorSurface, size: float) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..extras import INSTALL
 from ..io.disk import replaced_file
 from ..om.design_summary import DesignSummary
 from ..om.drivers.nlopt_driver import NLoptDriver
@@ -27,7 +28,7 @@ RESULTS = (SCRIPT, "model.h5", "grid_before.*", "grid_after.*", "cases.sql", "su
 STOPPED = "all bounds hold but for 1e-4, and this may be no optimum: see max_iterations and tolerance in [driver]"
 """What is said of a feasible design at which the driver did not converge."""
 
-REPORT_ADVICE = "pip install 'bspline_mdao[report]'"
+REPORT_ADVICE = INSTALL.format(extra="report")
 
 SLACK = 1e-4
 """Violation of a bound, relative to its size or 1, up to which a design counts as feasible."""

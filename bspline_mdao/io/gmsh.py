@@ -5,13 +5,12 @@ The volume is the physical group ``fluid``, and every patch one of surfaces. The
 
 from __future__ import annotations
 
-import importlib
 import os
 
 import numpy as np
 
 from ..cells.curved_grid import CurvedGrid
-from ..errors import InputError
+from ..extras import library
 from .disk import replaced_file
 from .element_order import gmsh_order
 
@@ -45,12 +44,7 @@ def write_msh(path: str | os.PathLike, grid: CurvedGrid) -> None:
     InputError
         When meshio is missing, or the file cannot be written.
     """
-    try:
-        meshio = importlib.import_module("meshio")
-    except ModuleNotFoundError:
-        raise InputError(
-            f"{path}: files of Gmsh need meshio: pip install 'bspline_mdao[gmsh]', or write CGNS (.cgns)"
-        ) from None
+    meshio = library("meshio", f"{path}: files of Gmsh need meshio", "gmsh", "write CGNS (.cgns)")
     hexahedra = grid.elements.reshape(len(grid.elements), -1)[:, gmsh_order(grid.degree)]
     cells = [(HEXAHEDRA[grid.degree], hexahedra[:, _VTK_OF_27] if grid.degree == 2 else hexahedra)]
     order = gmsh_order(grid.degree, 2)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..extras import library
 
 __all__ = ["BLUE", "GRAY", "GREEN", "ORANGE", "PURPLE", "RED", "draw_net", "figure", "net_quads", "require"]
 
@@ -51,11 +50,7 @@ def require(name: str = "matplotlib", extra: str = "pictures"):
     InputError
         If it is not installed.
     """
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError:
-        library = name.partition(".")[0]
-        raise InputError(f"{NEED[extra]} {library}: pip install 'bspline_mdao[{extra}]'") from None
+    return library(name, f"{NEED[extra]} {name.partition('.')[0]}", extra)
 
 
 @contextlib.contextmanager

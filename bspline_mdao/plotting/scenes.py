@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..extras import INSTALL
 from ..model.fitted_model import FittedModel
 from .figures import RED, net_quads, require
 
@@ -191,7 +192,7 @@ def has_renderer() -> bool:
     if done.returncode == 0:
         return True
     reason = (
-        "pip install 'bspline_mdao[pictures]'"
+        INSTALL.format(extra="pictures")
         if "ModuleNotFoundError" in done.stderr
         else "install libegl1 and libgl1-mesa-dri"
     )

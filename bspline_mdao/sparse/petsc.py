@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from ..errors import InputError, MovementError
+from ..extras import library
 from ..numerics.processes import together
 from ..shown import OneLine
 from .blocks import BlockMatrix, BlockPattern, LinearSolution, check_right, relative_residual
@@ -61,8 +62,6 @@ N_NEGATIVE, TOTAL_MEGABYTES = 12, 22
 PREFIX = "bspline_mdao_"
 """Of options in PETSc's database, which come before those above, such as ``-bspline_mdao_pc_hypre_boomeramg_P_max 6``
 in the environment variable PETSC_OPTIONS."""
-
-MISSING = 'PETSc: petsc4py is not installed; install it (pip install "bspline_mdao[mpi]"), or use Cholesky()'
 
 
 @dataclass(frozen=True)
@@ -357,11 +356,7 @@ def has_petsc() -> bool:
 
 def _petsc():
     """Module PETSc of petsc4py; `InputError` where it is not installed."""
-    try:
-        from petsc4py import PETSc
-    except ImportError:
-        raise InputError(MISSING) from None
-    return PETSc
+    return library("petsc4py.PETSc", "PETSc needs petsc4py", "mpi", "use Cholesky()")
 
 
 def _petsc_comm(comm):

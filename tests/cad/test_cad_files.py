@@ -13,7 +13,7 @@ from bspline_mdao.mesh.spline_sides import spline_sides
 
 needs_opencascade = pytest.mark.skipif(
     importlib.util.find_spec("OCP") is None,
-    reason="OpenCascade is not installed: pip install 'bspline_mdao[cad]'",
+    reason='OpenCascade is not installed: pip install "bspline_mdao[cad]"',
 )
 
 
@@ -143,5 +143,5 @@ def test_a_file_that_is_no_cad_is_refused(tmp_path):
 
 def test_without_opencascade_one_line_says_what_to_install(ball, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "OCP", None)
-    with pytest.raises(InputError, match=r"^CAD files need OpenCascade: pip install 'bspline_mdao\[cad\]'$"):
+    with pytest.raises(InputError, match=r'^CAD files need OpenCascade: pip install "bspline_mdao\[cad\]"$'):
         write_cad(tmp_path / "a.step", ball)

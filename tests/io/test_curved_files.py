@@ -130,6 +130,6 @@ def test_a_name_without_a_format_is_refused(ball, tmp_path):
 
 def test_without_meshio_the_way_out_is_named(ball, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "meshio", None)
-    with pytest.raises(InputError, match=r"need meshio: pip install 'bspline_mdao\[gmsh\]', or write CGNS"):
+    with pytest.raises(InputError, match=r'need meshio: pip install "bspline_mdao\[gmsh\]", or write CGNS'):
         write_curved_grid(tmp_path / "ball.msh", curved_grid(ball, 2))
     assert not list(tmp_path.iterdir())

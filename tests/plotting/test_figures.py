@@ -31,7 +31,7 @@ def test_every_public_name_can_be_imported():
 
 def test_a_missing_library_is_an_error_that_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # as if it were not installed
-    message = r"pictures need matplotlib: pip install 'bspline_mdao\[pictures\]'$"
+    message = r'pictures need matplotlib: pip install "bspline_mdao\[pictures\]"$'
     with pytest.raises(InputError, match=message), figure(tmp_path / "new", "empty", (1.0, 1.0)):
         pass
     assert not (tmp_path / "new").exists()

@@ -169,7 +169,7 @@ def test_wrong_input_ends_in_one_line(model, tmp_path, monkeypatch, capsys, argu
 
 def test_a_missing_library_is_named(model, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
-    with pytest.raises(InputError, match=r"a report needs plotly: pip install 'bspline_mdao\[report\]'"):
+    with pytest.raises(InputError, match=r'a report needs plotly: pip install "bspline_mdao\[report\]"'):
         write_report(tmp_path / "page.html", model)
 
 

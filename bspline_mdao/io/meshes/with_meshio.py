@@ -5,7 +5,6 @@ Format: ``docs/theory/ride.rst``.
 
 from __future__ import annotations
 
-import importlib
 import os
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from ...cells.mixed_cells import MixedMesh, padded
 from ...errors import InputError
+from ...extras import library
 from ..disk import read_raw
 from .gmsh_nodes import find_gmsh_nodes
 from .stored_mesh import StoredMesh, StoredPoints
@@ -71,10 +71,7 @@ def read_vtu(path: str | os.PathLike) -> StoredMesh:
 
 def _read(path: str | os.PathLike, form: str) -> Any:
     """Let meshio read a file."""
-    try:
-        meshio = importlib.import_module("meshio")
-    except ImportError as error:
-        raise InputError(f"{path}: needs meshio: pip install 'bspline_mdao[gmsh]'") from error
+    meshio = library("meshio", f"{path}: needs meshio", "gmsh")
     try:
         return meshio.read(path, file_format=form)
     except (Exception, SystemExit) as error:  # whatever meshio makes of a damaged file; it exits where it knows why

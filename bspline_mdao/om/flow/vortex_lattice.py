@@ -7,12 +7,10 @@ Theory: ``docs/theory/vortex_lattice.rst``.
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import openmdao.api as om
 
-from ...errors import InputError
+from ...extras import library
 from ...flow.induced_drag import Wake
 from ..component import SMOOTH_STEP, fails_together
 
@@ -334,12 +332,7 @@ def openaerostruct(module: str):
     InputError
         If it is not there.
     """
-    try:
-        return import_module(f"openaerostruct.{module}")
-    except ImportError as error:
-        raise InputError(
-            f'the vortex lattice needs OpenAeroStruct: pip install "bspline_mdao[vlm]" ({error})'
-        ) from error
+    return library(f"openaerostruct.{module}", "the vortex lattice needs OpenAeroStruct", "vlm")
 
 
 def lattice_surface(n_chord: int, n_span: int, symmetry: bool = True, **settings) -> dict:
