@@ -9,7 +9,8 @@ from topology_cases import ORIENTATIONS, box
 
 from bspline_mdao.cli.main import run
 from bspline_mdao.io.files import read_grid, write_grid
-from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
+from bspline_mdao.io.plot3d import write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.topology.grid import Block, Grid
 

@@ -19,7 +19,7 @@ from ..topology.topology import Topology
 from .disk import read_raw
 from .formats import FORMATS, GZIP, GridFormat, format_of_content, format_of_name
 from .patches import read_patches
-from .plot3d import Plot3dDialect
+from .plot3d_dialect import Plot3dDialect
 
 __all__ = ["check_grid_name", "open_grid", "read_grid", "write_grid"]
 

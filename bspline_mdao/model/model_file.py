@@ -33,7 +33,7 @@ import numpy as np
 from ..errors import InputError
 from ..io.cgns import CgnsDialect
 from ..io.disk import deferred_interrupts, replaced_hdf5_file
-from ..io.plot3d import Plot3dDialect
+from ..io.plot3d_dialect import Plot3dDialect
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume

@@ -16,7 +16,8 @@ from bspline_mdao.io.cgns import write_cgns
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import draft_patches
 from bspline_mdao.io.patches import read_patches
-from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
+from bspline_mdao.io.plot3d import write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.topology.grid import Grid, Patch
 from bspline_mdao.topology.index_space import Window
 

@@ -12,7 +12,8 @@ from grid_cases import assert_same_grid, smooth_grid, smooth_nodes
 
 from bspline_mdao.errors import InputError
 from bspline_mdao.io.fortran import parse_numbers
-from bspline_mdao.io.plot3d import Plot3dDialect, read_plot3d, write_plot3d
+from bspline_mdao.io.plot3d import read_plot3d, write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.topology.grid import Block, Grid
 
 CONTAINERS = (

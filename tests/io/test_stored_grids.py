@@ -11,7 +11,8 @@ from grid_cases import assert_same_grid, smooth_grid, smooth_nodes
 from bspline_mdao import InputError, open_grid, read_grid, write_grid
 from bspline_mdao.io import fortran
 from bspline_mdao.io.patches import read_patches
-from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
+from bspline_mdao.io.plot3d import write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
 

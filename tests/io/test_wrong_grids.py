@@ -30,7 +30,8 @@ from bspline_mdao import (
 )
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cli.main import run
-from bspline_mdao.io.plot3d import Plot3dDialect, write_plot3d
+from bspline_mdao.io.plot3d import write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model.model_file import FORMAT, VERSION, checksum_of
 from bspline_mdao.topology.grid import Block, Patch
 from bspline_mdao.topology.index_space import Window

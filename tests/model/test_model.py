@@ -12,7 +12,7 @@ from fit_cases import ALL_SHAPES, bent_block, c_grid, two_blocks
 from bspline_mdao.errors import InputError
 from bspline_mdao.evaluation.evaluator import Evaluator
 from bspline_mdao.fit.fitting import fit_grid
-from bspline_mdao.io.plot3d import Plot3dDialect
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model import model_file
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.splines.knots import FunctionKnots

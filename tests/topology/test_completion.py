@@ -13,7 +13,8 @@ from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.errors import FitWarning
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.io.patch_guess import draft_patches
-from bspline_mdao.io.plot3d import Plot3dDialect, read_plot3d, write_plot3d
+from bspline_mdao.io.plot3d import read_plot3d, write_plot3d
+from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.topology.coincidence import data_round_off, data_unit
