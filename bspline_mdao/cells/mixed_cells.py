@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from ..shown import OneLine
 from .quads import area_vectors
@@ -54,7 +55,8 @@ class CellQuality(OneLine):
     volumes : ndarray, shape (n_cells,)
         Volumes (m^3).
     is_inverted : ndarray of bool, shape (n_cells,)
-        Whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive.
+        Whether the volume, or that of a pyramid from the middle of the cell to one of its faces, is not positive. The
+        middle is that of the middles of its faces, weighted by their areas.
     """
 
     volumes: np.ndarray
@@ -149,19 +151,24 @@ class MixedMesh(OneLine):
 
     def quality(self, points: np.ndarray | None = None) -> CellQuality:
         """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
-        x, (faces, cells) = (self.points if points is None else points), self.cell_faces
-        n = self.n_cells
-        sums = np.stack([np.bincount(cells, x[faces, d].mean(axis=1), n) for d in range(3)], axis=1)
-        centres = sums / np.maximum(np.bincount(cells, minlength=n), 1)[:, None]
-        pyramids = np.einsum("fd,fd->f", area_vectors(x[faces]), x[faces].mean(axis=1) - centres[cells]) / 3.0
-        volumes, is_folded = np.bincount(cells, pyramids, n), np.zeros(n, dtype=bool)
-        sign = self._handedness(volumes)
-        is_folded[cells[pyramids * sign[cells] <= 0.0]] = True
-        return CellQuality(volumes * sign, is_folded | (volumes * sign <= 0.0))
+        volumes, least, most = self._pyramids(self.points if points is None else points).T
+        sign = self._handedness
+        least = np.minimum(np.where(sign > 0.0, least, -most), volumes * sign)
+        return CellQuality(volumes * sign, least <= 0.0)
 
-    def _handedness(self, volumes: np.ndarray) -> np.ndarray:
-        """Sign of the volumes of each kind: programs do not agree which way a wedge goes round."""
-        sign, first = np.ones(len(volumes)), 0
+    def _pyramids(self, points: np.ndarray) -> np.ndarray:
+        """Sums of the volumes of the pyramids of each cell, the smallest and the largest, shape (n_cells, 3)."""
+        faces, cells = self.cell_faces
+        sums, pyramids = np.zeros((self.n_cells, 4)), np.zeros((self.n_cells, 3))
+        pyramids[:, 1:] = np.inf, -np.inf
+        _sum_middles(points, faces, cells, sums)
+        _sum_pyramids(points, faces, cells, sums, pyramids)
+        return pyramids
+
+    @cached_property
+    def _handedness(self) -> np.ndarray:
+        """Sign of the volumes of each kind in the mesh itself: programs do not agree which way a wedge goes round."""
+        volumes, sign, first = self._pyramids(self.points)[:, 0], np.ones(self.n_cells), 0
         for corners in self.cells.values():
             part = slice(first, first + len(corners))
             sign[part] = -1.0 if np.count_nonzero(volumes[part] < 0.0) > len(corners) / 2 else 1.0
@@ -221,3 +228,48 @@ def wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.nd
     areas, at = area_vectors(points[wall]), np.searchsorted(ids, wall)
     sums = np.stack([np.bincount(at.ravel(), np.repeat(areas[:, d], 4), len(ids)) for d in range(3)], axis=1)
     return sums / np.maximum(np.linalg.norm(sums, axis=1), np.finfo(float).tiny)[:, None]
+
+
+@njit(cache=True, error_model="numpy")
+def _face(x, face):
+    """Middle and area vector of a face; that of a triangle, which has two neighbouring corners alike, is of three."""
+    a, b, c, d = face[0], face[1], face[2], face[3]
+    last = 0.0 if c == d or a == b else 1.0
+    p, q, r, s = x[a], x[b], x[c], x[d]
+    if a == b:  # seen from the other cell, the corner that is there twice comes first
+        q, r, s = r, s, s
+    u0, u1, u2 = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    v0, v1, v2 = s[0] - q[0], s[1] - q[1], s[2] - q[2]
+    part = 1.0 / (3.0 + last)
+    middle = (
+        part * (p[0] + q[0] + r[0] + last * s[0]),
+        part * (p[1] + q[1] + r[1] + last * s[1]),
+        part * (p[2] + q[2] + r[2] + last * s[2]),
+    )
+    return middle, (0.5 * (u1 * v2 - u2 * v1), 0.5 * (u2 * v0 - u0 * v2), 0.5 * (u0 * v1 - u1 * v0))
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_middles(x, faces, cells, sums):
+    """Sum areas times middles, and areas, of the faces of every cell, shape (n_cells, 4)."""
+    for f in range(len(faces)):
+        middle, normal = _face(x, faces[f])
+        area, at = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2), cells[f]
+        for d in range(3):
+            sums[at, d] += area * middle[d]
+        sums[at, 3] += area
+
+
+@njit(cache=True, error_model="numpy")
+def _sum_pyramids(x, faces, cells, sums, pyramids):
+    """Sum the volumes of the pyramids from the middles of cells to their faces; the smallest and the largest."""
+    for f in range(len(faces)):
+        (m0, m1, m2), (a0, a1, a2) = _face(x, faces[f])
+        at = cells[f]
+        area = max(sums[at, 3], 1e-300)  # 1e-300: of a cell that has shrunk to a point
+        volume = (
+            a0 * (m0 - sums[at, 0] / area) + a1 * (m1 - sums[at, 1] / area) + a2 * (m2 - sums[at, 2] / area)
+        ) / 3.0
+        pyramids[at, 0] += volume
+        pyramids[at, 1] = min(pyramids[at, 1], volume)
+        pyramids[at, 2] = max(pyramids[at, 2], volume)

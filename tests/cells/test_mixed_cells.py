@@ -61,3 +61,18 @@ def test_the_node_next_to_a_wall_is_at_the_end_of_the_edge_that_leads_off_it():
     floor = box.into_fluid(np.array([[0, 1, 2, 2], [0, 2, 3, 3]]))
     at, beside = first_heights(box, floor, np.arange(4))
     assert (at.tolist(), beside.tolist()) == ([0, 1, 2, 3], [4, 5, 6, 7])
+
+
+@pytest.mark.parametrize("along", [[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 5, 1, 3, 7, 6, 2], [0, 3, 7, 4, 1, 2, 6, 5]])
+def test_thin_cells_of_a_sheet_that_is_bent_by_more_than_it_is_high_are_not_inverted(along):
+    rng, height = np.random.default_rng(6), 1e-4
+    floor = BOX[:4] + np.outer(rng.standard_normal(4), [0.0, 0.0, 1.0])
+    points = np.concatenate([floor, floor + [0.0, 0.0, height]])
+    hexahedron = np.array([along])
+    kinds = {"hexahedron": hexahedron, "wedge": hexahedron[:, HALVES].reshape(-1, 6)}
+    for kind, cells in kinds.items():
+        quality = MixedMesh(points, {kind: cells}).quality()
+        assert quality.volumes.sum() == pytest.approx(6.0 * height)
+        assert not quality.is_inverted.any()
+        turned = MixedMesh(BOX, {kind: cells}).quality(points * [1.0, 1.0, -1.0])
+        assert turned.is_inverted.all()
