@@ -16,7 +16,8 @@ from ..model.fitted_model import FittedModel
 from ..om.snapshots import Snapshot
 from ..topology.grid import Grid
 from .figures import BLUE, STYLE, require
-from .looks import Panel, camera_of, draw_panel
+from .looks import draw_panel
+from .panels import Panel, camera_of
 from .sheets import Sheet, grid_sheets
 
 __all__ = ["html_of"]

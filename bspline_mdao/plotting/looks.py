@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,77 +16,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..om.snapshots import Snapshot
-from .figures import RED, figure, require
+from .figures import figure, require
+from .panels import FIELD_LOOKS, SURFACES, FieldLook, Panel, camera_of
+from .plotter import make_plotter
 from .scenes import Camera, Paint, Scene, draw_scene, has_renderer
-from .sheets import Sheet, control_sheets, flow_sheets, grid_sheets, worst_cells
+from .sheets import Sheet, joined_sheets
 
-__all__ = [
-    "FIELD_LOOKS",
-    "SURFACES",
-    "FieldLook",
-    "Panel",
-    "add_sheets",
-    "as_polydata",
-    "camera_of",
-    "draw_panel",
-    "make_plotter",
-    "plot",
-    "sheets_of",
-]
-
-SURFACES = {
-    "walls": ("wall",),
-    "symmetry": ("symmetry",),
-    "farfield": ("farfield",),
-    "boundary": ("wall", "symmetry", "farfield", "other"),
-    "control mesh": ("control mesh",),
-}
-"""Names of surfaces, and the kinds of sheets that they are."""
-
-
-@dataclass(frozen=True)
-class FieldLook:
-    """How a field is shown.
-
-    Parameters
-    ----------
-    field : str
-        Its name on sheets.
-    label : str
-        What the colour bar says.
-    colors : str
-        Colour map of matplotlib.
-    is_of_flow : bool
-        Whether it needs a problem that has run.
-    surfaces : tuple of str
-        What is coloured where no surface is named.
-    """
-
-    field: str
-    label: str
-    colors: str
-    is_of_flow: bool = False
-    surfaces: tuple[str, ...] = ("walls", "symmetry")
-
-
-FIELD_LOOKS = {
-    "quality": FieldLook("Q", "orthogonality Q", "viridis"),
-    "corner": FieldLook("smallest_corner", "smallest corner", "viridis"),
-    "wall height": FieldLook("wall_height", "height of the first cell (m)", "viridis", surfaces=("walls",)),
-    "block": FieldLook("block", "block", "tab20"),
-    "patch": FieldLook("patch", "patch", "tab20", surfaces=("boundary",)),
-    "Cp": FieldLook("Cp", "pressure coefficient", "RdYlBu_r", True),
-    "Mach": FieldLook("Mach", "Mach number", "turbo", True),
-    "entropy": FieldLook("entropy", "entropy", "magma", True),
-    "total pressure loss": FieldLook("total_pressure_loss", "loss of total pressure", "magma", True),
-}
-"""Fields that colour the surfaces."""
-
-COLORS = {"wall": "#8fbbe0", "symmetry": "#eef0f1", "farfield": "#e3e8ec", "other": "#d9d4c7"}
-"""Colours of sheets without a field, by their kind."""
-
-LINES, CONTROL = "#2b3238", "#cc3311"
-"""Colours of grid lines and of the control mesh."""
+__all__ = ["draw_panel", "plot"]
 
 MOST_MARKED = 10
 """Worst cells that are marked in pictures of the quality."""
@@ -173,80 +109,6 @@ def plot(
     return Path(file)
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """One of the pictures side by side.
-
-    Parameters
-    ----------
-    sheets : list of Sheet
-        What is in it.
-    marks : ndarray, shape (n, 3)
-        Points that are marked (m).
-    title : str
-        What stands above it.
-    """
-
-    sheets: list[Sheet]
-    marks: np.ndarray
-    title: str
-
-    @classmethod
-    def of(cls, state: Snapshot, surfaces: Sequence[str], look: FieldLook | None, worst: int) -> Panel:
-        """Cut what is wanted out of a state."""
-        marks = np.zeros((0, 3))
-        if look is not None and look.field in ("Q", "smallest_corner") and worst:
-            marks = worst_cells(state.grid, worst)
-        return cls(sheets_of(state, surfaces, look), marks, state.title)
-
-
-def sheets_of(what: Any, surfaces: Sequence[str], look: FieldLook | str | None = None) -> list[Sheet]:
-    """Cut surfaces out of what is looked at, with the field that colours them.
-
-    Parameters
-    ----------
-    what : Grid, FittedModel, openmdao.api.Problem or Snapshot
-        What is looked at.
-    surfaces : sequence of str
-        Keys of `SURFACES` and names of patches.
-    look : FieldLook or str, optional
-        One of `FIELD_LOOKS`, or its key.
-
-    Returns
-    -------
-    list of Sheet
-
-    Raises
-    ------
-    InputError
-        If there is nothing of the kind.
-    """
-    state = Snapshot.of(what)
-    look = FIELD_LOOKS[look] if isinstance(look, str) else look
-    topology = None if state.model is None else state.model.topology
-    if look is not None and look.is_of_flow:
-        if state.model is None or state.pressures is None:
-            raise InputError(
-                f"{state.title}: there is no flow to show; give a problem with an EulerFlow that has run, such as "
-                f"plot(problem, 'Cp')"
-            )
-        every = flow_sheets(state.model, state.grid, state.pressures, state.states, state.mach)
-    else:
-        every = grid_sheets(state.grid, look is not None, topology)
-    if "control mesh" in surfaces:
-        if state.model is None:
-            raise InputError(
-                f"{state.title}: a grid has no control mesh; fit it first: fit_grid(grid).plot('control mesh')"
-            )
-        every = every + control_sheets(state.model, state.control_points)
-    kinds = {kind for name in surfaces for kind in SURFACES.get(name, ())}
-    found = [sheet for sheet in every if sheet.kind in kinds or sheet.name in surfaces]
-    if not found:
-        there = sorted({sheet.kind for sheet in every} | {sheet.name for sheet in every})
-        raise InputError(f"{state.title}: nothing to see of {', '.join(surfaces)}; there is {', '.join(there)}")
-    return found
-
-
 def _before(what: Any, before: Any) -> Snapshot | None:
     """What was before, if that is asked for."""
     if before is None or before is False:
@@ -307,203 +169,6 @@ def _limits(panels: Sequence[Panel], look: FieldLook | None) -> tuple[float, flo
     if look.field == "block":
         low, high = low - 0.5, high + 0.5
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
-
-
-def camera_of(
-    panels: Sequence[Panel],
-    direction: Sequence[float] | None = None,
-    up: Sequence[float] | None = None,
-    zoom: float = 1.0,
-    size: tuple[float, float] = (1200, 800),
-) -> Camera:
-    """Find a place from which all panels are seen: in front of the middle of the walls, from outside.
-
-    Parameters
-    ----------
-    panels : sequence of Panel
-        What is seen.
-    direction, up : sequence of three float, optional
-        See `plot`.
-    zoom : float
-        See `plot`.
-    size : tuple of float
-        Width and height, of which the ratio counts.
-
-    Returns
-    -------
-    Camera
-    """
-    sheets = [sheet for panel in panels for sheet in panel.sheets]
-    inner = [s for s in sheets if s.kind in ("wall", "control mesh")] or sheets
-    points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in inner])
-    low, high = points.min(axis=0), points.max(axis=0)
-    box = high - low
-    rise = np.eye(3)[int(np.argmin(box))] if up is None else np.asarray(up, dtype=float)
-    planes, middle = [s for s in sheets if s.kind == "symmetry"], (low + high) / 2
-    towards = _from_outside(box, rise, planes, middle) if direction is None else np.asarray(direction, dtype=float)
-    camera = Camera(_three(middle), _three(towards), 1.0, _three(rise))
-    seen = np.ptp(camera.project(points), axis=0)
-    height = 1.25 * max(seen[1], seen[0] * size[1] / size[0], 1e-12) / zoom
-    return replace(camera, height=height)
-
-
-def _three(vector: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
-
-
-def _from_outside(box: np.ndarray, up: np.ndarray, planes: Sequence[Sheet], middle: np.ndarray) -> np.ndarray:
-    """Direction from the nose, above and, beside a plane of symmetry, the side where the body is."""
-    rise = int(np.argmax(np.abs(up)))
-    along, across = [d for d in range(3) if d != rise]
-    if planes:
-        points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in planes])
-        thin = int(np.argmin(np.ptp(points, axis=0)))
-        if np.ptp(points, axis=0)[thin] < 1e-6 * np.ptp(points, axis=0).max() and thin != rise:
-            across, along = thin, 3 - rise - thin
-            side = np.sign(middle[thin] - points[:, thin].mean()) or 1.0
-            if box[thin] < 0.3 * box[along]:  # a section: seen along its span
-                return np.eye(3)[across] * side + 0.15 * np.sign(up.sum()) * np.abs(up) - 0.1 * np.eye(3)[along]
-            return side * np.eye(3)[across] - 0.75 * np.eye(3)[along] + 0.65 * up / np.linalg.norm(up)
-    return np.eye(3)[across] - 0.75 * np.eye(3)[along] + 0.65 * up / np.linalg.norm(up)
-
-
-def make_plotter(
-    panels: Sequence[Any],
-    camera: Camera | None = None,
-    look: FieldLook | None = None,
-    limits: tuple[float, float] = (0.0, 1.0),
-    size: tuple[int, int] = (1200, 800),
-    *,
-    lines: bool = True,
-    off_screen: bool = True,
-):
-    """Put sheets into a plotter of PyVista.
-
-    Parameters
-    ----------
-    panels : sequence
-        Pictures side by side, each with ``sheets``, ``marks``, and ``title``.
-    camera : Camera, optional
-        Where they are seen from; by default as `plot` does.
-    look : FieldLook, optional
-        The field that colours them.
-    limits : tuple of float
-        Range of the colours.
-    size : tuple of int
-        Pixels.
-    lines : bool
-        Whether lines of the grid are drawn.
-    off_screen : bool
-        Whether there is no window.
-
-    Returns
-    -------
-    pyvista.Plotter
-
-    Raises
-    ------
-    InputError
-        If PyVista is not installed.
-    """
-    pyvista = require("pyvista")
-    pyvista.vtk_verbosity("off")
-    camera = camera or camera_of(panels, size=size)
-    plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), shape=(1, len(panels)), border=False)
-    plotter.set_background("white")
-    for number, panel in enumerate(panels):
-        plotter.subplot(0, number)
-        add_sheets(plotter, panel.sheets, look, limits, lines=lines)
-        if len(panel.marks):
-            plotter.add_points(
-                panel.marks, color=RED, render_points_as_spheres=True, point_size=12.0 * size[1] / 800, name="worst"
-            )
-        if len(panels) > 1:
-            plotter.add_text(panel.title, font_size=max(4, round(11 * size[1] / 800)), color="black")
-        focus, axes = np.array(camera.focus), camera.axes()
-        plotter.camera_position = [focus + 4.0 * camera.height * axes[2], focus, axes[1]]
-        plotter.camera.parallel_projection = True
-        plotter.camera.parallel_scale = 0.5 * camera.height
-        plotter.reset_camera_clipping_range()
-    plotter.enable_anti_aliasing("ssaa") if off_screen else None
-    return plotter
-
-
-def add_sheets(
-    plotter, sheets: Sequence[Sheet], look: FieldLook | None = None, limits=(0.0, 1.0), *, lines: bool = True
-) -> None:
-    """Add sheets to a plotter of PyVista, those of a kind as one mesh.
-
-    Parameters
-    ----------
-    plotter : pyvista.Plotter
-        Where they go.
-    sheets : sequence of Sheet
-        What is shown.
-    look : FieldLook, optional
-        The field that colours them.
-    limits : tuple of float
-        Range of the colours.
-    lines : bool
-        Whether lines of the grid are drawn.
-    """
-    edges = {"show_edges": lines, "edge_color": LINES, "line_width": 0.6, "edge_opacity": 0.55}
-    for kind in dict.fromkeys(sheet.kind for sheet in sheets):
-        own = [sheet for sheet in sheets if sheet.kind == kind]
-        if kind == "control mesh":
-            mesh = as_polydata(own)
-            plotter.add_mesh(mesh, style="wireframe", color=CONTROL, line_width=2.5, name=kind)
-            plotter.add_points(mesh.points, color=CONTROL, render_points_as_spheres=True, point_size=10.0)
-            continue
-        painted = [sheet for sheet in own if look is not None and look.field in sheet.values]
-        plain = [sheet for sheet in own if not any(sheet is other for other in painted)]
-        light = {"lighting": kind == "wall", "ambient": 0.35, "diffuse": 0.7}
-        if plain:
-            plotter.add_mesh(as_polydata(plain), color=COLORS[kind], name=kind, **light, **edges)
-        if painted and look is not None and look.field == "patch":
-            _add_patches(plotter, painted, light | edges)
-        elif painted and look is not None:
-            scale = plotter.window_size[1] / 800
-            n_steps = round(limits[1] - limits[0]) if look.field == "block" else 256
-            bar = {"title": f"{look.label}\n", "color": "black", "n_labels": 5, "title_font_size": round(18 * scale)}
-            bar |= {"fmt": "%.0f" if look.field == "block" else "%.2g", "label_font_size": round(15 * scale)}
-            bar |= {"width": 0.5, "position_x": 0.25, "height": 0.07, "position_y": 0.02}
-            plotter.add_mesh(
-                as_polydata(painted, look.field),
-                scalars=look.field,
-                cmap=look.colors,
-                n_colors=n_steps,
-                clim=limits,
-                nan_color="#dddddd",
-                scalar_bar_args=bar,
-                lighting=False,
-                name=f"{kind}, {look.field}",
-                **edges,
-            )
-
-
-def _add_patches(plotter, sheets: Sequence[Sheet], style: dict) -> None:
-    """Add every patch in a colour of its own, and a legend."""
-    colors = require("matplotlib").colormaps["tab20"]
-    for name in dict.fromkeys(sheet.name for sheet in sheets):
-        own = [sheet for sheet in sheets if sheet.name == name]
-        number = max(int(sheet.values["patch"].max()) for sheet in own)
-        plotter.add_mesh(as_polydata(own), color=colors((number - 1) % 20)[:3], label=name, name=name, **style)
-    plotter.add_legend(bcolor="white", border=True, size=(0.22, 0.2), face="rectangle")
-
-
-def as_polydata(sheets: Sequence[Sheet], field: str | None = None):
-    """Join sheets to one mesh of PyVista, with the values of a field on its faces."""
-    ends = np.cumsum([0, *(sheet.points.size // 3 for sheet in sheets)])
-    quads = []
-    for start, sheet in zip(ends, sheets):
-        ids = start + np.arange(sheet.points.size // 3).reshape(sheet.points.shape[:2])
-        quads.append(np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4))
-    points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in sheets])
-    mesh = require("pyvista").PolyData(points, np.insert(np.concatenate(quads), 0, 4, axis=1).ravel())
-    if field is not None:
-        mesh.cell_data[field] = np.concatenate([np.ravel(sheet.values[field]) for sheet in sheets])
-    return mesh
 
 
 def _show(plotter):
@@ -571,12 +236,5 @@ def draw_panel(axes, panel, camera: Camera, look: FieldLook | None, limits, inch
 
 def _paint(sheets: Sequence[Sheet], look: FieldLook, limits) -> Paint:
     """Faces of sheets in the colours of a field."""
-    mesh = [sheet.points for sheet in sheets]
-    ends = np.cumsum([0, *(points.size // 3 for points in mesh)])
-    quads = []
-    for start, points in zip(ends, mesh):
-        ids = start + np.arange(points.size // 3).reshape(points.shape[:2])
-        quads.append(np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4))
     values = np.concatenate([np.ravel(sheet.values[look.field]) for sheet in sheets]).astype(float)
-    points = np.concatenate([points.reshape(-1, 3) for points in mesh])
-    return Paint(points, np.concatenate(quads), values, limits, look.colors)
+    return Paint(*joined_sheets(sheets), values, limits, look.colors)

@@ -19,7 +19,7 @@ from ..topology.grid import Grid
 from ..topology.index_space import Window
 from ..topology.topology import Topology
 
-__all__ = ["Sheet", "control_sheets", "flow_sheets", "grid_sheets", "values_behind", "worst_cells"]
+__all__ = ["Sheet", "control_sheets", "flow_sheets", "grid_sheets", "joined_sheets", "values_behind", "worst_cells"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +49,29 @@ class Sheet:
     def __repr__(self) -> str:
         n, m = self.points.shape[:2]
         return f"Sheet({self.name!r}, {self.kind}, {n} x {m} points, values: {', '.join(self.values) or 'none'})"
+
+
+def joined_sheets(sheets: Sequence[Sheet]) -> tuple[np.ndarray, np.ndarray]:
+    """Join sheets to one list of quadrilaterals.
+
+    Parameters
+    ----------
+    sheets : sequence of Sheet
+        The sheets.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        All of their points (m).
+    quads : ndarray of int, shape (m, 4)
+        Corners of their faces, in turn around each, sheet by sheet.
+    """
+    ends = np.cumsum([0, *(sheet.points.size // 3 for sheet in sheets)])
+    quads = []
+    for start, sheet in zip(ends, sheets):
+        ids = start + np.arange(sheet.points.size // 3).reshape(sheet.points.shape[:2])
+        quads.append(np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4))
+    return np.concatenate([sheet.points.reshape(-1, 3) for sheet in sheets]), np.concatenate(quads)
 
 
 def grid_sheets(grid: Grid, fields: bool = False, topology: Topology | None = None) -> list[Sheet]:
