@@ -11,7 +11,7 @@ from topology_cases import box, grid_of, smooth_box
 from bspline_mdao import FarField, Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.kinks import with_kinks
+from bspline_mdao.flow.euler.kinks import Kinks
 from bspline_mdao.flow.euler.reconstruction import MEAN
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.numerics.halo import ALONE
@@ -129,7 +129,8 @@ def weighed(nodes):
     """Weights of smooth lines and of this grid in the means of all inner faces, and the places that these are of."""
     case = case_of(grid_of(nodes), "farfield")
     faces, plain = case.faces, case.discretization.stencil
-    kinked, inner = with_kinks(plain, faces, case.nodes, ALONE), slice(0, faces.n_inner)
+    kinked = Kinks.of(plain, faces, case.nodes, ALONE).stencil(case.nodes)
+    inner = slice(0, faces.n_inner)
     centres = case.nodes[faces.corners[inner]].mean(axis=1)
     return [one.weights[one.classes[inner], MEAN] for one in (plain, kinked)], plain.cells[inner], centres
 

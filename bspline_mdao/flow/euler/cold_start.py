@@ -54,7 +54,7 @@ def cold_solutions(
         See `solve_flow`.
     """
     how = {"pattern": flow.pattern, "tolerance": tolerance, "max_steps": max_steps, "progress": progress}
-    field = flow.discretization, areas, stream
+    field = flow.at(nodes), areas, stream
     coarse, n_left = coarse_flows(levels, nodes, stream), MOST_PRODUCTS_OF_ALL
 
     def plain(**rest):

@@ -1,7 +1,8 @@
 """The residual of steady flow on a grid, R(W): the sum of the fluxes out of every cell.
 
 The flux through a face is in `.flux`, the states that it is of in `.reconstruction`, derivatives in `.linearization`.
-The residual depends on the grid through the area vectors of the faces alone. Of several processes each has the rows of
+The residual depends on the grid through the area vectors of the faces and, where grid lines turn, through the weights
+of their mean states, see `.kinks`: a discretisation has those of one grid. Of several processes each has the rows of
 its own cells; their states see those of others through a halo.
 
 Theory: ``docs/theory/euler.rst``.
@@ -108,14 +109,14 @@ class Discretization:
         ndarray, shape (n_cells, 5)
             Mass, momentum and energy per time.
         """
-        dtype = np.result_type(states, areas, stream)
+        dtype = np.result_type(states, areas, stream, self.stencil.weights)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
-        states = self.halo.extend(states)
+        states, stencil = self.halo.extend(states), self.stencil.cast(dtype)
         outside, rest = self.outside(states, areas, stream), (self.dissipation, self.shock_threshold)
         flux = np.zeros((self.faces.n_faces, N_STATES), dtype)
 
         def fill(part):
-            fluxes(*self.stencil.part(part), areas[part], states, outside[part], *rest, flux[part])
+            fluxes(*stencil.part(part), areas[part], states, outside[part], *rest, flux[part])
 
         visit(len(flux), fill)
         return self.sums.of_faces(flux, self.faces.n_cells)

@@ -147,7 +147,7 @@ class FinerMember:
         flows", J. Comput. Phys. 176 (2002), 40-69.
         """
         w, x = self.cells.prolong(states), self.nodes.prolong(nodes)
-        residual = self.flow.discretization.residual(w, self.flow.areas(x), stream)
+        residual = self.flow.at(x).residual(w, self.flow.areas(x), stream)
         change = -dots(self.cells.prolong(psi), residual)
         left_out = dots(self.cells.prolong(psi) - self.linear.prolong(psi), residual)
         seen = self.forces.evaluate(w, x, alpha, mach)[name]

@@ -60,15 +60,15 @@ class EstimateLoss:
 
     def value(self, states: np.ndarray, nodes: np.ndarray):
         """Loss of states, shape (n_cells, 5), on nodes, shape (n_nodes, 3), in metres; real or complex."""
-        w, _, areas = self._finer(states, nodes)
-        residual = self.member.flow.discretization.residual(w, areas, self.stream)
+        w, x = self._finer(states, nodes)
+        residual = self.member.flow.at(x).residual(w, self.member.flow.areas(x), self.stream)
         return sum(self._count(adjoint, residual)[0] for adjoint in self.adjoints)
 
     def gradient(self, states: np.ndarray, nodes: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """Loss, and its derivatives with respect to the states, (n_cells, 5), and the nodes, (n_nodes, 3)."""
         member = self.member
-        w, x, areas = self._finer(states, nodes)
-        scheme = member.flow.discretization
+        w, x = self._finer(states, nodes)
+        scheme, areas = member.flow.at(x), member.flow.areas(x)
         residual = scheme.residual(w, areas, self.stream)
         total, bar = 0.0, np.zeros_like(residual)
         for adjoint in self.adjoints:
@@ -77,13 +77,12 @@ class EstimateLoss:
             bar += psi * member.cells.spread(slopes)[:, None]
         tangent = scheme.linearize(w, areas, self.stream)
         states_bar = member.cells.prolong_transposed(tangent.state_vjp(bar))
-        nodes_bar = member.nodes.prolong_transposed(member.flow.areas_vjp(x, tangent.area_vjp(bar)))
+        nodes_bar = member.nodes.prolong_transposed(member.flow.nodes_vjp(x, tangent, bar))
         return float(total), states_bar, nodes_bar
 
     def _finer(self, states, nodes):
-        """States, nodes and area vectors of the finer member."""
-        w, x = self.member.cells.prolong(states), self.member.nodes.prolong(nodes)
-        return w, x, self.member.flow.areas(x)
+        """States and nodes of the finer member."""
+        return self.member.cells.prolong(states), self.member.nodes.prolong(nodes)
 
     def _count(self, adjoint: WeightedAdjoint, residual):
         """What a functional counts, its derivatives by the contributions, and its adjoint on the finer member."""

@@ -20,7 +20,9 @@ from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .discretization import Discretization
 from .far_vortex import FarVortex
-from .kinks import with_kinks
+from .kinks import Kinks
+from .linearization import Linearization
+from .mean_weights import mean_jvp, mean_vjp
 from .preconditioner import FactorPattern, factor_pattern
 from .walls import Walls
 
@@ -38,10 +40,13 @@ class FlowGrid:
     Parameters
     ----------
     discretization : Discretization
+        On the baseline, see `at`.
     axes : ndarray, shape (3, 3)
         Rows are the directions downstream, along the span, and up.
     walls : Walls
         Those of all processes.
+    kinks : Kinks
+        Faces with weights of their own.
     corners : Halo
         Exchange of nodes with other processes. All arrays of nodes are those of this process.
     """
@@ -49,6 +54,7 @@ class FlowGrid:
     discretization: Discretization
     axes: np.ndarray
     walls: Walls
+    kinks: Kinks
     corners: Halo = ALONE
 
     @classmethod
@@ -95,8 +101,15 @@ class FlowGrid:
         directions, seen = as_axes(axes, "flow"), corners.extend(nodes)
         faces, stencil, halo = discretization.faces, discretization.stencil, discretization.halo
         vortex = FarVortex.of(faces, stencil, seen, directions, halo)
-        discretization = replace(discretization, stencil=with_kinks(stencil, faces, seen, halo), vortex=vortex)
-        return cls(discretization, directions, walls, corners)
+        kinks = Kinks.of(stencil, faces, seen, halo)
+        discretization = replace(discretization, stencil=kinks.stencil(seen), vortex=vortex)
+        return cls(discretization, directions, walls, kinks, corners)
+
+    def at(self, nodes: np.ndarray) -> Discretization:
+        """Discretisation with the weights of other nodes, shape (n_nodes, 3), in metres; real or complex."""
+        if not self.kinks.n_of_grid:
+            return self.discretization
+        return replace(self.discretization, stencil=self.kinks.stencil(self.corners.extend(nodes)))
 
     @cached_property
     def pattern(self) -> FactorPattern:
@@ -164,6 +177,32 @@ class FlowGrid:
     def areas_vjp(self, nodes: np.ndarray, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `areas_jvp`."""
         return self.corners.fold(area_vectors_vjp(self.corners.extend(nodes), self.faces.corners, bar))
+
+    def nodes_jvp(self, nodes: np.ndarray, tangent: Linearization, d_nodes: np.ndarray) -> np.ndarray:
+        """Change of the residual, shape (n_cells, 5), with the nodes, shape (n_nodes, 3).
+
+        Parameters
+        ----------
+        nodes : ndarray, shape (n_nodes, 3)
+            Where it is differentiated (m).
+        tangent : Linearization
+            There, of what `at` returns.
+        d_nodes : ndarray, shape (n_nodes, 3)
+            The direction (m).
+        """
+        change = tangent.area_jvp(self.areas_jvp(nodes, d_nodes))
+        if self.kinks.n_of_grid:
+            d_weights = self.kinks.changes_jvp(self.corners.extend(nodes), self.corners.extend(d_nodes))
+            change += mean_jvp(tangent, self.kinks.ids, d_weights)
+        return change
+
+    def nodes_vjp(self, nodes: np.ndarray, tangent: Linearization, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `nodes_jvp`: rows of the residual, shape (n_cells, 5), to nodes, shape (n_nodes, 3)."""
+        change = self.areas_vjp(nodes, tangent.area_vjp(bar))
+        if self.kinks.n_of_grid:
+            weights_bar = mean_vjp(tangent, self.kinks.ids, bar)
+            change += self.corners.fold(self.kinks.changes_vjp(self.corners.extend(nodes), weights_bar))
+        return change
 
 
 def area_vectors(nodes: np.ndarray, corners: np.ndarray) -> np.ndarray:

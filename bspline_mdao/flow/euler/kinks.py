@@ -11,15 +11,15 @@ that of the face, the weights w are changed by :math:`\delta`, the sum of which 
 
 is least: distances count by the sizes of the two cells next to the face, whose edges :math:`\mathbf{h}_d` make
 :math:`\mathbf{M} = \sum_d \mathbf{h}_d \mathbf{h}_d`. On smooth grids :math:`\delta` goes to zero as the square of the
-spacing. Weights are those of the baseline: they do not change with the shape, so that the residual depends on the nodes
-by the area vectors alone, and its derivatives stay exact.
+spacing. Which faces have weights of their own is settled on the baseline; their weights are functions of the nodes,
+differentiated here.
 
 Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -27,9 +27,17 @@ from numba import njit
 from ...cells.cell_faces import CellFaces
 from ...numerics.halo import Halo
 from ...numerics.processes import summed_number
+from .cell_shapes import (
+    cell_shapes,
+    cell_shapes_jvp,
+    cell_shapes_vjp,
+    face_centres,
+    face_centres_jvp,
+    face_centres_vjp,
+)
 from .reconstruction import MEAN, Stencil
 
-__all__ = ["with_kinks"]
+__all__ = ["Kinks"]
 
 WORTH = 100.0
 """Weight of the square of a distance in cells, mu: one tenth is worth a change of the weights by one."""
@@ -41,121 +49,272 @@ STRETCHED = 10.0
 """Second length of a cell by its least: a grid with more at most of its walls keeps the weights of smooth lines, since
 with others Newton's steps do not converge on the spacing of boundary layers."""
 
+ROUNDED = 1e-12
+"""What is added to the diagonal of the matrix of a face, by its trace, so that it has an inverse."""
 
-def with_kinks(stencil: Stencil, faces: CellFaces, nodes: np.ndarray, halo: Halo) -> Stencil:
-    """Weigh the four cells of inner faces by where they are, where that is not where smooth lines have them.
+
+@dataclass(frozen=True, eq=False)
+class Kinks:
+    """Faces with weights of their own, and these as functions of the nodes. Made by `Kinks.of`.
+
+    Nodes are those of this process and of others that it sees, and so are what is returned for them.
 
     Parameters
     ----------
-    stencil : Stencil
-        With the weights of smooth lines.
     faces : CellFaces
-    nodes : ndarray, shape (n_nodes, 3)
-        Baseline nodes (m).
     halo : Halo
         Exchange of cells with other processes.
+    plain : Stencil
+        With the weights of smooth lines.
+    ids : ndarray of int, shape (n_kinked,)
+        Numbers of the faces, all of them inner ones.
+    n_of_grid : int
+        Number of those of all processes.
     """
-    centres, spreads = cell_shapes(faces.corners, faces.left, faces.right, nodes, faces.n_cells + faces.n_ghosts)
-    centres, spreads = (halo.extend(np.ascontiguousarray(halo.cut(part))) for part in (centres, spreads))
-    lengths = np.linalg.eigvalsh(spreads[faces.left[faces.faces_of("wall")]])
-    flat = lengths[:, 1] > STRETCHED**2 * lengths[:, 0]
-    if 2 * summed_number(halo.comm, int(flat.sum())) > summed_number(halo.comm, len(flat)):
-        return stencil
-    inner = slice(0, faces.n_inner)
-    changes = weight_changes(*stencil.part(inner), faces.corners[inner], nodes, centres, spreads)
-    kinked = np.flatnonzero(np.abs(changes).max(axis=1, initial=0.0) > SMALLEST)
-    own = stencil.weights[stencil.classes[kinked]]
-    own[:, MEAN] += changes[kinked]
-    classes = stencil.classes.astype(np.int32)
-    classes[kinked] = len(stencil.weights) + np.arange(len(kinked))
-    return replace(stencil, weights=np.concatenate([stencil.weights, own]), classes=classes)
+
+    faces: CellFaces
+    halo: Halo
+    plain: Stencil
+    ids: np.ndarray
+    n_of_grid: int
+
+    @classmethod
+    def of(cls, plain: Stencil, faces: CellFaces, nodes: np.ndarray, halo: Halo) -> Kinks:
+        """Choose the faces by where their four cells are, where that is not where smooth lines have them.
+
+        Parameters
+        ----------
+        plain : Stencil
+            With the weights of smooth lines.
+        faces : CellFaces
+        nodes : ndarray, shape (n_nodes, 3)
+            Baseline nodes (m).
+        halo : Halo
+            Exchange of cells with other processes.
+        """
+        every = cls(faces, halo, plain, np.arange(faces.n_inner), faces.n_inner)
+        spreads = every._shapes(nodes)[-1]
+        lengths = np.linalg.eigvalsh(spreads[faces.left[faces.faces_of("wall")]])
+        flat = lengths[:, 1] > STRETCHED**2 * lengths[:, 0]
+        if 2 * summed_number(halo.comm, int(flat.sum())) > summed_number(halo.comm, len(flat)):
+            return replace(every, ids=every.ids[:0], n_of_grid=0)
+        ids = np.flatnonzero(np.abs(every.changes(nodes)).max(axis=1, initial=0.0) > SMALLEST)
+        return replace(every, ids=ids, n_of_grid=int(summed_number(halo.comm, len(ids))))
+
+    def stencil(self, nodes: np.ndarray) -> Stencil:
+        """Cells and weights of all faces on a grid, shape (n_nodes, 3), in metres; real or complex."""
+        if not self.n_of_grid:
+            return self.plain
+        own = self.plain.weights[self.plain.classes[self.ids]].astype(nodes.dtype)
+        own[:, MEAN] += self.changes(nodes)
+        classes = self.plain.classes.astype(np.int32)
+        classes[self.ids] = len(self.plain.weights) + np.arange(len(self.ids))
+        return replace(self.plain, weights=np.concatenate([self.plain.weights, own]), classes=classes)
+
+    def changes(self, nodes: np.ndarray) -> np.ndarray:
+        """Changes of the weights in the mean states of the faces, shape (n_kinked, 4); real or complex."""
+        middles, _, centres, spreads = self._shapes(nodes)
+        return weight_changes(*self._index, middles[self.ids], centres, spreads)
+
+    def changes_jvp(self, nodes: np.ndarray, d_nodes: np.ndarray) -> np.ndarray:
+        """Change of `changes` with the nodes."""
+        middles, areas, centres, spreads = self._shapes(nodes)
+        d_middles, d_areas = face_centres_jvp(nodes, self.faces.corners, d_nodes)
+        d_shapes = self._seen(cell_shapes_jvp(middles, areas, *self._sides, d_middles, d_areas))
+        at = middles[self.ids], centres, spreads
+        return weight_changes_jvp(*self._index, *at, d_middles[self.ids], *d_shapes)
+
+    def changes_vjp(self, nodes: np.ndarray, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `changes_jvp`, shape (n_nodes, 3)."""
+        middles, areas, centres, spreads = self._shapes(nodes)
+        found = weight_changes_vjp(*self._index, middles[self.ids], centres, spreads, bar)
+        centres_bar, spreads_bar = (self.halo.pad(self.halo.fold(part)) for part in found[1:])
+        sides = self.faces.left, self.faces.right
+        middles_bar, areas_bar = cell_shapes_vjp(middles, areas, *sides, centres_bar, spreads_bar)
+        middles_bar[self.ids] += found[0]
+        return face_centres_vjp(nodes, self.faces.corners, middles, middles_bar, areas_bar)
+
+    @property
+    def _index(self):
+        """Cells and plain weights of the faces."""
+        return self.plain.cells[self.ids], self.plain.weights[self.plain.classes[self.ids], MEAN]
+
+    @property
+    def _sides(self):
+        """Cells of all faces, and the number of cells."""
+        return self.faces.left, self.faces.right, self.faces.n_cells + self.faces.n_ghosts
+
+    def _shapes(self, nodes):
+        """Centres and area vectors of the faces, and centres and squares of edges of the cells."""
+        middles, areas = face_centres(nodes, self.faces.corners)
+        return middles, areas, *self._seen(cell_shapes(middles, areas, *self._sides))
+
+    def _seen(self, shapes):
+        """Arrays of cells, those of other processes taken from there."""
+        return tuple(self.halo.extend(np.ascontiguousarray(self.halo.cut(part))) for part in shapes)
 
 
 @njit(cache=True, error_model="numpy")
-def _face_centre(nodes, corners):
-    """Centre of area of a face of two triangles, and its area vector; the mean of its corners where it has no area."""
-    a, b, c, d = nodes[corners[0]], nodes[corners[1]], nodes[corners[2]], nodes[corners[3]]
-    one, other = 0.5 * np.cross(b - a, c - a), 0.5 * np.cross(c - a, d - a)
-    p, q = np.sqrt(np.sum(one * one)), np.sqrt(np.sum(other * other))
-    third, fourth = 0.5 * np.cross(b - a, d - a), 0.5 * np.cross(c - b, d - b)
-    r, t = np.sqrt(np.sum(third * third)), np.sqrt(np.sum(fourth * fourth))
-    if p + q + r + t == 0.0:
-        return 0.25 * (a + b + c + d), one + other
-    first = p * (a + b + c) + q * (a + c + d) + r * (a + b + d) + t * (b + c + d)
-    return first / (3.0 * (p + q + r + t)), one + other
+def weight_changes(cells, weights, middles, centres, spreads):
+    """Changes of the weights of the four cells in the mean states of faces, shape (n, 4); real or complex.
 
-
-@njit(cache=True, error_model="numpy")
-def cell_shapes(corners, left, right, nodes, n_cells):
-    """Centres of volume of cells, shape (n_cells, 3), and sums of the squares of their three edges, (n_cells, 3, 3).
-
-    A cell is the pyramids of its faces about the mean of their centres, which is its centre where it has no volume.
+    Parameters
+    ----------
+    cells : ndarray of int, shape (n, 4)
+    weights : ndarray, shape (n, 4)
+        Weights of smooth lines.
+    middles : ndarray, shape (n, 3)
+        Centres of the faces (m).
+    centres, spreads : ndarray, shapes (n_cells, 3) and (n_cells, 3, 3)
+        Centres (m) and sums of the squares of the edges (m^2) of the cells.
     """
-    middles, counts = np.zeros((n_cells, 3)), np.zeros(n_cells)
-    for f in range(len(corners)):
-        centre, _ = _face_centre(nodes, corners[f])
-        for side in range(2 if f < len(right) else 1):
-            cell = left[f] if side == 0 else right[f]
-            middles[cell] += centre
-            counts[cell] += 1.0
-    moments, volumes, sizes = np.zeros((n_cells, 3)), np.zeros(n_cells), np.zeros(n_cells)
-    for cell in range(n_cells):
-        middles[cell] /= max(counts[cell], 1.0)
-    for f in range(len(corners)):
-        centre, area = _face_centre(nodes, corners[f])
-        for side in range(2 if f < len(right) else 1):
-            cell = left[f] if side == 0 else right[f]
-            arm = centre - middles[cell]
-            volume = (1.0 if side == 0 else -1.0) * np.sum(area * arm) / 3.0
-            volumes[cell] += volume
-            sizes[cell] += abs(volume)
-            moments[cell] += 0.75 * volume * arm
-    spreads = np.zeros((n_cells, 3, 3))
-    for cell in range(n_cells):
-        if volumes[cell] > 1e-3 * sizes[cell]:
-            middles[cell] += moments[cell] / volumes[cell]
-    for f in range(len(corners)):
-        centre, _ = _face_centre(nodes, corners[f])
-        for side in range(2 if f < len(right) else 1):
-            cell = left[f] if side == 0 else right[f]
-            arm = centre - middles[cell]
-            for n in range(3):
-                spreads[cell, n] += 2.0 * arm[n] * arm
-    return middles, spreads
-
-
-@njit(cache=True, error_model="numpy")
-def weight_changes(cells, weights, classes, roles, corners, nodes, centres, spreads):
-    """Changes of the weights of the four cells in the mean states of inner faces, shape (n_inner, 4)."""
-    out, places, there = np.zeros((len(cells), 4)), np.zeros((4, 3)), np.zeros(4)
-    matrix, miss = np.zeros((3, 3)), np.zeros(3)
+    out = np.zeros((len(cells), 4), centres.dtype)
+    places, steps = np.zeros((4, 3), centres.dtype), np.zeros((4, 3), centres.dtype)
+    inverse, miss = np.zeros((3, 3), centres.dtype), np.zeros(3, centres.dtype)
     for f in range(len(cells)):
-        near, w = cells[f], weights[classes[f]]
-        centre, _ = _face_centre(nodes, corners[f])
-        there[0], there[1] = (1.0 if near[0] != near[1] else 0.0), 1.0
-        there[2], there[3] = 1.0, (1.0 if near[3] != near[2] else 0.0)
-        mean, miss[:] = np.zeros(3), 0.0
-        for k in range(4):
-            places[k] = centres[near[k]] - centre
-            miss += w[MEAN, k] * places[k]
-            mean += there[k] * places[k] / there.sum()
-        matrix[:] = 0.5 / WORTH * (spreads[near[1]] + spreads[near[2]])
-        for k in range(4):
-            places[k] = there[k] * (places[k] - mean)
-            for n in range(3):
-                matrix[n] += places[k, n] * places[k]
-        size = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
-        for n in range(3):
-            matrix[n, n] += 1e-12 * size
-        rows = np.cross(matrix[1], matrix[2]), np.cross(matrix[2], matrix[0]), np.cross(matrix[0], matrix[1])
-        determinant = np.sum(matrix[0] * rows[0])
-        if not determinant > 0.0:
+        _place(cells[f], weights[f], middles[f], centres, places, steps, miss)
+        if not _invert(cells[f], steps, spreads, inverse):
             continue
-        push = (rows[0] * miss[0] + rows[1] * miss[1] + rows[2] * miss[2]) / determinant
-        largest = 0.0
         for k in range(4):
-            out[f, k] = -np.sum(places[k] * push)
-            largest = max(largest, abs(out[f, k]))
-        if largest > LARGEST:
-            out[f] *= LARGEST / largest
+            for n in range(3):
+                for m in range(3):
+                    out[f, k] -= steps[k, n] * inverse[n, m] * miss[m]
+        factor, _ = _cut(out[f])
+        out[f] *= factor
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_centres, d_spreads):
+    """Change of `weight_changes` with the places and sizes."""
+    out, free, d_free = np.zeros((len(cells), 4)), np.zeros(4), np.zeros(4)
+    places, steps, d_places, d_steps = (np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)))
+    inverse, miss, d_miss, matrix = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    for f in range(len(cells)):
+        near = cells[f]
+        _place(near, weights[f], middles[f], centres, places, steps, miss)
+        _place(near, weights[f], d_middles[f], d_centres, d_places, d_steps, d_miss)
+        if not _invert(near, steps, spreads, inverse):
+            continue
+        matrix[:] = 0.5 / WORTH * (d_spreads[near[1]] + d_spreads[near[2]])
+        for k in range(4):
+            for n in range(3):
+                for m in range(3):
+                    matrix[n, m] += d_steps[k, n] * steps[k, m] + steps[k, n] * d_steps[k, m]
+        rounding = ROUNDED * (matrix[0, 0] + matrix[1, 1] + matrix[2, 2])
+        push = inverse @ miss
+        d_push = inverse @ (d_miss - matrix @ push - rounding * push)
+        for k in range(4):
+            free[k], d_free[k] = -np.sum(steps[k] * push), -np.sum(d_steps[k] * push + steps[k] * d_push)
+        factor, largest = _cut(free)
+        out[f] = factor * d_free
+        if factor < 1.0:
+            out[f] -= free * factor * d_free[largest] / free[largest]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
+    """Transposed product of `weight_changes_jvp`: what middles, centres and spreads get."""
+    middles_bar, centres_bar, spreads_bar = np.zeros_like(middles), np.zeros_like(centres), np.zeros_like(spreads)
+    places, steps, steps_bar = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
+    inverse, miss, matrix_bar = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    free, free_bar = np.zeros(4), np.zeros(4)
+    for f in range(len(cells)):
+        near = cells[f]
+        _place(near, weights[f], middles[f], centres, places, steps, miss)
+        if not _invert(near, steps, spreads, inverse):
+            continue
+        push = inverse @ miss
+        for k in range(4):
+            free[k] = -np.sum(steps[k] * push)
+        factor, largest = _cut(free)
+        free_bar[:] = factor * bar[f]
+        if factor < 1.0:
+            free_bar[largest] -= factor * np.sum(free * bar[f]) / free[largest]
+        push_bar = np.zeros(3)
+        for k in range(4):
+            push_bar -= free_bar[k] * steps[k]
+        miss_bar = inverse @ push_bar
+        for n in range(3):
+            for m in range(3):
+                matrix_bar[n, m] = -0.5 * (miss_bar[n] * push[m] + push[n] * miss_bar[m])
+        rounding = ROUNDED * (matrix_bar[0, 0] + matrix_bar[1, 1] + matrix_bar[2, 2])
+        for n in range(3):
+            matrix_bar[n, n] += rounding
+        spreads_bar[near[1]] += 0.5 / WORTH * matrix_bar
+        spreads_bar[near[2]] += 0.5 / WORTH * matrix_bar
+        n_there, mean_bar = 0, np.zeros(3)
+        for k in range(4):
+            steps_bar[k] = 0.0
+            if _is_there(near, k):
+                n_there += 1
+                steps_bar[k] = 2.0 * (matrix_bar @ steps[k]) - free_bar[k] * push
+                mean_bar -= steps_bar[k]
+        for k in range(4):
+            place_bar = weights[f, k] * miss_bar + steps_bar[k]
+            if _is_there(near, k):
+                place_bar += mean_bar / n_there
+            centres_bar[near[k]] += place_bar
+            middles_bar[f] -= place_bar
+    return middles_bar, centres_bar, spreads_bar
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _is_there(near, k):
+    """Whether one of the four cells is no stand-in for a missing one."""
+    return not ((k == 0 and near[0] == near[1]) or (k == 3 and near[3] == near[2]))
+
+
+@njit(cache=True, error_model="numpy")
+def _place(near, weights, middle, centres, places, steps, miss):
+    """Fill in the places of the cells from the face, their steps from the middle of these, and where the mean is.
+
+    It is linear in the middle and the centres; steps of missing cells are zero.
+    """
+    mean, n_there = np.zeros_like(miss), 0
+    miss[:] = 0.0
+    for k in range(4):
+        for d in range(3):
+            places[k, d] = centres[near[k], d] - middle[d]
+            miss[d] += weights[k] * places[k, d]
+        if _is_there(near, k):
+            n_there += 1
+            mean += places[k]
+    for k in range(4):
+        for d in range(3):
+            steps[k, d] = places[k, d] - mean[d] / n_there if _is_there(near, k) else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _invert(near, steps, spreads, inverse):
+    """Fill in the inverse of the matrix of a face, ``sum_k steps steps^T + M / mu``; False where it has none."""
+    m = 0.5 / WORTH * (spreads[near[1]] + spreads[near[2]])
+    for k in range(4):
+        for n in range(3):
+            for j in range(3):
+                m[n, j] += steps[k, n] * steps[k, j]
+    rounding = ROUNDED * (m[0, 0] + m[1, 1] + m[2, 2])
+    for n in range(3):
+        m[n, n] += rounding
+    for n in range(3):
+        a, b = (n + 1) % 3, (n + 2) % 3
+        for j in range(3):
+            c, d = (j + 1) % 3, (j + 2) % 3
+            inverse[j, n] = m[a, c] * m[b, d] - m[a, d] * m[b, c]
+    determinant = m[0, 0] * inverse[0, 0] + m[0, 1] * inverse[1, 0] + m[0, 2] * inverse[2, 0]
+    if not determinant.real > 0.0:
+        return False
+    inverse /= determinant
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _cut(changes):
+    """Factor that cuts changes to the largest that are allowed, and which of them is the largest."""
+    at = 0
+    for k in range(4):
+        if abs(changes[k].real) > abs(changes[at].real):
+            at = k
+    size = changes[at] if changes[at].real > 0.0 else -changes[at]
+    return (LARGEST / size if size.real > LARGEST else 1.0 + 0.0 * size), at

@@ -14,8 +14,7 @@ Theory: ``docs/theory/euler.rst`` and, for shocks, ``docs/theory/euler_transonic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -57,12 +56,15 @@ class Stencil:
         Class of each face.
     roles : ndarray of int8, shape (n_faces,)
         `INNER`, `FARFIELD` or `SLIP`.
+    sums : CellSums
+        Sums over the faces of every cell.
     """
 
     cells: np.ndarray
     weights: np.ndarray
     classes: np.ndarray
     roles: np.ndarray
+    sums: CellSums
 
     @classmethod
     def of(cls, faces: CellFaces) -> Stencil:
@@ -91,12 +93,11 @@ class Stencil:
             roles[part] = KINDS[patch.kind]
             classes[part] = _BOUNDARY_CLASSES[KINDS[patch.kind]] + depths[part]
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
-        return cls(cells, _WEIGHTS, classes, roles)
+        return cls(cells, _WEIGHTS, classes, roles, CellSums.of(cells, roles == INNER))
 
-    @cached_property
-    def sums(self) -> CellSums:
-        """Sums over the faces of every cell."""
-        return CellSums.of(self.cells, self.roles == INNER)
+    def cast(self, dtype) -> Stencil:
+        """With weights of a type: complex ones for complex states."""
+        return self if self.weights.dtype == dtype else replace(self, weights=self.weights.astype(dtype))
 
     def part(self, faces: slice) -> tuple[np.ndarray, ...]:
         """Cells, weights, classes and roles of a range of faces, as the kernels take them."""

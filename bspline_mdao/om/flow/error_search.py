@@ -179,8 +179,8 @@ class ErrorSearch:
             bars[name] = np.array([2.0 * off / self.scale(name)])
         from_states, from_nodes, _, _ = self.forces.vjp(states, nodes, self.alpha, self.mach, bars)
         adjoint = self.problem.model.state.adjoint(states_bar + from_states, GRADIENT_TOLERANCE)
-        tangent = self.flow.discretization.linearize(states, self.flow.areas(nodes), self.stream)
-        return loss, nodes_bar + from_nodes - self.flow.areas_vjp(nodes, tangent.area_vjp(adjoint))
+        tangent = self.flow.at(nodes).linearize(states, self.flow.areas(nodes), self.stream)
+        return loss, nodes_bar + from_nodes - self.flow.nodes_vjp(nodes, tangent, adjoint)
 
 
 def flow_problem(model: FittedModel, mach: float, alpha: float, options: Mapping) -> om.Problem:

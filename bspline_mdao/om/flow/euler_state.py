@@ -14,6 +14,7 @@ import openmdao.api as om
 from ...errors import InputError
 from ...flow.euler.chord import solve_nearby
 from ...flow.euler.cold_start import cold_solutions
+from ...flow.euler.discretization import Discretization
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
@@ -115,6 +116,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
 
     _anchor: dict[str, np.ndarray] | None = None
 
+    _last_scheme: tuple[np.ndarray, Discretization] | None = None
+
     def start_from(self, states: np.ndarray, alpha: float) -> None:
         """Give states to start from, shape (n_cells, 5), and their angle of attack (deg)."""
         self._start = states, alpha
@@ -123,7 +126,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Declare the variables."""
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
-        self._solution = self._converged = self._tangent = self._anchor = None
+        self._solution = self._converged = self._tangent = self._anchor = self._last_scheme = None
         self._is_mode_looked_at = False
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
@@ -136,7 +139,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def apply_nonlinear(self, inputs, outputs, residuals):
         """Sum what flows out of every cell."""
         states = outputs["states"].reshape(-1, N_STATES)
-        residuals["states"] = self._discretization.residual(states, *self._at(inputs)).ravel()
+        residuals["states"] = self._scheme(inputs).residual(states, *self._at(inputs)).ravel()
 
     def solve_nonlinear(self, inputs, outputs):
         """Solve for the states, from those that are there or else afresh."""
@@ -162,7 +165,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                     self._converged = solution
                     outputs["states"] = solution.states.ravel()
                     return
-        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(areas, stream)}")
+        field = self._scheme(inputs), areas, stream
+        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}")
 
     def linearize(self, inputs, outputs, jacobian):
         """Refuse states that are no solution, and differentiate the residual."""
@@ -201,7 +205,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if self._anchor is None:
             return
         states = outputs["states"].reshape(-1, N_STATES)
-        if not relative_residual(self._discretization, states, *self._at(inputs)) <= LARGEST_RESIDUAL:
+        if not relative_residual(self._scheme(inputs), states, *self._at(inputs)) <= LARGEST_RESIDUAL:
             for name, value in self._anchor.items():
                 outputs[name] = value
 
@@ -244,7 +248,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             change += linearization.state_jvp(d_outputs["states"].reshape(-1, N_STATES))
         if GRID in d_inputs:
             nodes, d_nodes = inputs[GRID].reshape(-1, 3), direction_in(d_inputs, inputs, GRID)
-            change += linearization.area_jvp(self.options["flow"].areas_jvp(nodes, d_nodes))
+            change += self.options["flow"].nodes_jvp(nodes, linearization, d_nodes)
         for name, d_stream in self._stream_partials(inputs).items():
             if name in d_inputs:
                 change += linearization.stream_jvp(d_stream * d_inputs[name])
@@ -255,8 +259,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if "states" in d_outputs:
             d_outputs["states"] += linearization.state_vjp(bar).ravel()
         if GRID in d_inputs:
-            nodes, areas_bar = inputs[GRID].reshape(-1, 3), linearization.area_vjp(bar)
-            add_bar(d_inputs, GRID, self.options["flow"].areas_vjp(nodes, areas_bar))
+            nodes = inputs[GRID].reshape(-1, 3)
+            add_bar(d_inputs, GRID, self.options["flow"].nodes_vjp(nodes, linearization, bar))
         for name, d_stream in self._stream_partials(inputs).items():
             if name in d_inputs:
                 d_inputs[name] += d_stream @ linearization.stream_vjp(bar)
@@ -264,7 +268,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     def _tangent_at_solution(self, inputs, outputs) -> _Tangent:
         """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
         states = outputs["states"].reshape(-1, N_STATES)
-        residual = relative_residual(self._discretization, states, *self._at(inputs))
+        residual = relative_residual(self._scheme(inputs), states, *self._at(inputs))
         if not residual <= LARGEST_RESIDUAL:
             raise om.AnalysisError(
                 f"{self.msginfo}: no derivatives at a residual of {residual:.1e} relative to that of the uniform "
@@ -279,7 +283,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             self._tangent = None  # it makes room for the next
             flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
             point = tuple(map(np.array, point))
-            linearization = flow.discretization.linearize(point[0].reshape(-1, N_STATES), *self._at(inputs))
+            linearization = self._scheme(inputs).linearize(point[0].reshape(-1, N_STATES), *self._at(inputs))
             sizes = np.maximum(flow.sizes(nodes), np.finfo(np.float32).tiny)[:, None]
             self._tangent = _Tangent(point, linearization, sizes, flow.pattern)
         return self._tangent
@@ -287,6 +291,16 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     @property
     def _discretization(self):
         return self.options["flow"].discretization
+
+    def _scheme(self, inputs) -> Discretization:
+        """Discretisation with the weights of the grid that is there, found once a design."""
+        flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
+        if self._everywhere(np.array_equal(nodes, self.options["nodes"])):
+            return flow.discretization
+        if self._last_scheme is None or not self._everywhere(np.array_equal(nodes, self._last_scheme[0])):
+            self._last_scheme = None  # it makes room for the next
+            self._last_scheme = nodes.copy(), flow.at(nodes)
+        return self._last_scheme[1]
 
     def _at(self, inputs):
         """Area vectors and free stream."""
@@ -314,9 +328,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         if not 0.0 < inputs["Mach_number"][0] < np.inf:
             raise om.AnalysisError(f"{self.msginfo}: Mach_number is {inputs['Mach_number'][0]}; it has to be positive")
 
-    def _worst_cell(self, areas, stream) -> str:
+    def _worst_cell(self, discretization, areas, stream) -> str:
         """Name the cell with the largest residual by its surface, and its Mach number: the same on all processes."""
-        discretization, states = self._discretization, self._solution.states
+        states = self._solution.states
         rows = discretization.residual(states, areas, stream) / discretization.sizes(areas)
         sizes, found = np.linalg.norm(rows, axis=1), (-1.0, "")
         if len(sizes):
@@ -355,10 +369,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         flow, levels = (self.options[name] for name in ("flow", "levels"))
         settings = {"tolerance": tolerance, "max_steps": self.options["max_steps"]}
         settings["progress"] = self._progress(inputs, tolerance, tell)
-        field, settings["pattern"] = (flow.discretization, areas, stream), flow.pattern
-        starts = self._last_states(outputs, stream), flow.discretization.uniform(stream)
+        scheme, settings["pattern"] = self._scheme(inputs), flow.pattern
+        field, starts = (scheme, areas, stream), (self._last_states(outputs, stream), scheme.uniform(stream))
         # the plain norm, of the far field above all, tells whether states know the stream; gas at rest does not
-        norms = [flow.discretization.norm(flow.discretization.residual(start, areas, stream)) for start in starts]
+        norms = [scheme.norm(scheme.residual(start, areas, stream)) for start in starts]
         if norms[0] < norms[1]:
             yield self._from_nearby(inputs, outputs, field, starts[0], settings)
         elif self._is_given(outputs):  # such as those of another member of the family, which miss the stream far out

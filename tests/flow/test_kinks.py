@@ -1,0 +1,93 @@
+"""Weights of mean states as functions of the nodes, and the residual with them: exact derivatives."""
+
+import numpy as np
+import pytest
+from euler_cases import AXES, GRIDS, mach_of_cases, section_grid, with_guessed_patches
+
+from bspline_mdao import onera_m6_grid
+from bspline_mdao.flow.euler.cell_shapes import cell_shapes, face_centres
+from bspline_mdao.flow.euler.flow_grid import FlowGrid
+from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.flow.euler.kinks import LARGEST
+from bspline_mdao.topology.detection import find_topology
+
+CASES = {
+    "wing": lambda: with_guessed_patches(onera_m6_grid((7, 6, 5))),
+    "section": lambda: section_grid(7, 5),
+    "collapsed": lambda: with_guessed_patches(GRIDS["pie"]()),
+}
+
+
+def posed(name, threshold=0.0):
+    """Flow of a grid whose inner nodes are moved a little, and random directions of nodes."""
+    grid = CASES[name]()
+    nodes, random = grid.to_vector().reshape(-1, 3), np.random.default_rng(3)
+    flow = FlowGrid.of(find_topology(grid), nodes, shock_threshold=threshold)
+    steps = np.repeat(0.02 * flow.least_height(nodes), 3)
+    noise = random.uniform(-1.0, 1.0, (2, *nodes.shape))
+    return flow, nodes + noise[0] * steps, noise[1] * steps
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_weights_have_the_derivatives_of_complex_steps_in_both_directions(name):
+    flow, nodes, d_nodes = posed(name)
+    kinks = flow.kinks
+    assert len(kinks.ids) > 30
+    exact = kinks.changes(nodes + 1e-30j * d_nodes).imag / 1e-30
+    change = kinks.changes_jvp(nodes, d_nodes)
+    np.testing.assert_allclose(change, exact, rtol=0.0, atol=1e-10 * np.abs(exact).max())
+    bar = np.random.default_rng(4).standard_normal(change.shape)
+    assert np.vdot(kinks.changes_vjp(nodes, bar), d_nodes) == pytest.approx(np.vdot(bar, change), rel=1e-10)
+
+
+def test_some_weights_are_cut_and_others_not():
+    flow, nodes, _ = posed("wing")
+    largest = np.abs(flow.kinks.changes(nodes)).max(axis=1)
+    assert largest.max() == pytest.approx(LARGEST, rel=1e-12)
+    assert np.mean(largest < 0.9 * LARGEST) > 0.2
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.05])
+def test_the_residual_has_the_derivatives_of_complex_steps_of_the_nodes(threshold):
+    flow, nodes, d_nodes = posed("wing", threshold)
+    stream = free_stream(mach_of_cases(threshold), 0.05, AXES)
+    noise = np.random.default_rng(5).uniform(-0.1, 0.1, (flow.faces.n_cells, 5))
+    states = flow.discretization.uniform(stream) * (1.0 + noise)
+
+    def residual(x):
+        return flow.at(x).residual(states, flow.areas(x), stream)
+
+    exact = residual(nodes + 1e-30j * d_nodes).imag / 1e-30
+    tangent = flow.at(nodes).linearize(states, flow.areas(nodes), stream)
+    change = flow.nodes_jvp(nodes, tangent, d_nodes)
+    np.testing.assert_allclose(change, exact, rtol=0.0, atol=1e-11 * np.abs(exact).max())
+    frozen = tangent.area_jvp(flow.areas_jvp(nodes, d_nodes))
+    assert np.abs(change - frozen).max() > 1e-2 * np.abs(change).max()
+    bar = np.random.default_rng(6).standard_normal(change.shape)
+    assert np.vdot(flow.nodes_vjp(nodes, tangent, bar), d_nodes) == pytest.approx(np.vdot(bar, change), rel=1e-10)
+
+
+def test_on_its_own_nodes_a_grid_has_the_weights_that_it_was_posed_with():
+    flow, nodes, _ = posed("section")
+    grid = CASES["section"]()
+    again = FlowGrid.of(find_topology(grid), nodes)
+    for ids in (flow.kinks.ids, again.kinks.ids):
+        assert len(ids) > 30
+    both = np.intersect1d(flow.kinks.ids, again.kinks.ids, return_indices=True)
+    ours, theirs = flow.kinks.changes(nodes)[both[1]], again.kinks.changes(nodes)[both[2]]
+    np.testing.assert_array_equal(ours, theirs)
+    assert len(both[0]) > 0.95 * len(flow.kinks.ids)
+
+
+def test_centres_and_edges_of_a_sheared_box_are_those_of_its_corners():
+    random = np.random.default_rng(7)
+    edges, origin = random.standard_normal((3, 3)), random.standard_normal(3)
+    corners = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    faces = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+    if np.linalg.det(edges) < 0.0:
+        edges[0] *= -1.0
+    centres, areas = face_centres(origin + corners @ edges, faces)
+    np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=1e-13)
+    middles, spreads = cell_shapes(centres, areas, np.zeros(6, int), np.zeros(0, int), 1)
+    np.testing.assert_allclose(middles[0], origin + 0.5 * edges.sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(spreads[0], edges.T @ edges, rtol=1e-12, atol=1e-12)
