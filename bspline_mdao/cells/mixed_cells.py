@@ -23,7 +23,7 @@ from numba import njit
 from ..shown import OneLine
 from .quads import area_vectors
 
-__all__ = ["FACES", "CellQuality", "MixedMesh", "first_heights", "padded"]
+__all__ = ["FACES", "CellQuality", "MixedMesh", "fans", "first_heights", "padded"]
 
 FACES = {
     "tetra": ((0, 2, 1, 1), (0, 1, 3, 3), (1, 2, 3, 3), (2, 0, 3, 3)),
@@ -44,6 +44,31 @@ UPRIGHT = 0.1
 def padded(faces: np.ndarray) -> np.ndarray:
     """Faces as quads, shape (n, 4): a triangle has its last corner twice."""
     return faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
+
+
+def fans(corners: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cut faces of any number of corners into quads and triangles.
+
+    Parameters
+    ----------
+    corners : ndarray of int, shape (n_corners,)
+        Corners of all faces one after the other.
+    sizes : ndarray of int, shape (n_faces,)
+        How many each has.
+
+    Returns
+    -------
+    quads : ndarray of int, shape (n, 4)
+        Quads, and triangles with their last corner twice; faces of more corners are fans.
+    face : ndarray of int, shape (n,)
+        Face that each is of, ascending.
+    """
+    starts, counts = np.cumsum(sizes) - sizes, np.where(sizes > 4, sizes - 2, 1)
+    face = np.repeat(np.arange(len(sizes)), counts)
+    piece = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+    last = np.where(sizes[face] == 4, 3, piece + 2)
+    places = np.stack([0 * piece, piece + 1, piece + 2, last], axis=1)
+    return corners[starts[face][:, None] + places], face
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,8 @@ def replaced_folder(path: str | os.PathLike) -> Iterator[Path]:
     Yields
     ------
     Path
-        Folder to write files to. When the block raises, it is removed and ``path`` stays as it was or is not made.
+        Folder to write files to, also in folders in it. When the block raises, it is removed and ``path`` stays as it
+        was or is not made.
 
     Raises
     ------
@@ -85,14 +86,15 @@ def replaced_folder(path: str | os.PathLike) -> Iterator[Path]:
         new = folder / _NEW
         new.mkdir()
         yield new
-        files = sorted(new.iterdir())
+        files = sorted(file.relative_to(new) for file in new.rglob("*") if file.is_file())
         for file in files:
-            _flush(file)
+            _flush(new / file)
         if target.exists():
             for file in files:
-                _check_replaceable(Path(path) / file.name, target / file.name)
+                _check_replaceable(Path(path) / file, target / file)
+                (target / file.parent).mkdir(exist_ok=True, parents=True)
             for file in files:
-                _put(file, target / file.name)
+                _put(new / file, target / file)
         else:
             os.rename(new, target)
         _flush_folder(target)

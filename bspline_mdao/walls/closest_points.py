@@ -2,7 +2,8 @@
 
 There is one closest point beside a smooth or convex wall; in a concave corner, a cove or a gap there are several, and
 the nearest one jumps where two are equally near. So a point takes all local minima of its distance up to `FARTHEST`
-times as far as the nearest, with weights that come in smoothly.
+times as far as the nearest, with weights that come in smoothly. Whether a place is one is a matter of the surface
+alone, not of its reach: beside a nose with narrow faces, which reach less far, no farther place steps in.
 
 Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box.
 
@@ -84,6 +85,10 @@ class TriangleTree:
         Largest reach in every box.
     leaf_starts : ndarray of int, shape (n_leaves + 1,)
         First triangle of every leaf.
+    around_starts : ndarray of int, shape (n + 1,)
+        First triangle around every corner.
+    around : ndarray of int32, shape (3 n_triangles,)
+        Triangles around corners.
     """
 
     points: np.ndarray
@@ -92,6 +97,8 @@ class TriangleTree:
     boxes: np.ndarray
     far: np.ndarray
     leaf_starts: np.ndarray
+    around_starts: np.ndarray
+    around: np.ndarray
 
     @classmethod
     def of(cls, points: np.ndarray, quads: np.ndarray, reach: np.ndarray) -> TriangleTree:
@@ -119,7 +126,9 @@ class TriangleTree:
             boxes, far = levels[0]
             levels.insert(0, (np.minimum(boxes[::2], boxes[1::2]), np.maximum(far[::2], far[1::2])))
         boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
-        return cls(points, triangles, reach, boxes * np.repeat([1.0, -1.0], 3), far, starts)
+        around = (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
+        around_starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(points)))])
+        return cls(points, triangles, reach, boxes * np.repeat([1.0, -1.0], 3), far, starts, around_starts, around)
 
     def closest_points(self, points: np.ndarray, n_threads: int | None = None) -> ClosestPoints:
         """Find the closest points of points.
@@ -137,6 +146,7 @@ class TriangleTree:
         """
         cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
         tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.leaf_starts
+        around = self.around_starts, self.around
         size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         found: list = [None] * (len(cuts) - 1)
 
@@ -144,7 +154,7 @@ class TriangleTree:
             part = points[cuts[number] : cuts[number + 1]]
             counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
             barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
-            _find_closest(part, *tree, size, counts, triangles, barycentric, weights)
+            _find_closest(part, *tree, *around, size, counts, triangles, barycentric, weights)
             is_found, near = np.arange(MAX_CLOSEST) < counts[:, None], np.flatnonzero(counts)
             results = triangles[is_found], barycentric[is_found], weights[is_found]
             found[number] = cuts[number] + near, counts[near], *results
@@ -247,68 +257,115 @@ def _closest(a, b, c, p, barycentric):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _collect(p, points, triangles, reach, boxes, far, leaf_starts, shortest, factor, found, barycentric, squares):
-    """Triangles that p is within the reach of, not farther than ``factor`` times the nearest; their number.
+def _nearest_square(p, points, triangles, boxes, leaf_starts, nearest):
+    """Squared distance of the nearest triangle, if that is less than ``nearest``, or else this."""
+    n_leaves = len(leaf_starts) - 1
+    stack, place = np.empty(64, dtype=np.int64), np.empty(3)
+    stack[0], n_left = 1, 1
+    while n_left > 0:
+        n_left -= 1
+        k = stack[n_left]
+        if _box_distance_square(boxes[k], p) >= nearest:
+            continue
+        if k < n_leaves:
+            n_left = _push_halves(boxes, k, p, stack, n_left)
+            continue
+        for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
+            a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
+            nearest = min(nearest, _closest(a, b, c, p, place))
+    return nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _push_halves(boxes, k, p, stack, n_left):
+    """Put both halves of a box on the stack, the nearer one on top; return the height of the stack."""
+    one, other = 2 * k, 2 * k + 1
+    if _box_distance_square(boxes[one], p) < _box_distance_square(boxes[other], p):
+        one, other = other, one
+    stack[n_left], stack[n_left + 1] = one, other
+    return n_left + 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _collect(p, points, triangles, reach, boxes, far, leaf_starts, bound, found, barycentric, squares):
+    """Triangles that p is within the reach of, at a squared distance up to ``bound``; their number.
 
     Where there is no more room, the number says how many there would be.
     """
     n_leaves = len(leaf_starts) - 1
     stack, place = np.empty(64, dtype=np.int64), np.empty(3)
     stack[0], n_left, n_found = 1, 1, 0
-    nearest = shortest
     while n_left > 0:
         n_left -= 1
         k = stack[n_left]
         square = _box_distance_square(boxes[k], p)
-        if square > factor * factor * nearest or square >= far[k] * far[k]:
+        if square > bound or square >= far[k] * far[k]:
             continue
         if k < n_leaves:
-            one, other = 2 * k, 2 * k + 1
-            if _box_distance_square(boxes[one], p) < _box_distance_square(boxes[other], p):
-                one, other = other, one
-            stack[n_left], stack[n_left + 1] = one, other
-            n_left += 2
+            n_left = _push_halves(boxes, k, p, stack, n_left)
             continue
         for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
             square = _closest(points[a], points[b], points[c], p, place)
             up_to = place[0] * reach[a] + place[1] * reach[b] + place[2] * reach[c]
-            if square < up_to * up_to and square <= factor * factor * nearest:
-                nearest = min(nearest, square)
+            if square < up_to * up_to and square <= bound:
                 if n_found < len(found):
                     found[n_found], squares[n_found] = t, square
                     for d in range(3):
                         barycentric[n_found, d] = place[d]
                 n_found += 1
-    return n_found, nearest
+    return n_found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _find_closest(
-    part, points, triangles, reach, boxes, far, leaf_starts, size, counts, out_triangles, out_barycentric, out_weights
+    part,
+    points,
+    triangles,
+    reach,
+    boxes,
+    far,
+    leaf_starts,
+    around_starts,
+    around,
+    size,
+    counts,
+    out_triangles,
+    out_barycentric,
+    out_weights,
 ):
     found, squares, barycentric = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
-    nothing = np.empty(0, dtype=np.int64)
     closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
     for i in range(len(part)):
         p = part[i]
         # first the nearest alone, then all that may have a weight
-        _, nearest = _collect(
-            p, points, triangles, reach, boxes, far, leaf_starts, np.inf, 1.0, nothing, barycentric, squares
-        )
-        if nearest == np.inf:
+        nearest = _nearest_square(p, points, triangles, boxes, leaf_starts, far[1] * far[1])
+        if nearest >= far[1] * far[1]:
             continue
-        bound = nearest + (1e-13 * size) ** 2  # else round-off could leave out the nearest itself
+        bound = FARTHEST**2 * (nearest + (1e-13 * size) ** 2)  # else round-off could leave out the nearest itself
         while True:
-            n, _ = _collect(
-                p, points, triangles, reach, boxes, far, leaf_starts, bound, FARTHEST, found, barycentric, squares
-            )
+            n = _collect(p, points, triangles, reach, boxes, far, leaf_starts, bound, found, barycentric, squares)
             if n <= len(found):
                 break
             found, squares, barycentric = np.empty(2 * n, dtype=np.int64), np.empty(2 * n), np.empty((2 * n, 3))
-        n_closest = _choose(p, n, found, squares, barycentric, points, triangles, 1e-13 * size, closest, away)
+        nearest = np.sqrt(nearest)
+        n_closest = _choose(
+            p,
+            n,
+            nearest,
+            found,
+            squares,
+            barycentric,
+            points,
+            triangles,
+            around_starts,
+            around,
+            1e-13 * size,
+            closest,
+            away,
+        )
         counts[i] = _set_weights(
-            n_closest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
+            n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
         )
         for k in range(counts[i]):
             out_triangles[i, k] = found[closest[k]]
@@ -317,8 +374,10 @@ def _find_closest(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _choose(p, n, found, squares, barycentric, points, triangles, round_off, closest, away):
-    """Choose the closest points of p among what was found; the nearest first."""
+def _choose(
+    p, n, nearest, found, squares, barycentric, points, triangles, around_starts, around, round_off, closest, away
+):
+    """Choose the closest points of p among what was found; the nearest first, if it was found."""
     order, distances = np.empty(n, dtype=np.int64), np.empty(n)
     for k in range(n):
         distances[k] = np.sqrt(squares[k])
@@ -328,7 +387,7 @@ def _choose(p, n, found, squares, barycentric, points, triangles, round_off, clo
             place -= 1
         order[place] = k
     # of coincident surfaces, the one whose fluid p is in; by their order in the tree where both or none are
-    same = distances[order[0]] * (1.0 + SAME_DISTANCE) + round_off
+    same = nearest * (1.0 + SAME_DISTANCE) + round_off
     for rank in range(n):
         k = order[rank]
         if distances[k] > same:
@@ -348,8 +407,8 @@ def _choose(p, n, found, squares, barycentric, points, triangles, round_off, clo
             away[n_closest, d] = p[d]
             for corner in range(3):
                 away[n_closest, d] -= barycentric[k, corner] * points[triangles[t, corner], d]
-        if rank == 0 or _is_another_minimum(
-            p, k, n, n_closest, found, distances, barycentric, points, triangles, round_off, away
+        if (rank == 0 and distances[k] <= same) or _is_another_minimum(
+            p, k, n_closest, found, distances, barycentric, points, triangles, around_starts, around, round_off, away
         ):
             closest[n_closest] = k
             n_closest += 1
@@ -357,7 +416,9 @@ def _choose(p, n, found, squares, barycentric, points, triangles, round_off, clo
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_another_minimum(p, k, n, n_closest, found, distances, barycentric, points, triangles, round_off, away):
+def _is_another_minimum(
+    p, k, n_closest, found, distances, barycentric, points, triangles, around_starts, around, round_off, away
+):
     """Whether a place is a local minimum of the distance, seen from the fluid, and none of those chosen before."""
     if not distances[k] > round_off or not _is_on_fluid_side(p, found[k], barycentric[k], points, triangles):
         return False
@@ -370,14 +431,16 @@ def _is_another_minimum(p, k, n, n_closest, found, distances, barycentric, point
     if min(barycentric[k, 0], barycentric[k, 1], barycentric[k, 2]) > 0.0:
         return True
     # on an edge or a corner: no other triangle there may be nearer
-    for other in range(n):
-        if distances[other] < distances[k] * (1.0 - SAME_DISTANCE) - round_off:
-            is_there = True
-            for corner in range(3):
-                if barycentric[k, corner] > 0.0:
-                    v, t = triangles[found[k], corner], found[other]
-                    is_there = is_there and (triangles[t, 0] == v or triangles[t, 1] == v or triangles[t, 2] == v)
-            if is_there:
+    corners, place = triangles[found[k]], np.empty(3)
+    first = corners[np.argmax(barycentric[k])]
+    for at in range(around_starts[first], around_starts[first + 1]):
+        t, is_there = triangles[around[at]], True
+        for corner in range(3):
+            v = corners[corner]
+            is_there = is_there and (barycentric[k, corner] == 0.0 or t[0] == v or t[1] == v or t[2] == v)
+        if is_there:
+            square = _closest(points[t[0]], points[t[1]], points[t[2]], p, place)
+            if np.sqrt(square) < distances[k] * (1.0 - SAME_DISTANCE) - round_off:
                 return False
     return True
 
@@ -398,22 +461,21 @@ def _is_on_fluid_side(p, t, barycentric, points, triangles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _set_weights(n_closest, closest, away, found, squares, barycentric, triangles, reach, weights):
+def _set_weights(n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, weights):
     """Set the weights of the closest points; return the number of those that have one.
 
-    1. A weight fades with the distance relative to the reach, and with that relative to the nearest one's.
+    1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
     2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
     3. The weights sum to one on the surface, and fade with the reach.
     """
     total, n_weighted = 0.0, 0
-    nearest = np.sqrt(squares[closest[0]])
     fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
     for k in range(n_closest):  # step 1
         distance, up_to = np.sqrt(squares[closest[k]]), 0.0
         for corner in range(3):
             up_to += barycentric[closest[k], corner] * reach[triangles[found[closest[k]], corner]]
         fades[k] = sizes[k] = fade(distance / up_to)
-        if k > 0:
+        if distance > nearest:
             sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / FARTHEST) / (1.0 - 1.0 / FARTHEST))
     for k in range(n_closest):  # step 2
         n_alike = 1.0
@@ -424,7 +486,7 @@ def _set_weights(n_closest, closest, away, found, squares, barycentric, triangle
         weights[k] = sizes[k] / n_alike
         total += weights[k]
     for k in range(n_closest):  # step 3
-        weight = weights[k] / total * fades[k]
+        weight = weights[k] / max(total, 1e-300) * fades[k]  # 1e-300: of weights that have faded all the way
         if weight > 0.0:
             weights[n_weighted], closest[n_weighted] = weight, closest[k]
             n_weighted += 1

@@ -1,5 +1,7 @@
 """Meshes of CGNS and OpenFOAM: what is read, what is kept, what is refused."""
 
+import gzip
+import re
 import shutil
 
 import h5py
@@ -10,6 +12,7 @@ from riding_cases import HALVES, corners_of
 from bspline_mdao import InputError, MixedMesh, brick_grid, read_mesh, write_polymesh
 from bspline_mdao.io.cgns import write_base
 from bspline_mdao.io.cgns_nodes import add_node
+from bspline_mdao.io.meshes.foam_lists import FoamFile
 
 BOX = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [2, 3, 5], [0, 3, 5]], dtype=float)
 
@@ -99,7 +102,15 @@ def test_faces_of_many_corners_are_cut_into_fans(folder):
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
-        ("points", "format ascii", "format binary", "points: is binary; write it in ASCII"),
+        (
+            "points",
+            "format ascii",
+            "format binary",
+            "points: is binary, and its numbers do not end where 'LSB;label=32;",
+        ),
+        ("faces", "format ascii", "format binary", "is binary, of class faceList; write it as faceCompactList"),
+        ("points", "format ascii;", 'format binary; arch "LSB";', "points: is binary of an unknown arch 'LSB'"),
+        ("faces", "class faceList", "class faceCompactList", "faces: "),
         ("owner", "\n0\n", "\nx\n", "owner: is no list of whole numbers"),
         ("faces", "\n4(", "\n4(7 ", "announces .* faces"),
         ("boundary", "startFace", "start", "has no faces of the mesh"),
@@ -113,10 +124,78 @@ def test_what_is_wrong_in_a_folder_is_said_in_one_line(folder, name, old, new, w
     assert "\n" not in str(error.value)
 
 
-def test_compressed_files_are_named(folder):
-    shutil.move(folder / "points", folder / "points.gz")
-    with pytest.raises(InputError, match=r"points.gz: is compressed; decompress it"):
-        read_mesh(folder)
+def binary_folder(folder, arch):
+    """The same mesh in binary, as OpenFOAM writes it: faces are two lists, and an empty list has no brackets."""
+    made, order = folder.parent / "binary" / "polyMesh", "<" if arch.startswith("LSB") else ">"
+    label, scalar = (
+        f"{order}{k}{int(re.search(rf'{n}=(..)', arch)[1]) // 8}" for k, n in (("i", "label"), ("f", "scalar"))
+    )
+    shutil.copytree(folder, made)
+    read = read_mesh(folder)
+    lists = {"points": [(read.mesh.n_points, read.mesh.points.astype(scalar))]}
+    corners, sizes = FoamFile.read(folder, "faces").faces()
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    lists["faces"] = [(len(starts), starts.astype(label)), (len(corners), corners.astype(label))]
+    for name in ("owner", "neighbour"):
+        values = FoamFile.read(folder, name).labels()
+        lists[name] = [(len(values), values.astype(label))]
+    for name, parts in lists.items():
+        head = (folder / name).read_text().partition("}")[0].replace("format ascii", f'format binary; arch "{arch}"')
+        head = head.replace("faceList", "faceCompactList") + "}\n// * * * (1) * * * //\n\n"
+        bodies = [f"\n{n}\n".encode() + (b"(" + values.tobytes() + b")" if n else b"") for n, values in parts]
+        (made / name).write_bytes(head.encode() + b"".join(bodies) + b"\n\n// end ) //\n")
+    return made
+
+
+@pytest.mark.parametrize("arch", ["LSB;label=32;scalar=64", "MSB;label=64;scalar=64", "LSB;label=64;scalar=32"])
+def test_a_folder_in_binary_is_that_in_ascii_and_keeps_its_kind(folder, arch):
+    made, mesh = binary_folder(folder, arch), read_mesh(folder).mesh
+    read, kept = read_mesh(made), np.float32 if "scalar=32" in arch else np.float64
+    np.testing.assert_array_equal(read.mesh.points, mesh.points.astype(kept))
+    for part, same in zip(read.mesh.polyhedra, mesh.polyhedra):
+        np.testing.assert_array_equal(part, same)
+    for name, faces in mesh.markers.items():
+        np.testing.assert_array_equal(read.mesh.markers[name], faces)
+    read.write(made.parent / "moved" / "polyMesh", read.mesh.points + [0.25, 0.0, 0.0])
+    moved = made.parent / "moved" / "polyMesh"
+    np.testing.assert_array_equal(read_mesh(moved).mesh.points, (read.mesh.points + [0.25, 0.0, 0.0]).astype(kept))
+    assert len((moved / "points").read_bytes()) == len((made / "points").read_bytes())
+    read.write(moved, read.mesh.points)
+    assert all((moved / path.name).read_bytes() == path.read_bytes() for path in made.iterdir())
+
+
+def test_vtk_reads_the_moved_binary_folder_alike(folder, tmp_path):
+    pyvista = pytest.importorskip("pyvista", reason="the extra 'pictures' is not installed")
+    read = read_mesh(binary_folder(folder, "LSB;label=32;scalar=64"))
+    read.write(tmp_path / "case" / "constant" / "polyMesh", read.mesh.points * [1.0, 1.0, 1.5])
+    (tmp_path / "case" / "case.foam").touch()
+    (tmp_path / "case" / "system").mkdir()
+    (tmp_path / "case" / "system" / "controlDict").write_text("startTime 0; deltaT 1; writeInterval 1;\n")
+    inside = pyvista.OpenFOAMReader(tmp_path / "case" / "case.foam").read()["internalMesh"]
+    np.testing.assert_array_equal(inside.points, (read.mesh.points * [1.0, 1.0, 1.5]).astype(np.float32))
+    sizes = inside.compute_cell_sizes()["Volume"]
+    np.testing.assert_allclose(np.sort(read.mesh.quality(inside.points).volumes), np.sort(sizes), rtol=1e-4)
+
+
+def test_a_compressed_folder_is_written_compressed_and_folders_in_it_are_kept(folder, tmp_path):
+    points = read_mesh(folder).mesh.points
+    for path in list(folder.iterdir()):
+        path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+        path.unlink()
+    (folder / "sets").mkdir()
+    (folder / "sets" / "some").write_text("1(0)")
+    read = read_mesh(folder)
+    np.testing.assert_array_equal(read.mesh.points, points)
+    read.write(tmp_path / "moved" / "polyMesh", 2.0 * points)
+    moved = tmp_path / "moved" / "polyMesh"
+    assert {path.relative_to(moved) for path in moved.rglob("*")} == {
+        path.relative_to(folder) for path in folder.rglob("*")
+    }
+    np.testing.assert_array_equal(read_mesh(moved).mesh.points, 2.0 * points)
+    assert (moved / "sets" / "some").read_text() == "1(0)"
+    (moved / "points").write_text("left behind")
+    with pytest.raises(InputError, match=r"points: is there beside what would be points.gz; remove it"):
+        read.write(moved, points)
 
 
 def test_zones_that_touch_share_their_nodes(cgns):

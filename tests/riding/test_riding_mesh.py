@@ -34,13 +34,13 @@ def test_nodes_of_walls_are_where_they_are_asked_to_be(riding):
     assert np.linalg.norm(state.points - mesh().points, axis=1).max() > 0.05
 
 
-def test_heights_are_kept_and_no_cell_folds_but_two_that_are_3000_times_as_long_as_high(riding):
+def test_heights_are_kept_and_no_cell_folds_also_those_3000_times_as_long_as_high(riding):
     for wall in (None, asked(riding)):
         state = riding.at(twisted()[0], wall)
         ratios = riding.walls.heights(state.points) / riding.walls.heights(mesh().points)
         assert len(ratios) == riding.n_asked
         assert np.abs(np.quantile(ratios, [0.01, 0.99]) - 1.0).max() < 0.02
-        assert np.count_nonzero(mesh().quality(state.points).is_inverted) <= 2
+        assert not mesh().quality(state.points).is_inverted.any()
     sheared = mesh().points.copy()
     sheared[riding.rows] += riding.evaluator.forward(twisted()[0] - model().control_points)
     assert np.ptp(np.quantile(riding.walls.heights(sheared) / riding.walls.heights(mesh().points), [0.01, 0.99])) > 0.02

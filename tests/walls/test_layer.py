@@ -105,6 +105,22 @@ def test_points_beside_a_plate_without_thickness_stand_on_their_own_side():
     np.testing.assert_array_equal(tree.triangles[closest.triangles].max(axis=1) < 4, [True, False, True])
 
 
+def test_ahead_of_a_nose_of_narrow_faces_no_farther_place_steps_in():
+    x = np.array([1.0, 0.5, 0.1, 0.001, 0.0, 0.001, 0.1, 0.5, 1.0])
+    y = 0.3 * np.sqrt(x) * np.sign(np.arange(9) - 4)
+    nodes = np.stack([np.stack([x, y, np.full(9, z)], axis=1) for z in (0.0, 1.0)], axis=1).reshape(-1, 3)
+    reach = np.repeat(0.01 + 2.0 * x, 2)
+    tree = TriangleTree.of(nodes, quads_in_turn(np.arange(18).reshape(9, 2)), reach)
+    ahead = np.stack([np.linspace(-0.4, -1e-6, 1001), np.zeros(1001), np.full(1001, 0.4)], axis=1)
+    across = np.stack([np.full(1001, -0.02), np.linspace(-0.2, 0.2, 1001), np.full(1001, 0.4)], axis=1)
+    for points in (ahead, across):
+        closest, total = tree.closest_points(points), np.zeros(1001)
+        np.add.at(total, np.repeat(closest.points, np.diff(closest.starts)), closest.weights)
+        assert np.abs(np.diff(total)).max() < 0.1
+    assert total.max() > 0.005
+    assert tree.closest_points(ahead[ahead[:, 0] < -0.01]).points.size == 0
+
+
 def test_nothing_moves_at_rest():
     layer, nodes, wall_rows = bumpy_case(np.random.default_rng(2))
     found = layer.at(nodes, nodes.copy(), nodes[wall_rows], nodes[wall_rows])

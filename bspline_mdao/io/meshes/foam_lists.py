@@ -1,0 +1,229 @@
+"""Lists in OpenFOAM's files, in ASCII or binary, perhaps compressed: whole numbers, faces and points.
+
+In binary a list is its length in ASCII and, between brackets, the bytes of its numbers, whose sizes and order the head
+tells (``arch "LSB;label=32;scalar=64"``). Faces are then two lists: where each begins, and their corners.
+
+Format: ``docs/theory/ride.rst``.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ..disk import read_bytes
+from .stored_mesh import StoredPoints
+from .text_numbers import TextPoints
+
+__all__ = ["FoamFile"]
+
+ARCH = "LSB;label=32;scalar=64"
+"""Byte order, and bits of whole numbers and reals, of files that do not tell."""
+
+COMPACT = "faceCompactList"
+"""Class of faces that are two lists."""
+
+_HEAD = re.compile(rb"\A.*?FoamFile\s*\{(.*?)\}", re.S)
+_ENTRY = re.compile(r"(\w+)\s+(\"[^\"]*\"|[^\s;]+)\s*;")
+_LIST = re.compile(rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*(\d+)\s*(\(?)", re.S)
+_COMMENTS = re.compile(rb"/\*.*?\*/|//[^\n]*", re.S)
+_BRACKETS = bytes.maketrans(b"()", b"  ")
+
+
+@dataclass(frozen=True, eq=False)
+class FoamFile:
+    """A file of OpenFOAM that holds a list.
+
+    Parameters
+    ----------
+    path : Path
+        The file, with the suffix ``.gz`` if there is one.
+    data : bytes
+        Its content, decompressed.
+    is_compressed : bool
+        Whether it was compressed.
+    """
+
+    path: Path
+    data: bytes
+    is_compressed: bool
+
+    @classmethod
+    def read(cls, folder: Path, name: str) -> FoamFile:
+        """Read a file of a folder, or the compressed one where it is missing.
+
+        Raises
+        ------
+        InputError
+            If there is neither, or it is damaged.
+        """
+        path, packed = folder / name, folder / f"{name}.gz"
+        path = packed if packed.is_file() and not path.is_file() else path
+        data, is_compressed, _ = read_bytes(path)
+        return cls(path, data, is_compressed)
+
+    @cached_property
+    def head(self) -> dict[str, str]:
+        """Entries of its head."""
+        found = _HEAD.match(self.data)
+        entries = _ENTRY.findall(_COMMENTS.sub(b"", found[1]).decode(errors="replace")) if found else []
+        return {name: value.strip('"') for name, value in entries}
+
+    @property
+    def is_binary(self) -> bool:
+        """Whether its numbers are in binary."""
+        return self.head.get("format") == "binary"
+
+    def labels(self) -> np.ndarray:
+        """Whole numbers of the list.
+
+        Raises
+        ------
+        InputError
+            If it is damaged.
+        """
+        return self._labels(self._start)[0]
+
+    def faces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of all faces one after the other, and how many each has.
+
+        Raises
+        ------
+        InputError
+            If it is damaged, or its faces are in binary by themselves, as in old files.
+        """
+        if self.head.get("class") == COMPACT:
+            starts, end = self._labels(self._start)
+            corners, _ = self._labels(end)
+            sizes = np.diff(starts)
+            if not len(starts) or starts[0] != 0 or starts[-1] != len(corners) or (sizes < 0).any():
+                raise InputError(f"{self.path}: its faces do not end with their corners; write it again")
+            return corners, sizes
+        if self.is_binary:
+            raise InputError(
+                f"{self.path}: is binary, of class {self.head.get('class')}; write it as {COMPACT}, as OpenFOAM 2.0 "
+                f"and later do, or in ASCII"
+            )
+        n, start, _ = self._list(self._start)
+        body = _COMMENTS.sub(b"", self.data[start:])
+        numbers = self._integers(body.translate(_BRACKETS), "faces")
+        sizes = np.array(re.findall(rb"(\d+)\s*\(", body), dtype=np.int64)
+        if len(sizes) != n or len(numbers) != n + sizes.sum():
+            raise InputError(f"{self.path}: announces {n:,} faces and holds {len(sizes):,}; write it again")
+        is_corner = np.ones(len(numbers), dtype=bool)
+        is_corner[np.cumsum(sizes + 1) - sizes - 1] = False
+        return numbers[is_corner], sizes
+
+    def points(self) -> StoredPoints:
+        """Points of the list, in ASCII each on a line of its own.
+
+        Raises
+        ------
+        InputError
+            If it is damaged.
+        """
+        n, start, _ = self._list(self._start)
+        if self.is_binary:
+            kind = self._kind("scalar")
+            self._end_of_binary(start, 3 * n * kind.itemsize)
+            return _BinaryPoints(self.data, start, n, kind)
+        points = TextPoints.of(self.data, start, self.data.rindex(b")"), 3, 0, str(self.path))
+        if len(points.values) != n:
+            raise InputError(
+                f"{self.path}: announces {n:,} points and holds {len(points.values):,}, one a line; write it again"
+            )
+        return points
+
+    def text(self) -> str:
+        """What is behind the bracket of a list of dictionaries, without comments: these are in ASCII always."""
+        return _COMMENTS.sub(b"", self.data[self._list(self._start)[1] :]).decode(errors="replace")
+
+    @property
+    def _start(self) -> int:
+        """Byte behind the head."""
+        found = _HEAD.match(self.data)
+        return found.end() if found else 0
+
+    def _list(self, at: int) -> tuple[int, int, bool]:
+        """Length of the list at a place, the byte behind its opening bracket, and whether it has one."""
+        found = _LIST.match(self.data, at)
+        if not found or (not found[2] and int(found[1])):
+            raise InputError(f"{self.path}: holds no list; write it again")
+        return int(found[1]), found.end(), bool(found[2])
+
+    def _labels(self, at: int) -> tuple[np.ndarray, int]:
+        """Whole numbers of the list at a place, and the byte behind it."""
+        n, start, has_bracket = self._list(at)
+        if not has_bracket:
+            return np.zeros(0, dtype=np.int64), start
+        if self.is_binary:
+            kind = self._kind("label")
+            end = self._end_of_binary(start, n * kind.itemsize)
+            return np.frombuffer(self.data, kind, n, start).astype(np.int64), end
+        end = self.data.find(b")", start)
+        values = self._integers(_COMMENTS.sub(b"", self.data[start:end]), "whole numbers")
+        if end < 0 or len(values) != n:
+            raise InputError(f"{self.path}: announces {n:,} numbers and holds {len(values):,}; write it again")
+        return values, end + 1
+
+    def _integers(self, text: bytes, what: str) -> np.ndarray:
+        """Whole numbers of a text."""
+        try:
+            return np.array(text.split(), dtype=np.int64)
+        except (ValueError, OverflowError) as error:
+            raise InputError(f"{self.path}: is no list of {what} ({error}); write it again") from error
+
+    def _end_of_binary(self, start: int, size: int) -> int:
+        """Byte behind the closing bracket of numbers in binary."""
+        if self.data[start + size : start + size + 1] != b")":
+            raise InputError(
+                f"{self.path}: is binary, and its numbers do not end where '{self.head.get('arch', ARCH)}' says; write "
+                f"it again"
+            )
+        return start + size + 1
+
+    def _kind(self, name: str) -> np.dtype:
+        """Type of whole numbers, ``"label"``, or reals, ``"scalar"``, in binary."""
+        arch = self.head.get("arch", ARCH)
+        found = re.search(rf"\b{name}=(32|64)\b", arch)
+        if not found or arch[:3] not in ("LSB", "MSB"):
+            raise InputError(
+                f"{self.path}: is binary of an unknown arch '{arch}'; write it in ASCII (foamFormatConvert)"
+            )
+        letter = "i" if name == "label" else "f"
+        return np.dtype(f"{'<' if arch.startswith('LSB') else '>'}{letter}{int(found[1]) // 8}")
+
+
+@dataclass(frozen=True, eq=False)
+class _BinaryPoints:
+    """Points in binary.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    start, n : int
+        First byte of the points, and how many there are.
+    kind : numpy.dtype
+        Type of their coordinates.
+    """
+
+    data: bytes
+    start: int
+    n: int
+    kind: np.dtype
+
+    @property
+    def values(self) -> np.ndarray:
+        """The points, shape (n, 3)."""
+        return np.frombuffer(self.data, self.kind, 3 * self.n, self.start).reshape(-1, 3).astype(float)
+
+    def replaced(self, values: np.ndarray) -> bytes:
+        """Return the file with other points, shape (n, 3), at its precision."""
+        end = self.start + 3 * self.n * self.kind.itemsize
+        return self.data[: self.start] + np.ascontiguousarray(values, self.kind).tobytes() + self.data[end:]
