@@ -367,11 +367,6 @@ def optimize(**options) -> None:
     FOLDER gets the fitted model, the grids before and after, all cases (SQLite), the table of variables and responses,
     and the Python script optimize.py that is run: it gives the same optimum without this command.
     """
-    from ..errors import InputError
-    from ..numerics.processes import world
-
-    if world().size > 1:  # before OpenMDAO, whose import starts PETSc on all processes together
-        raise InputError(f"{options['study']}: optimize works on one process; run it without mpirun")
     from .optimize import optimize_study
 
     optimize_study(**options)

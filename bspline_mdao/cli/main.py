@@ -19,7 +19,7 @@ from .words import PROGRAM
 
 FAILED, INTERRUPTED = 2, 130
 
-SHARED = {"fit", "quality"}
+SHARED = {"fit", "optimize", "quality"}
 """Commands that know of several processes."""
 
 WITH_OPENMDAO = {"report"}

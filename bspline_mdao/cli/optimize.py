@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +16,7 @@ import openmdao.api as om
 from ..errors import InputError
 from ..extras import INSTALL
 from ..io.disk import replaced_file
+from ..numerics.processes import on_first, world
 from ..om.design_summary import DesignSummary
 from ..om.drivers.nlopt_driver import NLoptDriver
 from ..study.script import SCRIPT, study_script
@@ -61,21 +63,19 @@ def optimize_study(
     KeyboardInterrupt
         If the user interrupts; what there is is kept.
     """
-    found = read_study(study)
+    comm = world()
+    found = on_first(comm, lambda: read_study(study))
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
     found = replace(found, output=found.output | {"report": _is_reported(found)})
-    check_outputs([json], [study])
-    generator = _generator(found)
-    script = _prepare(output, overwrite) / SCRIPT
-    text = study_script(found, output, generator)
-    with replaced_file(script) as part:
-        part.write_text(text, encoding="utf-8")
-    print_title(f"{study}: {script} runs")
+    check_outputs([json], [study], comm)
+    script = output / SCRIPT
+    text = on_first(comm, lambda: _written(found, output, overwrite))
+    print_title(f"{study}: {script} runs" + (f" on {comm.size} processes" if comm.size > 1 else ""))
     start = time.perf_counter()
     problem, names = _run(script, text, output)
     numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
-    with written_json(json, {"study": str(study), "folder": str(output), **numbers, "seconds": seconds}):
+    with written_json(json, {"study": str(study), "folder": str(output), **numbers, "seconds": seconds}, comm):
         pass
     _tell(output, problem, numbers)
 
@@ -98,6 +98,16 @@ def _generator(study: Study) -> str:
     return f"bm.{place.rpartition('.')[2]}({shape})"
 
 
+def _written(study: Study, folder: Path, overwrite: bool) -> str:
+    """Write the script of a study into its folder, and return it."""
+    generator = _generator(study)
+    script = _prepare(folder, overwrite) / SCRIPT
+    text = study_script(study, folder, generator)
+    with replaced_file(script) as part:
+        part.write_text(text, encoding="utf-8")
+    return text
+
+
 def _prepare(folder: Path, overwrite: bool) -> Path:
     """Make the folder, or take the results of another run out of it."""
     if folder.exists() and not folder.is_dir():
@@ -116,7 +126,9 @@ def _run(script: Path, text: str, folder: Path) -> tuple[om.Problem, dict[str, A
     """Run a script; return the problem, and all names that it gives."""
     names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
     try:
-        exec(compile(text, str(script), "exec"), names)
+        with warnings.catch_warnings():  # the script counts linear solves of the flow, where OpenMDAO counts variables
+            warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
+            exec(compile(text, str(script), "exec"), names)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {folder} keeps {_kept(folder)}") from None
     except om.AnalysisError as error:

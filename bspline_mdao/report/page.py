@@ -28,7 +28,17 @@ from .charts import Chart, height_chart, history_charts, pressure_chart, quality
 from .contents import Contents, axes_of, shapes_of
 from .model_file import find_model
 from .space import LAYERS, SHOWN, camera, space_traces
-from .tables import Table, fit_table, height_table, history_table, number, quality_table, variable_table, worst_table
+from .tables import (
+    Table,
+    fit_table,
+    flow_table,
+    height_table,
+    history_table,
+    number,
+    quality_table,
+    variable_table,
+    worst_table,
+)
 from .walls import DrawnWalls, boundary_faces, wall_quads
 
 __all__ = ["MOST_TRIANGLES", "Section", "write_report"]
@@ -275,9 +285,10 @@ def _of_history(history: CaseHistory) -> list[Section]:
         )
     variables = len(history.of_kind("variable"))
     charts = history_charts(history)
-    split = len(charts) - variables
+    split, flows = len(charts) - variables, flow_table(history)
     return [
         Section("history", "Optimisation", lines, charts[:split], [history_table(history)]),
+        *([Section("flow", "Flow", [], [], [flows])] if flows else []),
         Section("variables", "Design variables", [], charts[split:], [variable_table(history)]),
     ]
 

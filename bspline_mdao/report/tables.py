@@ -13,10 +13,22 @@ from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import CaseHistory
 from .contents import Shape
 
-__all__ = ["Table", "fit_table", "height_table", "history_table", "quality_table", "variable_table", "worst_table"]
+__all__ = [
+    "Table",
+    "fit_table",
+    "flow_table",
+    "height_table",
+    "history_table",
+    "quality_table",
+    "variable_table",
+    "worst_table",
+]
 
 MOST_ROWS = 200
 """Rows of a table; of more the first ones are shown, and it says how many there are."""
+
+OF_FLOWS = ("Mach_number", "alpha", "CL", "CD", "CD_induced", "CD_entropy", "CM_bending")
+"""Inputs and outputs of flows that are one number, in the order in which they are shown."""
 
 AT_LIMIT = 1e-6
 """Distance from a limit, by the distance of the limits, within which a variable is at it."""
@@ -119,6 +131,43 @@ def history_table(history: CaseHistory) -> Table:
         "units",
     )
     return Table("Objective and constraints", columns, rows[:MOST_ROWS], _cut(len(rows)))
+
+
+def flow_table(history: CaseHistory) -> Table | None:
+    """Coefficients of every flow at the first and the best evaluation, as far as they are recorded.
+
+    Parameters
+    ----------
+    history : CaseHistory
+        The optimisation.
+
+    Returns
+    -------
+    Table or None
+        A row for each flow, named as the subsystem that it is; None where no coefficient is recorded.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for quantity in history.quantities:
+        if quantity.values.shape[1] == 1:
+            found[quantity.name] = quantity.values[0, 0], quantity.values[history.best, 0]
+    for name, values in history.outputs.items():
+        first, best = values.get(0), values.get(history.best)
+        if first is not None and best is not None and first.size == 1:
+            found[name] = first.item(), best.item()
+    flows = list(dict.fromkeys(name.rpartition(".")[0] for name in found if name.rpartition(".")[2] in OF_FLOWS[2:]))
+    of_flow = {flow: {name: found.get(f"{flow}.{name}" if flow else name) for name in OF_FLOWS} for flow in flows}
+    shown = [name for name in OF_FLOWS if any(values[name] for values in of_flow.values())]
+    rows = [(flow or "flow", *(_change(values[name]) for name in shown)) for flow, values in of_flow.items()]
+    columns = ("condition", *(f"{name} (°)" if name == "alpha" else name for name in shown))
+    return Table("Coefficients", columns, rows, "At the first and the best evaluation.") if rows else None
+
+
+def _change(values: tuple[float, float] | None) -> str:
+    """Write a number before and after, once where it stays."""
+    if values is None:
+        return "–"
+    before, after = (number(value, 4) for value in values)
+    return before if before == after else f"{before} → {after}"
 
 
 def variable_table(history: CaseHistory) -> Table:

@@ -15,6 +15,7 @@ from typing import Any
 from ..cells.aggregates import AGGREGATES
 
 __all__ = [
+    "CONDITIONS",
     "CONSTRAINT",
     "DRIVER",
     "FLOWS",
@@ -107,6 +108,7 @@ def _is_slice(text: str) -> bool:
 NUMBER = Kind("a number", _is_number)
 POSITIVE = Kind("a positive number", lambda value: _is_number(value) and value > 0.0)
 PART = Kind("a number from 0 to 1", _is_part)
+NOT_NEGATIVE = Kind("0 or a positive number", lambda value: _is_number(value) and value >= 0.0)
 WHOLE = Kind("a whole number from 1 on", _is_whole)
 SEVERAL = Kind("a whole number from 2 on", lambda value: _is_whole(value, 2))
 COUNT = Kind("a whole number from 0 on", lambda value: _is_whole(value, 0))
@@ -311,7 +313,7 @@ MEASURES = {
 QUALITIES = {name: aggregate.meaning for name, aggregate in AGGREGATES.items()}
 """What objectives and constraints may say of the cells of the grid."""
 
-_CONDITIONS = {
+_STREAM = {
     "Mach_number": Key(POSITIVE, "Mach number of the free stream", 0.3),
     "reference_area": Key(POSITIVE, "of what the grid shows, of the half wing if it shows one half (m^2)",
                           otherwise="planform area of the design surface"),
@@ -351,7 +353,7 @@ FLOWS = {
         {
             "kind": Key(_one_of("lattice", "euler"), "flow model", is_required=True),
             **_ALPHA,
-            **_CONDITIONS,
+            **_STREAM,
             "n_chord": Key(SEVERAL, "nodes of the lattice along the chord", 5),
             "n_span": Key(Kind("a whole number from 3 on", lambda v: _is_whole(v, 3)), "and along the span", 17),
         },
@@ -363,7 +365,7 @@ FLOWS = {
         {
             "kind": Key(_one_of("lattice", "euler"), "flow model", is_required=True),
             **_ALPHA,
-            **_CONDITIONS,
+            **_STREAM,
             "trim": Key(FLAG, "whether the angle of attack is solved for at the lift CL_target", False),
             "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
             "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-10),
@@ -373,10 +375,19 @@ FLOWS = {
 }
 """Table ``[flow]`` by its key ``kind``."""
 
+_POINT = {
+    "Mach_number": Key(POSITIVE, "Mach number of the free stream", otherwise="that of [flow]"),
+    "alpha": Key(NUMBER, "angle of attack (deg)", otherwise="that of [flow]"),
+    "weight": Key(NOT_NEGATIVE, "weight in the mean that the objective is; 0 for constraints alone", 1.0),
+}
+_LIFT = {"CL_target": Key(NUMBER, "lift coefficient at which alpha is solved for", otherwise="see [flow]")}
+CONDITIONS = {"lattice": _POINT, "euler": _POINT | _LIFT}
+"""Tables ``[conditions.NAME]`` by the kind of the flow."""
+
 _OF = Key(
     TEXT,
-    "a measure, an aggregate of the cells' quality, an output of the flow, or an expression of those that are one "
-    "number, such as 'CD_induced + CD_entropy'",
+    "a measure, an aggregate of the cells' quality, an output of the flow or of one condition such as cruise.CL, or an "
+    "expression of those that are one number, such as 'CD_induced + CD_entropy'",
 )
 OBJECTIVE = {
     "of": Key(_OF.kind, _OF.meaning, is_required=True),

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from .conditions import bare_outputs, of_conditions, weights_of
+from .expressions import is_name, names_in, renamed
 from .keys import FLOWS, MEASURES, QUALITIES, SCIPY, VARIABLES, Key
 from .study import Study, Table
 
@@ -35,8 +37,10 @@ from pathlib import Path
 {imports}import openmdao.api as om
 
 import bspline_mdao as bm
+from bspline_mdao.numerics.processes import together, world
 
 HERE = Path(__file__).resolve().parent
+IS_FIRST = world().rank == 0  # of several processes, under mpirun, the first one writes
 '''
 
 
@@ -121,7 +125,6 @@ class _Script:
             settings = {key: grid[key] for key in ("n_control", "order") if grid[key] is not None}
             settings |= {"corrections": grid["corrections"]} if grid["corrections"] else {}
             yield f"model = bm.fit_grid({made}{_keywords(settings)})"
-        yield 'model.save(HERE / "model.h5")'
         design = [_python(grid["design"])] if grid["design"] else []
         others = {key: grid[key] for key in ("fixed", "released", "sliding") if grid[key]}
         yield f"wing = bm.DesignSurface.of({', '.join(['model', *design])}{_keywords(others)})\n"
@@ -202,9 +205,12 @@ class _Script:
             yield from self._flow(study.flow)
         yield from self._expressions()
         for name, table in study.variables.items():
-            yield f"top.add_design_var({_python(name)}{_keywords(_design_var(table))})"
+            if table["kind"] == "alpha" and study.conditions:
+                yield from self._angles(table)
+            else:
+                yield f"top.add_design_var({_python(name)}{_keywords(_design_var(table))})"
         objective = study.objective
-        of = self._response("objective", objective["of"])
+        ((_, of, _),) = self._objective()
         ref = objective["ref"] or (0.01 if any(name in DRAG for name in _words(objective["of"])) else 1.0)
         ref = -ref if objective["maximize"] else ref
         yield f"top.add_objective({_python(of)}{_keywords({'ref': ref} if ref != 1.0 else {})})"
@@ -213,37 +219,87 @@ class _Script:
             size = max(map(abs, bounds.values()))
             ref = table["ref"] or size or 1.0
             settings = bounds | ({"ref": ref} if ref != 1.0 else {})
-            yield f"top.add_constraint({_python(self._response(name, table['of']))}{_keywords(settings)})"
+            for _, of, _ in self._constraint(name):
+                yield f"top.add_constraint({_python(of)}{_keywords(settings)})"
         yield ""
 
     def _flow(self, flow: Table) -> Iterator[str]:
-        kind = FLOWS[flow["kind"]]
+        kind, conditions = FLOWS[flow["kind"]], self.study.conditions
         area = flow["reference_area"] or "wing.planform_area"
-        inputs = ("kind", "alpha", "Mach_number", "reference_area", "CL_target")
+        inputs = ("kind", "alpha", "Mach_number", "reference_area", "CL_target", *(("trim",) if conditions else ()))
         settings = _changed(flow, kind.keys, tuple(key for key in kind.keys if key not in inputs))
         if flow["kind"] == "lattice" and self.study.grid["design"]:
             settings["patches"] = self.study.grid["design"]
         settings = {key: tuple(value) if key == "moment_reference" else value for key, value in settings.items()}
-        yield f"flow = bm.{kind.made_by}(model=model, reference_area={area}{_keywords(settings)})"
-        yield 'top.add_subsystem("flow", flow, promotes=["*"])'
-        if flow.get("trim"):
-            yield f'top.set_input_defaults("CL_target", {flow["CL_target"]})'
-        else:
-            yield f'top.set_input_defaults("alpha", {flow["alpha"]}, units="deg")'
-        yield f'top.set_input_defaults("Mach_number", {flow["Mach_number"]})'
+        made = f"flow = bm.{kind.made_by}(model=model, reference_area={area}{_keywords(settings)}"
+        if not conditions:
+            yield f"{made})"
+            yield 'top.add_subsystem("flow", flow, promotes=["*"])'
+            if flow.get("trim"):
+                yield f'top.set_input_defaults("CL_target", {flow["CL_target"]})'
+            else:
+                yield f'top.set_input_defaults("alpha", {flow["alpha"]}, units="deg")'
+            yield f'top.set_input_defaults("Mach_number", {flow["Mach_number"]})'
+            return
+        yield "conditions = {"
+        for name, table in conditions.items():
+            given = {key: table[key] for key in ("Mach_number", "CL_target" if table["trim"] else "alpha")}
+            yield f"    {_python(name)}: {{{', '.join(f'{_python(key)}: {value}' for key, value in given.items())}}},"
+        yield "}"
+        is_trimmed = ', trim="CL_target" in values' if any(table["trim"] for table in conditions.values()) else ""
+        yield "for name, values in conditions.items():" if is_trimmed else "for name in conditions:"
+        yield f"    {made}{is_trimmed})"
+        yield '    top.add_subsystem(name, flow, promotes_inputs=["grid"])'
+
+    def _angles(self, table: Table) -> Iterator[str]:
+        """Angles of attack of the conditions that are not trimmed, as design variables."""
+        for number, name in enumerate(self._free):
+            yield f'top.add_design_var("{name}.alpha"{_keywords(_design_var(_part(table, number)))})'
+
+    @property
+    def _free(self) -> list[str]:
+        """Conditions whose angle of attack is given."""
+        return [name for name, table in self.study.conditions.items() if not table["trim"]]
+
+    def _objective(self) -> list[tuple[str, str, str]]:
+        """Component, output and formula of the objective; of what is an output already, the output alone.
+
+        Outputs of the flow without a condition are those of each, and the objective is the mean of all.
+        """
+        of, weights = self.study.objective["of"], weights_of(self.study.conditions)
+        if not self.study.conditions or not bare_outputs(names_in(of)):
+            return [_response("objective", of)]
+        parts = {name: _at_condition(of, name) for name in weights}
+        if len(parts) == 1:
+            return [_response("objective", *parts.values())]
+        terms = [part if weights[name] == 1.0 else f"{weights[name]} * ({part})" for name, part in parts.items()]
+        output = f"mean_{of}" if of.isidentifier() else "objective_value"
+        total, mean = f"{sum(weights.values()):.12g}", " + ".join(terms)
+        return [("objective", output, mean if total == "1" else f"({mean}) / {total}")]
+
+    def _constraint(self, name: str) -> list[tuple[str, str, str]]:
+        """The same of a constraint; one on outputs of the flow without a condition holds at each."""
+        of, key = self.study.constraints[name]["of"], name.replace(".", "_")
+        if not self.study.conditions or not bare_outputs(names_in(of)):
+            return [_response(key, of)]
+        return [_response(f"{key}_{each}", _at_condition(of, each)) for each in self.study.conditions]
 
     def _expressions(self) -> Iterator[str]:
         """Components of the expressions among objective and constraints."""
-        wanted = {"objective": self.study.objective["of"]}
-        wanted |= {name: table["of"] for name, table in self.study.constraints.items()}
-        for name, of in wanted.items():
-            if not of.isidentifier():
-                text = _python(f"{self._response(name, of)} = {of}")
-                yield f'top.add_subsystem("{name}_expression", om.ExecComp({text}), promotes=["*"])'
-
-    def _response(self, name: str, of: str) -> str:
-        """Name of the output of an objective or a constraint."""
-        return of if of.isidentifier() else f"{name}_value"
+        wanted = [*self._objective(), *(found for name in self.study.constraints for found in self._constraint(name))]
+        of_conditions_ = of_conditions(self.study.conditions, FLOWS["euler"].outputs)
+        for key, output, formula in wanted:
+            if not formula:
+                continue
+            component = f"{key}_expression"
+            far = [name for name in names_in(formula) if name in of_conditions_]
+            near = [name for name in names_in(formula) if name not in far]
+            made = f"om.ExecComp({_python(f'{output} = {renamed(formula, _flat)}')})"
+            promoted = f'promotes_inputs={_python(near)}, promotes_outputs=["*"]' if far else 'promotes=["*"]'
+            promoted = promoted.removeprefix("promotes_inputs=[], ")
+            yield f"top.add_subsystem({_python(component)}, {made}, {promoted})"
+            for name in far:
+                yield f'top.connect({_python(name)}, "{component}.{_flat(name)}")'
 
     def _driver(self) -> str:
         driver, name = self.study.driver, self.study.driver["optimizer"]
@@ -259,32 +315,107 @@ class _Script:
         """Run before and after, and what is written."""
         study = self.study
         suffix = study.output["grid"] or ("cgns" if Path(study.grid["file"]).suffix == ".cgns" else "xyz")
+        yield f"outputs = {_python(self._outputs())}"
         yield 'driver.add_recorder(om.SqliteRecorder(str(HERE / "cases.sql")))'
         if study.output["report"]:
-            recorded = ["control_points", *(["Cp"] if study.flow and study.flow["kind"] == "euler" else [])]
-            yield f'driver.recording_options["includes"] = {_python(recorded)}'
+            pressures = [f"{name}.Cp" for name in study.conditions] or ["Cp"]
+            recorded = ["control_points", *(pressures if study.flow and study.flow["kind"] == "euler" else [])]
+            machs = of_conditions(study.conditions, ("Mach_number",)) or ("Mach_number",)
+            recorded += machs if study.flow else ()
+            yield f'driver.recording_options["includes"] = [{_python(recorded)[1:-1]}, *outputs]'
             yield 'driver.recording_options["record_derivatives"] = True'
-        yield "problem.setup()"
-        for name, table in study.variables.items():
-            if table["start"] is not None:
-                units = {"units": unit} if (unit := VARIABLES[table["kind"]].units) else {}
-                yield f"problem.set_val({_python(name)}, {table['start']}{_keywords(units)})"
+        yield f"problem.setup({self._mode()})"
+        yield from self._values()
         yield "problem.run_model()"
-        outputs = [*(FLOWS[study.flow["kind"]].outputs if study.flow else ()), *study.measures]
-        if study.flow and study.flow.get("trim"):
-            outputs.append("alpha")
-        yield f"outputs = {_python(outputs)}"
         yield "before = bm.design_summary(problem, outputs)"
-        yield "grid = model.regenerate()"
-        yield f'bm.write_grid(HERE / "grid_before.{suffix}", grid)\n'
+        yield "with together(problem.comm):"
+        yield "    if IS_FIRST:"
+        yield '        model.save(HERE / "model.h5")'
+        yield f'        bm.write_grid(HERE / "grid_before.{suffix}", model.regenerate())\n'
         yield "problem.run_driver()"
         yield "after = bm.design_summary(problem, outputs)"
-        yield f'bm.write_grid(HERE / "grid_after.{suffix}", grid.with_vector(problem.get_val("grid")))'
-        yield 'after.write_csv(HERE / "summary.csv", before)'
-        yield "print(after.table(before))"
+        yield "with together(problem.comm):"
+        yield "    if IS_FIRST:"
+        moved = 'model.regenerate(problem.get_val("control_points").reshape(-1, 3))'
+        yield f'        bm.write_grid(HERE / "grid_after.{suffix}", {moved})'
+        yield '        after.write_csv(HERE / "summary.csv", before)'
+        yield "        print(after.table(before))"
         if study.output["report"]:
             title = _python(f"{study.source.stem}: {study.objective['of']}")
-            yield f'bm.write_report(HERE / "report.html", HERE / "cases.sql", model, title={title})'
+            yield f'        bm.write_report(HERE / "report.html", HERE / "cases.sql", model, title={title})'
+
+    def _mode(self) -> str:
+        """How totals are taken, where each takes a linear solve of a flow: forward for few variables, or reverse."""
+        study = self.study
+        if not study.flow or study.flow["kind"] != "euler":
+            return ""
+        wanted = [*self._objective(), *(found for name in study.constraints for found in self._constraint(name))]
+        depend = [
+            of
+            for of in wanted
+            if any(name.rpartition(".")[2] in FLOWS["euler"].outputs for name in names_in(of[2] or of[1]))
+        ]
+        return (
+            'mode="rev"' if _n_values(study.variables) > len(depend) / max(1, len(study.conditions)) else 'mode="fwd"'
+        )
+
+    def _outputs(self) -> list[str]:
+        """What is told of the flow and the shape besides objective and constraints."""
+        flow, conditions = self.study.flow, self.study.conditions
+        if flow is None:
+            return list(self.study.measures)
+        outputs = FLOWS[flow["kind"]].outputs
+        found = list(of_conditions(conditions, outputs) or outputs)
+        trimmed = [f"{name}.alpha" for name in conditions if name not in self._free]
+        return [*found, *self.study.measures, *(["alpha"] if flow.get("trim") and not conditions else trimmed)]
+
+    def _values(self) -> Iterator[str]:
+        """Values of inputs that are not those of the model."""
+        study = self.study
+        if study.conditions:
+            yield "for name, values in conditions.items():"
+            yield "    for variable, value in values.items():"
+            yield '        problem.set_val(f"{name}.{variable}", value)'
+        for name, table in study.variables.items():
+            if table["start"] is None:
+                continue
+            units = {"units": unit} if (unit := VARIABLES[table["kind"]].units) else {}
+            starts = {name: table["start"]}
+            if table["kind"] == "alpha" and study.conditions:
+                starts = {f"{each}.alpha": _part(table, n)["start"] for n, each in enumerate(self._free)}
+            for of, start in starts.items():
+                yield f"problem.set_val({_python(of)}, {start}{_keywords(units)})"
+
+
+def _n_values(variables: dict[str, Table]) -> float:
+    """Number of the values of all variables; infinite where the grid tells it."""
+    counts = [
+        len(table["values"]) if table.get("values") else len(stations) if isinstance(stations, list) else stations
+        for table in variables.values()
+        for stations in [table.get("stations", 1 if table["kind"] in ("taper", "alpha") else np.inf)]
+    ]
+    return float(sum(counts))
+
+
+def _part(table: Table, number: int) -> Table:
+    """Bounds and start of one of the values of a variable."""
+    return table | {key: table[key][number] for key in ("lower", "upper", "start") if isinstance(table[key], list)}
+
+
+def _response(key: str, of: str) -> tuple[str, str, str]:
+    """Component, output and formula of a response; of what is an output already, the output alone."""
+    return (key, of, "") if is_name(of) else (key, f"{key}_value", of)
+
+
+def _at_condition(of: str, condition: str) -> str:
+    """Write an expression of outputs of the flow for one condition."""
+    bare = bare_outputs(names_in(of))
+    return renamed(of, lambda name: f"{condition}.{name}" if name in bare else name)
+
+
+def _flat(name: str) -> str:
+    """Name of an input for an output of a condition."""
+    return name.replace(".", "_")
 
 
 def _measure(name: str, table: Table) -> str:

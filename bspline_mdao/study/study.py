@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -15,7 +14,10 @@ from tomlkit.exceptions import TOMLKitError
 from ..errors import InputError
 from ..names import ALL_NAMES
 from ..om.drivers.nlopt_algorithms import ALGORITHMS
+from .conditions import bare_outputs, of_conditions, resolved_conditions, weights_of
+from .expressions import is_arithmetic, names_in, renamed
 from .keys import (
+    CONDITIONS,
     CONSTRAINT,
     DRIVER,
     FLOWS,
@@ -36,7 +38,10 @@ __all__ = ["Study", "read_study"]
 Table = dict[str, Any]
 """Values by key; what was left out is there with its default, or None."""
 
-_TABLES = ("grid", "variables", "measures", "flow", "objective", "constraints", "movement", "driver", "output")
+_TABLES = (
+    *("grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
+    *("movement", "driver", "output"),
+)
 _TAKEN = ("CM", "Cp", "states", "Mach_number", "CL_target", "flow", "grid_movement")
 """Other inputs, outputs and subsystems of the problem."""
 
@@ -55,8 +60,11 @@ class Study:
         Tables of these names.
     flow : dict or None
         The flow, if there is one.
+    conditions : dict of dict
+        Flight conditions by name, see `resolved_conditions`; none where the flow is at one condition, its own.
     variables, measures, constraints : dict of dict
         Tables by name, in the order of the file. Measures are all that are asked for, those without a table as well.
+        Constraints of one condition are named as in ``cruise.CL``.
     """
 
     source: Path
@@ -64,6 +72,7 @@ class Study:
     variables: dict[str, Table]
     measures: dict[str, Table]
     flow: Table | None
+    conditions: dict[str, Table]
     objective: Table
     constraints: dict[str, Table]
     movement: Table
@@ -136,19 +145,24 @@ class _Reader:
         grid = self._table("grid", GRID)
         self._check_grid(grid)
         flow = self._flow()
-        variables = self._variables(flow)
+        conditions = self._conditions(flow)
+        self.outputs = (*_outputs(flow), *of_conditions(conditions, _outputs(flow)))
+        variables = self._variables(flow, conditions)
         declared = self._measures()
         objective = self._table("objective", OBJECTIVE)
-        constraints = {name: self._constraint(name) for name in self._named("constraints")}
+        paths = self._constraint_paths(conditions)
+        constraints = {".".join(path): self._constraint(*path) for path in paths}
         asked: dict[tuple[str, ...], str] = {("objective", "of"): objective["of"]}
-        asked |= {("constraints", name, "of"): table["of"] for name, table in constraints.items()}
-        measures = self._all_measures(declared, asked, flow)
-        self._names(variables, measures, flow)
-        self._responses(asked, measures, flow)
+        asked |= {("constraints", *path, "of"): constraints[".".join(path)]["of"] for path in paths}
+        measures = self._all_measures(declared, asked, flow, conditions)
+        self._names(variables, measures, conditions)
+        self._responses(asked, measures)
+        if conditions and bare_outputs(names_in(objective["of"])) and not weights_of(conditions):
+            raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
         driver = self._driver(constraints)
         movement, output = self._table("movement", MOVEMENT), self._table("output", OUTPUT)
         return Study(
-            self.path, grid, variables, measures, flow, objective, constraints, movement, driver, output
+            self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
         )  # fmt: skip
 
     def refuse(self, path: Sequence[str], complaint: str) -> InputError:
@@ -220,7 +234,7 @@ class _Reader:
         if kind not in FLOWS:
             raise self.refuse(("flow", "kind"), f"is {kind!r}; {_choices(str(kind), FLOWS, 'the flows are')}")
         table = self._table("flow", FLOWS[kind].keys)
-        if table.get("trim") and table["CL_target"] is None:
+        if table.get("trim") and table["CL_target"] is None and "conditions" not in self.document:
             raise self.refuse(("flow", "trim"), "needs the lift that is wanted; give CL_target")
         if table.get("trim") is False and table["CL_target"] is not None:
             raise self.refuse(("flow", "CL_target"), "is for a trimmed flow; give trim = true, or leave it out")
@@ -228,15 +242,63 @@ class _Reader:
             raise self.refuse(("flow", "alpha"), "is solved for where trim is true; leave one of the two out")
         return table
 
-    def _variables(self, flow: Table | None) -> dict[str, Table]:
+    def _conditions(self, flow: Table | None) -> dict[str, Table]:
+        """Flight conditions, with what they leave out filled in."""
+        names = self._named("conditions")
+        if flow is None:
+            if "conditions" in self.document:
+                raise self.refuse(("conditions",), "are those of a flow, and there is none; add [flow]")
+            return {}
+        kind = flow["kind"]
+        for name in names:
+            if kind == "lattice" and "CL_target" in self.document["conditions"][name]:
+                raise self.refuse(
+                    ("conditions", name, "CL_target"), "is for euler, which solves for alpha; with a lattice constrain "
+                    f"{name}.CL and make alpha a variable by [variables.alpha]"
+                )  # fmt: skip
+        given = {name: self._table("conditions", CONDITIONS[kind], name) for name in names}
+        return resolved_conditions(given, flow, self.refuse)
+
+    def _constraint_paths(self, conditions: Iterable[str]) -> list[tuple[str, ...]]:
+        """Paths of the tables of constraints, those of conditions below [constraints]."""
+        found: list[tuple[str, ...]] = []
+        for name in self._named("constraints"):
+            table = self.document["constraints"][name]
+            inner = [key for key, value in table.items() if isinstance(value, Mapping)]
+            if name in conditions:
+                flat = [key for key in table if key not in inner]
+                if flat:
+                    raise self.refuse(
+                        ("constraints", name, flat[0]), f"is of no response; write [constraints.{name}.CL] or the like "
+                        f"for a constraint of the condition {name}"
+                    )  # fmt: skip
+                for key in inner:
+                    if not key.isidentifier():
+                        raise self.refuse(("constraints", name, key), "is no name; give one of letters, digits and _")
+                found += [(name, key) for key in inner]
+            elif inner and inner[0] not in CONSTRAINT:
+                raise self.refuse(("constraints", name), self._no_condition(name, conditions))
+            else:
+                found.append((name,))
+        return found
+
+    def _no_condition(self, name: str, conditions: Iterable[str]) -> str:
+        known = list(conditions)
+        choices = _choices(name, known, "the conditions are") if known else f"add [conditions.{name}]"
+        return f"is no condition; {choices}"
+
+    def _variables(self, flow: Table | None, conditions: Mapping[str, Table]) -> dict[str, Table]:
         found = {}
         for name in self._named("variables"):
             kind = self._kind("variables", name, VARIABLES)
             table = self._table("variables", VARIABLES[kind].all_keys, name) | {"kind": kind}
-            self._check_bounds(name, table)
+            free = [condition for condition, values in conditions.items() if not values["trim"]]
+            self._check_bounds(name, table, len(free) if conditions else 1)
             if kind == "alpha" and name != "alpha":
                 raise self.refuse(("variables", name), "is the angle of attack; call it [variables.alpha]")
-            if kind == "alpha" and (flow is None or flow.get("trim")):
+            if kind == "alpha" and conditions and not free:
+                raise self.refuse(("variables", name), "is solved for at all conditions; leave it out")
+            if kind == "alpha" and (flow is None or (flow.get("trim") and not conditions)):
                 lacks = "there is no [flow]" if flow is None else "it is solved for where trim is true"
                 raise self.refuse(("variables", name), f"is an input of the flow, and {lacks}; leave one of them out")
             found[name] = table
@@ -244,13 +306,13 @@ class _Reader:
             raise self.refuse(("variables",), "is empty; give a table such as [variables.twist] with lower and upper")
         return found
 
-    def _check_bounds(self, name: str, table: Table) -> None:
+    def _check_bounds(self, name: str, table: Table, n_alpha: int) -> None:
         """Refuse lists of other lengths than there are values, and bounds that leave nothing between them."""
         stations, chosen = table.get("stations"), table.get("values")
         n = len(stations) if isinstance(stations, list) else stations
         if chosen and n and (max(chosen) > n or len(set(chosen)) < len(chosen)):
             raise self.refuse(("variables", name, "values"), f"is {chosen}; there are {n} stations, name each once")
-        n_values = {"taper": 1, "alpha": 1}.get(table["kind"], len(chosen) if chosen else n)
+        n_values = {"taper": 1, "alpha": n_alpha}.get(table["kind"], len(chosen) if chosen else n)
         for key in ("lower", "upper", "start"):
             given = table[key]
             n_wanted = n if key == "start" and chosen else n_values
@@ -268,9 +330,11 @@ class _Reader:
             found[name] = self._table("measures", MEASURES[kind].all_keys, name) | {"kind": kind}
         return found
 
-    def _constraint(self, name: str) -> Table:
-        table = self._table("constraints", CONSTRAINT, name)
-        table["of"] = table["of"] or name
+    def _constraint(self, *path: str) -> Table:
+        table, name = self._table("constraints", CONSTRAINT, *path), ".".join(path)
+        of = table["of"] or path[-1]
+        in_condition = len(path) == 2 and bare_outputs(names_in(of))
+        table["of"] = renamed(of, lambda n: f"{path[0]}.{n}" if n in in_condition else n) if in_condition else of
         given = [key for key in ("lower", "upper", "equals") if table[key] is not None]
         if not given or ("equals" in given and len(given) > 1):
             raise self.refuse(("constraints", name), "has to have lower or upper or both, or equals alone")
@@ -278,53 +342,66 @@ class _Reader:
             raise self.refuse(("constraints", name, "upper"), "is not above lower; give equals for one value")
         return table
 
-    def _all_measures(self, declared: dict[str, Table], asked: Mapping, flow: Table | None) -> dict[str, Table]:
+    def _all_measures(
+        self, declared: dict[str, Table], asked: Mapping, flow: Table | None, conditions: Iterable[str]
+    ) -> dict[str, Table]:
         """Measures that are declared, and those that are asked for by the name of their kind."""
         found = dict(declared)
         for path, of in asked.items():
-            for name in _names_in(of):
+            for name in names_in(of):
                 if name in MEASURES and name not in found:
                     defaults = {key: spec.default for key, spec in MEASURES[name].all_keys.items()}
                     found[name] = defaults | {"kind": name}
-                elif name not in (*found, *QUALITIES, *_outputs(flow)):
-                    raise self.refuse(self._written(path), self._unknown(of, name, found, flow))
+                elif name not in (*found, *QUALITIES, *self.outputs):
+                    raise self.refuse(self._written(path), self._unknown(of, name, found, flow, conditions))
         return found
 
-    def _unknown(self, of: str, name: str, measures: Iterable[str], flow: Table | None) -> str:
+    def _unknown(
+        self, of: str, name: str, measures: Iterable[str], flow: Table | None, conditions: Iterable[str]
+    ) -> str:
         said = f"is of '{name}', which there is not" if of == name else f"is '{of}'; there is no '{name}'"
-        if name in FLOWS["euler"].outputs:
+        condition, _, output = name.rpartition(".")
+        if condition and condition not in conditions:
+            return f"{said}: '{condition}' {self._no_condition(condition, conditions)}"
+        if output in FLOWS["euler"].outputs:
             lack = "add [flow]" if flow is None else 'take kind = "euler" in [flow]'
             return f"{said} without another flow; {lack}"
-        return f"{said}; {_choices(name, [*_outputs(flow), *MEASURES, *measures, *QUALITIES], 'there are')}"
+        return f"{said}; {_choices(name, [*self.outputs, *MEASURES, *measures, *QUALITIES], 'there are')}"
 
     def _written(self, path: tuple[str, ...]) -> tuple[str, ...]:
         """Path of a key, or of its table where the key is left out."""
         return path if path in self.lines else path[:-1]
 
-    def _responses(self, asked: Mapping, measures: dict[str, Table], flow: Table | None) -> None:
+    def _responses(self, asked: Mapping, measures: dict[str, Table]) -> None:
         """Refuse expressions and objectives of what is not one number."""
         for path, of in asked.items():
-            is_expression = of not in (*measures, *QUALITIES, *_outputs(flow))
-            if is_expression and not _is_arithmetic(of):
+            is_expression = of not in (*measures, *QUALITIES, *self.outputs)
+            if is_expression and not is_arithmetic(of):
                 raise self.refuse(
                     self._written(path), f"is '{of}'; give a name, or names and numbers with + - * / ** ( )"
                 )
-            if is_expression and not _names_in(of):
+            if is_expression and not names_in(of):
                 raise self.refuse(self._written(path), f"is '{of}', which depends on nothing")
             if path[0] == "objective" or is_expression:
-                for name in _names_in(of):
+                for name in names_in(of):
                     if name in measures and not MEASURES[measures[name]["kind"]].is_number:
                         raise self.refuse(path, f"is of '{name}', which is several numbers; constrain it instead")
 
-    def _names(self, variables: Iterable[str], measures: Iterable[str], flow: Table | None) -> None:
+    def _names(self, variables: Iterable[str], measures: Iterable[str], conditions: Iterable[str]) -> None:
         """Refuse names that are taken."""
         taken = {*ALL_NAMES, *QUALITIES, *FLOWS["euler"].outputs, *_TAKEN}
-        for group, names in (("variables", variables), ("measures", measures)):
+        groups = (("variables", variables), ("measures", measures), ("conditions", conditions))
+        for group, names in groups:
             for name in names:
                 if name in taken and (group, name) in self.lines:
                     raise self.refuse(
                         (group, name), "is a name that something else has; choose another one and give kind"
                     )
+        for name in conditions:
+            if name in variables or name in measures:
+                raise self.refuse(
+                    ("conditions", name), "is the name of a variable or a measure as well; choose another"
+                )
         for name in measures:
             if name in variables:
                 raise self.refuse(
@@ -354,9 +431,9 @@ class _Reader:
                 if not (takes_equality if table["equals"] is not None else takes_inequality):
                     what = "equals" if table["equals"] is not None and takes_inequality else "constraints"
                     raise self.refuse(
-                        ("constraints", constraint), f"does not go with the optimizer {name}, which takes no {what}; "
-                        "take SLSQP or LD_SLSQP"
-                    )  # fmt: skip
+                        ("constraints", *constraint.split(".")),
+                        f"does not go with the optimizer {name}, which takes no {what}; take SLSQP or LD_SLSQP",
+                    )
         return driver
 
 
@@ -368,31 +445,6 @@ def _own_options(optimizer: str) -> tuple[str, ...]:
 def _outputs(flow: Table | None) -> tuple[str, ...]:
     """Outputs of the flow that are one number."""
     return () if flow is None else FLOWS[flow["kind"]].outputs
-
-
-def _names_in(of: str) -> list[str]:
-    """Names in an expression, each once; the text itself where it is none."""
-    try:
-        tree = ast.parse(of, mode="eval")
-    except (SyntaxError, ValueError):
-        return [of]
-    return list(dict.fromkeys(node.id for node in ast.walk(tree) if isinstance(node, ast.Name)))
-
-
-def _is_arithmetic(of: str) -> bool:
-    """Whether a text is an expression of names, numbers and the four operations and powers."""
-    try:
-        nodes = ast.walk(ast.parse(of, mode="eval"))
-    except (SyntaxError, ValueError):
-        return False
-    allowed = (ast.Expression, ast.BinOp, ast.UnaryOp, ast.Name, ast.Constant, ast.operator, ast.unaryop, ast.Load)
-    operators = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.USub, ast.UAdd)
-    return all(
-        isinstance(node, allowed)
-        and (not isinstance(node, ast.operator | ast.unaryop) or isinstance(node, operators))
-        and (not isinstance(node, ast.Constant) or type(node.value) in (int, float))
-        for node in nodes
-    )
 
 
 def _as_list(value: float | list[float], n: int) -> list[float]:

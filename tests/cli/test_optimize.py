@@ -298,6 +298,57 @@ def test_every_kind_of_variable_measure_and_constraint_works_together(workplace)
     assert "twist[1] (deg)" not in found
 
 
+TWO_CONDITIONS = """\
+[grid]
+file = "@onera_m6:7x7x5"
+n_control = [5, 5, 5]
+[variables.alpha]
+lower = 0.0
+upper = [8.0, 9.0]
+start = [2.0, 4.0]
+[variables.twist]
+stations = 2
+values = [2]
+lower = -3.0
+upper = 3.0
+[flow]
+kind = "lattice"
+n_chord = 3
+n_span = 5
+[conditions.cruise]
+Mach_number = 0.5
+weight = 2
+[conditions.climb]
+[objective]
+of = "CD_induced"
+[constraints.cruise.CL]
+equals = 0.2
+[constraints.climb.CL]
+equals = 0.3
+[driver]
+max_iterations = 6
+"""
+
+
+def test_the_objective_of_several_conditions_is_their_mean_and_the_report_has_each(workplace):
+    pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
+    Path("two.toml").write_text(TWO_CONDITIONS)
+    assert run(["optimize", "two.toml", "-o", "out"]) == 0
+    found = {name.split(" ")[0]: row for name, row in summary("out").items()}
+    drags = [float(found[f"{name}.CD_induced"]["after"]) for name in ("cruise", "climb")]
+    assert float(found["mean_CD_induced"]["after"]) == pytest.approx((2.0 * drags[0] + drags[1]) / 3.0, rel=1e-12)
+    lifts = [float(found[f"{name}.CL"]["after"]) for name in ("cruise", "climb")]
+    assert lifts == pytest.approx([0.2, 0.3], abs=1e-4)
+    assert (found["cruise.alpha"]["before"], found["climb.alpha"]["before"]) == ("2.0", "4.0")
+    assert (found["cruise.alpha"]["upper"], found["climb.alpha"]["upper"]) == ("8.0", "9.0")
+    cases = om.CaseReader("out/cases.sql")
+    assert cases.get_case(-1).get_val("cruise.Mach_number") == 0.5
+    if "report.html" in names_in("out"):
+        page = Path("out/report.html").read_text()
+        rows = page[page.index(">Coefficients") :]
+        assert rows.index("cruise") < rows.index("climb") < rows.index("first and the best evaluation")
+
+
 def test_the_study_that_is_drafted_of_a_wing_runs(workplace, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     assert run(["init", "@onera_m6:9x9x7", "-o", "m6.toml"]) == 0

@@ -3,9 +3,11 @@
 import json
 
 import numpy as np
+import openmdao.api as om
 import pytest
 from parallel_cases import run_ranks
 
+from bspline_mdao import read_grid
 from bspline_mdao.model.fitted_model import FittedModel
 
 pytestmark = pytest.mark.slow
@@ -58,6 +60,52 @@ def test_quality_of_several_ranks_is_that_of_one(wing, name, n):
     for ranks, file in zip((1, n), files):
         numbers_of(ranks, file, "quality", wing / name, "--baseline", wing / "3.h5")
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+TWO_CONDITIONS = """\
+[grid]
+file = "@onera_m6:7x7x5"
+n_control = [5, 5, 5]
+[variables.twist]
+lower = -3.0
+upper = 3.0
+[variables.alpha]
+lower = 0.0
+upper = 6.0
+[flow]
+kind = "euler"
+[conditions.cruise]
+Mach_number = 0.4
+CL_target = 0.2
+[conditions.climb]
+alpha = 3.0
+[objective]
+of = "CD_induced"
+[constraints.climb.CL]
+lower = 0.1
+[driver]
+max_iterations = 2
+[output]
+report = false
+"""
+
+
+def test_a_study_of_two_conditions_on_two_ranks_is_that_on_one(tmp_path):
+    (tmp_path / "two.toml").write_text(TWO_CONDITIONS)
+    found = {}
+    for n in (1, 2):
+        folder = tmp_path / f"of{n}"
+        numbers = numbers_of(n, tmp_path / f"{n}.json", "optimize", tmp_path / "two.toml", "-o", folder)
+        assert {path.name for path in folder.iterdir()} == {
+            *("optimize.py", "model.h5", "grid_before.xyz", "grid_after.xyz", "cases.sql", "summary.csv")
+        }
+        n_cases = len(om.CaseReader(str(folder / "cases.sql")).list_cases("driver", out_stream=None))
+        found[n] = numbers["after"], read_grid(folder / "grid_after.xyz").to_vector(), n_cases
+    for name, entry in found[1][0].items():
+        assert found[2][0][name]["values"] == pytest.approx(entry["values"], rel=1e-7, abs=1e-9)
+    np.testing.assert_allclose(found[2][1], found[1][1], rtol=0.0, atol=1e-8)
+    assert found[1][2] == found[2][2] > 1
+    assert found[1][0]["cruise.CL"]["values"] == pytest.approx([0.2])
 
 
 def test_what_is_wrong_is_said_once_and_all_ranks_end_alike(wing):

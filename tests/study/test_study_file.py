@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from study_cases import STUDY, study_of
 
 from bspline_mdao import NLoptDriver
 from bspline_mdao.errors import InputError
@@ -11,33 +12,6 @@ from bspline_mdao.study import keys
 from bspline_mdao.study.script import study_script
 from bspline_mdao.study.study import read_study
 from bspline_mdao.study.toml_lines import key_lines, line_of
-
-STUDY = """\
-[grid]
-file = "@onera_m6"
-
-[variables.twist]
-stations = 3
-lower = -6.0
-upper = 6.0
-
-[flow]
-kind = "lattice"
-
-[objective]
-of = "CD_induced"
-
-[constraints.CL]
-equals = 0.22
-
-[driver]
-max_iterations = 20
-"""
-
-
-def study_of(folder, text):
-    (folder / "study.toml").write_text(text)
-    return read_study(folder / "study.toml")
 
 
 def test_lines_of_keys_are_those_of_the_text():
@@ -172,7 +146,7 @@ def test_options_of_drivers_that_keys_set_are_theirs():
 def test_the_page_of_studies_has_every_key():
     page = (Path(__file__).parents[2] / "docs" / "study.rst").read_text()
     tables = [keys.GRID, keys.OBJECTIVE, keys.CONSTRAINT, keys.MOVEMENT, keys.DRIVER, keys.OUTPUT]
-    tables += [flow.keys for flow in keys.FLOWS.values()]
+    tables += [flow.keys for flow in keys.FLOWS.values()] + list(keys.CONDITIONS.values())
     kinds = keys.VARIABLES | keys.MEASURES
     tables += [kind.all_keys for kind in kinds.values()]
     missing = [key for table in tables for key in table if f"``{key}``" not in page]

@@ -1,0 +1,77 @@
+"""The flight conditions of a study: each has a flow of its own on the one grid.
+
+What a condition leaves out is as ``[flow]`` says. Those that are given a lift are trimmed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from .keys import FLOWS
+
+__all__ = ["bare_outputs", "of_conditions", "resolved_conditions", "weights_of"]
+
+Refuse = Callable[[Sequence[str], str], Exception]
+"""Makes the error about a key from its path and a complaint."""
+
+
+def resolved_conditions(
+    given: Mapping[str, dict[str, Any]], flow: Mapping[str, Any], refuse: Refuse
+) -> dict[str, dict[str, Any]]:
+    """Fill in what conditions leave out.
+
+    Parameters
+    ----------
+    given : dict of dict
+        Tables of the conditions by name, None where a key is left out.
+    flow : dict
+        Table of the flow.
+    refuse : callable
+        Makes the error about a key.
+
+    Returns
+    -------
+    dict of dict
+        ``Mach_number``, ``weight``, and ``trim`` with either ``CL_target`` or ``alpha``, by name.
+
+    Raises
+    ------
+    InputError
+        If a condition has both an angle of attack and a lift, or neither.
+    """
+    found = {}
+    for name, table in given.items():
+        target = table.get("CL_target")
+        if target is not None and table["alpha"] is not None:
+            raise refuse(
+                ("conditions", name, "alpha"), "is solved for where CL_target is given; leave one of the two out"
+            )
+        is_trimmed = target is not None or (bool(flow.get("trim")) and table["alpha"] is None)
+        if is_trimmed and target is None:
+            target = flow["CL_target"]
+        if is_trimmed and target is None:
+            raise refuse(("conditions", name), "needs the lift that is wanted; give CL_target here or in [flow]")
+        found[name] = {
+            "Mach_number": flow["Mach_number"] if table["Mach_number"] is None else table["Mach_number"],
+            "alpha": flow["alpha"] if table["alpha"] is None else table["alpha"],
+            "trim": is_trimmed,
+            "CL_target": target,
+            "weight": table["weight"],
+        }
+    return found
+
+
+def of_conditions(conditions: Iterable[str], outputs: Iterable[str]) -> tuple[str, ...]:
+    """Names of the outputs of all conditions, such as ``cruise.CL``."""
+    return tuple(f"{condition}.{output}" for condition in conditions for output in outputs)
+
+
+def bare_outputs(names: Iterable[str]) -> list[str]:
+    """Outputs of a flow among names, which there are once for each condition."""
+    return [name for name in names if name in FLOWS["euler"].outputs]
+
+
+def weights_of(conditions: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Weights of the conditions that have one above zero."""
+    return {name: table["weight"] for name, table in conditions.items() if table["weight"] > 0.0}
