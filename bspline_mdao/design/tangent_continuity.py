@@ -5,43 +5,52 @@ Theory: ``docs/theory/linear_constraints.rst``.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, eye_array, kron, vstack
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import lsqr
 
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from ..mesh.seams import Seam, seams_of_mesh
-from ..numerics.vectors import dots, lengths, unit_vectors
+from ..mesh.seams import poles_of_mesh, seams_of_mesh
 from ..shown import OneLine
 from .elimination import Equations
+from .leading_equations import leading_equations
+from .seam_relations import SeamRelations, pole_relations, relations_along
 from .selection import Where, rows_of
 
 __all__ = ["TangentContinuity"]
 
-SAME_RELATION = 0.1
-"""Where seams meet, their relations between unit vectors count as one where they differ by less than this part."""
+COARSEST = 0.1
+"""Largest part of the largest singular value below which equations do not count, however large kinks are."""
 
-NO_LENGTH = 1e-12
-"""Length of a derivative, relative to the mesh, that is none: the edge has collapsed."""
+EXACT = 1e-12
+"""Least such part: what is smaller is round-off."""
 
-PARALLEL = 1e-9
-"""Sine of an angle between derivatives that is none: there is no tangent plane."""
+BESIDE, FOLLOWER = 0.01, 0.1
+"""How much less points beside a seam count than those on it where those that follow are chosen, also if asked for."""
 
-DIGITS = 1e-14
-"""Relative accuracy of the least change of the points that makes seams smooth."""
+SNAP = 0.003
+"""Damping of a step that takes kinks away, as a part of the largest singular value."""
+
+MOST_STEPS = 20
+"""Steps that take kinks away, at most."""
+
+NO_KINK = 1e-9
+"""Kink that is none (deg)."""
+
+GAIN = 0.9
+"""A step that leaves more than this part of the largest kink is the last."""
 
 
 @dataclass(frozen=True, eq=False)
 class TangentContinuity(OneLine):
-    """Seams between sides of blocks keep one tangent plane (G1), at noses as well as within a surface.
+    """Seams between sides of blocks keep one tangent plane (G1), at noses as well as within a surface, and at poles.
 
-    At as many places along a seam as it has control points, the derivatives into both sides and the one along the seam
-    keep the relation ``L + r R + s T = 0`` that they have on the baseline. The points on the seam follow those on
-    either side, where nothing else constrains them.
+    All along a seam the derivatives into both sides and the one along it keep the relation ``L + r R + s T = 0`` that
+    they have on the baseline; the control points around a pole, at which an edge has collapsed, stay in one plane with
+    it. The points on the seam follow those on either side, where nothing else constrains them.
 
     Parameters
     ----------
@@ -50,6 +59,14 @@ class TangentContinuity(OneLine):
         default all at which the baseline is smooth.
     max_kink : float
         Largest angle between the tangent planes of the baseline at which it counts as smooth (deg).
+    tolerance : float
+        The part of a kink that may remain, about: combinations of control points that do less to the relation, as a
+        part of those that do most, stay free. With 0.1, the most, only points on seams follow; with less also some
+        beside them. 1e-12, the least, asks for all that knots permit: where grid lines meet obliquely at the seam, its
+        edge then moves as one polynomial. A baseline with kinks does not know its relations better than to these, in
+        radians, so that these count where they are larger, up to 0.1.
+    followers : Selection, array_like of int or None
+        Points beside seams that should rather follow than others: those which no variable moves.
     name : str
         For messages.
 
@@ -64,32 +81,43 @@ class TangentContinuity(OneLine):
 
     where: Where | None = None
     max_kink: float = 5.0
+    tolerance: float = COARSEST
+    followers: Where | None = None
     name: str = "tangent continuity"
 
+    def __post_init__(self):
+        if not EXACT <= self.tolerance <= COARSEST:
+            raise InputError(
+                f"linear constraint '{self.name}': a tolerance of {self.tolerance:g}; give {EXACT:g} to {COARSEST:g}"
+            )
+
     def equations(self, mesh: MovingMesh, points: np.ndarray) -> Equations:
-        """Equations ``L + r R + s T = 0`` on the derivatives of displacements, at every smooth place of a seam.
+        """Equations ``L + r R + s T = 0`` on the derivatives of displacements, all along the smooth parts of seams.
 
         Raises
         ------
         InputError
             If no point is on a seam, or the baseline has a kink at one that was asked for.
         """
-        wanted = None if self.where is None else rows_of(self.where, mesh, f"linear constraint '{self.name}'")
-        places = [_Places.of(seam, points, NO_LENGTH * mesh.size, wanted) for seam in seams_of_mesh(mesh)]
-        self._check(mesh, places)
-        smooth = [place.part(place.kinks <= self.max_kink) for place in places]
-        matrices = [place.matrix(len(points)) for place in smooth]
-        at = [place.at[place.is_inside] for place in smooth]
-        corners, corners_at = _corner_relations(smooth, points)
-        weights = vstack([*matrices, corners], format="csr")
-        rows = np.concatenate([*at, corners_at]).astype(np.int64)
-        preferred = (3 * rows[:, None] + np.arange(3)).ravel()
-        return Equations(csr_array(kron(weights, eye_array(3), format="csr")), np.repeat(rows, 3), preferred)
+        relations = self._relations(mesh, points, is_linear=True)
+        relations = relations.part(self._chosen(mesh, relations))
+        least = np.clip(np.radians(relations.kinks), self.tolerance, COARSEST)
+        allowed = _allowed(mesh)
+        matrix = _on(allowed, relations.weights, relations.sizes)
+        wish = np.full(len(points), BESIDE)
+        if self.followers is not None:
+            wish[rows_of(self.followers, mesh, f"linear constraint '{self.name}': followers")] = FOLLOWER
+        wish[relations.at] = 1.0
+        main = np.asarray(abs(allowed).argmax(axis=0)).ravel()
+        reduced, own = leading_equations(matrix, np.repeat(least, 3), wish[main // 3])
+        return Equations(csr_array(reduced @ allowed.T), main[own] // 3, main[own])
 
     def snapped(self, mesh: MovingMesh, points: np.ndarray) -> np.ndarray:
-        """Points whose seams are smooth: the least change (in the sum of squares) that takes away what kinks there are.
+        """Points whose seams are smooth: small changes that take away what kinks there are.
 
         A fit has small kinks, which the equations keep: they are about displacements. Begin from these points instead.
+        Steps of Gauss and Newton, each the least in the sum of squares but for its damping, as long as the largest kink
+        falls.
 
         Parameters
         ----------
@@ -102,141 +130,80 @@ class TangentContinuity(OneLine):
         -------
         ndarray, shape (n_surface, 3)
         """
-        matrix = self.equations(mesh, points).matrix
-        planes = Equations.of(len(points), mesh.in_plane_rows[:, None], mesh.in_plane_normals[:, None, None]).matrix
-        right = np.concatenate([-(matrix @ points.ravel()), np.zeros(planes.shape[0])])
-        everything = vstack([matrix, planes], format="csr")
-        change = lsqr(everything, right, atol=DIGITS, btol=DIGITS, iter_lim=20 * everything.shape[1])[0]
-        return points + change.reshape(-1, 3)
+        allowed = _allowed(mesh)
+        relations = self._relations(mesh, points, is_linear=False)
+        chosen = self._chosen(mesh, relations)
+        relations = relations.part(chosen)
+        for _ in range(MOST_STEPS):
+            largest = relations.kinks.max()
+            matrix, right = _normal_parts(relations, points, allowed)
+            change = lsqr(matrix, right, damp=SNAP, atol=EXACT, btol=EXACT, iter_lim=20 * matrix.shape[1])[0]
+            found = points - (allowed @ change).reshape(-1, 3)
+            after = self._relations(mesh, found, is_linear=False).part(chosen)
+            if not after.kinks.max() < largest:
+                break
+            points, relations = found, after
+            if after.kinks.max() < NO_KINK or after.kinks.max() > GAIN * largest:
+                break
+        return points
 
-    def _check(self, mesh: MovingMesh, places: list[_Places]) -> None:
-        """Refuse to be about nothing, and kinks where smoothness was asked for."""
-        kinks = np.concatenate([np.zeros(0), *(place.kinks for place in places)])
-        if not len(kinks) or (self.where is None and not (kinks <= self.max_kink).any()):
+    def _relations(self, mesh: MovingMesh, points: np.ndarray, *, is_linear: bool) -> SeamRelations:
+        """Relations at all places of all seams and poles."""
+        parts = [relations_along(seam, points, mesh.size) for seam in seams_of_mesh(mesh)]
+        parts += [pole_relations(pole, points, mesh.size, is_linear=is_linear) for pole in poles_of_mesh(mesh)]
+        return SeamRelations.joined(parts, len(points))
+
+    def _chosen(self, mesh: MovingMesh, relations: SeamRelations) -> np.ndarray:
+        """Whether each place is wanted and smooth."""
+        is_wanted, is_smooth = np.ones(len(relations.at), dtype=bool), relations.kinks <= self.max_kink
+        if self.where is not None:
+            wanted = rows_of(self.where, mesh, f"linear constraint '{self.name}'")
+            is_wanted = np.isin(relations.at, wanted)
+        if not is_wanted.any() or (self.where is None and not is_smooth.any()):
             raise InputError(
                 f"linear constraint '{self.name}': no point is on a seam at which the surface is smooth; leave it out"
             )
-        if self.where is not None and not (kinks <= self.max_kink).all():
-            worst = np.argmax(kinks)
-            place = mesh.place_of_surface_point(np.concatenate([place.at for place in places])[worst])
+        if self.where is not None and not is_smooth[is_wanted].all():
+            worst = np.argmax(np.where(is_wanted, relations.kinks, 0.0))
             raise InputError(
-                f"linear constraint '{self.name}': the surface has a kink of {kinks[worst]:.3g} deg at "
-                f"{place}; leave it out, or raise max_kink from {self.max_kink:g}"
+                f"linear constraint '{self.name}': the surface has a kink of {relations.kinks[worst]:.3g} deg at "
+                f"{mesh.place_of_surface_point(relations.at[worst])}; leave it out, or raise max_kink from "
+                f"{self.max_kink:g}"
             )
+        return is_wanted & is_smooth
 
 
-def _unit_normals(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Unit normals of vectors, shape (n, 3); zero where these are parallel."""
-    crossed = np.cross(a / lengths(a)[:, None], b / lengths(b)[:, None])
-    return unit_vectors(crossed, np.zeros(3), PARALLEL)
+def _allowed(mesh: MovingMesh) -> csr_array:
+    """Columns of unit displacements that keep the surface control points on their planes, shape (3 n, n_free)."""
+    n, rows = len(mesh.surface_ids), mesh.in_plane_rows
+    counts = np.bincount(rows, minlength=n)
+    normals = np.zeros((n, 3, 3))
+    normals[rows, np.arange(len(rows)) - np.searchsorted(rows, rows)] = mesh.in_plane_normals
+    frames, is_free = np.tile(np.eye(3), (n, 1, 1)), ~(normals != 0.0).any(axis=1)
+    is_oblique = (np.abs(normals) == 1.0).sum(axis=(1, 2)) != counts
+    frames[is_oblique] = np.linalg.svd(normals[is_oblique])[2]  # rows of the normals' space come first
+    is_free[is_oblique] = np.arange(3) >= counts[is_oblique, None]
+    point, direction = np.nonzero(is_free)
+    coordinates = 3 * point[:, None] + np.arange(3)
+    columns = np.repeat(np.arange(len(point)), 3)
+    entries = coo_array((frames[point, direction].ravel(), (coordinates.ravel(), columns)), shape=(3 * n, len(point)))
+    allowed = csr_array(entries)
+    allowed.eliminate_zeros()
+    return allowed
 
 
-@dataclass(frozen=True, eq=False)
-class _Places:
-    """Places of a seam: the relation of the derivatives there, and the angle between the two tangent planes.
-
-    Parameters
-    ----------
-    seam : Seam
-        The seam.
-    t : ndarray, shape (n,)
-        The places.
-    at : ndarray of int, shape (n,)
-        Row of the control point that each belongs to.
-    relations : ndarray, shape (n, 3)
-        Factors 1, r and s of the derivatives into the first and the second side, and along the seam.
-    kinks : ndarray, shape (n,)
-        Angles (deg).
-    """
-
-    seam: Seam
-    t: np.ndarray
-    at: np.ndarray
-    relations: np.ndarray
-    kinks: np.ndarray
-
-    @classmethod
-    def of(cls, seam: Seam, points: np.ndarray, smallest: float, wanted: np.ndarray | None) -> _Places:
-        """Look at the baseline; places at which a derivative vanishes, or that nobody wants, are left out."""
-        t, at = seam.first.greville(), seam.first.line(0)
-        left, right, tangent = _derivatives(seam, t, points)
-        is_there = np.min([lengths(left), lengths(right), lengths(tangent)], axis=0) > smallest
-        is_there &= np.ones(len(t), dtype=bool) if wanted is None else np.isin(at, wanted)
-        t, at, left, right, tangent = (x[is_there] for x in (t, at, left, right, tangent))
-        normals = _unit_normals(left, tangent), _unit_normals(tangent, right)
-        kinks = np.degrees(np.arctan2(lengths(np.cross(*normals)), dots(*normals)))
-        kinks = np.where(np.min([lengths(n) for n in normals], axis=0) > 0.5, kinks, 180.0)
-        middle = unit_vectors(normals[0] + normals[1], normals[0], NO_LENGTH)
-        size = lengths(tangent)[:, None]
-        across = np.cross(tangent / size, middle)  # in the mean plane, at right angles to the seam
-        ratios = -dots(left, across) / np.where(kinks < 90.0, dots(right, across), 1.0)
-        along = -dots(left + ratios[:, None] * right, tangent / size) / size[:, 0]
-        return cls(seam, t, at, np.stack([np.ones_like(ratios), ratios, along], axis=1), kinks)
-
-    @property
-    def is_inside(self) -> np.ndarray:
-        """Whether each is not an end of the seam, where others may meet it."""
-        return (self.t > 0.0) & (self.t < 1.0)
-
-    def part(self, chosen: np.ndarray) -> _Places:
-        return _Places(self.seam, self.t[chosen], self.at[chosen], self.relations[chosen], self.kinks[chosen])
-
-    def matrix(self, n_surface: int) -> csr_array:
-        """Weights of surface control points in the relations inside, each row scaled by that of its own point."""
-        inside = self.part(self.is_inside)
-        found = csr_array((len(inside.t), n_surface))
-        for columns, weights in _terms(self.seam, inside.t, inside.relations):
-            rows, places = weights.nonzero()
-            entries = (weights[rows, places], (rows, columns[places]))
-            found = found + coo_array(entries, shape=found.shape).tocsr()
-        own = np.abs(found[np.arange(len(inside.t)), inside.at]) if len(inside.t) else np.zeros(0)
-        return csr_array(found.multiply((1.0 / np.asarray(own).ravel())[:, None]))
+def _on(allowed: csr_array, weights: csr_array, sizes: np.ndarray) -> csr_array:
+    """Weights of allowed displacements in vectors that are combinations of points."""
+    scaled = diags_array(sizes, format="csr") @ weights
+    return csr_array(csr_array(kron(scaled, eye_array(3), format="csr")) @ allowed)
 
 
-def _terms(seam: Seam, t: np.ndarray, relations: np.ndarray):
-    """Lines of control points, and their weights in ``L + r R + s T``."""
-    first, second = seam.first.weights(t), seam.second.weights(t)
-    one, ratio, along = relations.T[..., None]
-    yield seam.first.line(1), one * first[0]
-    yield seam.second.line(1), ratio * second[0]
-    yield seam.first.line(0), one * first[1] + ratio * second[1] + along * first[2]
-
-
-def _derivatives(seam: Seam, t: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives into the first and the second side, and along the seam, each of shape (n, 3)."""
-    own, found = points[seam.first.line(0)], []
-    for edge in (seam.first, seam.second):
-        inner, on, _ = edge.weights(t)
-        found.append(inner @ points[edge.line(1)] + on @ own)
-    return found[0], found[1], seam.first.weights(t)[2] @ own
-
-
-def _corner_relations(places: list[_Places], points: np.ndarray) -> tuple[csr_array, np.ndarray]:
-    """Relations at the ends of seams: those of all that meet in a point, without those that follow from others.
-
-    There derivatives are along the first legs of control polygons. Seams that cross ask for relations between the same
-    legs, which agree where the baseline is smooth: of unit legs, singular vectors of all relations that meet are kept
-    where they are not small.
-    """
-    legs: dict[int, list[dict[int, float]]] = defaultdict(list)
-    for place in places:
-        for n in np.flatnonzero(~place.is_inside):
-            relation: dict[int, float] = defaultdict(float)
-            for columns, weights in _terms(place.seam, place.t[[n]], place.relations[[n]]):
-                for column in np.flatnonzero(weights[0]):
-                    relation[int(columns[column])] += weights[0, column]
-            legs[int(place.at[n])].append(relation)
-    rows, at = [], []
-    for corner, relations in legs.items():
-        others = sorted({leg for relation in relations for leg in relation if leg != corner})
-        size = lengths(points[others] - points[corner])
-        table = np.array([[relation.get(leg, 0.0) for leg in others] for relation in relations]) * size
-        table /= lengths(table)[:, None]
-        _, singular, vectors = np.linalg.svd(table, full_matrices=False)
-        for vector in vectors[singular > SAME_RELATION * singular[0]]:
-            factors = vector / size
-            row = np.zeros(len(points))
-            row[others], row[corner] = factors, -factors.sum()
-            rows.append(row / np.abs(row).max())
-            at.append(corner)
-    return csr_array(np.array(rows).reshape(-1, len(points))), np.array(at, dtype=np.int64)
+def _normal_parts(relations: SeamRelations, points: np.ndarray, allowed: csr_array) -> tuple[csr_array, np.ndarray]:
+    """Derivatives of the parts of all relations along the mean normals, and these parts."""
+    n = len(relations.at)
+    columns = 3 * np.arange(n)[:, None] + np.arange(3)
+    entries = (relations.normals.ravel(), (np.repeat(np.arange(n), 3), columns.ravel()))
+    along = csr_array(coo_array(entries, shape=(n, 3 * n)))
+    matrix = along @ _on(allowed, relations.weights, relations.sizes)
+    right = relations.sizes * ((relations.weights @ points) * relations.normals).sum(axis=1)
+    return csr_array(matrix), right

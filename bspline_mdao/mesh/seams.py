@@ -20,7 +20,7 @@ from ..splines.side import VolumeSide
 from ..splines.volume import Volume
 from .moving_mesh import MovingMesh
 
-__all__ = ["Seam", "SideEdge", "find_seams", "seams_of_mesh"]
+__all__ = ["Pole", "Seam", "SideEdge", "find_poles", "find_seams", "poles_of_mesh", "seams_of_mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +123,25 @@ class Seam(OneLine):
     second: SideEdge
 
 
+@dataclass(frozen=True, eq=False)
+class Pole(OneLine):
+    """A point to which edges of sides have collapsed.
+
+    Parameters
+    ----------
+    at : int
+        Number of its control point.
+    ring : ndarray of int, shape (n,)
+        Numbers of the control points next to it, of all sides.
+    edges : tuple of SideEdge
+        The collapsed edges.
+    """
+
+    at: int
+    ring: np.ndarray
+    edges: tuple[SideEdge, ...]
+
+
 def find_seams(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Seam]:
     """Find the edges that two sides share, by the numbers of their control points.
 
@@ -137,14 +156,43 @@ def find_seams(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Seam]:
         Those that have not collapsed to a point.
     """
     found: dict[tuple, list[SideEdge]] = defaultdict(list)
+    for edge in _edges(sides):
+        line = edge.line(0).tolist()
+        if len(set(line)) > 1:
+            found[tuple(line)].append(edge)
+    return [Seam(*edges) for edges in found.values() if len(edges) == 2]
+
+
+def find_poles(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Pole]:
+    """Find the points to which edges of sides have collapsed.
+
+    Parameters
+    ----------
+    sides : iterable of (VolumeSide, ndarray of int)
+        As for `find_seams`.
+    """
+    found: dict[int, list[SideEdge]] = defaultdict(list)
+    for edge in _edges(sides):
+        line = edge.line(0)
+        if (line == line[0]).all():
+            found[int(line[0])].append(edge)
+    return [
+        Pole(at, np.unique(np.concatenate([e.line(1) for e in edges])), tuple(edges)) for at, edges in found.items()
+    ]
+
+
+def _edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterator[SideEdge]:
+    """All edges of sides, those that are one run the same way."""
     for number, (side, ids) in enumerate(sides):
         for axis in (0, 1):
             for end in (0, 1):
-                line = (ids if axis == 0 else ids.T)[-end]
-                ahead, back = tuple(line.tolist()), tuple(line[::-1].tolist())
-                if len(set(ahead)) > 1:
-                    found[min(ahead, back)].append(SideEdge(side, ids, axis, end, ahead > back, number))
-    return [Seam(*edges) for edges in found.values() if len(edges) == 2]
+                line = (ids if axis == 0 else ids.T)[-end].tolist()
+                yield SideEdge(side, ids, axis, end, line > line[::-1], number)
+
+
+def poles_of_mesh(mesh: MovingMesh) -> list[Pole]:
+    """Find the poles of the design surface of a mesh; points are numbered by rows of ``mesh.surface_ids``."""
+    return find_poles(_sides(mesh))
 
 
 def seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
