@@ -20,11 +20,11 @@ from topology_cases import (
 from bspline_mdao import FarField, Spacing, ball_grid, infinite_wing_grid, naca_section
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.flow.euler.discretization import Discretization
+from bspline_mdao.flow.euler.factor_pattern import factor_pattern
 from bspline_mdao.flow.euler.far_vortex import FarVortex
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
-from bspline_mdao.flow.euler.preconditioner import factor_pattern
 from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, MEAN, OPEN, SHUT, SLIP
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.detection import find_topology
@@ -97,9 +97,12 @@ class Case:
         given = [states, areas, stream], [self.states, self.areas, self.stream]
         return self.discretization.residual(*(own if one is None else one for one, own in zip(*given)))
 
+    @cached_property
+    def pattern(self):
+        return factor_pattern(self.discretization, np.linalg.norm(self.areas, axis=1))
+
     def solve(self, **options):
-        pattern = factor_pattern(self.discretization)
-        return solve_flow(self.discretization, self.areas, self.stream, pattern=pattern, **options)
+        return solve_flow(self.discretization, self.areas, self.stream, pattern=self.pattern, **options)
 
     def pressure_coefficients(self, states):
         """Numbers of the wall faces, and the pressure coefficients there."""

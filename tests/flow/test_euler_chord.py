@@ -11,7 +11,7 @@ from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.chord import solve_nearby
 from bspline_mdao.flow.euler.discretization import Discretization
 from bspline_mdao.flow.euler.flow_grid import area_vectors
-from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
+from bspline_mdao.flow.euler.preconditioner import compact_factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,8 @@ class Jacobian:
 
     @cached_property
     def factor(self):
-        discretization = self.case.discretization
-        still = np.zeros((discretization.faces.n_cells, 5, 5))
-        return compact_factor(self.linearization, factor_pattern(discretization), still)
+        still = np.zeros((self.case.faces.n_cells, 5, 5))
+        return compact_factor(self.linearization, self.case.pattern, still)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +55,7 @@ def test_a_design_nearby_is_solved_without_another_jacobian(known, monkeypatch):
     nearby = solve_nearby(case.discretization, areas, case.stream, states=solution.states, tangent=tangent)
     assert nearby.is_converged, nearby.history
     monkeypatch.undo()
-    own = newton.solve_flow(case.discretization, areas, case.stream, pattern=factor_pattern(case.discretization))
+    own = newton.solve_flow(case.discretization, areas, case.stream, pattern=case.pattern)
     np.testing.assert_allclose(nearby.states, own.states, atol=1e-9)
     assert sum(s.n_products for s in nearby.history) < 0.8 * sum(s.n_products for s in own.history)
 

@@ -1,7 +1,7 @@
 """Preconditioner, linear systems and Newton steps of the Euler solver."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -10,8 +10,9 @@ from topology_cases import smooth_box
 
 from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
 from bspline_mdao.flow.euler import newton
-from bspline_mdao.flow.euler.block_factor import BLOCK
+from bspline_mdao.flow.euler.block_factor import BLOCK, BlockFactor
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
+from bspline_mdao.flow.euler.factor_pattern import FactorPattern, factor_pattern
 from bspline_mdao.flow.euler.flux import ROUNDING
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.krylov import RESTART, solve_refined, solve_roughly, solve_system
@@ -20,11 +21,8 @@ from bspline_mdao.flow.euler.preconditioner import (
     COMPACT_DISSIPATION,
     FLAT,
     FLAT_ROUNDING,
-    BlockFactor,
-    FactorPattern,
     carried_excess,
     compact_factor,
-    factor_pattern,
     time_terms,
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
@@ -74,9 +72,15 @@ def random_system(n=23, n_pairs=60, seed=0):
     return left, right, *rng.standard_normal((2, len(left), BLOCK, BLOCK)), diagonal
 
 
-def factor_of(left, right, at_right, at_left, diagonal, fill):
+def couplings_of(left, right, n):
+    """Random couplings of pairs, and a diagonal that is above their sums."""
+    couplings = np.random.default_rng(2).uniform(0.1, 1.0, len(left))
+    return couplings, np.bincount(np.append(left, right), np.append(couplings, couplings), n) + 0.1
+
+
+def factor_of(left, right, at_right, at_left, diagonal, smallest):
     """Factor of the matrix with ``at_right`` in the left rows and ``at_left`` in the right rows."""
-    pattern = FactorPattern.of(left, right, len(diagonal), fill)
+    pattern = FactorPattern.of(left, right, *couplings_of(left, right, len(diagonal)), smallest)
     lower, upper = np.zeros((2, len(pattern.columns), BLOCK, BLOCK))
     is_low = pattern.rank[left] > pattern.rank[right]
     lower[pattern.places] = np.where(is_low[:, None, None], at_right, at_left)
@@ -100,7 +104,7 @@ def test_a_factor_with_all_fill_is_exact_to_the_halves_that_are_kept_of_its_numb
     n = len(diagonal)
     blocks, cells = np.concatenate([at_right, at_left, diagonal]), np.arange(n)
     matrix = dense(blocks, np.concatenate([left, right, cells]), np.concatenate([right, left, cells]), n)
-    factor = factor_of(*system, fill=n)
+    factor = factor_of(*system, smallest=0.0)
     rhs = np.random.default_rng(1).standard_normal((n, BLOCK))
     np.testing.assert_allclose(factor.solve(rhs).ravel(), np.linalg.solve(matrix, rhs.ravel()), atol=HALF)
     transposed = np.linalg.solve(matrix.T, rhs.ravel())
@@ -112,16 +116,43 @@ def test_a_factor_with_all_fill_is_exact_to_the_halves_that_are_kept_of_its_numb
 def test_less_fill_is_less_exact_and_takes_fewer_blocks():
     system = random_system()
     rhs = np.random.default_rng(1).standard_normal((23, BLOCK))
-    factors = [factor_of(*system, fill=fill) for fill in (0, 1, 23)]
+    factors = [factor_of(*system, smallest=smallest) for smallest in (np.inf, 0.05, 0.0)]
     sizes = [len(factor.lower) for factor in factors]
     errors = [np.linalg.norm(factor.solve(rhs) - factors[-1].solve(rhs)) for factor in factors[:2]]
     assert sizes[0] == len(system[0]) < sizes[1] < sizes[2]
     assert errors[0] > errors[1] > 1e-3
 
 
-@pytest.mark.parametrize("fill", [0, 1, 23])
-def test_solves_with_a_factor_and_its_transpose_agree(fill):
-    factor = factor_of(*random_system(), fill=fill)
+def large_entries(matrix, order, smallest):
+    """Pairs with a large entry in the factor of a matrix of numbers, and all neighbours, found one by one."""
+    rest, kept = matrix[np.ix_(order, order)].astype(float), matrix[np.ix_(order, order)] != 0.0
+    is_neighbour, first = kept.copy(), np.diag(rest).copy()
+    for i in range(len(order)):
+        for k in range(i):
+            kept[i, k] = is_neighbour[i, k] or abs(rest[i, k]) > smallest * min(first[i], rest[k, k])
+            if kept[i, k]:
+                others = [j for j in range(k + 1, i) if kept[j, k]]
+                rest[i, others] -= rest[i, k] * rest[others, k] / rest[k, k]
+                rest[i, i] -= rest[i, k] ** 2 / rest[k, k]
+    return {frozenset((order[i], order[k])) for i, k in np.argwhere(np.tril(kept, -1))}
+
+
+@pytest.mark.parametrize("smallest", [0.02, 0.1])
+def test_fill_is_kept_where_the_factor_of_the_areas_is_large(smallest):
+    left, right, *_, diagonal = random_system()
+    couplings, sums = couplings_of(left, right, len(diagonal))
+    matrix = np.diag(sums)
+    matrix[left, right] = matrix[right, left] = -couplings
+    found = FactorPattern.of(left, right, couplings, sums, smallest)
+    rows = np.repeat(found.order, np.diff(found.starts))
+    expected = large_entries(matrix, found.order, smallest)
+    assert {frozenset(pair) for pair in zip(rows, found.order[found.columns])} == expected
+    assert len(left) < len(expected) < len(FactorPattern.of(left, right, couplings, sums, 0.0).columns)
+
+
+@pytest.mark.parametrize("smallest", [np.inf, 0.05, 0.0])
+def test_solves_with_a_factor_and_its_transpose_agree(smallest):
+    factor = factor_of(*random_system(), smallest=smallest)
     a, b = np.random.default_rng(2).standard_normal((2, 23, BLOCK))
     assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.solve_transposed(b)), abs=20.0 * SINGLE)
 
@@ -188,9 +219,10 @@ def test_what_flat_faces_carry_is_rounded_off_by_less_in_the_preconditioner_and_
 @pytest.mark.parametrize("case_name", ["box_case", "flat_case"])
 def test_the_preconditioner_is_a_factor_of_the_compact_neighbour_of_the_jacobian(monkeypatch, case_name):
     case = globals()[case_name]()
-    monkeypatch.setattr("bspline_mdao.flow.euler.preconditioner.FILL", case.faces.n_cells)
     diagonal = time_terms(case.discretization, case.states, case.areas)
-    pattern = factor_pattern(case.discretization)
+    with_all_fill = partial(FactorPattern.of, smallest=0.0)
+    monkeypatch.setattr(FactorPattern, "of", with_all_fill)
+    pattern = factor_pattern(case.discretization, np.linalg.norm(case.areas, axis=1))
     factor, cells = compact_factor(case.linearization, pattern, diagonal), np.arange(case.faces.n_cells)
     matrix = compact_jacobian(case, COMPACT_DISSIPATION) + dense(diagonal, cells, cells, len(cells))
     solved = refined_by(factor, lambda x: (matrix @ x.ravel()).reshape(x.shape), case.states)
@@ -231,7 +263,7 @@ def test_cycles_that_do_not_get_on_are_followed_by_longer_ones():
 def test_linear_systems_are_solved_forwards_and_transposed_with_one_factor(is_transposed):
     case = sphere_case()
     linearization = case.discretization.linearize(sphere_flow().states, case.areas, case.stream)
-    factor = compact_factor(linearization, factor_pattern(case.discretization), np.zeros((case.faces.n_cells, 5, 5)))
+    factor = compact_factor(linearization, case.pattern, np.zeros((case.faces.n_cells, 5, 5)))
     product = linearization.state_vjp if is_transposed else linearization.state_jvp
     jacobians = linearization.jacobians
     rough = jacobians.transposed_product if is_transposed else jacobians.product

@@ -10,7 +10,7 @@ from topology_cases import grid_of, smooth_box, split
 
 from bspline_mdao.flow.euler import block_factor, cell_sums
 from bspline_mdao.flow.euler.block_factor import levels_of
-from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern, time_terms
+from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
 from bspline_mdao.numerics.claims import claim, counters, finish
 from bspline_mdao.numerics.threads import run_tasks
 
@@ -29,7 +29,7 @@ def on_threads(monkeypatch, n_threads):
     one, bar = case(), np.random.default_rng(3).standard_normal(case().states.shape)
     linearization = one.discretization.linearize(one.states, one.areas, one.stream)
     diagonal = time_terms(one.discretization, one.states, one.areas)
-    factor = compact_factor(linearization, factor_pattern(one.discretization), diagonal)
+    factor = compact_factor(linearization, one.pattern, diagonal)
     jacobians = linearization.jacobians
     return [
         one.residual(),
@@ -51,7 +51,7 @@ def test_residual_products_factor_and_sweeps_have_the_same_bits_on_any_number_of
 
 
 def test_rows_of_a_level_are_next_to_each_other_and_need_none_of_their_own():
-    pattern = factor_pattern(case().discretization)
+    pattern = case().pattern
     levels, schedule = levels_of(pattern.starts, pattern.columns), pattern.schedule
     assert (np.diff(levels) >= 0).all()
     for first, end in zip(schedule.ends, schedule.ends[1:]):

@@ -15,7 +15,7 @@ from bspline_mdao.flow.euler.flux import face_flux
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream, free_stream_partials
 from bspline_mdao.flow.euler.krylov import solve_refined
 from bspline_mdao.flow.euler.newton import solve_flow
-from bspline_mdao.flow.euler.preconditioner import compact_factor, factor_pattern
+from bspline_mdao.flow.euler.preconditioner import compact_factor
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.om.flow.euler_state import EulerState
 from bspline_mdao.topology.detection import find_topology
@@ -39,7 +39,7 @@ def section(threshold=SHOCK_THRESHOLD):
 
 def solve(case, mach, degrees, **settings):
     """Solve for the flow at a Mach number and an angle."""
-    stream, pattern = free_stream(mach, np.radians(degrees), AXES), factor_pattern(case.discretization)
+    stream, pattern = free_stream(mach, np.radians(degrees), AXES), case.pattern
     return solve_flow(case.discretization, case.areas, stream, pattern=pattern, **settings)
 
 
@@ -127,7 +127,7 @@ def adjoint_gradients(case, states):
     stream, angle = free_stream(MACH, np.radians(DEGREES), AXES), np.radians(DEGREES)
     linearization = case.discretization.linearize(states, case.areas, stream)
     blocks = np.zeros((len(states), 5, 5))
-    factor = compact_factor(linearization, factor_pattern(case.discretization), blocks)
+    factor = compact_factor(linearization, case.pattern, blocks)
     lift, drag = coefficients(case, states, MACH, DEGREES)
     by_stream = linearization.stream_jvp(free_stream_partials(MACH, angle, AXES)[1])
     for load, turned in zip(wall_load(case, MACH, DEGREES), (-drag, lift)):

@@ -10,11 +10,11 @@ from typing import Protocol
 
 import numpy as np
 
+from .block_factor import BlockFactor
 from .discretization import Discretization
 from .krylov import solve_roughly
 from .linearization import Linearization
 from .newton import LARGEST_CFL, Field, FlowSolution, NewtonStep, advance
-from .preconditioner import BlockFactor
 
 __all__ = ["solve_nearby"]
 

@@ -19,11 +19,11 @@ from ...numerics.processes import ONE, largest, summed_number, together
 from ...topology.partition import Partition
 from ...topology.topology import Topology
 from .discretization import Discretization
+from .factor_pattern import FactorPattern, factor_pattern
 from .far_vortex import FarVortex
 from .kinks import Kinks
 from .linearization import Linearization
 from .mean_weights import mean_jvp, mean_vjp
-from .preconditioner import FactorPattern, factor_pattern
 from .walls import Walls
 
 __all__ = ["FlowGrid"]
@@ -47,6 +47,8 @@ class FlowGrid:
         Those of all processes.
     kinks : Kinks
         Faces with weights of their own.
+    face_sizes : ndarray of float32, shape (n_faces,)
+        Areas of the faces of the baseline (m^2).
     corners : Halo
         Exchange of nodes with other processes. All arrays of nodes are those of this process.
     """
@@ -55,6 +57,7 @@ class FlowGrid:
     axes: np.ndarray
     walls: Walls
     kinks: Kinks
+    face_sizes: np.ndarray
     corners: Halo = ALONE
 
     @classmethod
@@ -103,7 +106,8 @@ class FlowGrid:
         vortex = FarVortex.of(faces, stencil, seen, directions, halo)
         kinks = Kinks.of(stencil, faces, seen, halo)
         discretization = replace(discretization, stencil=kinks.stencil(seen), vortex=vortex)
-        return cls(discretization, directions, walls, kinks, corners)
+        face_sizes = np.linalg.norm(area_vectors(seen, faces.corners), axis=1).astype(np.float32)
+        return cls(discretization, directions, walls, kinks, face_sizes, corners)
 
     def at(self, nodes: np.ndarray) -> Discretization:
         """Discretisation with the weights of other nodes, shape (n_nodes, 3), in metres; real or complex."""
@@ -114,7 +118,7 @@ class FlowGrid:
     @cached_property
     def pattern(self) -> FactorPattern:
         """Pattern of the preconditioner; found when a flow is first solved."""
-        return factor_pattern(self.discretization)
+        return factor_pattern(self.discretization, self.face_sizes)
 
     def __repr__(self) -> str:
         return f"<flow grid of {self.faces.n_cells} cells>"

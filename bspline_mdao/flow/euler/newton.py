@@ -14,9 +14,10 @@ import numpy as np
 from ...numerics.processes import largest
 from .block_factor import BlockFactor
 from .discretization import Discretization
+from .factor_pattern import FactorPattern
 from .krylov import solve_roughly
 from .linearization import Linearization
-from .preconditioner import FactorPattern, add_blocks, compact_factor, time_terms
+from .preconditioner import add_blocks, compact_factor, time_terms
 
 __all__ = [
     "Field",

@@ -6,34 +6,25 @@ Pressures on walls are extrapolated from the first two cells, which takes a tent
 
 Each of several processes factors the part of its own cells: additive Schwarz without overlap.
 
-Blocks are 5 x 5, and the pattern, with level of fill, is symmetric. See `.block_factor` for the factor.
+Blocks are 5 x 5, and the pattern is symmetric. See `.factor_pattern` for it, `.block_factor` for the factor.
 
 Theory: ``docs/theory/euler.rst``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 from numba import njit
-from scipy.sparse import csr_array
 
-from ...cells.cell_faces import NONE
 from ...numerics.fives import add_scaled, block_product, load, store, subtract_scaled
-from ...sparse.blocks import Graph
-from ...sparse.incomplete import IncompletePattern, incomplete_pattern, narrow_order
-from .block_factor import BlockFactor, Schedule, levels_of
+from .block_factor import BlockFactor
 from .cell_sums import visit
 from .discretization import Discretization
+from .factor_pattern import FactorPattern
 from .flux import ROUNDING
 from .gas import GAMMA
 from .linearization import Linearization
 from .reconstruction import FIRST, INNER, MEAN
-
-FILL = 1
-"""Level of fill of the factor."""
 
 COMPACT_DISSIPATION = 0.75
 """Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is
@@ -42,14 +33,6 @@ unstable on grids with the spacing of boundary layers."""
 FLAT, FLAT_ROUNDING = 20.0, 0.03
 """Areas of faces of flat cells relative to the middle one of their cells, from which on the speed with which the flow
 carries entropy and vorticity through them is rounded off by less than in the flux, and by how much less at last."""
-
-
-def factor_pattern(discretization: Discretization) -> FactorPattern:
-    """Find the pattern of the factor, once per grid."""
-    faces = discretization.faces
-    behind = faces.beyond_left[faces.n_inner :]
-    others = np.append(faces.right, np.where(behind == NONE, faces.n_cells, behind))
-    return FactorPattern.of(faces.left, others, faces.n_cells, FILL)
 
 
 def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> BlockFactor:
@@ -246,59 +229,3 @@ def _conserved(rho, u, rate, block):
     block[4, 0] = 0.5 * rate * (u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     for n in range(3):
         block[1 + n, 0], block[1 + n, 1 + n], block[4, 1 + n] = rate * u[n], rate * rho, rate * rho * u[n]
-
-
-@dataclass(frozen=True, eq=False)
-class FactorPattern(IncompletePattern):
-    """Pattern of the factor, and the places in it of the blocks that faces of the grid make.
-
-    Parameters
-    ----------
-    order, rank, starts, columns : ndarray
-        See `IncompletePattern`; points are cells.
-    places : ndarray of int64, shape (n_pairs,)
-        Entry of every pair of neighbours, those at faces and, at the boundary, the first two cells inwards; -1 where
-        there is one cell alone, or one of them is a cell of another process.
-    """
-
-    places: np.ndarray
-
-    @cached_property
-    def schedule(self) -> Schedule:
-        """Order in which threads share the rows."""
-        return Schedule.of(self.starts, self.columns)
-
-    @classmethod
-    def of(cls, left: np.ndarray, right: np.ndarray, n: int, fill: int) -> FactorPattern:
-        """Order the cells by reverse Cuthill and McKee, those of a level next to each other, and find the fill.
-
-        Parameters
-        ----------
-        left, right : ndarray of int, shape (n_pairs,)
-            Pairs of neighbours; pairs with numbers of n or more, of cells of other processes or none, have no place.
-        n : int
-            Number of cells.
-        fill : int
-            Level of fill.
-        """
-        places, is_own = np.full(len(left), -1), (left < n) & (right < n)
-        left, right = left[is_own], right[is_own]
-        ends = np.concatenate([left, right]), np.concatenate([right, left])
-        both = csr_array((np.ones(2 * len(left), np.int8), ends), shape=(n, n))
-        both.sum_duplicates()
-        graph = Graph(both.indptr.astype(np.int64), both.indices.astype(np.int32))
-        found = incomplete_pattern(graph, narrow_order(graph), fill)
-        by_level = found.order[np.argsort(levels_of(found.starts, found.columns), kind="stable")]
-        found = incomplete_pattern(graph, by_level, fill)  # of the same blocks: rows still come after those they need
-        places[is_own] = _find(found.starts, found.columns, found.rank[left], found.rank[right])
-        return cls(found.order, found.rank, found.starts, found.columns, places)
-
-
-@njit(cache=True, error_model="numpy")
-def _find(starts, columns, left, right):
-    """Find the entry of the pattern for each pair of rows."""
-    places = np.empty(len(left), np.int64)
-    for n in range(len(left)):
-        row, column = max(left[n], right[n]), min(left[n], right[n])
-        places[n] = starts[row] + np.searchsorted(columns[starts[row] : starts[row + 1]], column)
-    return places

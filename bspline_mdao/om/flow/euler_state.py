@@ -12,16 +12,18 @@ import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
+from ...flow.euler.block_factor import BlockFactor
 from ...flow.euler.chord import solve_nearby
 from ...flow.euler.cold_start import cold_solutions
 from ...flow.euler.discretization import Discretization
+from ...flow.euler.factor_pattern import FactorPattern
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
 from ...flow.euler.krylov import KrylovSolution, solve_refined
 from ...flow.euler.linearization import Linearization
 from ...flow.euler.newton import FlowSolution, relative_residual, solve_flow
-from ...flow.euler.preconditioner import BlockFactor, FactorPattern, compact_factor
+from ...flow.euler.preconditioner import compact_factor
 from ...flow.stream import RADIAN
 from ...names import GRID
 from ...numerics.processes import largest, summed_number
