@@ -1,19 +1,23 @@
 """Meshes that ride along, beside radial basis functions of the walls: CPU seconds and bytes per node, in one process.
 
-``python benchmarks/bench_ride.py [--nodes N] [--json FILE]``
+``python benchmarks/bench_ride.py [--nodes N] [--cells wedge|tetra|hexahedron] [--json FILE]``
 
-The mesh is a finer member of the H-H grid about the ONERA M6 wing with a boundary layer, as hexahedra; the model that
-carries it is fitted to a coarser one. The peer is `scipy.interpolate.RBFInterpolator` (thin-plate splines through the
-displacements of the walls' nodes and of the corners of the far field, 50 neighbours), which moves nodes by places
-alone; it gets fewer nodes, as it is slow. Inverted cells and heights are those of the ride.
+The mesh is a finer member of the H-H grid about the ONERA M6 wing with a boundary layer: its cells are cut into two
+wedges or six tetrahedra, or left as they are, and nodes that are not on its boundary are moved by random vectors of up
+to a tenth of the shortest edge at each. The model that carries it is fitted to a coarser grid. The peer is
+`scipy.interpolate.RBFInterpolator` (thin-plate splines through the displacements of the walls' nodes and of the corners
+of the far field, 50 neighbours), which moves nodes by places alone; it gets fewer nodes, as it is slow. Inverted cells
+and heights are those of the ride; ``products`` is by how much those of forward and reverse differ.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import resource
 import time
 import tracemalloc
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -21,23 +25,56 @@ from scipy.interpolate import RBFInterpolator
 
 from bspline_mdao import LinearElasticity, MixedMesh, RidingMesh, Spacing, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.design.named_deformations import parse_deformation
+from bspline_mdao.topology.boundary_surface import BoundarySurface
+from bspline_mdao.topology.detection import find_topology
 
 SPACING = Spacing(off_wall=1e-4)
 SHAPE = (23, 33, 17)
 """Nodes per block of the member that the mesh is made of, at a scale of one."""
 
 
-def mesh_of(scale: float) -> MixedMesh:
+SPLITS = {
+    "hexahedron": np.arange(8)[None],
+    "wedge": np.array([[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]]),
+    "tetra": np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]),
+}
+"""Cells that a hexahedron is cut into."""
+
+SHIFT = 0.1
+"""Largest shift of an inner node, by the shortest edge at it."""
+
+
+def mesh_of(scale: float, kind: str) -> MixedMesh:
     """Make the mesh, about ``scale`` times as fine as `SHAPE`."""
     grid = onera_m6_grid(tuple(round(scale * n) for n in SHAPE), SPACING)
-    points, numbers = np.unique(grid.to_vector().reshape(-1, 3), axis=0, return_inverse=True)
-    cells, first = [], 0
+    nodes = grid.to_vector().reshape(-1, 3)
+    points, numbers = np.unique(nodes, axis=0, return_inverse=True)
+    topology, numbers, cells, first = find_topology(grid), numbers.ravel(), [], 0
     for shape in grid.shapes:
-        ids = numbers.ravel()[first : first + np.prod(shape)].reshape(shape)
+        ids = numbers[first : first + np.prod(shape)].reshape(shape)
         first += ids.size
         sides = [ids[:, :, :-1], ids[:, :, 1:]]
         cells.append(np.stack([half for s in sides for half in around(s)], axis=-1).reshape(-1, 8))
-    return MixedMesh(points, {"hexahedron": np.concatenate(cells)})
+    corners = np.concatenate(cells)[:, SPLITS[kind]].reshape(-1, SPLITS[kind].shape[1])
+    boundary = [face for face in topology.boundary if face.kind == "wall"], topology.boundary
+    surfaces = [BoundarySurface.of(topology, nodes, faces) for faces in boundary]
+    wall, skin = (numbers[surface.rows][surface.quads] for surface in surfaces)
+    halves = wall[:, [[0, 1, 2, 2], [0, 2, 3, 3], [0, 1, 3, 3], [1, 2, 3, 3]]].reshape(-1, 4)
+    marker = np.concatenate([wall, halves])  # of these, those count that are faces of cells
+    return MixedMesh(shifted(points, corners, skin), {kind: corners}, {"wing": marker})
+
+
+def shifted(points: np.ndarray, corners: np.ndarray, skin: np.ndarray) -> np.ndarray:
+    """Shift nodes that are not on the boundary by random vectors."""
+    shortest = np.full(len(points), np.inf)
+    for a, b in combinations(range(corners.shape[1]), 2):
+        ends = corners[:, [a, b]]
+        lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+        for end in ends.T:
+            np.minimum.at(shortest, end, lengths)
+    shortest[skin] = 0.0
+    vectors = np.random.default_rng(0).uniform(-1.0, 1.0, points.shape)
+    return points + SHIFT * shortest[:, None] * vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def around(ids: np.ndarray) -> list[np.ndarray]:
@@ -63,7 +100,7 @@ def judged(mesh: MixedMesh, riding: RidingMesh, points: np.ndarray) -> dict:
     }
 
 
-def measure(n_nodes: int) -> dict:
+def measure(n_nodes: int, kind: str) -> dict:
     """Measure both on a mesh of about some number of nodes."""
     model = fit_grid(onera_m6_grid((15, 21, 13), SPACING))
     control = moving_mesh(model)
@@ -71,9 +108,9 @@ def measure(n_nodes: int) -> dict:
     moved = (
         LinearElasticity(control).move(model.control_points, twist.apply(control.points[control.surface_ids])).points
     )
-    riding = RidingMesh.of(model, mesh_of(0.5))
+    riding = RidingMesh.of(model, mesh_of(0.5, kind))
     riding.at(moved).vjp(riding.mesh.points)  # compiles
-    mesh = mesh_of((n_nodes / 150_000) ** (1.0 / 3.0))
+    mesh = mesh_of((n_nodes / 142_000) ** (1.0 / 3.0), kind)
     tracemalloc.start()
     seconds, riding = timed(lambda: RidingMesh.of(model, mesh))
     kept, peak = tracemalloc.get_traced_memory()
@@ -82,6 +119,10 @@ def measure(n_nodes: int) -> dict:
     at, state = timed(lambda: riding.at(moved, wall))
     forward, _ = timed(lambda: state.jvp(moved, wall))
     reverse, _ = timed(lambda: state.vjp(mesh.points))
+    rng = np.random.default_rng(1)
+    seed, d_wall, bar = (rng.standard_normal(x.shape) for x in (moved, wall, mesh.points))
+    there, (points_bar, wall_bar) = np.vdot(bar, state.jvp(seed, d_wall)), state.vjp(bar)
+    judge, found = timed(lambda: judged(mesh, riding, state.points))
     few = np.linspace(0, mesh.n_points - 1, min(mesh.n_points, 20_000)).astype(int)
     box = mesh.points[[np.argmax(mesh.points @ s) for s in np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T]]
     box = np.unique(box, axis=0)
@@ -91,6 +132,7 @@ def measure(n_nodes: int) -> dict:
     peer, _ = timed(lambda: rbf(mesh.points[few]))
     return {
         "n_nodes": mesh.n_points,
+        "n_cells": mesh.n_cells,
         "n_wall_nodes": riding.n_asked,
         "search_us_per_node": 1e6 * seconds / mesh.n_points,
         "move_us_per_node": 1e6 * at / mesh.n_points,
@@ -99,7 +141,10 @@ def measure(n_nodes: int) -> dict:
         "bytes_per_node": [kept / mesh.n_points, peak / mesh.n_points],
         "rbf_us_per_node": 1e6 * peer / len(few),
         "rbf_by_move": (peer / len(few)) / (at / mesh.n_points),
-        **judged(mesh, riding, state.points),
+        "judge_us_per_node": 1e6 * judge / mesh.n_points,
+        "peak_memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
+        "products": abs(np.vdot(points_bar, seed) + np.vdot(wall_bar, d_wall) - there) / abs(there),
+        **found,
     }
 
 
@@ -107,9 +152,10 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nodes", type=int, default=100_000)
+    parser.add_argument("--cells", choices=list(SPLITS), default="wedge")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
-    found = measure(arguments.nodes)
+    found = measure(arguments.nodes, arguments.cells)
     for name, value in found.items():
         print(f"{name:20} {value}")
     if arguments.json:

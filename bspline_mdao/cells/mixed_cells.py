@@ -23,7 +23,7 @@ from numba import njit
 from ..shown import OneLine
 from .quads import area_vectors
 
-__all__ = ["FACES", "CellQuality", "MixedMesh", "fans", "first_heights", "padded"]
+__all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "fans", "first_heights", "padded"]
 
 FACES = {
     "tetra": ((0, 2, 1, 1), (0, 1, 3, 3), (1, 2, 3, 3), (2, 0, 3, 3)),
@@ -134,16 +134,26 @@ class MixedMesh(OneLine):
 
     @cached_property
     def cell_faces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Faces of all cells, shape (n, 4), and their cells, shape (n,)."""
-        faces, cells, first = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)], 0
-        for kind, corners in self.cells.items():
-            faces.append(corners[:, np.array(FACES[kind])].reshape(-1, 4))
-            cells.append(first + np.repeat(np.arange(len(corners)), len(FACES[kind])))
-            first += len(corners)
+        """Faces of all cells, shape (n, 4), around the normal out of these, and their cells, shape (n,).
+
+        Programs do not agree which way a wedge goes round: faces are turned where most cells of a kind have negative
+        volumes otherwise.
+        """
+        kind = np.int32 if max(self.n_points, self.n_cells) < 2**31 else np.int64
+        parts = [(np.zeros((0, 4), dtype=kind), np.zeros(0, dtype=kind))]
+        for name, corners in self.cells.items():
+            faces = corners.astype(kind)[:, np.array(FACES[name])].reshape(-1, 4)
+            parts.append((faces, np.repeat(np.arange(len(corners), dtype=kind), len(FACES[name]))))
         if self.polyhedra is not None:
-            faces.append(self.polyhedra[0])
-            cells.append(first + self.polyhedra[1])
-        return np.concatenate(faces), np.concatenate(cells)
+            parts.append((self.polyhedra[0].astype(kind), self.polyhedra[1].astype(kind)))
+        first = 0
+        for k, (faces, cells) in enumerate(parts):
+            n = int(cells.max(initial=-1)) + 1
+            volumes = pyramids(self.points, faces, cells, n)[:, 0]
+            is_turned = np.count_nonzero(volumes < 0.0) > 0.5 * n
+            parts[k] = np.ascontiguousarray(faces[:, ::-1]) if is_turned else faces, cells + kind(first)
+            first += n
+        return np.concatenate([faces for faces, _ in parts]), np.concatenate([cells for _, cells in parts])
 
     @cached_property
     def skin(self) -> np.ndarray:
@@ -176,29 +186,17 @@ class MixedMesh(OneLine):
 
     def quality(self, points: np.ndarray | None = None) -> CellQuality:
         """Measure its cells, with its nodes somewhere else if these are given, shape (n, 3)."""
-        volumes, least, most = self._pyramids(self.points if points is None else points).T
-        sign = self._handedness
-        least = np.minimum(np.where(sign > 0.0, least, -most), volumes * sign)
-        return CellQuality(volumes * sign, least <= 0.0)
+        volumes, least = pyramids(self.points if points is None else points, *self.cell_faces, self.n_cells).T
+        return CellQuality(volumes, np.minimum(volumes, least) <= 0.0)
 
-    def _pyramids(self, points: np.ndarray) -> np.ndarray:
-        """Sums of the volumes of the pyramids of each cell, the smallest and the largest, shape (n_cells, 3)."""
-        faces, cells = self.cell_faces
-        sums, pyramids = np.zeros((self.n_cells, 4)), np.zeros((self.n_cells, 3))
-        pyramids[:, 1:] = np.inf, -np.inf
-        _sum_middles(points, faces, cells, sums)
-        _sum_pyramids(points, faces, cells, sums, pyramids)
-        return pyramids
 
-    @cached_property
-    def _handedness(self) -> np.ndarray:
-        """Sign of the volumes of each kind in the mesh itself: programs do not agree which way a wedge goes round."""
-        volumes, sign, first = self._pyramids(self.points)[:, 0], np.ones(self.n_cells), 0
-        for corners in self.cells.values():
-            part = slice(first, first + len(corners))
-            sign[part] = -1.0 if np.count_nonzero(volumes[part] < 0.0) > len(corners) / 2 else 1.0
-            first += len(corners)
-        return sign
+def pyramids(points: np.ndarray, faces: np.ndarray, cells: np.ndarray, n_cells: int) -> np.ndarray:
+    """Sum and least of the volumes of the pyramids from the middle of each cell to its faces, shape (n_cells, 2)."""
+    sums, found = np.zeros((n_cells, 4)), np.zeros((n_cells, 2))
+    found[:, 1] = np.inf
+    _sum_middles(points, faces, cells, sums)
+    _sum_pyramids(points, faces, cells, sums, found)
+    return found
 
 
 def face_keys(faces: np.ndarray, n_points: int) -> np.ndarray:
@@ -286,8 +284,8 @@ def _sum_middles(x, faces, cells, sums):
 
 
 @njit(cache=True, error_model="numpy")
-def _sum_pyramids(x, faces, cells, sums, pyramids):
-    """Sum the volumes of the pyramids from the middles of cells to their faces; the smallest and the largest."""
+def _sum_pyramids(x, faces, cells, sums, found):
+    """Sum the volumes of the pyramids from the middles of cells to their faces, and find the least."""
     for f in range(len(faces)):
         (m0, m1, m2), (a0, a1, a2) = _face(x, faces[f])
         at = cells[f]
@@ -295,6 +293,5 @@ def _sum_pyramids(x, faces, cells, sums, pyramids):
         volume = (
             a0 * (m0 - sums[at, 0] / area) + a1 * (m1 - sums[at, 1] / area) + a2 * (m2 - sums[at, 2] / area)
         ) / 3.0
-        pyramids[at, 0] += volume
-        pyramids[at, 1] = min(pyramids[at, 1], volume)
-        pyramids[at, 2] = max(pyramids[at, 2], volume)
+        found[at, 0] += volume
+        found[at, 1] = min(found[at, 1], volume)

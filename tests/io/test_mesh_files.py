@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from riding_cases import HALVES, corners_of
 
-from bspline_mdao import InputError, MixedMesh, brick_grid, read_mesh, write_polymesh
+from bspline_mdao import (
+    InputError,
+    MixedMesh,
+    brick_grid,
+    curved_grid,
+    fit_grid,
+    read_mesh,
+    write_curved_grid,
+    write_polymesh,
+)
 from bspline_mdao.io.cgns import write_base
 from bspline_mdao.io.cgns_nodes import add_node
 from bspline_mdao.io.meshes.foam_lists import FoamFile
@@ -231,3 +240,98 @@ def test_what_is_wrong_in_a_cgns_mesh_is_said_in_one_line(cgns, tmp_path):
     (tmp_path / "old.cgns").write_bytes(b"@(#)ADF Database Version A02011>" + bytes(64))
     with pytest.raises(InputError, match="old ADF format"):
         read_mesh(tmp_path / "old.cgns")
+
+
+def polygons_file(folder, path, version, has_cells):
+    """The mesh of a folder as polygons of CGNS 3 or 4, with cells that list them or with the polygons' parents."""
+    mesh, (corners, sizes) = read_mesh(folder).mesh, FoamFile.read(folder, "faces").faces()
+    owner, neighbour = (FoamFile.read(folder, name).labels() for name in ("owner", "neighbour"))
+    n_faces, n_cells = len(sizes), int(owner.max()) + 1
+
+    def add_lists(section, values, lengths):
+        starts = np.concatenate([[0], np.cumsum(lengths)])
+        if version == 4:
+            add_node(section, "ElementStartOffset", "DataArray_t", starts)
+        else:
+            values = np.insert(values, starts[:-1], lengths)
+        add_node(section, "ElementConnectivity", "DataArray_t", values)
+
+    with h5py.File(path, "w", track_order=True) as file:
+        zone = add_node(write_base(file, 3), "zone", "Zone_t", np.array([[mesh.n_points], [n_cells], [0]]))
+        add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, values in zip("XYZ", mesh.points.T):
+            add_node(coordinates, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(values))
+        faces = add_node(zone, "faces", "Elements_t", np.array([22, 0], np.int32))
+        add_node(faces, "ElementRange", "IndexRange_t", np.array([1, n_faces]))
+        add_lists(faces, corners + 1, sizes)
+        if has_cells:
+            cells = add_node(zone, "cells", "Elements_t", np.array([23, 0], np.int32))
+            add_node(cells, "ElementRange", "IndexRange_t", np.array([n_faces + 1, n_faces + n_cells]))
+            listed = np.concatenate([np.arange(n_faces) + 1, -1 - np.arange(len(neighbour))])
+            of = np.concatenate([owner, neighbour])
+            add_lists(cells, listed[np.argsort(of, kind="stable")], np.bincount(of))
+        else:
+            parents = np.zeros((2, n_faces), dtype=np.int64)
+            parents[0], parents[1, : len(neighbour)] = n_faces + 1 + owner, n_faces + 1 + neighbour
+            add_node(faces, "ParentElements", "DataArray_t", parents)
+        text = (folder / "boundary").read_text().partition("body")[2]
+        first, n = (int(re.search(rf"{key} (\d+)", text)[1]) for key in ("startFace", "nFaces"))
+        body = add_node(add_node(zone, "ZoneBC", "ZoneBC_t"), "body", "BC_t", "BCWall")
+        add_node(body, "PointList", "IndexArray_t", np.arange(first + 1, first + n + 1)[:, None])
+        add_node(body, "GridLocation", "GridLocation_t", "FaceCenter")
+    return path
+
+
+@pytest.mark.parametrize(("version", "has_cells"), [(4, True), (4, False), (3, True)])
+def test_polygons_of_cgns_are_the_mesh_of_openfoam(folder, tmp_path, version, has_cells):
+    path, mesh = polygons_file(folder, tmp_path / "polygons.cgns", version, has_cells), read_mesh(folder).mesh
+    read = read_mesh(path)
+    np.testing.assert_allclose(read.mesh.quality().volumes, mesh.quality().volumes, rtol=1e-14)
+    walls = (part.into_fluid(part.markers["body"]) for part in (read.mesh, mesh))
+    assert {tuple(face) for face in next(walls).tolist()} == {tuple(face) for face in next(walls).tolist()}
+    read.write(tmp_path / "moved.cgns", 2.0 * mesh.points)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.cgns").mesh.points, 2.0 * mesh.points)
+    read.write(tmp_path / "same.cgns", mesh.points)
+    assert (tmp_path / "same.cgns").read_bytes() == path.read_bytes()
+
+
+def test_polygons_without_conditions_have_markers_where_sections_are_on_the_boundary(folder, tmp_path):
+    path = polygons_file(folder, tmp_path / "polygons.cgns", 4, True)
+    with h5py.File(path, "r+") as file:
+        del file["Base/zone/ZoneBC"]
+    mesh = read_mesh(path).mesh
+    assert len(mesh.markers["faces"]) == len(mesh.skin)
+    with h5py.File(path, "r+") as file:
+        file["Base/zone/faces/ElementStartOffset/ data"][-1] += 1
+    with pytest.raises(InputError, match="section 'faces': its polygons or polyhedra do not end with the numbers"):
+        read_mesh(path)
+    with h5py.File(path, "r+") as file:
+        file["Base/zone/faces/ElementStartOffset/ data"][-1] -= 1
+        del file["Base/zone/cells"]
+    with pytest.raises(InputError, match="has polygons but neither NFACE_n nor ParentElements"):
+        read_mesh(path)
+
+
+def test_vtk_reads_the_moved_polygons_alike(folder, tmp_path):
+    pyvista = pytest.importorskip("pyvista", reason="the extra 'pictures' is not installed")
+    read = read_mesh(polygons_file(folder, tmp_path / "polygons.cgns", 4, True))
+    read.write(tmp_path / "moved.cgns", read.mesh.points * [1.0, 1.0, 1.5])
+    inside = pyvista.CGNSReader(tmp_path / "moved.cgns").read().combine()
+    np.testing.assert_array_equal(inside.points, read.mesh.points * [1.0, 1.0, 1.5])
+    sizes = inside.compute_cell_sizes()["Volume"]
+    np.testing.assert_allclose(read.mesh.quality(inside.points).volumes, sizes, rtol=0.02)  # it cuts bent faces
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4])
+def test_curved_elements_of_cgns_move_whole_and_count_by_their_corners(tmp_path, degree):
+    model = fit_grid(brick_grid((5, 5, 5, 5)))
+    write_curved_grid(tmp_path / "curved.cgns", curved_grid(model, degree))
+    read = read_mesh(tmp_path / "curved.cgns")
+    quality = read.mesh.quality()
+    assert (read.mesh.n_cells, read.mesh.cells["hexahedron"].shape[1]) == (6 * 4**3, 8)
+    assert read.mesh.n_points > read.mesh.n_cells * degree**3
+    assert not quality.is_inverted.any()
+    assert read.mesh.markers["body"].shape == (6 * 4**2, 4)
+    read.write(tmp_path / "moved.cgns", 2.0 * read.mesh.points)
+    np.testing.assert_array_equal(read_mesh(tmp_path / "moved.cgns").mesh.points, 2.0 * read.mesh.points)

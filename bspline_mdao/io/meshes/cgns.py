@@ -15,20 +15,35 @@ import h5py
 import numpy as np
 from numba import njit
 
-from ...cells.mixed_cells import MixedMesh, padded
+from ...cells.mixed_cells import MixedMesh, face_keys, padded
 from ...errors import InputError
 from ...shown import OneLine
 from ..cgns_nodes import children, damaged_is_input_error, first_child, is_link, require_stored, value, word
 from ..disk import deferred_interrupts, read_raw, replaced_file
 from ..formats import ADF
+from .cgns_polyhedra import NFACE, NGON, Lists, Polygons
 
 __all__ = ["CgnsMeshFile", "read_cgns_mesh"]
 
-CELLS = {10: ("tetra", 4), 12: ("pyramid", 5), 14: ("wedge", 6), 17: ("hexahedron", 8)}
-FACES = {5: 3, 7: 4}
-LINES = {2: 1, 3: 2}
+CELLS = {
+    "tetra": (4, {10: 4, 11: 10, 29: 16, 30: 20, 45: 22, 46: 34, 47: 35}),
+    "pyramid": (5, {12: 5, 21: 13, 13: 14, 31: 21, 32: 29, 33: 30, 48: 29, 49: 50, 50: 55}),
+    "wedge": (6, {14: 6, 15: 15, 16: 18, 34: 24, 35: 38, 36: 40, 51: 33, 52: 66, 53: 75}),
+    "hexahedron": (8, {17: 8, 18: 20, 19: 27, 37: 32, 38: 56, 39: 64, 54: 44, 55: 98, 56: 125}),
+}
+FACES = {
+    "triangle": (3, {5: 3, 6: 6, 25: 9, 26: 10, 41: 12, 42: 15}),
+    "quad": (4, {7: 4, 8: 8, 9: 9, 27: 12, 28: 16, 43: 16, 44: 25}),
+}
+LINES = {2: 1, 3: 2, 4: 3, 24: 4, 40: 5}
+"""Corners of cells and faces, which come first, and their nodes by CGNS's numbers of the elements of each degree; the
+nodes of what is no part of a boundary."""
+
+CORNERS = {number: n for n, numbers in (*CELLS.values(), *FACES.values()) for number in numbers} | LINES
+NODES = {k: n for _, numbers in (*CELLS.values(), *FACES.values()) for k, n in numbers.items()} | LINES
+KINDS = {number: kind for kind, (_, numbers) in CELLS.items() for number in numbers}
 MIXED = 20
-"""CGNS's numbers of cells, faces, and of what is no part of a boundary, and their corners."""
+"""Corners and nodes of elements by their numbers, the kinds of cells, and the number of sections of several kinds."""
 
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -89,6 +104,7 @@ def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
     if head.startswith(ADF) or head[4:].startswith(ADF):
         raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
     points: list[np.ndarray] = []
+    seen, of_cells = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     cells: dict[str, list[np.ndarray]] = {}
     markers: dict[str, list[np.ndarray]] = {}
     places, first = [], 0
@@ -108,6 +124,10 @@ def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
                 cells.setdefault(kind, []).append(corners + first)
             for marker, faces in elements.markers(zone).items():
                 markers.setdefault(marker, []).append(faces + first)
+            if elements.polyhedra is not None:
+                n_before = sum(int(part.max()) + 1 for part in of_cells[-1:] if len(part))
+                seen.append(elements.polyhedra[0] + first)
+                of_cells.append(elements.polyhedra[1] + n_before)
             points.append(zone_points)
             places.append(zone_places)
             first += len(zone_points)
@@ -119,7 +139,8 @@ def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
         joined,
         {kind: numbers[np.concatenate(parts)] for kind, parts in cells.items()},
         {name: numbers[np.concatenate(parts)] for name, parts in markers.items()},
-        source=source,
+        (numbers[np.concatenate(seen)], np.concatenate(of_cells)) if len(seen) > 1 else None,
+        source,
     )
     return CgnsMeshFile(mesh, os.path.abspath(path), tuple(places), numbers)
 
@@ -155,13 +176,16 @@ class _Elements:
     numbers : ndarray, shape (n,)
         Their numbers in the zone, ascending.
     sections : dict of ndarray
-        Faces of each section that has some, as rows of `faces`.
+        Faces of each section that has some, as rows of `faces`; of polygons those of one cell alone.
+    polyhedra : tuple of two ndarray of int, or None
+        Faces of polyhedra and their cells, see `MixedMesh`.
     """
 
     cells: dict[str, np.ndarray]
     faces: np.ndarray
     numbers: np.ndarray
     sections: dict[str, np.ndarray]
+    polyhedra: tuple[np.ndarray, np.ndarray] | None
 
     def markers(self, zone: h5py.Group) -> dict[str, np.ndarray]:
         """Faces of boundary conditions by their names; where there are none, of sections."""
@@ -198,46 +222,82 @@ def _elements(zone: h5py.Group, n_points: int, what: str) -> _Elements:
     cells: dict[str, list[np.ndarray]] = {}
     faces, numbers = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     names: list[str] = []
+    lists: dict[int, list[Lists]] = {NGON: [], NFACE: []}
+    parents: list[np.ndarray | None] = []
     for name, section in children(zone, "Elements_t"):
-        kind = int(np.asarray(value(section)).ravel()[0])
+        kind, where = int(np.asarray(value(section)).ravel()[0]), f"{what}, section '{name}'"
         parts = dict(children(section, "DataArray_t") + children(section, "IndexRange_t"))
         low, high = (int(x) for x in np.asarray(value(parts["ElementRange"])).ravel()[:2])
+        if kind in lists:
+            found = Lists.read(parts, low, high, where)
+            lists[kind].append(found)
+            if kind == NGON:
+                _require_nodes(found.values, n_points, where)
+                pieces = Polygons.of(found, where)
+                faces.append(pieces.quads)
+                numbers.append(pieces.numbers[pieces.polygon])
+                names += [name] * len(pieces.quads)
+                parents.append(np.asarray(value(parts["ParentElements"])) if "ParentElements" in parts else None)
+            continue
         stored = np.asarray(value(parts["ElementConnectivity"])).ravel().astype(np.int64)
-        for number, rows, corners in _by_kind(kind, stored, low, high, f"{what}, section '{name}'"):
-            if corners.size and not 1 <= corners.min() <= corners.max() <= n_points:
-                raise InputError(f"{what}, section '{name}': has node {corners.max()} of {n_points:,}; write it again")
-            if number in CELLS:
-                cells.setdefault(CELLS[number][0], []).append(corners - 1)
-            elif number in FACES:
+        for number, rows, corners in _by_kind(kind, stored, low, high, where):
+            _require_nodes(corners, n_points, where)
+            if number in KINDS:
+                cells.setdefault(KINDS[number], []).append(corners - 1)
+            elif number not in LINES:
                 faces.append(padded(corners - 1))
                 numbers.append(rows)
                 names += [name] * len(rows)
     order = np.argsort(np.concatenate(numbers), kind="stable")
     of = np.array(names, dtype=object)[order]
+    joined, joined_faces = {kind: np.concatenate(parts) for kind, parts in cells.items()}, np.concatenate(faces)[order]
     sections = {name: np.flatnonzero(of == name) for name in dict.fromkeys(names)}
-    joined = {kind: np.concatenate(parts) for kind, parts in cells.items()}
-    return _Elements(joined, np.concatenate(faces)[order], np.concatenate(numbers)[order], sections)
+    polyhedra = _polyhedra(lists, parents, what) if lists[NGON] else None
+    if polyhedra is not None:
+        keys = face_keys(polyhedra[0], n_points)
+        found_keys, counts = np.unique(keys, return_counts=True)
+        is_outer = np.isin(face_keys(joined_faces, n_points), found_keys[counts == 1])
+        sections = {name: rows[is_outer[rows]] for name, rows in sections.items() if is_outer[rows].any()}
+    return _Elements(joined, joined_faces, np.concatenate(numbers)[order], sections, polyhedra)
+
+
+def _polyhedra(lists: dict[int, list[Lists]], parents: list, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of polyhedra, and their cells: as the cells tell or, without these, the polygons' parents."""
+    polygons = Polygons.of(Lists.joined(lists[NGON]), what)
+    if lists[NFACE]:
+        return polygons.of_cells(Lists.joined(lists[NFACE]), what)
+    order = sorted(range(len(parents)), key=lambda k: lists[NGON][k].numbers[:1].tolist())
+    known = [parents[k] for k in order]
+    if any(part is None or part.shape != (2, len(lists[NGON][k].numbers)) for k, part in zip(order, known)):
+        raise InputError(f"{what}: has polygons but neither NFACE_n nor ParentElements; write it with its cells")
+    return polygons.of_parents(np.concatenate(known, axis=1))
+
+
+def _require_nodes(corners: np.ndarray, n_points: int, what: str) -> None:
+    """Refuse numbers that are of no node."""
+    if corners.size and not 1 <= corners.min() <= corners.max() <= n_points:
+        raise InputError(f"{what}: has node {corners.max()} of {n_points:,}; write it again")
 
 
 def _by_kind(kind: int, stored: np.ndarray, low: int, high: int, what: str):
-    """Kind, numbers and corners, from 1, of the elements of a section, kind after kind."""
-    n, sizes = high - low + 1, {**{k: size for k, (_, size) in CELLS.items()}, **FACES, **LINES}
-    if kind in sizes:
-        if len(stored) != n * sizes[kind]:
+    """Number, numbers in the zone and corners, from 1, of the elements of a section, kind after kind."""
+    n = high - low + 1
+    if kind in NODES:
+        if len(stored) != n * NODES[kind]:
             raise InputError(f"{what}: announces {n:,} elements and holds another number; write it again")
-        yield kind, np.arange(low, high + 1), stored.reshape(n, sizes[kind])
+        yield kind, np.arange(low, high + 1), stored.reshape(n, NODES[kind])[:, : CORNERS[kind]]
         return
     if kind != MIXED:
-        raise InputError(f"{what}: has elements of kind {kind}; known are {', '.join(map(str, [*sizes, MIXED]))}")
-    steps = np.zeros(max(sizes) + 1, dtype=np.int64)
-    steps[list(sizes)] = np.array(list(sizes.values())) + 1
+        raise InputError(f"{what}: has elements of kind {kind}; known are {', '.join(map(str, sorted(NODES)))}")
+    steps = np.zeros(max(NODES) + 1, dtype=np.int64)
+    steps[list(NODES)] = np.array(list(NODES.values())) + 1
     starts = np.empty(n, dtype=np.int64)
     if not _find_starts(stored, steps, starts):
         raise InputError(f"{what}: its mixed elements are damaged, or of another kind; write it again")
     kinds = stored[starts]
     for number in np.unique(kinds).tolist():
         rows = np.flatnonzero(kinds == number)
-        yield number, low + rows, stored[starts[rows][:, None] + 1 + np.arange(sizes[number])]
+        yield number, low + rows, stored[starts[rows][:, None] + 1 + np.arange(CORNERS[number])]
 
 
 @njit(cache=True)
