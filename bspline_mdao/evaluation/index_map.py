@@ -129,15 +129,20 @@ def _limited_increments(steps: np.ndarray, jets: np.ndarray) -> tuple[np.ndarray
     safe = np.minimum(padded[..., :-1], padded[..., 1:]) / (2 * k + 1)  # each increment, of the safe derivatives
     before, after = _increments(jets)
     share = np.ones_like(safe)  # of the derivatives of high order
-    for increments in (before, after):
+    for side, increments in ((np.s_[..., 1:], before), (np.s_[..., :-1], after)):  # those that have an interval
         for each in increments:
-            share = np.minimum(share, _share(safe, safe - each))
-    gains = [np.maximum(each.sum(axis=0) - k * safe, 0.0) for each in (before, after)]
-    middle = steps - k * (safe[..., 1:] + safe[..., :-1])
-    bound = _share(middle, gains[0][..., 1:] + gains[1][..., :-1])
-    share[..., 1:] = np.minimum(share[..., 1:], bound)
-    share[..., :-1] = np.minimum(share[..., :-1], bound)
-    return (safe + share * (before - safe)), (safe + share * (after - safe))
+            share[side] = np.minimum(share[side], _share(safe[side], (safe - each)[side]))
+    # what the derivatives at the ends of every interval take from its middle; or give, with the shares that are left
+    taken = np.stack([after.sum(axis=0) - k * safe, before.sum(axis=0) - k * safe])
+    taken = np.stack([taken[0, ..., :-1], taken[1, ..., 1:]])
+    middle, given = steps - k * (safe[..., 1:] + safe[..., :-1]), 0.0
+    for _ in range(2):
+        bound = _share(middle + given / (1.0 - LEAST), np.maximum(taken, 0.0).sum(axis=0))
+        left = share.copy()
+        left[..., 1:] = np.minimum(left[..., 1:], bound)
+        left[..., :-1] = np.minimum(left[..., :-1], bound)
+        given = np.sum(np.maximum(-taken, 0.0) * np.stack([left[..., :-1], left[..., 1:]]), axis=0)
+    return (safe + left * (before - safe)), (safe + left * (after - safe))
 
 
 def _share(amount: np.ndarray, loss: np.ndarray) -> np.ndarray:

@@ -101,6 +101,14 @@ def test_ordinary_stretching_is_not_limited(continuity):
         np.testing.assert_allclose(limited, free, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("x", [np.linspace(0.0, 1.0, 15) ** 2, 1.0 - np.cos(0.5 * np.pi * np.linspace(0.0, 1.0, 15))])
+def test_spacing_that_goes_to_zero_at_an_end_is_kept(x):
+    """Cosine spacing, and trailing edges of Joukowski sections: the first cell of a member was 18 % too long."""
+    free, limited = (interpolate(x, 0, 22, is_limited) for is_limited in (False, True))
+    np.testing.assert_allclose(limited[1], free[1], rtol=0.01)
+    np.testing.assert_allclose(limited[2:], free[2:], rtol=0.0, atol=1e-15)
+
+
 @pytest.mark.parametrize("is_increasing", [False, True])
 def test_the_map_is_the_same_from_both_ends(is_increasing):
     x = np.cumsum(10.0 ** np.random.default_rng(5).uniform(-3, 0, (9, 11)), axis=1)

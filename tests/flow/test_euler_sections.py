@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from euler_cases import AXES, case_of, lifting_section, section_grid
-from topology_cases import box, grid_of, smooth_box
+from topology_cases import box, grid_of, o_grid, smooth_box
 
 from bspline_mdao import FarField, Spacing, flat_plate_grid, infinite_wing_grid, naca_section
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -144,6 +144,15 @@ def test_weights_sum_to_one_and_are_near_those_of_smooth_lines_on_smooth_grids()
     (plain, kinked), _, _ = weighed(smooth_box(8, 7, 6))
     np.testing.assert_allclose(kinked.sum(axis=1), 1.0, rtol=1e-13)
     assert np.abs(kinked - plain).max() < 0.3
+
+
+def test_about_an_axis_no_mean_turns_the_sign_of_what_alternates():
+    """Mid-faces of thin wedges are nearer to the axis than all cells along the line: no weights are of the face."""
+    (plain, kinked), _, _ = weighed(o_grid(n_around=33, radius=0.0))
+    phases = np.linspace(0.0, 0.5 * np.pi, 91)[:, None]
+    means = (kinked[:, 1] + kinked[:, 2]) * np.cos(phases) + (kinked[:, 0] + kinked[:, 3]) * np.cos(3.0 * phases)
+    assert np.abs(kinked - plain).max() > 0.2
+    assert means.min() > -1e-12
 
 
 def test_where_spacing_jumps_the_mean_is_of_the_face():

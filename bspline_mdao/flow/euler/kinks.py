@@ -45,6 +45,10 @@ WORTH = 100.0
 SMALLEST, LARGEST = 0.01, 0.5
 """Changes of a weight: smaller ones are not worth a class of faces of their own, larger ones are cut to this."""
 
+OUTER = 0.25
+"""Most that the two outer cells weigh together. With more, the mean of what alternates along the line has the wrong
+sign, cos(x) (1 - 4 OUTER sin(x)^2) < 0 at some phase x from a face to the next cells, and such waves run backwards."""
+
 STRETCHED = 10.0
 """Second length of a cell by its least: a grid with more at most of its walls keeps the weights of smooth lines, since
 with others Newton's steps do not converge on the spacing of boundary layers."""
@@ -179,8 +183,7 @@ def weight_changes(cells, weights, middles, centres, spreads):
             for n in range(3):
                 for m in range(3):
                     out[f, k] -= steps[k, n] * inverse[n, m] * miss[m]
-        factor, _ = _cut(out[f])
-        out[f] *= factor
+        out[f] *= _cut(out[f], weights[f])[0]
     return out
 
 
@@ -206,10 +209,8 @@ def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_c
         d_push = inverse @ (d_miss - matrix @ push - rounding * push)
         for k in range(4):
             free[k], d_free[k] = -np.sum(steps[k] * push), -np.sum(d_steps[k] * push + steps[k] * d_push)
-        factor, largest = _cut(free)
-        out[f] = factor * d_free
-        if factor < 1.0:
-            out[f] -= free * factor * d_free[largest] / free[largest]
+        factor, by = _cut(free, weights[f])
+        out[f] = factor * (d_free - np.sum(by * d_free) * free)
     return out
 
 
@@ -228,10 +229,8 @@ def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
         push = inverse @ miss
         for k in range(4):
             free[k] = -np.sum(steps[k] * push)
-        factor, largest = _cut(free)
-        free_bar[:] = factor * bar[f]
-        if factor < 1.0:
-            free_bar[largest] -= factor * np.sum(free * bar[f]) / free[largest]
+        factor, by = _cut(free, weights[f])
+        free_bar[:] = factor * (bar[f] - np.sum(free * bar[f]) * by)
         push_bar = np.zeros(3)
         for k in range(4):
             push_bar -= free_bar[k] * steps[k]
@@ -310,11 +309,18 @@ def _invert(near, steps, spreads, inverse):
 
 
 @njit(cache=True, error_model="numpy")
-def _cut(changes):
-    """Factor that cuts changes to the largest that are allowed, and which of them is the largest."""
-    at = 0
+def _cut(changes, weights):
+    """Factor that cuts changes of weights to what is allowed, and minus the gradient of its logarithm."""
+    by, at = np.zeros_like(changes), 0
     for k in range(4):
         if abs(changes[k].real) > abs(changes[at].real):
             at = k
-    size = changes[at] if changes[at].real > 0.0 else -changes[at]
-    return (LARGEST / size if size.real > LARGEST else 1.0 + 0.0 * size), at
+    factor, outer, room = 1.0 + 0.0 * changes[0], changes[0] + changes[3], OUTER - weights[0] - weights[3]
+    if abs(changes[at].real) > LARGEST:
+        by[at] = 1.0 / changes[at]
+        factor = LARGEST * (by[at] if changes[at].real > 0.0 else -by[at])
+    if (outer * factor).real > room:
+        by[:] = 0.0
+        by[0], by[3] = 1.0 / outer, 1.0 / outer
+        factor = room / outer
+    return factor, by
