@@ -98,7 +98,10 @@ from .measures.camber_surface import CamberSurface as CamberSurface
 from .measures.clearance import Clearance as Clearance
 from .measures.clearance import PlaneClearance as PlaneClearance
 from .measures.curvature import Curvature as Curvature
+from .measures.seam_smoothness import SeamSmoothness as SeamSmoothness
+from .measures.seams import PoleContinuity as PoleContinuity
 from .measures.seams import SeamContinuity as SeamContinuity
+from .measures.seams import pole_continuity as pole_continuity
 from .measures.seams import seam_continuity as seam_continuity
 from .measures.section_thickness import SectionThickness as SectionThickness
 from .measures.thickness import Thickness as Thickness
@@ -163,6 +166,7 @@ from .om.mphys.warper import VolumeWarper as VolumeWarper
 from .om.point_set import PointSet as PointSet
 from .om.quality import Quality as Quality
 from .om.ride import Ride as Ride
+from .om.seam_measure import SeamMeasure as SeamMeasure
 from .om.snapshots import Snapshot as Snapshot
 from .om.surface_control import SurfaceControl as SurfaceControl
 from .om.surface_control_fit import SurfaceControlFit as SurfaceControlFit

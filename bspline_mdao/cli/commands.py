@@ -493,6 +493,34 @@ def cad(**options) -> None:
     write_cad_file(**options)
 
 
+@command("seams wing.h5", "seams wing.h5 --deform bend=60deg@0.6 --patch 'wing*'")
+@click.argument("model_file", metavar="MODEL.h5", type=click.Path(path_type=Path))
+@click.option(
+    "--deform",
+    multiple=True,
+    metavar="DEFORMATION",
+    help="As for move, more than once: measure after it, at seams that are smooth before.",
+)
+@click.option("--patch", multiple=True, metavar="PATCH", help="Patch to look at, more than once; all walls by default.")
+@click.option(
+    "--max-kink",
+    type=click.FloatRange(min=0.0, max=180.0),
+    default=5.0,
+    show_default=True,
+    metavar="DEG",
+    help="Largest kink at which a seam counts as smooth rather than as an edge.",
+)
+@json_option
+def seams(**options) -> None:
+    """Measure how smooth the walls of a model are across the seams between its blocks, and at poles.
+
+    Kinks are angles between the tangent planes of both sides, curvatures those across the seam; at 21 places of each.
+    """
+    from .seams import measure_seams
+
+    measure_seams(**options)
+
+
 @command("report wing.h5 -o wing.html", "report case.sql --model wing.h5 -o optimum.html")
 @click.argument("source", metavar="MODEL.h5|CASE.sql", type=click.Path(path_type=Path))
 @click.option(

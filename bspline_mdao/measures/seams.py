@@ -1,4 +1,4 @@
-"""How smooth a surface is across its seams: the angle between tangent planes, and curvatures on either side.
+"""How smooth a surface is across its seams and at its poles: angles between tangent planes, curvatures on either side.
 
 At places along a seam, ``n`` is the unit normal of a side, ``T`` the unit tangent of the seam and ``h = n x T`` the
 direction across it in the tangent plane. The normal curvature in that direction is ``II(d, d)`` where
@@ -19,13 +19,13 @@ import numpy as np
 
 from ..checks import as_finite_points, require_kind
 from ..errors import InputError
-from ..mesh.seams import Seam, SideEdge, find_seams
-from ..mesh.spline_sides import spline_sides
+from ..mesh.seams import Pole, Seam, SideEdge, find_poles, find_seams
+from ..mesh.spline_sides import SplineSide, spline_sides
 from ..model.fitted_model import FittedModel
 from ..numerics.vectors import dots, lengths
 from ..shown import OneLine
 
-__all__ = ["SeamContinuity", "seam_continuity"]
+__all__ = ["PoleContinuity", "SeamContinuity", "pole_continuity", "seam_continuity"]
 
 NO_PLANE = 1e-6
 """Sine between the two derivatives of a side, or part of the longest of them, at which it has no tangent plane."""
@@ -45,6 +45,8 @@ class SeamContinuity(OneLine):
         Angles between the two tangent planes (deg): 0 where the surface is smooth, 180 where it turns back on itself.
     curvatures : ndarray, shape (n, 2)
         Normal curvature across the seam on either side (1/m).
+    number : int
+        Number of the seam, the same however control points move.
 
     Examples
     --------
@@ -58,6 +60,7 @@ class SeamContinuity(OneLine):
     points: np.ndarray
     kinks: np.ndarray
     curvatures: np.ndarray
+    number: int
 
     @property
     def max_kink(self) -> float:
@@ -106,20 +109,105 @@ def seam_continuity(
     >>> len(seams)  # the edges of a cube
     12
     """
-    require_kind(model, FittedModel, "the model of seams", "make it with fit_grid(grid)")
+    sides = _sides(model, control_points, patches)
     if n_places < 1:
         raise InputError(f"seams: {n_places} places along each; ask for at least 1")
-    points = model.control_points
-    if control_points is not None:
-        points = as_finite_points(control_points, len(points), f"{model.header.source}: control points")
-    sides = spline_sides(model, points, patches)
     t = np.arange(1, n_places + 1) / (n_places + 1)
     names = [side.name for side in sides]
-    found = [_measured(seam, t, names) for seam in find_seams([(side.surface, side.ids) for side in sides])]
+    seams = find_seams([(side.surface, side.ids) for side in sides])
+    found = [_measured(seam, t, names, number) for number, seam in enumerate(seams)]
     return tuple(sorted(found, key=lambda seam: -seam.max_kink))
 
 
-def _measured(seam: Seam, t: np.ndarray, names: Sequence[str]) -> SeamContinuity:
+@dataclass(frozen=True, eq=False)
+class PoleContinuity(OneLine):
+    """Smoothness at a pole, to which edges of sides have collapsed.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The sides that meet there: block, side and patch.
+    point : ndarray, shape (3,)
+        The pole (m).
+    kink : float
+        Largest angle between a direction in which the surface leaves the pole and the plane nearest to all (deg).
+
+    Examples
+    --------
+    >>> from bspline_mdao import fit_grid, onera_m6_grid, pole_continuity
+    >>> pole_continuity(fit_grid(onera_m6_grid((9, 9, 7))))  # no edge of it has collapsed to a point
+    ()
+    """
+
+    names: tuple[str, ...]
+    point: np.ndarray
+    kink: float
+
+
+def pole_continuity(
+    model: FittedModel,
+    control_points: np.ndarray | None = None,
+    patches: str | Sequence[str] | None = None,
+    n_places: int = 21,
+) -> tuple[PoleContinuity, ...]:
+    """Measure how far a surface is from having one tangent plane at points to which edges of its sides have collapsed.
+
+    Parameters
+    ----------
+    model, control_points, patches
+        As for `seam_continuity`.
+    n_places : int
+        Directions out of the pole on each side.
+
+    Returns
+    -------
+    tuple of PoleContinuity
+        The largest kink first.
+
+    Raises
+    ------
+    InputError
+        As `seam_continuity`.
+
+    Examples
+    --------
+    >>> from bspline_mdao import ball_grid, fit_grid, pole_continuity
+    >>> pole_continuity(fit_grid(ball_grid((9, 9, 9, 9))))  # six sides, and no pole
+    ()
+    """
+    sides = _sides(model, control_points, patches)
+    if n_places < 1:
+        raise InputError(f"poles: {n_places} directions on each side; ask for at least 1")
+    poles = find_poles([(side.surface, side.ids) for side in sides])
+    found = [_flatness(pole, sides, np.linspace(0.0, 1.0, n_places)) for pole in poles]
+    return tuple(sorted(found, key=lambda pole: -pole.kink))
+
+
+def _sides(model: FittedModel, control_points: np.ndarray | None, patches) -> list[SplineSide]:
+    """Sides on the surface of a model whose control points may have moved."""
+    require_kind(model, FittedModel, "the model of seams", "make it with fit_grid(grid)")
+    points = model.control_points
+    if control_points is not None:
+        points = as_finite_points(control_points, len(points), f"{model.header.source}: control points")
+    return spline_sides(model, points, patches)
+
+
+def _flatness(pole: Pole, sides: Sequence[SplineSide], t: np.ndarray) -> PoleContinuity:
+    """Largest angle of a direction out of a pole with the plane of all."""
+    out = np.concatenate([edge.side.gradients(*edge.uv(t))[..., edge.axis] * edge.inward for edge in pole.edges])
+    size = lengths(out)
+    directions = out[size > NO_PLANE * size.max(initial=0.0)]
+    directions /= lengths(directions)[:, None]
+    kink = 0.0
+    if len(directions) > 2:
+        normal = np.linalg.svd(directions, full_matrices=False)[2][-1]
+        kink = float(np.degrees(np.arcsin(np.abs(directions @ normal).max().clip(0.0, 1.0))))
+    edge = pole.edges[0]
+    names = tuple(dict.fromkeys(sides[each.number].name for each in pole.edges))
+    return PoleContinuity(names, edge.side.points(*edge.uv(t[:1]))[0], kink)
+
+
+def _measured(seam: Seam, t: np.ndarray, names: Sequence[str], number: int) -> SeamContinuity:
     normals, curvatures, has_plane = zip(*(_on_side(edge, t) for edge in (seam.first, seam.second)))
     both = has_plane[0] & has_plane[1]
     kinks = np.degrees(np.arctan2(lengths(np.cross(*normals)), dots(*normals)))
@@ -128,6 +216,7 @@ def _measured(seam: Seam, t: np.ndarray, names: Sequence[str]) -> SeamContinuity
         seam.first.side.points(*seam.first.uv(t))[both],
         kinks[both],
         np.stack(curvatures, axis=1)[both],
+        number,
     )
 
 

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from seam_cases import globe_grid
 
 from bspline_mdao import InputError, TangentContinuity, ball_grid, fit_grid, moving_mesh, onera_m6_grid
 from bspline_mdao.design.elimination import eliminate
 from bspline_mdao.design.selection import InBox
 from bspline_mdao.mesh.seams import poles_of_mesh, seams_of_mesh
-from bspline_mdao.topology.grid import Block, Grid, Patch
-from bspline_mdao.topology.index_space import Window
 
 
 def kinks_along(mesh, points, n_places=101):
@@ -118,19 +117,6 @@ def test_a_part_of_a_seam_is_smooth_where_it_is_asked_for(fine):
     assert kinks[is_top].max() < 0.02 < 10.0 < kinks[~is_top].max()
 
 
-def globe():
-    """A ball of four wedges that meet at its poles, and the largest angle of a leg of a pole with the plane of all."""
-    a, b, r = np.meshgrid(np.linspace(0, np.pi / 2, 9), np.linspace(0, np.pi, 17), np.linspace(1, 3, 5), indexing="ij")
-    nodes = [
-        np.stack([r * np.sin(b) * np.cos(a + turn), r * np.sin(b) * np.sin(a + turn), r * np.cos(b)], axis=-1).round(14)
-        for turn in np.pi / 2 * np.arange(4)
-    ]
-    blocks = tuple(Block(x, f"wedge {n}") for n, x in enumerate(nodes))
-    faces = [[Window.whole(n, x.shape[:3]).face(side) for n, x in enumerate(nodes)] for side in (4, 5)]
-    patches = Patch("wall", "wall", tuple(faces[0])), Patch("far", "farfield", tuple(faces[1]))
-    return moving_mesh(fit_grid(Grid(blocks, patches), n_control=(5, 7, 4)))
-
-
 def out_of_plane(pole, points):
     legs = points[pole.ring] - points[pole.at]
     legs /= np.linalg.norm(legs, axis=1)[:, None]
@@ -138,7 +124,7 @@ def out_of_plane(pole, points):
 
 
 def test_poles_stay_smooth_with_the_seams_that_run_into_them():
-    mesh = globe()
+    mesh = moving_mesh(fit_grid(globe_grid(), n_control=(5, 7, 4)))
     points, poles = surface_of(mesh), poles_of_mesh(mesh)
     assert [len(pole.ring) for pole in poles] == [16, 16]
     smooth = TangentContinuity().snapped(mesh, points)

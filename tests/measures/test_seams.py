@@ -2,8 +2,18 @@
 
 import numpy as np
 import pytest
+from seam_cases import globe_grid
 
-from bspline_mdao import InputError, ball_grid, brick_grid, fit_grid, moving_mesh, onera_m6_grid, seam_continuity
+from bspline_mdao import (
+    InputError,
+    ball_grid,
+    brick_grid,
+    fit_grid,
+    moving_mesh,
+    onera_m6_grid,
+    pole_continuity,
+    seam_continuity,
+)
 from bspline_mdao.mesh.seams import seams_of_mesh
 from bspline_mdao.splines.side import STRAIGHT
 
@@ -51,9 +61,26 @@ def test_weights_of_control_points_give_the_derivatives_of_both_sides_through_cu
     assert min(bends) > 1e3 * STRAIGHT
 
 
+def test_poles_of_a_globe_get_flatter_as_the_fit_gets_finer_and_a_cone_has_its_angle():
+    kinks = []
+    for n in (7, 11):
+        poles = pole_continuity(fit_grid(globe_grid(), n_control=(5, n, 4)))
+        assert [abs(pole.point[2]) for pole in poles] == pytest.approx([1.0, 1.0])
+        assert [len(pole.names) for pole in poles] == [4, 4]
+        kinks.append(poles[0].kink)
+    assert 0.0 < kinks[1] < kinks[0] / 2 < 0.5
+    model = fit_grid(globe_grid(), n_control=(5, 7, 4))
+    points, (pole,) = model.control_points.copy(), pole_continuity(model, patches="wall")[:1]
+    tip = np.linalg.norm(points - pole.point, axis=1).argmin()
+    points[tip] *= 1.5
+    assert pole_continuity(model, points)[0].kink > 20.0
+
+
 def test_wrong_places_and_patches_are_refused():
     model = fit_grid(brick_grid((5, 5, 5, 5)))
     with pytest.raises(InputError, match="seams: 0 places along each; ask for at least 1"):
         seam_continuity(model, n_places=0)
+    with pytest.raises(InputError, match="poles: 0 directions on each side; ask for at least 1"):
+        pole_continuity(model, n_places=0)
     with pytest.raises(InputError, match="no patch is called 'tail'"):
         seam_continuity(model, patches="tail")

@@ -17,6 +17,7 @@ from bspline_mdao.design.interior_points import InteriorPoints
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit.fitting import fit_grid
+from bspline_mdao.measures.seam_smoothness import SeamSmoothness
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
@@ -42,6 +43,7 @@ from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.point_set import PointSet
 from bspline_mdao.om.quality import Quality
 from bspline_mdao.om.ride import Ride
+from bspline_mdao.om.seam_measure import SeamMeasure
 from bspline_mdao.om.surface_control import SurfaceControl
 from bspline_mdao.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.om.surface_evaluate import SurfaceEvaluate
@@ -82,6 +84,14 @@ def wall_nodes(model):
 
 def heights(model):
     return Heights(SurfaceGrid.of(model))
+
+
+def seam_kinks(model):
+    return SeamSmoothness.kinks(model, moving_mesh(model), max_kink=170.0)
+
+
+def seam_jumps(model):
+    return SeamSmoothness.curvature_jumps(model, moving_mesh(model), max_kink=170.0)
 
 
 PARTIALS = {
@@ -131,6 +141,8 @@ PARTIALS = {
         for wrt in (CONTROL_POINTS, "wall")
     },
     "SurfaceMeasure": (SurfaceMeasure, {"measure": heights}, "heights", SURFACE),
+    "SeamMeasure": (SeamMeasure, {"measure": seam_kinks}, "seam_kinks", SURFACE_CONTROL_POINTS),
+    "SeamMeasure of curvature": (SeamMeasure, {"measure": seam_jumps}, "seam_curvature_jumps", SURFACE_CONTROL_POINTS),
     "Monotonic": (Monotonic, {"variable": "twist", "size": 6}, "twist_differences", "twist"),
     "Monotonic decreasing": (
         Monotonic,

@@ -23,6 +23,7 @@ from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.rigid_links import RigidLinks
+from bspline_mdao.measures.seam_smoothness import SeamSmoothness
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.fixed_interior import FixedInterior
@@ -45,6 +46,7 @@ from bspline_mdao.om.monotonic import Monotonic
 from bspline_mdao.om.point_set import PointSet
 from bspline_mdao.om.quality import Quality
 from bspline_mdao.om.ride import Ride
+from bspline_mdao.om.seam_measure import SeamMeasure
 from bspline_mdao.om.surface_control import SurfaceControl
 from bspline_mdao.om.surface_control_fit import SurfaceControlFit
 from bspline_mdao.om.surface_evaluate import SurfaceEvaluate
@@ -137,6 +139,7 @@ COMPONENTS = {
     "Ride": lambda: Ride(model=wing(), mesh=MixedMesh(probes(), {})),
     "PointSet": lambda: PointSet(model=wing(), points=box_in_wing()),
     "PointSet, in the volumes": lambda: PointSet(model=wing(), points=np.concatenate([box_in_wing(), probes()])),
+    "SeamMeasure": lambda: SeamMeasure(measure=SeamSmoothness.kinks(model(), moving_mesh(model()), max_kink=170.0)),
     "Monotonic": lambda: Monotonic(variable="twist", size=6),
     "EulerState": lambda: flow_of(EulerState, iprint=0),
     "EulerState with shocks": lambda: flow_of(EulerState, shock_threshold=0.05, iprint=0),
