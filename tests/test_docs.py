@@ -16,6 +16,7 @@ import pytest
 
 from bspline_mdao import fit_grid, onera_m6_grid, read_grid, write_grid
 from bspline_mdao.cli.main import run as cli
+from bspline_mdao.study.study import read_study
 
 pytestmark = pytest.mark.slow
 
@@ -188,10 +189,12 @@ def test_the_python_examples_of_design_run():
 def test_the_study_of_the_page_on_studies_runs(tmp_path, monkeypatch, capsys):
     pytest.importorskip("openaerostruct", reason="OpenAeroStruct is not installed")
     monkeypatch.chdir(tmp_path)
-    (study,) = code_blocks("study.rst", "toml")
+    study, several = code_blocks("study.rst", "toml")
     Path("study.toml").write_text(study.replace("15x13x11", "9x9x7"))
     assert cli(["optimize", "study.toml", "-o", "out", "--max-iterations", "9"]) == 0
     assert "twist[4] (deg)" in capsys.readouterr().out
+    Path("several.toml").write_text(several)
+    assert list(read_study("several.toml").conditions) == ["cruise", "climb", "pull_up"]
 
 
 @pytest.mark.filterwarnings("ignore::openmdao.api.DistributedComponentWarning")
