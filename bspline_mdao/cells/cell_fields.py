@@ -5,6 +5,8 @@ Theory: ``docs/theory/quality.rst``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..topology.grid import PATCH_KINDS, Grid, Patch
@@ -12,7 +14,7 @@ from ..topology.index_space import Window
 from .grid_quality import GridQuality
 from .pieces import has_cells
 
-__all__ = ["FIELDS", "cell_fields", "face_layer", "patch_numbers"]
+__all__ = ["FIELDS", "cell_fields", "cell_middle", "face_layer", "patch_numbers"]
 
 FIELDS = ("Q", "smallest_corner", "wall_height", "block", "patch")
 """Names of the fields, in the order in which files have them."""
@@ -99,6 +101,11 @@ def face_layer(cells: np.ndarray, window: Window, shape: tuple[int, ...]) -> np.
             at = min(lo, max(n - 2, 0))
             parts.append(slice(at, at + 1))
     return cells[tuple(parts)]
+
+
+def cell_middle(nodes: np.ndarray, index: Sequence[int]) -> np.ndarray:
+    """Mean of the corners of a cell (m), shape (3,), from the nodes (n_i, n_j, n_k, 3) and its indices from 0."""
+    return nodes[tuple(slice(at, at + 2) for at in index)].reshape(-1, 3).mean(axis=0)
 
 
 def _set_heights(grid: Grid, quality: GridQuality, nodes: np.ndarray, heights: list[np.ndarray]) -> None:

@@ -20,6 +20,7 @@ from ..numerics.processes import from_all, on_first, together
 from ..shown import InNotebook
 from ..topology.grid import PATCH_KINDS
 from .block_cells import BlockCells
+from .cell_fields import cell_middle
 from .first_cells import FirstCells, WallNode
 from .grid_quality import GridQuality
 from .hexahedron import CellQuality
@@ -389,7 +390,7 @@ def _lowest(block: BlockCells, measures: CellQuality, nodes: np.ndarray, pieces:
     for cell in ids[np.argsort(corners[ids], kind="stable")][:MOST_WORST]:
         index = np.unravel_index(cell, block.degenerate_in_block.shape)
         i, j, k = block.number(cell)
-        place = tuple(x[tuple(slice(at, at + 2) for at in index)].reshape(-1, 3).mean(axis=0).tolist())
+        place = tuple(cell_middle(x, index).tolist())
         corner, q = (float(values.ravel()[cell]) for values in (measures.min_corner, measures.q))
         patch = _patch_of((i - 1, j - 1, k - 1), block.window.block, pieces)
         named = WorstCell(block.name, i, j, k, corner, q, place, patch)

@@ -79,7 +79,7 @@ def written_json(path: Path | None, numbers: dict, comm: Any = ONE) -> Iterator[
     path : Path or None
         File to make or to replace.
     numbers : dict
-        Numbers, text, and tuples, lists and dicts of them; a number that is not finite becomes null.
+        Numbers, truth values, text, and tuples, lists and dicts of them; a number that is not finite becomes null.
     comm : communicator
         The processes, of which the first one writes.
 
@@ -107,6 +107,8 @@ def _plain(value):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
+    if isinstance(value, bool) or getattr(value, "dtype", None) == "bool":
+        return bool(value)
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):

@@ -3,7 +3,7 @@
 Layout, version 3 (in version 2 the settings had a smoothing instead of a method; in version 1 there was no
 parametrization either, and the report had no memory of a factor)::
 
-    /                       attributes: format, version, checksum
+    /                       attributes: format, version, checksum, seconds of the fit
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
     /control_points         (n_control_points, 3)
     /residual               (n_nodes, 3), where it is kept
@@ -91,7 +91,7 @@ def write_model(fields_of_model: Mapping[str, object], path: str | os.PathLike, 
     """
     arrays, document, options = arrays_of(**fields_of_model), document_of(**fields_of_model), dataset_options(compress)
     with replaced_hdf5_file(path) as file:
-        attributes = {"format": FORMAT, "version": VERSION, "checksum": checksum_of(document, arrays)}
+        attributes = attributes_of(**fields_of_model) | {"checksum": checksum_of(document, arrays)}
         with deferred_interrupts():
             file.attrs.update(attributes)
             file["document"] = np.frombuffer(document, np.uint8)
@@ -125,7 +125,7 @@ def read_model(path: str | os.PathLike, make: Callable[..., Model]) -> Model:
         document = checked_document(path, file, arrays)
         held = {name: item[()] for name, item in arrays.items()}
         _bring_up_to_date(path, document, held)
-        document = _decode(document)
+        document = _decode_of(file, document)
         fields_of_model = _fields_of(document, held)
         parameters = tuple(held[f"parameters/{s}"] for s in range(len(document["orders"])))
         for s, array in enumerate(parameters):
@@ -156,7 +156,7 @@ def read_fields(path: str | os.PathLike) -> dict[str, object]:
         document = checked_document(path, file, arrays)
         held = {name: item[()] for name, item in arrays.items() if not is_of_grid(name)}
         _bring_up_to_date(path, document, held)
-        document = _decode(document)
+        document = _decode_of(file, document)
         found = _fields_of(document, held)
         for s in range(len(document["orders"])):
             check_parameters(document["topology"], s, arrays[f"parameters/{s}"].shape)
@@ -278,16 +278,28 @@ def arrays_of(mesh, parameters, control_points, residual, header, candidate_weig
     return {name: array for name, array in arrays.items() if array is not None}
 
 
+def attributes_of(report, **_) -> dict[str, object]:
+    """Attributes of the file of a model but its checksum: what is no part of the model, such as the time of the fit."""
+    return {"format": FORMAT, "version": VERSION, "seconds": report.seconds}
+
+
 def document_of(topology, mesh, header, report, settings, **_) -> bytes:
-    """All of a model's fields that are no arrays, as JSON."""
+    """All of a model's fields that are no arrays, as JSON; without the time of the fit: equal fits are equal."""
     fields_of_document = {
         "topology": topology,
         "header": replace(header, iblanks=()),
-        "report": report,
+        "report": replace(report, seconds=0.0),
         "settings": settings,
         "orders": tuple(volume.orders for volume in mesh.volumes),
     }
     return json.dumps(_encode(fields_of_document)).encode()
+
+
+def _decode_of(file: h5py.File, document: dict) -> dict:
+    """The document of a file, with the time of the fit, which is an attribute."""
+    found = _decode(document)
+    seconds = float(file.attrs.get("seconds", found["report"].seconds))
+    return found | {"report": replace(found["report"], seconds=seconds)}
 
 
 def _fields_of(document: dict, arrays: dict[str, np.ndarray]) -> dict[str, object]:

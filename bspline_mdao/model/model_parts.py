@@ -26,9 +26,8 @@ from ..io.disk import deferred_interrupts, replaced_file
 from ..numerics.processes import together
 from ..topology.topology import Topology
 from .model_file import (
-    FORMAT,
-    VERSION,
     arrays_of,
+    attributes_of,
     check_parameters,
     checksum_of,
     damaged_is_input_error,
@@ -156,7 +155,7 @@ def write_by_turns(
         with together(comm):
             if comm.rank == 0:
                 made = stack.enter_context(replaced_file(path))
-                _make(made, path, arrays, dataset_options(compress), document)
+                _make(made, path, arrays, dataset_options(compress), document, attributes_of(**fields))
         made = comm.bcast(made) if comm.size > 1 else made
         for rank in range(comm.size):
             with together(comm):
@@ -184,13 +183,20 @@ def _room_for(comm, fields: Mapping[str, Any]) -> dict[str, np.ndarray]:
     return arrays | {name: np.broadcast_to(whole, shape) for name, shape in shapes.items()}
 
 
-def _make(made: Path, path, arrays: Mapping[str, np.ndarray], options: Mapping[str, Any], document: bytes) -> None:
+def _make(
+    made: Path,
+    path,
+    arrays: Mapping[str, np.ndarray],
+    options: Mapping[str, Any],
+    document: bytes,
+    attributes: Mapping[str, object],
+) -> None:
     """Make a file with all small arrays, and room for the others."""
     needed, free = sum(array.nbytes for array in arrays.values()), shutil.disk_usage(made.parent).free
     if needed > free:  # the HDF5 library takes the process down with it when a disk is full
         raise InputError(f"{path}: needs up to {needed} bytes, and the disk has {free} left; choose another place")
     with deferred_interrupts(), h5py.File(made, "w", track_order=True) as file:
-        file.attrs.update({"format": FORMAT, "version": VERSION, "checksum": ""})
+        file.attrs.update({**attributes, "checksum": ""})
         file["document"] = np.frombuffer(document, np.uint8)
         for name, array in arrays.items():
             if is_of_grid(name):

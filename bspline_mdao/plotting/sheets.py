@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..cells.cell_fields import cell_fields, face_layer
+from ..cells.cell_fields import cell_fields, cell_middle, face_layer
 from ..flow.euler.fields import field_values
 from ..flow.euler.gas import N_STATES
 from ..model.fitted_model import FittedModel
@@ -252,8 +252,7 @@ def worst_cells(grid: Grid, n_cells: int = 10) -> np.ndarray:
     for block, values in zip(grid.blocks, cell_fields(grid)["smallest_corner"]):
         ids = np.argsort(values, axis=None, kind="stable")[:n_cells]
         for index in zip(*np.unravel_index(ids, values.shape)):
-            part = tuple(slice(i, i + 2) for i in index)
-            middles.append(block.nodes[part].reshape(-1, 3).mean(axis=0))
+            middles.append(cell_middle(block.nodes, index))
             corners.append(values[index])
     order = np.argsort(corners, kind="stable")[:n_cells]
     return np.array(middles).reshape(-1, 3)[order]

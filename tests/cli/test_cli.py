@@ -347,6 +347,12 @@ def test_numbers_that_are_not_finite_become_null(workplace):
     assert numbers("n.json") == {"a": None, "b": [1.0, [None, 2]]}
 
 
+def test_truth_values_of_python_and_numpy_are_those_of_json(workplace):
+    with written_json(workplace / "n.json", {"a": True, "b": (np.bool_(False), np.bool_(True), 1, 0.0)}):
+        pass
+    assert "".join(Path("n.json").read_text().split()) == '{"a":true,"b":[false,true,1,0.0]}'
+
+
 def test_an_interrupted_command_exits_with_130(grid_file, capsys, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt

@@ -138,7 +138,9 @@ def test_a_run_that_is_held_up_by_failures_is_no_success(algorithm):
     problem, _ = walled(algorithm, is_beyond=lambda x: (x > 0.5).any())
     status = problem.driver.result.exit_status
     assert not problem.driver.result.success
-    assert status.startswith("MAXEVAL_REACHED" if algorithm == "LD_SLSQP" else "BLOCKED: analyses fail around the best")
+    assert status.startswith(
+        "MAXEVAL_REACHED" if algorithm == "LD_SLSQP" else "BLOCKED: analyses or gradients fail around the best"
+    )
     assert np.all(problem.get_val("x") <= 0.5)
 
 
@@ -294,6 +296,31 @@ def test_constraints_are_split_into_rows_with_one_limit_each():
     np.testing.assert_array_equal(equalities.values(np.array([4.0, 0.5, 0.0, 9.0, 1.0])), [2.0])
     jacobian = np.arange(10.0).reshape(5, 2)
     np.testing.assert_array_equal(inequalities.gradients(jacobian), [[0, 1], [4, 5], [-2, -3], [-4, -5]])
+
+
+class Undifferentiated(Walled):
+    """The bowl, the derivatives of which fail at some points: not a number."""
+
+    def compute_partials(self, inputs, partials):
+        super().compute_partials(inputs, partials)
+        if inputs["x"].max() > 0.0:
+            raise om.AnalysisError("no derivatives here")
+
+
+@pytest.mark.parametrize("algorithm", ["LD_SLSQP", "LD_MMA"])
+def test_failed_gradients_are_counted_and_told(algorithm):
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("walled", Undifferentiated(is_beyond=lambda x: False), promotes=["*"])
+    problem.model.add_design_var("x", lower=-8.0, upper=8.0)
+    problem.model.add_objective("f")
+    problem.driver = nlopt_driver(algorithm, maxeval=20)
+    problem.setup()
+    problem.run_driver()
+    driver = problem.driver
+    n = driver.n_failed_gradients
+    assert driver.n_failed_analyses == n > 0
+    assert f"; {n} analyses failed ({n} of them in gradients), " in driver.get_exit_status()
+    assert not driver.result.success
 
 
 def test_optimality_is_what_no_limit_holds_back():

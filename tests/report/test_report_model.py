@@ -12,6 +12,7 @@ from bspline_mdao import DesignSurface, FittedModel, Twist, fit_grid, onera_m6_g
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.cli.main import run
+from bspline_mdao.model.model_file import checksum_in
 from bspline_mdao.om.drivers.case_history import read_history
 from bspline_mdao.om.model_option import named_model
 
@@ -65,6 +66,16 @@ def test_checksum_of_a_model_is_that_of_its_file_and_changes_with_it(tmp_path):
     again = FittedModel.load(tmp_path / "a.h5")
     assert model.file == again.file == tmp_path / "a.h5"
     assert model.checksum == again.checksum != fit_grid(onera_m6_grid((5, 5, 6))).checksum
+
+
+def test_equal_fits_have_equal_checksums_and_keep_their_times(tmp_path):
+    models = [small_model() for _ in range(2)]
+    assert models[0].report.seconds != models[1].report.seconds
+    assert models[0].checksum == models[1].checksum
+    models[1].save(tmp_path / "b.h5")
+    again = FittedModel.load(tmp_path / "b.h5")
+    assert again.report.seconds == models[1].report.seconds > 0.0
+    assert again.checksum == models[0].checksum == checksum_in(tmp_path / "b.h5")
 
 
 def test_a_report_finds_the_model_that_its_case_file_names(run_folder, capsys):

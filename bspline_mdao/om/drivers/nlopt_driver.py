@@ -65,8 +65,8 @@ class NLoptDriver(ShortRecords, Driver):
         The end of the last run.
     best : Point or None
         The best point of the last run so far, in scaled variables: kept from the first point on, whatever ends the run.
-    n_failed_analyses : int
-        Number of analyses that failed in the last run.
+    n_failed_analyses, n_failed_gradients : int
+        Number of analyses that failed in the last run, and how many of them in the computation of totals.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class NLoptDriver(ShortRecords, Driver):
         self.opt_settings: dict = {}
         self.outcome: Outcome | None = None
         self.best: Point | None = None
-        self.n_failed_analyses = 0
+        self.n_failed_analyses = self.n_failed_gradients = 0
         self.cite = CITATION
 
     def _declare_options(self):
@@ -131,7 +131,8 @@ class NLoptDriver(ShortRecords, Driver):
             True if it failed.
         """
         self.result.reset()
-        self.iter_count, self.outcome, self.best, self.n_failed_analyses = 0, None, None, 0
+        self.iter_count, self.outcome, self.best = 0, None, None
+        self.n_failed_analyses = self.n_failed_gradients = 0
         model = ScaledModel(self)
         designs, constraints = model.design_limits(), model.constraint_limits()
         self._adopt_settings()
@@ -144,9 +145,10 @@ class NLoptDriver(ShortRecords, Driver):
 
         comm = self._problem().comm
         try:
-            self.outcome, self.best, self.n_failed_analyses = led(comm, model, optimise)
+            self.outcome, self.best, self.n_failed_analyses, self.n_failed_gradients = led(comm, model, optimise)
         except Exception:
-            self.best, self.n_failed_analyses = from_first(comm, (self.best, self.n_failed_analyses))
+            found = self.best, self.n_failed_analyses, self.n_failed_gradients
+            self.best, self.n_failed_analyses, self.n_failed_gradients = from_first(comm, found)
             raise
         fail = not (self.outcome.is_success(settings.algorithm) and self.is_feasible)
         if comm.rank == 0:
@@ -160,8 +162,8 @@ class NLoptDriver(ShortRecords, Driver):
 
     def _optimise(
         self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
-    ) -> tuple[Outcome, Point, int]:
-        """End of the run, the best point, at which the model is left, and the number of failed analyses."""
+    ) -> tuple[Outcome, Point, int, int]:
+        """End of the run, the best point, at which the model is left, and the numbers of failures."""
         functions = self._functions(model, statement, settings, tell)
         try:
             outcome = _minimise(settings, functions)
@@ -171,7 +173,7 @@ class NLoptDriver(ShortRecords, Driver):
             model.place(functions.best.x)
             self._report_exception(error, functions.best)
             raise
-        return outcome, functions.best, functions.n_failed
+        return outcome, functions.best, functions.n_failed, functions.n_failed_gradients
 
     def _functions(
         self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
@@ -187,6 +189,7 @@ class NLoptDriver(ShortRecords, Driver):
 
         def watch(functions: Functions, norm: float | None):
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
+            self.n_failed_gradients = functions.n_failed_gradients
             log.add(functions.last, functions.best, norm)
             tell(-1.0, f"run {self.iter_count}, best objective {functions.best.objective:.6g}")
 
@@ -206,7 +209,8 @@ class NLoptDriver(ShortRecords, Driver):
         if not self.is_feasible:
             status += f", and constraints are violated by up to {self.best.violation:.1e}"
         if self.n_failed_analyses:
-            status += f"; {self.n_failed_analyses} analyses failed, {self.outcome.n_restarts} restarts"
+            gradients = f" ({self.n_failed_gradients} of them in gradients)" if self.n_failed_gradients else ""
+            status += f"; {self.n_failed_analyses} analyses failed{gradients}, {self.outcome.n_restarts} restarts"
         return status
 
     def _best_in_words(self, best: Point) -> str:

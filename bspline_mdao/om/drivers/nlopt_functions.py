@@ -57,8 +57,10 @@ class Functions:
         Computations of totals after the first one; the next ends the search.
     last : Point
         The point where the model was last run.
-    n_failed : int
-        Number of failed analyses.
+    n_failed, n_failed_gradients : int
+        Number of failed analyses, and how many of them failed in the computation of totals.
+    n_substituted : int
+        Points that have substitutes for what failed.
     exception : BaseException or None
         What the model, or an interrupt from the keyboard, raised.
     """
@@ -72,6 +74,8 @@ class Functions:
     maxiter: int | None = None
     last: Point = field(init=False)
     n_failed: int = field(init=False, default=0)
+    n_failed_gradients: int = field(init=False, default=0)
+    n_substituted: int = field(init=False, default=0)
     exception: BaseException | None = field(init=False, default=None)
     _n_gradients: int = field(init=False, default=0)
     _totals: np.ndarray | None = field(init=False, default=None)
@@ -167,6 +171,7 @@ class Functions:
             if self.best is self.last:
                 self.model.keep()
         except AnalysisFailed:
+            self.n_failed += 1
             self._totals = self._substitute(x)
         self._is_underway = False
         self.watch(self, None)
@@ -174,7 +179,7 @@ class Functions:
 
     def _substitute(self, x: np.ndarray) -> np.ndarray:
         """Put substitutes in the place of the values of the failed analysis at x; those of the totals (1 + m, n)."""
-        self.n_failed += 1
+        self.n_substituted += 1
         self._rules.fail()
         substitute = self.recover(self._record, x)
         point = self.statement.point(x, substitute.objective, substitute.constraints)
@@ -197,6 +202,8 @@ class Functions:
             totals = self.model.differentiate()
             self._n_gradients += 1
         except AnalysisFailed:
+            self.n_failed += 1
+            self.n_failed_gradients += 1
             if not is_new:
                 raise Stop("BLOCKED") from None  # the algorithm has used the value already
             self._record = self._record_before

@@ -30,7 +30,7 @@ ENDS = {
     "ROUNDOFF_LIMITED": "round-off limits progress",
     "FORCED_STOP": "it was stopped from outside",
     "OPTIMAL": "the algorithm can get no further, at a point that satisfies the first-order conditions",
-    "BLOCKED": "analyses fail around the best point, which is no optimum",
+    "BLOCKED": "analyses or gradients fail around the best point, which is no optimum",
     "INTERRUPTED": "it was interrupted from the keyboard",
 }
 """Ends of a run in words, by NLopt's names and our own."""
@@ -229,15 +229,19 @@ def _remaining(settings: Settings, n_evaluations: int, seconds: float) -> Settin
     )
 
 
-def _is_worth_restarting(end: str, functions: Functions, n_failed: int, before: Point) -> bool:
+def _is_worth_restarting(end: str, functions: Functions, n_substituted: int, before: Point) -> bool:
     """Analyses failed on the way, so that the end may be no optimum; and the last restart, if any, got somewhere."""
-    is_beside_failures = functions.n_failed > n_failed and end not in (*_SPENT, "STOPVAL_REACHED", "FORCED_STOP")
+    is_beside_failures = functions.n_substituted > n_substituted and end not in (
+        *_SPENT,
+        "STOPVAL_REACHED",
+        "FORCED_STOP",
+    )
     return is_beside_failures and functions.best is not before
 
 
 def _judged(end: str, settings: Settings, functions: Functions) -> str:
     """End of a run, corrected by the gradients where NLopt's own says nothing about the point."""
-    is_doubtful = functions.n_failed > 0 and end in _CONVERGED
+    is_doubtful = functions.n_substituted > 0 and end in _CONVERGED
     is_stuck = end in ("ROUNDOFF_LIMITED", "FAILURE")
     if settings.algorithm.is_global or not settings.uses_gradients or not (is_doubtful or is_stuck):
         return end
@@ -266,12 +270,12 @@ def minimise(settings: Settings, functions: Functions) -> Outcome:
     began, x = time.perf_counter(), functions.start.x.copy()
     n_evaluations = n_restarts = 0
     while True:
-        n_failed, before = functions.n_failed, functions.best
+        n_substituted, before = functions.n_substituted, functions.best
         optimizer = _build(_remaining(settings, n_evaluations, time.perf_counter() - began), functions)
         end = _run(optimizer, functions, x)
         n_evaluations += optimizer.get_numevals()
         is_last = settings.algorithm.is_global or n_restarts == settings.restarts
-        if is_last or not _is_worth_restarting(end, functions, n_failed, before):
+        if is_last or not _is_worth_restarting(end, functions, n_substituted, before):
             return Outcome(_judged(end, settings, functions), n_restarts)
         x = functions.restart()
         n_restarts += 1
