@@ -1,493 +1,178 @@
 """Where the Jacobian of a B-spline volume is positive, element by element: the regions between knots.
 
-Each derivative of the map is a sum of differences of control points with positive factors, and where knots are curved
-also with small ones of either sign. `_box_is_valid` bounds these factors on a box of parameters that encloses an
-element, and so the cone that each derivative is in; three cones that are narrow enough prove the Jacobian positive.
-Boxes that stay open are halved. Where no knot is curved, an element that stays open in one piece is a Bézier
-hexahedron, see `bspline_mdao.cells.bezier`.
+Boxes of shares of the spans are asked, many at a time, the whole element first. `bspline_mdao.evaluation.knot_ranges`
+finds the ranges of the knots on a box, and so of its Bézier control points, `bspline_mdao.evaluation.derivative_cones`
+whether they prove the Jacobian of one sign. Boxes that stay open are halved. Where their control vectors have a corner
+in which the Jacobian is not positive, that corner is asked next, as a box without extent.
 
 Theory: ``docs/theory/validity.rst``.
-
-References
-----------
-W. Dinkelbach, On nonlinear fractional programming, *Management Science* 13, 1967, pp. 492-498.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from ..cells.bernstein import INVALID, UNDECIDED, UNIT, VALID
-from ..cells.bezier import bezier_bound
-from ..splines.basis import basis_derivatives, raise_order
-from ..splines.volume import point_and_gradient
+from ..cells.bernstein import INVALID, UNDECIDED, VALID
+from .derivative_cones import are_positive, control_vectors, cut_direction, frames, load_edges, worst_corner
+from .knot_ranges import enclose, extraction, parameter_slopes
 
 __all__ = ["decide_elements"]
 
-MAX_DEPTH = 15
-"""Halvings of a box of parameters, one after the other: five in each direction."""
+MAX_LANES = 32
+"""Boxes that are asked at a time, at most."""
+
+MAX_DEPTH = 24
+"""Halvings of a box, one after the other."""
 
 MAX_BOXES = 400
 """Boxes of an element, before it is left undecided."""
 
-CLEARLY = 1e-9
-"""A Jacobian in a point counts where it is above this fraction of the product of the derivatives, not rounding."""
 
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _knot(c, i, s, t):
-    """Knot ``i`` of Eq. (5) at (s, t)."""
-    low, high = (1.0 - s) * c[0, 0, i] + s * c[1, 0, i], (1.0 - s) * c[0, 1, i] + s * c[1, 1, i]
-    return (1.0 - t) * low + t * high
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _slope(c, i, along, at):
-    """Derivative of knot ``i`` in s (``along`` 0) or t (1), at a value of the other."""
-    if along == 0:
-        return (1.0 - at) * (c[1, 0, i] - c[0, 0, i]) + at * (c[1, 1, i] - c[0, 1, i])
-    return (1.0 - at) * (c[0, 1, i] - c[0, 0, i]) + at * (c[1, 1, i] - c[1, 0, i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _range(c, i, s, t):
-    """Smallest and largest value of knot ``i`` on a rectangle: both are at its corners."""
-    low, high = np.inf, -np.inf
-    for a in range(2):
-        for b in range(2):
-            value = _knot(c, i, s[a], t[b])
-            low, high = min(low, value), max(high, value)
-    return low - 4.0 * UNIT, high + 4.0 * UNIT
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _enclose(knots, orders, spans, box):
-    """Shrink a box of parameters to one that holds what it holds of an element; False where that is nothing."""
-    for _ in range(3):
-        for e in range(3):
-            if orders[e] == 1:
-                continue
-            s, t = box[(e + 1) % 3], box[(e + 2) % 3]
-            box[e, 0] = max(box[e, 0], _range(knots[e], spans[e], s, t)[0])
-            box[e, 1] = min(box[e, 1], _range(knots[e], spans[e] + 1, s, t)[1])
-            if not box[e, 0] < box[e, 1]:
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _weights(c, p, span, box, e, weights, slopes, cross):
-    """Ranges of basis functions and of derivatives of their partial sums, on what a box has of an element.
-
-    The triangle of `bspline_mdao.splines.basis` in intervals. A share is a fraction of linear functions in each
-    parameter, so that its extremes are at corners of the box; inside the element it is between 0 and 1.
+class _Queue(NamedTuple):
+    """Boxes that are asked now, one in each lane, and those that wait.
 
     Parameters
     ----------
-    c : ndarray, shape (2, 2, N + p)
-        Knots of direction ``e`` on its edges.
-    p, span : int
-        Order and span.
-    box : ndarray, shape (3, 2)
-        Parameters.
-    e : int
-        Direction.
-    weights : ndarray, shape (p, 2)
-        Receives the ranges of the functions.
-    slopes : ndarray, shape (p - 1, 2)
-        Receives those of the factors of differences of control points in the derivative in parameter ``e``.
-    cross : ndarray, shape (2, p - 1, 2)
-        Receives those in the other two parameters, ``e + 1`` and ``e + 2``, which the knots depend on.
-
-    Returns
-    -------
-    bool
-        False where knots may coincide.
+    numbers : ndarray of int, shape (L,)
+        Elements of the boxes in the lanes; -1 in lanes that are free.
+    loaded : ndarray of int, shape (L,)
+        Elements that control points and knots in the lanes belong to.
+    depths : ndarray of int, shape (L,)
+        How often the boxes in the lanes are halves.
+    shares, box : ndarray, shape (3, 2, L)
+        The boxes, and the parameters on them.
+    n_waiting : ndarray of int, shape (2,)
+        Number of boxes that wait, and of elements that nobody has asked yet.
+    waiting, waiting_depths : ndarray of int, shape (n,)
+        Elements and depths of the boxes that wait.
+    waiting_boxes : ndarray, shape (n, 2, 3, 2)
+        Shares and parameters.
+    n_boxes : ndarray of int, shape (n_elements,)
+        Boxes of each element that were asked.
     """
-    f, g = (e + 1) % 3, (e + 2) % 3
-    weights[0] = 1.0
-    cross[:] = 0.0
-    sums = np.zeros((2, p, 2))  # derivatives of the sums of the first functions
-    for r in range(1, p):
-        received_low, received_high = 0.0, 0.0
-        before = np.zeros((2, 2))
-        for m in range(r):
-            low, high = span + 1 - r + m, span + 1 + m
-            least, most, narrow, wide = np.inf, -np.inf, np.inf, 0.0
-            for i in range(2):
-                for j in range(2):
-                    a, b = _knot(c, low, box[f, i], box[g, j]), _knot(c, high, box[f, i], box[g, j])
-                    if not b - a > 64.0 * UNIT:
-                        return False
-                    narrow, wide = min(narrow, b - a), max(wide, b - a)
-                    least = min(least, (box[e, 0] - a) / (b - a))
-                    most = max(most, (box[e, 1] - a) / (b - a))
-            loss = 16.0 * UNIT / narrow
-            least, most = min(max(least - loss, 0.0), 1.0), max(min(most + loss, 1.0), 0.0)
-            if r == p - 1:
-                slopes[m, 0] = r * weights[m, 0] / wide * (1.0 - 2.0 * loss)
-                slopes[m, 1] = r * weights[m, 1] / narrow * (1.0 + 2.0 * loss)
-            for along in range(2):
-                o = g if along == 0 else f
-                a_0, a_1 = _slope(c, low, along, box[o, 0]), _slope(c, low, along, box[o, 1])
-                b_0, b_1 = _slope(c, high, along, box[o, 0]), _slope(c, high, along, box[o, 1])
-                bottom, top = min(a_0, a_1, b_0, b_1), max(a_0, a_1, b_0, b_1)  # a mean of both, by the share
-                bottom, top = bottom - 8.0 * UNIT * (bottom != 0.0), top + 8.0 * UNIT * (top != 0.0)
-                change_low, change_high = _divided(bottom, top, narrow * (1.0 - loss), wide * (1.0 + loss))
-                # the sum of the first m + 1 functions: (1 - share) of it and share of the sum before it remain
-                s_low, s_high = sums[along, m, 0], sums[along, m, 1]
-                n_low, n_high = _multiplied(change_low, change_high, weights[m, 0], weights[m, 1])
-                k_low, k_high = _multiplied(s_low, s_high, 1.0 - most, 1.0 - least)
-                q_low, q_high = _multiplied(before[along, 0], before[along, 1], least, most)
-                before[along, 0], before[along, 1] = s_low, s_high
-                sums[along, m, 0] = _out(k_low + q_low + n_low, -1.0)
-                sums[along, m, 1] = _out(k_high + q_high + n_high, 1.0)
-            passed_low, passed_high = least * weights[m, 0], most * weights[m, 1]
-            kept_low, kept_high = (1.0 - most) * weights[m, 0], (1.0 - least) * weights[m, 1]
-            weights[m, 0] = (kept_low + received_low) * (1.0 - 8.0 * UNIT)
-            weights[m, 1] = min((kept_high + received_high) * (1.0 + 8.0 * UNIT), 1.0)
-            received_low, received_high = passed_low, passed_high
-        weights[r, 0] = received_low * (1.0 - 8.0 * UNIT)
-        weights[r, 1] = min(received_high * (1.0 + 8.0 * UNIT), 1.0)
-    for along in range(2):
-        for m in range(p - 1):  # control points change by minus the change of the sums, times their differences
-            cross[along, m, 0], cross[along, m, 1] = -sums[along, m, 1], -sums[along, m, 0]
-    return True
+
+    numbers: np.ndarray
+    loaded: np.ndarray
+    depths: np.ndarray
+    shares: np.ndarray
+    box: np.ndarray
+    n_waiting: np.ndarray
+    waiting: np.ndarray
+    waiting_depths: np.ndarray
+    waiting_boxes: np.ndarray
+    n_boxes: np.ndarray
+
+    @classmethod
+    def of(cls, n_lanes: int, n_elements: int) -> _Queue:
+        """Make one in which all elements wait."""
+        room, counts = n_lanes * (2 * MAX_DEPTH + 4), lambda n: np.zeros(n, dtype=np.int64)
+        return cls(
+            np.full(n_lanes, -1), np.full(n_lanes, -1), counts(n_lanes), np.zeros((3, 2, n_lanes)),
+            np.zeros((3, 2, n_lanes)), np.array([0, n_elements]), counts(room), counts(room),
+            np.zeros((room, 2, 3, 2)), counts(n_elements),
+        )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _out(x, side):
-    """Move an end of a range outwards by its rounding error; an exact zero stays."""
-    return x + side * 8.0 * UNIT * abs(x)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _multiplied(a, b, c, d):
-    """Range of the product of numbers from [a, b] and from [c, d]."""
-    low, high = min(a * c, a * d, b * c, b * d), max(a * c, a * d, b * c, b * d)
-    return low - 2.0 * UNIT * abs(low), high + 2.0 * UNIT * abs(high)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _divided(bottom, top, narrow, wide):
-    """Range of the change of minus a share: numbers from [bottom, top] by positive ones from [narrow, wide].
-
-    A share falls where its knots rise: the sum of the first functions, of which it takes a part away, rises.
-    """
-    low = bottom / wide if bottom > 0.0 else bottom / narrow
-    high = top / narrow if top > 0.0 else top / wide
-    return low - 4.0 * UNIT * abs(low), high + 4.0 * UNIT * abs(high)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _gather(net, orders, ranges, slopes, cross, column, frame, vectors, low, high, wrong):
-    """Collect the differences of control points that make up a derivative, in the frame, with ranges of their factors.
-
-    Returns
-    -------
-    n, n_main : int
-        Number of vectors, and of those along the direction itself, which come first.
-    """
-    n, n_main = 0, 0
-    for turn in range(3):
-        e = (column + turn) % 3
-        if orders[e] == 1:
-            continue
-        f, g = (e + 1) % 3, (e + 2) % 3
-        for m in range(orders[e] - 1):
-            if turn == 0:
-                factor_low, factor_high = slopes[e, m, 0], slopes[e, m, 1]
-            else:
-                along = 0 if f == column else 1
-                factor_low, factor_high = cross[e, along, m, 0], cross[e, along, m, 1]
-                if factor_low == 0.0 and factor_high == 0.0:
-                    continue
-            for a in range(orders[f]):
-                for b in range(orders[g]):
-                    p_low, p_high = ranges[f, a, 0] * ranges[g, b, 0], ranges[f, a, 1] * ranges[g, b, 1]
-                    low[n], high[n] = _multiplied(factor_low, factor_high, p_low, p_high)
-                    at = (m, a, b) if e == 0 else (b, m, a) if e == 1 else (a, b, m)
-                    to = (at[0] + (e == 0), at[1] + (e == 1), at[2] + (e == 2))
-                    for o in range(3):
-                        value, size = 0.0, 0.0
-                        for c in range(3):
-                            edge = net[to[0], to[1], to[2], c] - net[at[0], at[1], at[2], c]
-                            value += frame[o, c] * edge
-                            size += abs(frame[o, c] * edge)
-                        vectors[n, o], wrong[n, o] = value, 8.0 * UNIT * size
-                    n += 1
-        if turn == 0:
-            n_main = n
-    return n, n_main
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _largest_ratio(vectors, low, high, wrong, n, n_main, own, other, side):
-    """Upper bound of ``side`` times the component ``other`` of sums of vectors by their component ``own``; or infinity.
-
-    The largest fraction of two sums with factors from given ranges, by Dinkelbach's iteration: with the factors that
-    are best for one value of the fraction, the next follows. Where factors may all vanish, on an edge that has
-    collapsed, the largest fraction of a single vector serves.
-    """
-    floor, loss_own, loss_other = 0.0, 0.0, 0.0
-    for m in range(n):
-        value = vectors[m, own]
-        floor += low[m] * value if value > 0.0 else high[m] * value
-        factor = max(abs(low[m]), abs(high[m]))
-        loss_own += factor * wrong[m, own]
-        loss_other += factor * wrong[m, other]
-    floor = floor - loss_own - 1e-13 * abs(floor)
-    if floor > 0.0:
-        ratio = -np.inf
-        trial = 0.0
-        for _ in range(12):
-            above, below = 0.0, 0.0
-            for m in range(n):
-                gain = side * vectors[m, other] - trial * vectors[m, own]
-                factor = high[m] if gain > 0.0 else low[m]
-                above += factor * side * vectors[m, other]
-                below += factor * vectors[m, own]
-            ratio = above / below
-            if abs(ratio - trial) <= 1e-9 * (1.0 + abs(ratio)):
-                break
-            trial = ratio
-        ratio += 1e-8 * (1.0 + abs(ratio))
-        excess, size = 0.0, 0.0  # that it is a bound is checked, not taken from the iteration
-        for m in range(n):
-            gain = side * vectors[m, other] - ratio * vectors[m, own]
-            excess += (high[m] if gain > 0.0 else low[m]) * gain
-            size += max(abs(low[m]), abs(high[m])) * (abs(vectors[m, other]) + abs(ratio * vectors[m, own]))
-        if excess + 256.0 * UNIT * size <= 0.0:
-            return ratio + (loss_other + abs(ratio) * loss_own) / floor
-    ratio = -np.inf
-    if n > n_main:
-        return np.inf
-    for m in range(n):
-        if high[m] == 0.0:
-            continue
-        value, top = vectors[m, own] - wrong[m, own], side * vectors[m, other] + wrong[m, other]
-        if vectors[m, own] == 0.0 and vectors[m, other] == 0.0 and wrong[m, own] == 0.0:
-            continue  # has collapsed
-        if not value > 0.0:
-            return np.inf
-        ratio = max(ratio, top / value if top > 0.0 else top / (vectors[m, own] + wrong[m, own]))
-    return ratio
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_positive(columns):
-    """Whether a matrix with ones on its diagonal, and ranges [own, other] (3, 3, 2) of its columns, is positive.
-
-    ``det = 1 - a_2 b_1 - a_3 c_1 - b_3 c_2 + a_2 b_3 c_1 + a_3 b_1 c_2`` with columns a, b, c.
-    """
-    a, b, c = columns[0], columns[1], columns[2]
-    least, size = 1.0, 1.0
-    for first, second in (((a, 1), (b, 0)), ((a, 2), (c, 0)), ((b, 2), (c, 1))):
-        x, y = first[0][first[1]], second[0][second[1]]
-        most = max(x[0] * y[0], x[0] * y[1], x[1] * y[0], x[1] * y[1])
-        least -= most
-        size += abs(most)
-    for x, y, z in ((a[1], b[2], c[0]), (a[2], b[0], c[1])):
-        lowest = np.inf
-        for i in range(8):
-            lowest = min(lowest, x[i & 1] * y[(i >> 1) & 1] * z[i >> 2])
-        least += lowest
-        size += abs(lowest)
-    return least > 64.0 * UNIT * size
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _box_is_valid(knots, orders, spans, net, box, gradient, work):
-    """Whether the Jacobian is proved positive on what a box has of an element, ``gradient`` being that of its middle.
-
-    In the frame of the gradient in the middle the three derivatives are near the axes. Each is a sum of differences of
-    control points with factors that are positive, but for small ones through the knots, and so in a narrow cone.
-    """
-    ranges, slopes, cross, vectors, low, high, wrong, columns, frame = work
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
+def _load_knots(knots, first, orders, lane, local, coincide):
+    """Write the knots that an element depends on to a lane, and which are those at the ends of its span."""
     for e in range(3):
-        if orders[e] == 1:
-            ranges[e, 0] = 1.0
-        elif not _weights(knots[e], orders[e], spans[e], box, e, ranges[e], slopes[e], cross[e]):
-            return False
-    g = gradient
-    determinant = 0.0
-    for o in range(3):  # rows of the inverse, but for the determinant: cross products of the columns
-        p, q = (o + 1) % 3, (o + 2) % 3
-        frame[o, 0] = g[1, p] * g[2, q] - g[2, p] * g[1, q]
-        frame[o, 1] = g[2, p] * g[0, q] - g[0, p] * g[2, q]
-        frame[o, 2] = g[0, p] * g[1, q] - g[1, p] * g[0, q]
-    determinant = g[0, 0] * frame[0, 0] + g[1, 0] * frame[0, 1] + g[2, 0] * frame[0, 2]
-    for o in range(3):
-        for c in range(3):
-            frame[o, c] /= determinant
-    columns[:] = 0.0
-    for v in range(3):
-        if orders[v] == 1:
-            n, n_main = 1, 1
-            low[0], high[0] = 1.0, 1.0
-            for o in range(3):
-                vectors[0, o], wrong[0, o] = 0.0, 0.0
-                for c in range(3):
-                    vectors[0, o] += frame[o, c] * g[c, v]
-                    wrong[0, o] += 8.0 * UNIT * abs(frame[o, c] * g[c, v])
-        else:
-            n, n_main = _gather(net, orders, ranges, slopes, cross, v, frame, vectors, low, high, wrong)
-        for o in range(3):
-            if o == v:
-                continue
-            columns[v, o, 1] = _largest_ratio(vectors, low, high, wrong, n, n_main, v, o, 1.0)
-            columns[v, o, 0] = -_largest_ratio(vectors, low, high, wrong, n, n_main, v, o, -1.0)
-            if not (np.isfinite(columns[v, o, 0]) and np.isfinite(columns[v, o, 1])):
-                return False
-    return _is_positive(columns)
+        p, T = orders[e], knots[e]
+        for i in range(2 * p - 2):
+            end, is_same = first[e] + p - 1 if i <= p - 2 else first[e] + p, 1.0
+            for a in range(2):
+                for b in range(2):
+                    knot = T[a, b, first[e] + 1 + i]
+                    local[e, a, b, i, lane] = knot
+                    if knot != T[a, b, end]:
+                        is_same = 0.0
+            coincide[e, i, lane] = is_same
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _jacobian(knots, orders, spans, net, sign, normal, x, work, is_inside):
-    """Jacobian at parameters ``x`` of the polynomial pieces of an element; also whether ``x`` is inside the element."""
-    gradients, sums, point, gradient, T, d_T = work
-    row = 0
-    for e in range(3):
-        p, s, t = orders[e], x[(e + 1) % 3], x[(e + 2) % 3]
-        if p == 1:
-            gradients[row] = 0.0
-            gradients[row, 0] = 1.0
-        else:
-            for i in range(2 * p - 2):
-                at = spans[e] - p + 2 + i
-                T[i] = _knot(knots[e], at, s, t)
-                d_T[i, e] = 0.0
-                d_T[i, (e + 1) % 3], d_T[i, (e + 2) % 3] = _slope(knots[e], at, 0, t), _slope(knots[e], at, 1, s)
-            if not (T[p - 2] + 1e-13 < x[e] < T[p - 1] - 1e-13):
-                is_inside = False
-            d_x = (1.0 * (e == 0), 1.0 * (e == 1), 1.0 * (e == 2))
-            basis_derivatives(T, d_T, p, p - 2, x[e], d_x, gradients[row : row + p])
-        row += p
-    point_and_gradient(net, (0, 0, 0), (orders[0], orders[1], orders[2]), gradients, sums, point, gradient)
-    for v in range(3):
-        if orders[v] == 1:
-            gradient[0, v], gradient[1, v], gradient[2, v] = normal[0], normal[1], normal[2]
-    g = gradient
-    value = (
-        g[0, 0] * (g[1, 1] * g[2, 2] - g[2, 1] * g[1, 2])
-        - g[1, 0] * (g[0, 1] * g[2, 2] - g[2, 1] * g[0, 2])
-        + g[2, 0] * (g[0, 1] * g[1, 2] - g[1, 1] * g[0, 2])
-    )
-    return sign * value, is_inside
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _element(knots, orders, spans, net, sign, normal, max_boxes):
-    """Decide about one element by boxes of parameters; see `decide_elements`."""
-    p_max = max(orders[0], orders[1], orders[2])
-    n_local, n_vectors = max(2 * p_max - 2, 1), 3 * p_max * p_max * p_max
-    n_rows = orders[0] + orders[1] + orders[2]
-    scratch = (
-        np.empty((n_rows, 4)), np.empty((n_rows, 3)), np.empty(3), np.empty((3, 3)), np.zeros(n_local),
-        np.zeros((n_local, 3)),
-    )  # fmt: skip
-    gradient = scratch[3]
-    work = (
-        np.empty((3, p_max, 2)), np.empty((3, p_max, 2)), np.empty((3, 2, p_max, 2)), np.empty((n_vectors, 3)),
-        np.empty(n_vectors), np.empty(n_vectors), np.empty((n_vectors, 3)), np.empty((3, 3, 2)), np.empty((3, 3)),
-    )  # fmt: skip
-    x, boxes, depths = np.zeros(3), np.empty((MAX_DEPTH + 1, 3, 2)), np.zeros(MAX_DEPTH + 1, dtype=np.int64)
-    boxes[0, :, 0], boxes[0, :, 1] = 0.0, 1.0
-    top, n_boxes, size = 0, 0, np.ones(3)
-    while top >= 0:
-        box, depth = boxes[top], depths[top]
-        if not _enclose(knots, orders, spans, box):
-            top -= 1
+def _fill(knots, orders, is_empty, B, shortest, status, queue, local, coincide, edges):
+    """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
+    q, n_busy = queue, 0
+    n_1, n_2 = B.shape[1] - orders[1] + 1, B.shape[2] - orders[2] + 1
+    for lane in range(q.numbers.size):
+        number = -1
+        while number < 0 and q.n_waiting[0] > 0:
+            q.n_waiting[0] -= 1
+            at = q.n_waiting[0]
+            if status[q.waiting[at]] == VALID:  # no box has decided about the element
+                number, q.depths[lane] = q.waiting[at], q.waiting_depths[at]
+                for e in range(3):
+                    for i in range(2):
+                        q.shares[e, i, lane], q.box[e, i, lane] = (
+                            q.waiting_boxes[at, 0, e, i],
+                            q.waiting_boxes[at, 1, e, i],
+                        )
+        while number < 0 and q.n_waiting[1] > 0:
+            following = status.size - q.n_waiting[1]
+            q.n_waiting[1] -= 1
+            if not is_empty[following]:
+                number, q.depths[lane] = following, 0
+                for e in range(3):
+                    for i in range(2):
+                        q.shares[e, i, lane], q.box[e, i, lane] = float(i), float(i)
+        q.numbers[lane] = number
+        if number < 0:
             continue
-        if depth == 0:
-            for d in range(3):
-                size[d] = box[d, 1] - box[d, 0]
-        n_boxes += 1
-        for d in range(3):
-            x[d] = 0.5 * (box[d, 0] + box[d, 1]) if orders[d] > 1 else 0.0
-        middle, is_inside = _jacobian(knots, orders, spans, net, sign, normal, x, scratch, True)
-        largest = 1.0
-        for d in range(3):
-            largest *= np.sqrt(gradient[0, d] ** 2 + gradient[1, d] ** 2 + gradient[2, d] ** 2)
-        if is_inside and middle <= -CLEARLY * largest:
-            return INVALID
-        if middle > CLEARLY * largest and _box_is_valid(knots, orders, spans, net, box, gradient, work):
-            top -= 1
-            continue
-        if depth == MAX_DEPTH or n_boxes >= max_boxes:
-            return UNDECIDED
-        direction, longest = 0, -1.0
-        for d in range(3):
-            if orders[d] > 1 and (box[d, 1] - box[d, 0]) / size[d] > longest:
-                direction, longest = d, (box[d, 1] - box[d, 0]) / size[d]
-        for d in range(3):  # compiled in a tenth of the time of an assignment of arrays
-            boxes[top + 1, d, 0], boxes[top + 1, d, 1] = box[d, 0], box[d, 1]
-        depths[top], depths[top + 1] = depth + 1, depth + 1
-        cut = 0.5 * (box[direction, 0] + box[direction, 1])
-        boxes[top, direction, 1], boxes[top + 1, direction, 0] = cut, cut
-        top += 1
-    return VALID
+        n_busy += 1
+        if number != q.loaded[lane]:
+            q.loaded[lane] = number
+            first = number // (n_1 * n_2), number // n_2 % n_1, number % n_2
+            load_edges(B, first, orders, shortest, lane, edges)
+            _load_knots(knots, first, orders, lane, local, coincide)
+    return n_busy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _lengths(net):
-    """Longest edges of a net in each direction, shape (3,), and how far a point is from the first, in the sum norm."""
-    lengths, extent = np.zeros(3), 0.0
-    for i, j, k in np.ndindex(net.shape[:3]):
-        far = 0.0
-        for c in range(3):
-            far += abs(net[i, j, k, c] - net[0, 0, 0, c])
-        extent = max(extent, far)
-        for d in range(3):
-            a, b, e = i - (d == 0), j - (d == 1), k - (d == 2)
-            if a >= 0 and b >= 0 and e >= 0:
-                size = 0.0
-                for c in range(3):
-                    size += abs(net[i, j, k, c] - net[a, b, e, c])
-                lengths[d] = max(lengths[d], size)
-    return lengths, extent
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _extraction(T, p, span, out):
-    """Bézier control points of a span from those of the spline, shape (p, p): blossoms at the ends of the span."""
-    for i in range(p):
-        row = out[i]
-        row[:] = 1.0
-        for r in range(1, p):
-            raise_order(T, span, r, T[span] if r <= p - 1 - i else T[span + 1], row)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _straight_element(knots, orders, spans, net, sign, normal, shortest, binomial):
-    """Decide about one element of a volume with constant knots."""
-    old, extent = net.copy(), _lengths(net)[1]
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
+def _wait(queue, lane, depth, direction, low, high):
+    """Let a part of the box of a lane wait: that between two shares in one direction."""
+    q, at = queue, queue.n_waiting[0]
+    q.n_waiting[0] += 1
+    q.waiting[at], q.waiting_depths[at] = q.numbers[lane], depth
     for e in range(3):
-        p = orders[e]
-        if p == 1:
-            continue
-        matrix = np.empty((p, p))
-        _extraction(knots[e][0, 0], p, spans[e], matrix)
-        new = np.zeros_like(old)
-        for i, j, k in np.ndindex(old.shape[:3]):
-            for m in range(p):
-                at = (m, j, k) if e == 0 else (i, m, k) if e == 1 else (i, j, m)
-                n = i if e == 0 else j if e == 1 else k
-                for c in range(3):
-                    new[at[0], at[1], at[2], c] += matrix[m, n] * old[i, j, k, c]
-        old = new
-    width = 1.0
-    for e in range(3):
-        for i in range(max(orders[e] - 1, 0)):
-            low, high = spans[e] - i, spans[e] + 1 + i
-            width = min(width, knots[e][0, 0, high] - knots[e][0, 0, low] if i == 0 else width)
-    error = 60.0 * UNIT * extent / width
-    return bezier_bound(old, sign, binomial, normal, shortest, (error, error, error), 12)
+        for i in range(2):
+            q.waiting_boxes[at, 0, e, i], q.waiting_boxes[at, 1, e, i] = q.shares[e, i, lane], q.box[e, i, lane]
+    q.waiting_boxes[at, 0, direction, 0], q.waiting_boxes[at, 0, direction, 1] = low, high
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def decide_elements(knots, orders, is_straight, B, sign, normal, shortest, binomial, status):
+def _settle(orders, sign, signs, vectors, rows, columns, is_inside, has_frame, is_proved, status, queue):
+    """Take what was found of boxes: where that is nothing, halve them or give their elements up."""
+    q, corner = queue, np.zeros(3, dtype=np.int64)
+    for lane in range(q.numbers.size):
+        number = q.numbers[lane]
+        if number < 0 or status[number] != VALID or not is_inside[lane]:
+            continue
+        q.n_boxes[number] += 1
+        if is_proved[lane]:
+            if sign * signs[lane] < 0.0:
+                status[number] = INVALID
+            continue
+        is_full = q.n_boxes[number] >= MAX_BOXES or q.n_waiting[0] + 3 > q.waiting.size
+        if is_full or q.depths[lane] >= MAX_DEPTH:
+            status[number] = UNDECIDED
+            continue
+        d = cut_direction(vectors, rows, orders, columns, q.shares, has_frame[lane], lane)
+        middle = 0.5 * (q.shares[d, 0, lane] + q.shares[d, 1, lane])
+        _wait(q, lane, q.depths[lane] + 1, d, q.shares[d, 0, lane], middle)
+        _wait(q, lane, q.depths[lane] + 1, d, middle, q.shares[d, 1, lane])
+        if has_frame[lane] and worst_corner(vectors, orders, sign * signs[lane], lane, corner):
+            for e in range(3):
+                q.shares[e, 1 - corner[e], lane] = q.shares[e, corner[e], lane]
+            _wait(q, lane, MAX_DEPTH, 0, q.shares[0, 0, lane], q.shares[0, 1, lane])
+
+
+def decide_elements(
+    knots: tuple[np.ndarray, ...], orders: tuple[int, int, int], B: np.ndarray, sign: float, normal: np.ndarray,
+    shortest: float,
+) -> tuple[np.ndarray, int]:  # fmt: skip
     """Decide about all elements of a volume.
 
     Parameters
@@ -496,8 +181,6 @@ def decide_elements(knots, orders, is_straight, B, sign, normal, shortest, binom
         Knots of every direction on its four edges, Eq. (5).
     orders : tuple of three int
         Orders; 1 with a single layer of control points.
-    is_straight : bool
-        Whether no knot is curved.
     B : ndarray, shape (N0, N1, N2, 3)
         Control points (m).
     sign : float
@@ -506,29 +189,48 @@ def decide_elements(knots, orders, is_straight, B, sign, normal, shortest, binom
         Derivative in a direction of order 1.
     shortest : float
         Differences of control points up to this length (m) have collapsed.
-    binomial : ndarray
-        See `bspline_mdao.cells.bezier.bezier_bound`.
+
+    Returns
+    -------
     status : ndarray of uint8, shape (N0 - p0 + 1, N1 - p1 + 1, N2 - p2 + 1)
-        Receives what is known of each element; one that lies between two equal knots has none and counts as valid.
+        What is known of each element; one that lies between two equal knots has none and counts as valid.
+    n_boxes : int
+        Boxes that were asked.
     """
-    p_0, p_1, p_2 = orders
-    spans = np.empty(3, dtype=np.int64)
-    for i, j, k in np.ndindex(status.shape):
-        spans[0], spans[1], spans[2] = i + p_0 - 1, j + p_1 - 1, k + p_2 - 1
-        net = B[i : i + p_0, j : j + p_1, k : k + p_2].copy()
-        origin = net[0, 0, 0].copy()
-        for a, b, c in np.ndindex((p_0, p_1, p_2)):
-            for n in range(3):
-                net[a, b, c, n] -= origin[n]
-        is_empty = False
-        if is_straight:
-            for e in range(3):
-                T = knots[e][0, 0]
-                is_empty = is_empty or (orders[e] > 1 and not T[spans[e]] < T[spans[e] + 1])
-        if is_empty:
-            found = VALID
-        else:
-            found = _element(knots, orders, spans, net, sign, normal, 1 if is_straight else MAX_BOXES)
-            if is_straight and found == UNDECIDED:
-                found = _straight_element(knots, orders, spans, net, sign, normal, shortest, binomial)[0]
-        status[i, j, k] = found
+    is_curved = tuple(bool((edges != edges[0, 0]).any()) for edges in knots)
+    status = np.full([n - p + 1 for n, p in zip(B.shape, orders)], VALID, dtype=np.uint8)
+    is_empty = np.zeros(status.shape, dtype=bool)
+    for e, (T, p) in enumerate(zip(knots, orders)):
+        if p > 1 and not is_curved[e]:
+            is_empty |= np.diff(T[0, 0, p - 1 : T.shape[2] - p + 1]).reshape(np.roll([-1, 1, 1], e)) <= 0.0
+    p, L = max(*orders, 2), min(MAX_LANES, status.size)
+    n, n_parts, flags = 2 * p - 2, p * (p - 1) // 2, np.zeros((3, L), dtype=bool)
+    is_inside, has_frame, is_proved = flags
+    queue, found = _Queue.of(L, status.size), status.reshape(-1)
+    local, coincide, edges = np.zeros((3, 2, 2, n, L)), np.zeros((3, n, L)), np.zeros((3, p, p, p, 3, L))
+    turns, points, rows = np.zeros((3, 3, 2, L)), np.zeros((2, 3, p, p, L)), np.zeros((2, 3, 3, p, p - 1, L))
+    matrices_work = (
+        np.zeros((4, n, L)), np.zeros((2, 2, n, L)), np.zeros((2, n_parts, 2, L)), np.zeros((2, 2, n_parts, 2, L)),
+        np.zeros((p, 2, L)), np.zeros((2, p, 2, L)), np.zeros((p, p, 2, L)), np.zeros((2, p, p, 2, L)),
+    )  # fmt: skip
+    means_work, frame, signs = (
+        (np.zeros((3, p, L)), np.zeros((3, p, L)), np.zeros((3, 3, L))),
+        np.zeros((3, 3, L)),
+        np.zeros(L),
+    )
+    contracted, vectors = np.zeros((2, 2, p, p, p, 3, L)), np.zeros((3, 2, p, p, p, 3, L))
+    columns, slopes = np.zeros((3, 3, 2, L)), np.zeros((3, 3, 2, L))
+    while _fill(knots, orders, is_empty.reshape(-1), B, shortest, found, queue, local, coincide, edges):
+        flags[:] = True
+        enclose(local, orders, queue.shares, queue.box, is_inside)
+        if any(is_curved):
+            parameter_slopes(local, orders, is_curved, queue.shares, queue.box, slopes, turns, has_frame)
+        extraction(
+            local, orders, is_curved, coincide, queue.shares, queue.box, turns, matrices_work, points, rows, has_frame
+        )
+        frames(edges, orders, points, rows, is_curved, normal, means_work, frame, signs, has_frame)
+        control_vectors(edges, orders, points, rows, is_curved, normal, frame, contracted, vectors)
+        is_proved[:] = has_frame
+        are_positive(vectors, orders, columns, is_proved)
+        _settle(orders, sign, signs, vectors, rows, columns, is_inside, has_frame, is_proved, found, queue)
+    return status, int(queue.n_boxes.sum())

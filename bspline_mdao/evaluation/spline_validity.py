@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..cells.bernstein import UNDECIDED
-from ..cells.bezier import binomials
 from ..cells.certificate import BlockCertificate, of_statuses
 from ..cells.hexahedron import COLLAPSE_TOLERANCE, cell_quality, flat_direction, mean_normal
 from ..numerics.threads import run_tasks, thread_count
@@ -80,13 +79,7 @@ def spline_statuses(volume: Volume, control_points: np.ndarray, handedness: int)
     flat = flat_direction(net.shape)
     normal = np.zeros(3) if flat is None else mean_normal(np.moveaxis(net, flat, 2)[:, :, 0])
     size = float(np.linalg.norm(np.ptp(net.reshape(-1, 3), axis=0)))
-    status = np.empty(shape, dtype=np.uint8)
-    is_straight = all((edge == edge[0, 0]).all() for edge in edges)
-    decide_elements(
-        tuple(edges), orders, is_straight, net, float(handedness), normal, COLLAPSE_TOLERANCE * size,
-        binomials(3 * max(orders)), status,
-    )  # fmt: skip
-    return status
+    return decide_elements(tuple(edges), orders, net, float(handedness), normal, COLLAPSE_TOLERANCE * size)[0]
 
 
 def _on_edges(knots: Knots) -> np.ndarray | None:
