@@ -81,12 +81,14 @@ def test_smooth_seams_keeps_a_swelling_ball_smooth_where_it_gets_a_kink_without(
     smooth_seams = script("smooth_seams")
     monkeypatch.setitem(smooth_seams.SIZES, False, (9, 5))
     numbers = smooth_seams.main(figures=tmp_path, folder=tmp_path)
-    free, nearly, smooth = (numbers[name] for name in ("free", "nearly", "smooth"))
+    free, nearly, smooth, fair = (numbers[name] for name in ("free", "nearly", "smooth", "fair"))
     assert numbers["snapped_kink"] < 1e-3 * numbers["fitted_kink"]
     assert free["kink"] > 30.0
     assert nearly["kink"] < 1.0
     assert smooth["kink"] < 0.01
-    for body in (free, nearly, smooth):
+    assert fair["kink"] < 0.01
+    assert fair["curvature"] < 0.4 < 1.0 < smooth["curvature"]
+    for body in (free, nearly, smooth, fair):
         assert body["success"]
         assert body["violation"] < 1e-8
         assert body["cad"] is None or (body["cad"]["n_solids"] == 1 and body["cad"]["distance"] < 1e-9)
