@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,9 @@ class Snapshot(OneLine):
         Its states.
     mach : float or None
         Mach number of the free stream.
+    lattice, panel_pressures : ndarray or None
+        Nodes of the lattice of a `LatticeFlow` in the axes of the grid (m), shape (n_chord, n_span, 3), and its output
+        ``delta_Cp``, shape (n_chord - 1, n_span - 1).
 
     Examples
     --------
@@ -58,6 +62,8 @@ class Snapshot(OneLine):
     pressures: np.ndarray | None = None
     states: np.ndarray | None = None
     mach: float | None = None
+    lattice: np.ndarray | None = None
+    panel_pressures: np.ndarray | None = None
 
     def __repr__(self) -> str:
         flow = "no flow" if self.pressures is None else f"Mach {self.mach:.3g}"
@@ -71,7 +77,7 @@ class Snapshot(OneLine):
         ----------
         what : Grid, FittedModel, openmdao.api.Problem, openmdao.api.Group or Snapshot
             Of a problem or a group of it, the first `GridMovement`, `GridEvaluate` or flow tells the grid, and the
-            first `EulerFlow` the flow.
+            first `EulerFlow` or `LatticeFlow` the flow.
         title : str, optional
             What pictures call it.
 
@@ -141,6 +147,9 @@ def _of_group(group, title: str) -> Snapshot:
     if model is None:
         raise InputError("the problem has no GridMovement, GridEvaluate or EulerFlow of a FittedModel to look at")
     values = _values(systems)
+    if GRID not in values and group.comm.size == 1:  # that of a LatticeFlow is the input of no component
+        with suppress(KeyError):
+            values[GRID] = np.array(group.get_val(GRID))
     if GRID not in values:
         raise InputError("the problem has no grid yet; run it first: problem.run_model()")
     grid = model.header.grid(model.topology.shapes, values[GRID].reshape(-1, 3))
@@ -153,7 +162,17 @@ def _of_group(group, title: str) -> Snapshot:
         values.get("Cp"),
         values.get("states"),
         None if mach is None else float(mach.ravel()[0]),
+        *_lattice(systems),
     )
+
+
+def _lattice(systems) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Nodes of the first lattice in the axes of the grid, and the pressure differences on it."""
+    for system in systems:
+        if "camber" in system.options and "delta_Cp" in system.get_io_metadata(metadata_keys=()):
+            nodes = system.get_val("camber_surface", from_src=False) @ system.options["camber"].axes
+            return nodes, np.array(system.get_val("delta_Cp"))
+    return None, None
 
 
 def _model_of(system) -> FittedModel | ModelShare | None:

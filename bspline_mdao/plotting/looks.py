@@ -50,7 +50,8 @@ def plot(
     show : str or sequence of str, optional
         Surfaces: ``"walls"``, ``"symmetry"``, ``"farfield"``, ``"boundary"`` (all of these), ``"control mesh"``, and
         names of patches; and one field that colours them: ``"quality"``, ``"corner"``, ``"wall height"``, ``"block"``,
-        ``"patch"``, and of a flow ``"Cp"``, ``"Mach"``, ``"entropy"``, ``"total pressure loss"``. By default ``Cp``
+        ``"patch"``, and of a flow ``"Cp"``, ``"Mach"``, ``"entropy"``, ``"total pressure loss"``, or
+        of a `LatticeFlow` ``"delta_Cp"`` on its ``"lattice"``. By default ``Cp``
         where there is a flow, walls, symmetry plane and control mesh of a fitted grid, and otherwise walls and
         symmetry plane, or the whole boundary where nothing is declared.
     file : path-like, optional

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..om.snapshots import Snapshot
+from ..topology.index_space import Window
 from .scenes import Camera
 from .sheets import Sheet, control_sheets, flow_sheets, grid_sheets, worst_cells
 
@@ -21,6 +22,7 @@ SURFACES = {
     "farfield": ("farfield",),
     "boundary": ("wall", "symmetry", "farfield", "other"),
     "control mesh": ("control mesh",),
+    "lattice": ("lattice",),
 }
 """Names of surfaces, and the kinds of sheets that they are."""
 
@@ -59,6 +61,7 @@ FIELD_LOOKS = {
     "Cp": FieldLook("Cp", "pressure coefficient", "RdYlBu_r", True),
     "Mach": FieldLook("Mach", "Mach number", "turbo", True),
     "entropy": FieldLook("entropy", "entropy", "magma", True),
+    "delta_Cp": FieldLook("delta_Cp", "pressure difference below - above", "viridis", True, ("lattice", "symmetry")),
     "total pressure loss": FieldLook("total_pressure_loss", "loss of total pressure", "magma", True),
 }
 """Fields that colour the surfaces."""
@@ -115,7 +118,9 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldLook | str | None =
     state = Snapshot.of(what)
     look = FIELD_LOOKS[look] if isinstance(look, str) else look
     topology = None if state.model is None else state.model.topology
-    if look is not None and look.is_of_flow:
+    if look is not None and look.field == "delta_Cp":
+        every = [*_lattice_sheets(state), *grid_sheets(state.grid, topology=topology)]
+    elif look is not None and look.is_of_flow:
         if state.model is None or state.pressures is None:
             raise InputError(
                 f"{state.title}: there is no flow to show; give a problem with an EulerFlow that has run, such as "
@@ -136,6 +141,17 @@ def sheets_of(what: Any, surfaces: Sequence[str], look: FieldLook | str | None =
         there = sorted({sheet.kind for sheet in every} | {sheet.name for sheet in every})
         raise InputError(f"{state.title}: nothing to see of {', '.join(surfaces)}; there is {', '.join(there)}")
     return found
+
+
+def _lattice_sheets(state: Snapshot) -> list[Sheet]:
+    """The lattice of a wing, with the pressure differences across its panels."""
+    if state.lattice is None or state.panel_pressures is None:
+        raise InputError(
+            f"{state.title}: there is no lattice to show; give a problem with a LatticeFlow that has run, such as "
+            f"plot(problem, 'delta_Cp')"
+        )
+    window = Window(0, (0, 0, 0), (state.lattice.shape[0] - 1, state.lattice.shape[1] - 1, 0))
+    return [Sheet("lattice", "lattice", state.lattice, window, {"delta_Cp": state.panel_pressures})]
 
 
 def camera_of(
@@ -163,7 +179,7 @@ def camera_of(
     Camera
     """
     sheets = [sheet for panel in panels for sheet in panel.sheets]
-    inner = [s for s in sheets if s.kind in ("wall", "control mesh")] or sheets
+    inner = [s for s in sheets if s.kind in ("wall", "lattice", "control mesh")] or sheets
     points = np.concatenate([sheet.points.reshape(-1, 3) for sheet in inner])
     low, high = points.min(axis=0), points.max(axis=0)
     box = high - low

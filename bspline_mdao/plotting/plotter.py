@@ -110,7 +110,7 @@ def add_sheets(
             continue
         painted = [sheet for sheet in own if look is not None and look.field in sheet.values]
         plain = [sheet for sheet in own if not any(sheet is other for other in painted)]
-        light = {"lighting": kind == "wall", "ambient": 0.35, "diffuse": 0.7}
+        light = {"lighting": kind in ("wall", "lattice"), "ambient": 0.35, "diffuse": 0.7}
         if plain:
             plotter.add_mesh(as_polydata(plain), color=COLORS[kind], name=kind, **light, **edges)
         if painted and look is not None and look.field == "patch":

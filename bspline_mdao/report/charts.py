@@ -16,7 +16,15 @@ from ..plotting.pressures import faces_around
 from .contents import Axes, Shape
 from .walls import cut
 
-__all__ = ["Chart", "height_chart", "history_charts", "pressure_chart", "quality_chart", "section_chart"]
+__all__ = [
+    "Chart",
+    "height_chart",
+    "history_charts",
+    "lattice_charts",
+    "pressure_chart",
+    "quality_chart",
+    "section_chart",
+]
 
 STATIONS = (0.05, 0.35, 0.65, 0.95)
 """Places of sections, in parts of the span of the walls."""
@@ -220,6 +228,56 @@ def pressure_chart(shapes: Sequence[Shape], name: str, corners: np.ndarray, axes
     return Chart(
         f"pressure-{name.replace('.', '-')}", f"Pressure coefficient {name}", text, data, layout, 60 + 170 * len(places)
     )
+
+
+def lattice_charts(history: CaseHistory) -> list[Chart]:
+    """Pressure differences across the panels of every vortex lattice along the chord of some strips.
+
+    Parameters
+    ----------
+    history : CaseHistory
+        The optimisation: its outputs ``delta_Cp`` of `LatticeFlow`, whose panels divide chord and span evenly, the
+        strips from the tip to the root.
+
+    Returns
+    -------
+    list of Chart
+        One for each lattice whose differences are recorded.
+    """
+    charts = []
+    for name, found in history.outputs.items():
+        if name.rpartition(".")[2] != "delta_Cp" or 0 not in found or found[0].ndim != 2:
+            continue
+        shown = {
+            "Before": found[0],
+            **({"After": found[history.best]} if history.best in found and history.best else {}),
+        }
+        styles = [{"color": GRAY, "width": 1.6, "dash": "dash"}] * (len(shown) - 1) + [{"color": BLUE, "width": 2}]
+        n_chord, n_span = found[0].shape
+        places = (np.arange(n_chord) + 0.5) / n_chord
+        layout: dict[str, Any] = {
+            "grid": {"rows": len(STATIONS), "columns": 1, "pattern": "independent"}, "annotations": []
+        }  # fmt: skip
+        data: list[dict[str, Any]] = []
+        for row, part in enumerate(STATIONS, start=1):
+            suffix, strip = "" if row == 1 else str(row), min(int((1.0 - part) * n_span), n_span - 1)
+            for (label, values), style in zip(shown.items(), styles):
+                line = _line(label, places, values[:, strip], style)
+                data.append(
+                    line
+                    | {"mode": "lines+markers", "showlegend": row == 1, "xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
+                )
+            layout[f"yaxis{suffix}"] = {"title": {"text": name}, "rangemode": "tozero"}
+            layout[f"xaxis{suffix}"] = {
+                "title": {"text": "part of the chord" if row == len(STATIONS) else ""}, "range": [0, 1]
+            }  # fmt: skip
+            middle = 100.0 * (1.0 - (strip + 0.5) / n_span)
+            layout["annotations"].append(_named(row, f"{middle:.0f} % of the span"))
+        peak = float(list(shown.values())[-1].max())
+        text = f"{name}, the pressure coefficient below less that above the panels; the largest is {peak:.3g}."
+        key = f"lattice-{name.replace('.', '-')}"
+        charts.append(Chart(key, f"Pressure difference {name}", text, data, layout, 60 + 170 * len(STATIONS)))
+    return charts
 
 
 def _places(corners: np.ndarray, axes: Axes) -> list[float]:

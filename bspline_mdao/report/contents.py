@@ -20,8 +20,8 @@ INCLUDES = "*control_points", "*Cp"
 RECORD = 'problem.driver.recording_options["includes"] = ["*control_points", "*Cp"]'
 """What makes a driver record them."""
 
-PRESSURES = "Cp"
-"""Ending of the names of pressure coefficients."""
+PRESSURES, PANEL_PRESSURES = "Cp", "delta_Cp"
+"""Ending of the names of pressure coefficients, and of their differences across the panels of a lattice."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def shapes_of(
         missing += [
             f"{key} is not shown: it is not of the {n_wall_faces:,} wall faces." for key in {*values} - {*fitting}
         ]
-    if not pressures:
+    if not pressures and not _ending(history.outputs, PANEL_PRESSURES):
         missing.append(f"The case file has no pressures Cp. Where the flow has them, record them: {RECORD}")
     if len(shapes) == 1:
         missing.append("The first evaluation is the best one: there is no shape after.")

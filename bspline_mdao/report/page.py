@@ -24,7 +24,7 @@ from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
 from ..om.model_option import named_model
 from ..plotting.figures import require
 from ..wording import counted
-from .charts import Chart, height_chart, history_charts, pressure_chart, quality_chart, section_chart
+from .charts import Chart, height_chart, history_charts, lattice_charts, pressure_chart, quality_chart, section_chart
 from .contents import Contents, axes_of, shapes_of
 from .model_file import find_model
 from .space import LAYERS, SHOWN, camera, space_traces
@@ -285,10 +285,10 @@ def _of_history(history: CaseHistory) -> list[Section]:
         )
     variables = len(history.of_kind("variable"))
     charts = history_charts(history)
-    split, flows = len(charts) - variables, flow_table(history)
+    split, flows, panels = len(charts) - variables, flow_table(history), lattice_charts(history)
     return [
         Section("history", "Optimisation", lines, charts[:split], [history_table(history)]),
-        *([Section("flow", "Flow", [], [], [flows])] if flows else []),
+        *([Section("flow", "Flow", [], panels, [flows] if flows else [])] if flows or panels else []),
         Section("variables", "Design variables", [], charts[split:], [variable_table(history)]),
     ]
 

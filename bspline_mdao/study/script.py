@@ -318,8 +318,9 @@ class _Script:
         yield f"outputs = {_python(self._outputs())}"
         yield 'driver.add_recorder(om.SqliteRecorder(str(HERE / "cases.sql")))'
         if study.output["report"]:
-            pressures = [f"{name}.Cp" for name in study.conditions] or ["Cp"]
-            recorded = ["control_points", *(pressures if study.flow and study.flow["kind"] == "euler" else [])]
+            field = "Cp" if study.flow and study.flow["kind"] == "euler" else "delta_Cp"
+            pressures = [f"{name}.{field}" for name in study.conditions] or [field]
+            recorded = ["control_points", *(pressures if study.flow else [])]
             machs = of_conditions(study.conditions, ("Mach_number",)) or ("Mach_number",)
             recorded += machs if study.flow else ()
             yield f'driver.recording_options["includes"] = [{_python(recorded)[1:-1]}, *outputs]'

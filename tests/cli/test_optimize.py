@@ -347,6 +347,7 @@ def test_the_objective_of_several_conditions_is_their_mean_and_the_report_has_ea
         page = Path("out/report.html").read_text()
         rows = page[page.index(">Coefficients") :]
         assert rows.index("cruise") < rows.index("climb") < rows.index("first and the best evaluation")
+        assert "Pressure difference cruise.delta_Cp" in page
 
 
 def test_the_study_that_is_drafted_of_a_wing_runs(workplace, capsys):

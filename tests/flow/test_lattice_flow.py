@@ -117,7 +117,7 @@ def test_partials_of_lattice_forces_agree_with_complex_steps(swept):
     problem.run_model()
     problem.model.forces.set_check_partial_options("*", method="cs", directional=False)
     data = problem.check_partials(compact_print=True, out_stream=None)
-    assert len(data["forces"]) == 33
+    assert len(data["forces"]) == 36
     assert_check_partials(data, atol=1e-12, rtol=1e-10)
 
 

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array, diags_array, eye_array, kron
 from ...errors import InputError
 from ...flow.force_coefficients import ForceCoefficients, WingCoefficients
 from ...flow.induced_drag import InducedDrag
+from ...flow.panel_pressures import panel_pressures, panel_pressures_jvp, panel_pressures_vjp
 from ...flow.span_strips import SpanStrips
 from ...flow.stream import RADIAN
 from ...measures.camber_surface import CamberSurface
@@ -44,6 +45,8 @@ class LatticeFlow(om.Group):
     ``CM_bending``      output  (1,)                  moment that bends the wing up at its root
     ``span_load``       output  (n_span - 1)   m      chord times lift coefficient of every strip, from the tip
     ``strip_...``       output  (n_span - 1)          loads of strips, see `EulerFlow`
+    ``delta_Cp``        output  see below             pressure coefficient below less that above every panel, shape
+                                                      (n_chord - 1, n_span - 1), see `panel_pressures`
     ==================  ======  =============  =====  ==================================================================
 
     Options
@@ -242,6 +245,8 @@ class LatticeForces(om.ExplicitComponent):
     ``strip_cl``,       output  (n_span - 1)                         lift, drag and moment of every strip, see
     ``strip_cd``,                                                    `SectionLoads`
     ``strip_cm``
+    ``delta_Cp``        output  (n_chord - 1, n_span - 1)            pressure coefficient below less that above every
+                                                                     panel, see `panel_pressures`
     ==================  ======  ============================  =====  ===================================================
 
     Options
@@ -274,6 +279,7 @@ class LatticeForces(om.ExplicitComponent):
         self.add_input("camber_surface", val=nodes, units="m")
         self.add_input("alpha", units="deg")
         declare_coefficients(self, n_span - 1)
+        self.add_output("delta_Cp", shape=(n_chord - 1, n_span - 1), desc="pressure below less that above every panel")
         self._wing = self._coefficients()
 
     @fails_together
@@ -281,6 +287,7 @@ class LatticeForces(om.ExplicitComponent):
         """Sum the forces on the panels."""
         for name, value in self._wing.evaluate(*self._arguments(inputs)).items():
             outputs[name] = value
+        outputs["delta_Cp"] = panel_pressures(*(inputs[name] for name in _VECTORS))
 
     @fails_together
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
@@ -294,16 +301,24 @@ class LatticeForces(om.ExplicitComponent):
         forces, nodes = (direction_in(d_inputs, inputs, name) @ self._axes for name in _VECTORS)
         d_alpha = RADIAN * d_inputs["alpha"].item() if "alpha" in d_inputs else 0.0
         found = self._wing.jvp(*self._arguments(inputs), forces, nodes, d_alpha)
+        if "delta_Cp" in d_outputs:
+            at = [inputs[name] for name in _VECTORS]
+            along = (direction_in(d_inputs, inputs, name).reshape(x.shape) for name, x in zip(_VECTORS, at))
+            found["delta_Cp"] = panel_pressures_jvp(*at, *along)
         for name in d_outputs:
             d_outputs[name] += found[name]
 
     def _reverse(self, inputs, d_inputs, d_outputs):
-        bars = {name: d_outputs[name] for name in d_outputs}
+        bars = {name: d_outputs[name] for name in d_outputs if name != "delta_Cp"}
         *vector_bars, alpha_bar = self._wing.vjp(*self._arguments(inputs), bars)
         for name, bar in zip(_VECTORS, vector_bars):
             add_bar(d_inputs, name, bar @ self._axes.T)
         if "alpha" in d_inputs:
             d_inputs["alpha"] += RADIAN * alpha_bar
+        if "delta_Cp" in d_outputs:
+            at = (inputs[name] for name in _VECTORS)
+            for name, bar in zip(_VECTORS, panel_pressures_vjp(*at, d_outputs["delta_Cp"])):
+                add_bar(d_inputs, name, bar)
 
     @property
     def _axes(self) -> np.ndarray:
