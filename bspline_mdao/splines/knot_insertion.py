@@ -1,9 +1,12 @@
-"""Knot insertion and order elevation of constant knots: more control points, the same geometry.
+"""Knot insertion and order elevation: more control points, the same geometry.
 
 Both are one idea. The control points of a spline of order p are the values of its *blossom*, the symmetric function
 ``f(x_1, .., x_{p-1})`` that is affine in each argument and equals the spline's polynomial for equal arguments: control
 point ``i`` is ``f(T_{i+1}, .., T_{i+p-1})``. On other knots, the control points are the values of the same blossom at
 other arguments. The blossom of a basis function is the de Boor triangle with one argument in each step.
+
+A knot goes into curved knots where its weights do not depend on the other parameters. Each is a quotient of two
+bilinear functions, so that this is so everywhere if it is so on the four edges.
 Theory: ``docs/theory/splines.rst``.
 
 References
@@ -19,8 +22,14 @@ import numpy as np
 
 from ..errors import InputError
 from .basis import find_span, raise_order
-from .knots import ConstantKnots
+from .knots import BilinearKnots, ConstantKnots, Knots
 from .volume import Volume
+
+SAME = 1e-13
+"""Difference of weights between edges that is round-off."""
+
+EDGES = ((0, 0), (0, 1), (1, 0), (1, 1))
+"""The four edges of a direction, as they are numbered in `BilinearKnots`."""
 
 
 def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new_knots):
@@ -29,13 +38,14 @@ def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new
     Parameters
     ----------
     volume : Volume
-        A volume with constant knots in this direction; the others may be curved.
+        A volume with constant or bilinear knots in this direction; the others may be curved.
     control_points : ndarray, shape (N0, N1, N2, d)
         Its control points.
     direction : int
         0, 1 or 2.
-    new_knots : array_like, shape (m,)
-        Values to add, repeated for a higher multiplicity.
+    new_knots : array_like, shape (m,) or (2, 2, m)
+        Values to add, repeated for a higher multiplicity. Into bilinear knots also curved ones, by their values on the
+        four edges, numbered as those of `BilinearKnots`.
 
     Returns
     -------
@@ -47,7 +57,9 @@ def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new
     Raises
     ------
     InputError
-        If the knots are not constant, or the new ones are outside (0, 1) or would be too many of one value.
+        If the new knots are outside (0, 1) or would be too many of one value, or the knots are curved so that no
+        control points keep the geometry: the ``2 p - 2`` knots around a new one, and itself, have to be an affine image
+        of the same numbers everywhere.
 
     Examples
     --------
@@ -57,6 +69,10 @@ def insert_knots(volume: Volume, control_points: np.ndarray, direction: int, new
     >>> points.ravel()
     array([0., 2., 8.])
     """
+    if isinstance(volume.knots[direction], BilinearKnots):
+        for new_knot in np.moveaxis(_on_edges(new_knots), 2, 0):
+            volume, control_points = _insert_curved(volume, control_points, direction, new_knot)
+        return volume, control_points
     old = _constant_knots(volume, direction)
     new = ConstantKnots(np.sort(np.concatenate([old.knots, np.atleast_1d(new_knots)])), old.order)
     return _on_new_knots(volume, control_points, direction, new, insertion_matrix(old, new))
@@ -136,6 +152,33 @@ def elevation_matrix(old: ConstantKnots, new: ConstantKnots) -> np.ndarray:
     return rows
 
 
+def _on_edges(new_knots) -> np.ndarray:
+    """New knots on the four edges, shape (2, 2, m)."""
+    new = np.asarray(new_knots, dtype=float)
+    if new.ndim < 2:
+        return np.tile(np.atleast_1d(new), (2, 2, 1))
+    if new.ndim != 3 or new.shape[:2] != (2, 2):
+        raise InputError(f"refinement: new knots of shape {new.shape}; give shape (m,) or (2, 2, m)")
+    return new
+
+
+def _insert_curved(volume: Volume, control_points: np.ndarray, direction: int, new_knot: np.ndarray):
+    """Insert one knot, given on the four edges, shape (2, 2), into bilinear knots."""
+    old = volume.knots[direction]
+    assert isinstance(old, BilinearKnots)
+    new = BilinearKnots(np.sort(np.concatenate([old.corners, new_knot[..., None]], axis=2)), old.order)
+    edges = [(ConstantKnots(old.corners[e], old.order), ConstantKnots(new.corners[e], old.order)) for e in EDGES]
+    weights = np.array([insertion_matrix(*edge) for edge in edges])
+    off = np.ptp(weights, axis=0).max()
+    if off > SAME:
+        raise InputError(
+            f"refinement: the knots of direction {direction + 1} are curved, and the weights of the new knot at "
+            f"{new_knot[0, 0]:g} differ by {off:.2g} between edges, so no new control points keep the geometry; "
+            f"refine a direction with constant knots, or move the control points through a CoarseNet"
+        )
+    return _on_new_knots(volume, control_points, direction, new, weights.mean(axis=0))
+
+
 def _blossom(knots: ConstantKnots, xi: float, arguments: np.ndarray) -> np.ndarray:
     """Blossoms of all basis functions, shape (N,), on the span that holds ``xi``, at ``p - 1`` ascending arguments."""
     T, p = knots.knots, knots.order
@@ -158,7 +201,7 @@ def _constant_knots(volume: Volume, direction: int) -> ConstantKnots:
     return knots
 
 
-def _on_new_knots(volume: Volume, control_points, direction: int, new: ConstantKnots, matrix: np.ndarray):
+def _on_new_knots(volume: Volume, control_points, direction: int, new: Knots, matrix: np.ndarray):
     knots = volume.knots[:direction] + (new,) + volume.knots[direction + 1 :]
     moved = np.moveaxis(np.tensordot(matrix, control_points, axes=(1, direction)), 0, direction)
     return replace(volume, knots=knots), moved

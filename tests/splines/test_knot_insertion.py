@@ -8,7 +8,7 @@ from splines_cases import ORDERS, random_bilinear_knots, random_constant_knots
 from bspline_mdao.errors import InputError
 from bspline_mdao.splines.curve import Curve
 from bspline_mdao.splines.knot_insertion import elevate_order, elevation_matrix, insert_knots, insertion_matrix
-from bspline_mdao.splines.knots import ConstantKnots
+from bspline_mdao.splines.knots import BilinearKnots, ConstantKnots
 from bspline_mdao.splines.volume import Volume, evaluate
 
 
@@ -89,6 +89,32 @@ def test_a_degenerate_direction_can_be_elevated():
     volume, net = elevate_order(surface, np.random.default_rng(3).standard_normal((5, 4, 1, 3)), 2)
     assert volume.n_control == (5, 4, 2)
     np.testing.assert_array_equal(net[:, :, 0], net[:, :, 1])
+
+
+@pytest.mark.parametrize("direction", [0, 1, 2])
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_a_knot_goes_into_curved_knots_that_an_affine_map_moves_around_it(order, direction):
+    rng = np.random.default_rng(order)
+    knots = [random_bilinear_knots(rng, p, n_inner=n) for p, n in zip((4, 3, 2), (2, 3, 4))]
+    starts, widths = 0.2 + 0.2 * rng.random((2, 2, 1)), 0.2 + 0.2 * rng.random((2, 2, 1))
+    parts = np.sort(rng.random(2 * order - 2))
+    moved = starts + widths * parts  # the 2 p - 2 knots around the new one
+    others = np.concatenate([np.full((2, 2, 1), 0.1), moved, 0.85 + 0.1 * rng.random((2, 2, 1))], axis=2)
+    ends = np.zeros((2, 2, order)), np.ones((2, 2, order))
+    knots[direction] = BilinearKnots(np.concatenate([ends[0], others, ends[1]], axis=2), order)
+    volume = Volume(tuple(knots))
+    net, parameters = rng.standard_normal((*volume.n_control, 3)), rng.random((200, 3))
+    middle = 0.4 * parts[order - 2] + 0.6 * parts[order - 1]
+    finer, finer_net = insert_knots(volume, net, direction, starts + widths * middle)
+    assert finer.n_control[direction] == volume.n_control[direction] + 1
+    assert np.ptp(finer.knots[direction].corners, axis=(0, 1)).max() > 0.05
+    np.testing.assert_allclose(evaluate(finer, finer_net, parameters), evaluate(volume, net, parameters), atol=1e-13)
+    share = rng.uniform(0.2, 0.8, (2, 2, 1))
+    uneven = (1.0 - share) * moved[..., order - 2 : order - 1] + share * moved[..., order - 1 : order]
+    with pytest.raises(InputError, match=f"direction {direction + 1} are curved, and the weights of the new knot"):
+        insert_knots(volume, net, direction, uneven)
+    with pytest.raises(InputError, match=r"new knots of shape \(2, 2\); give shape \(m,\) or \(2, 2, m\)"):
+        insert_knots(volume, net, direction, np.zeros((2, 2)))
 
 
 def test_what_cannot_be_refined_is_refused():
