@@ -7,6 +7,8 @@ become fused where the machine has such instructions.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
@@ -24,8 +26,10 @@ __all__ = [
     "prefetch",
     "rounded_to_halves",
     "store",
+    "store_halves",
     "subtract_combined",
     "subtract_scaled",
+    "zero_halves",
     "zeros",
 ]
 
@@ -87,9 +91,15 @@ def rounded_to_halves(numbers: np.ndarray) -> np.ndarray:
 
     An array of uint16 of the same shape, with room behind it for `load_halves`.
     """
-    flat = np.zeros(numbers.size + LANES, np.uint16)
-    _round(np.ascontiguousarray(numbers, np.float32).reshape(-1).view(np.uint32), flat)
-    return flat[: numbers.size].reshape(numbers.shape)
+    halves = zero_halves(numbers.shape)
+    _round(np.ascontiguousarray(numbers, np.float32).reshape(-1).view(np.uint32), halves.reshape(-1))
+    return halves
+
+
+def zero_halves(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros as those of `rounded_to_halves`."""
+    size = math.prod(shape)
+    return np.zeros(size + LANES, np.uint16)[:size].reshape(shape)
 
 
 @njit(cache=True, nogil=True)
@@ -112,6 +122,32 @@ def load_halves(typingctx, array, offset):
         return builder.bitcast(bits, _VECTOR)
 
     return FIVE(array, types.int64), emit
+
+
+@intrinsic
+def store_halves(typingctx, array, offset, vector):
+    """Round five numbers to halves, ties to even, and write them from an offset into an array of halves."""
+    if not (isinstance(array, types.Array) and array.dtype == types.uint16 and array.layout == "C"):
+        return None
+
+    def emit(context, builder, signature, args):
+        at = _pointer(context, builder, array, args[0], args[1])
+        wide = ir.VectorType(_INT, LANES)
+
+        def all_lanes(number):
+            return ir.Constant(wide, [number] * LANES)
+
+        bits = builder.bitcast(args[2], wide)
+        odd = builder.and_(builder.lshr(bits, all_lanes(16)), all_lanes(1))
+        rounded = builder.lshr(builder.add(builder.add(bits, all_lanes(0x7FFF)), odd), all_lanes(16))
+        halves, first = builder.trunc(rounded, _HALVES), ir.VectorType(ir.IntType(16), 4)
+        four = builder.shuffle_vector(halves, halves, ir.Constant(ir.VectorType(_INT, 4), [0, 1, 2, 3]))
+        builder.store(four, builder.bitcast(at, first.as_pointer()), align=2)  # what follows is of others
+        last = builder.extract_element(halves, ir.Constant(_INT, 4))
+        builder.store(last, builder.gep(at, [ir.Constant(_INT, 4)]), align=2)
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, FIVE), emit
 
 
 @intrinsic

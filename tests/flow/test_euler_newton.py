@@ -27,6 +27,7 @@ from bspline_mdao.flow.euler.preconditioner import (
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
 from bspline_mdao.generators.wing import cambered_section
+from bspline_mdao.numerics.fives import rounded_to_halves
 
 SINGLE = float(np.finfo(np.float32).eps)
 
@@ -87,7 +88,8 @@ def factor_of(left, right, at_right, at_left, diagonal, smallest):
     upper[pattern.places] = np.where(is_low[:, None, None], at_left, at_right)
     placed = np.empty_like(diagonal)
     placed[pattern.rank] = diagonal
-    return BlockFactor.of(pattern, lower, upper, placed)
+    halves = rounded_to_halves(lower), rounded_to_halves(upper)
+    return BlockFactor.of(pattern, *halves, placed.astype(np.float32))
 
 
 def refined_by(factor, product, right):

@@ -28,8 +28,8 @@ from ...numerics.fives import (
     load,
     load_halves,
     prefetch,
-    rounded_to_halves,
     store,
+    store_halves,
     subtract_combined,
     subtract_scaled,
     zeros,
@@ -132,13 +132,11 @@ class BlockFactor:
 
     @classmethod
     def of(cls, pattern: Pattern, lower, upper, diagonal) -> BlockFactor:
-        """Factor a matrix whose blocks are in place, by rank; those of single precision are overwritten."""
-        lower, upper, diagonal = (np.ascontiguousarray(blocks, np.float32) for blocks in (lower, upper, diagonal))
+        """Factor a matrix in place, whose blocks off the diagonal are halves, at their entries, the others by rank."""
         schedule, numbers = pattern.schedule, counters()
         how = schedule.ends, schedule.forwards, numbers
         _together(len(diagonal), lambda: _factorize(pattern.starts, pattern.columns, *how, lower, upper, diagonal))
-        lower = rounded_to_halves(lower)  # one after the other: each makes room for the next
-        return cls(pattern, lower, rounded_to_halves(upper), diagonal)
+        return cls(pattern, lower, upper, diagonal)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve ``L U x = right``, shape (n, 5), in single precision."""
@@ -193,17 +191,17 @@ def _factorize(starts, columns, ends, needed, numbers, lower, upper, diagonal):
             first, pivot = starts[row], _rows(diagonal, row)
             for entry in range(first, starts[row + 1]):
                 column = columns[entry]
-                place, low, up = first, _rows(lower, entry), _rows(upper, entry)
+                place, low, up = first, _halves(lower, 25 * entry), _halves(upper, 25 * entry)
                 for other in range(starts[column], starts[column + 1]):
                     while place < entry and columns[place] < columns[other]:
                         place += 1
                     if place < entry and columns[place] == columns[other]:  # step 1
-                        low = _less(low, _rows(lower, place), _rows(upper, other))
-                        up = _less(up, _rows(lower, other), _rows(upper, place))
+                        low = _less(low, _halves(lower, 25 * place), _halves(upper, 25 * other))
+                        up = _less(up, _halves(lower, 25 * other), _halves(upper, 25 * place))
                 low = _times(low, _rows(diagonal, column))  # step 2
                 pivot = _less(pivot, low, up)  # step 3
-                _write(lower, entry, low)
-                _write(upper, entry, up)
+                _write_halves(lower, 25 * entry, low)
+                _write_halves(upper, 25 * entry, up)
             _write(diagonal, row, pivot)
             for a in range(BLOCK):
                 for b in range(BLOCK):
@@ -249,6 +247,16 @@ def _write(blocks, at, rows):
     store(blocks, first + 10, rows[2])
     store(blocks, first + 15, rows[3])
     store(blocks, first + 20, rows[4])
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _write_halves(blocks, at, rows):
+    """Write a block of halves from an offset into the data of an array."""
+    store_halves(blocks, at, rows[0])
+    store_halves(blocks, at + 5, rows[1])
+    store_halves(blocks, at + 10, rows[2])
+    store_halves(blocks, at + 15, rows[3])
+    store_halves(blocks, at + 20, rows[4])
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")

@@ -513,7 +513,7 @@ def multiply_transposed(cells, roles, values, shock_rows, shocks, bar, out, sens
 def add_bars(starts, entries, first, end, shock_rows, shocks, weights, classes, bars, senses, out):
     """Add up what cells get of the mean states and jumps that they are in."""
     for cell in range(first, end):
-        total, pressure = zeros(), np.float32(0.0)
+        total, of_jumps, pressure = zeros(), zeros(), np.float32(0.0)
         if cell + 1 < len(starts):
             for entry in range(starts[cell], starts[cell + 1]):
                 f, k = entries[entry] >> 2, entries[entry] & 3
@@ -525,6 +525,6 @@ def add_bars(starts, entries, first, end, shock_rows, shocks, weights, classes, 
                     if k == 0 or k == 3:
                         total = add_scaled(total, senses[at], load(shocks, N_SHOCK * at + (13 if k == 0 else 18)))
                 total = add_scaled(total, by_mean, load(bars, 10 * f))
-                total = add_scaled(total, by_jump, load(bars, 10 * f + 5))
-        store(out, 5 * cell, total)
+                of_jumps = add_scaled(of_jumps, by_jump, load(bars, 10 * f + 5))
+        store(out, 5 * cell, add_scaled(total, np.float32(1.0), of_jumps))
         out[cell, 4] += pressure

@@ -16,7 +16,16 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ...numerics.fives import add_scaled, block_product, load, store, subtract_scaled
+from ...numerics.fives import (
+    add_scaled,
+    block_product,
+    load,
+    load_halves,
+    store,
+    store_halves,
+    subtract_scaled,
+    zero_halves,
+)
 from .block_factor import BlockFactor
 from .cell_sums import visit
 from .discretization import Discretization
@@ -46,8 +55,8 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
         What is added to the blocks on the diagonal.
     """
     stencil = linearization.discretization.stencil
-    lower = np.zeros((len(pattern.columns), *diagonal.shape[1:]), np.float32)
-    upper, placed = np.zeros_like(lower), np.empty(diagonal.shape, lower.dtype)
+    lower, upper = (zero_halves((len(pattern.columns), *diagonal.shape[1:])) for _ in range(2))
+    placed = np.empty(diagonal.shape, np.float32)
     placed[pattern.rank] = diagonal
     index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
     dissipation = np.float32(max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation))
@@ -101,11 +110,11 @@ def _place(
                 own = add_scaled(load(diagonal, 25 * row + 5 * n), sign * half, mean)
                 store(diagonal, 25 * row + 5 * n, subtract_scaled(own, part, jump))
                 if is_later:
-                    at_lower, at_upper = load(lower, place + 5 * n), load(upper, place + 5 * n)
+                    at_lower, at_upper = load_halves(lower, place + 5 * n), load_halves(upper, place + 5 * n)
                     at_lower = add_scaled(add_scaled(at_lower, sign * half, mean), part, jump)
                     at_upper = subtract_scaled(subtract_scaled(at_upper, sign * half, mean), -part, jump)
-                    store(lower, place + 5 * n, at_lower)
-                    store(upper, place + 5 * n, at_upper)
+                    store_halves(lower, place + 5 * n, at_lower)
+                    store_halves(upper, place + 5 * n, at_upper)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -120,8 +129,8 @@ def _place_behind(first, cells, weights, classes, jacobians, rank, places, lower
         w, blocks = weights[classes[f]], lower if rank[cells[f, 0]] < rank[cells[f, 1]] else upper
         behind = np.float32(w[MEAN, 0] + w[MEAN, 2])
         for n in range(5):
-            for m in range(5):
-                blocks[places[f], n, m] += behind * jacobians[f, n, m]
+            at = 25 * places[f] + 5 * n
+            store_halves(blocks, at, add_scaled(load_halves(blocks, at), behind, load(jacobians, 50 * f + 10 * n)))
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
