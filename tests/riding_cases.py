@@ -21,14 +21,19 @@ def model():
 
 
 @cache
-def twisted():
-    """Its control points after a twist, and the deformation."""
+def moved(text):
+    """Its control points after a deformation, and the deformation."""
     mesh = moving_mesh(model())
-    deformation = parse_deformation(["twist=10deg"], model(), mesh)
+    deformation = parse_deformation([text], model(), mesh)
     initial = model().control_points
     return LinearElasticity(mesh, n_increments=1).move(
         initial, deformation.apply(initial[mesh.surface_ids])
     ).points, deformation
+
+
+def twisted():
+    """Its control points after a twist, and the twist."""
+    return moved("twist=10deg")
 
 
 def corners_of(ids):

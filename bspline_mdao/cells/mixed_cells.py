@@ -151,7 +151,7 @@ class MixedMesh(OneLine):
             n = int(cells.max(initial=-1)) + 1
             volumes = pyramids(self.points, faces, cells, n)[:, 0]
             is_turned = np.count_nonzero(volumes < 0.0) > 0.5 * n
-            parts[k] = np.ascontiguousarray(faces[:, ::-1]) if is_turned else faces, cells + kind(first)
+            parts[k] = np.ascontiguousarray(faces[:, ::-1]) if is_turned else faces, cells + first
             first += n
         return np.concatenate([faces for faces, _ in parts]), np.concatenate([cells for _, cells in parts])
 

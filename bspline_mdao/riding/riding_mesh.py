@@ -38,7 +38,7 @@ from .wall_faces import GridBoundary, WallFaces
 
 __all__ = ["RiddenMesh", "RidingMesh"]
 
-FADE = 8.0, 0.06
+FADE = 8.0, 0.1
 """Widths of the faces of a wall over which a difference between where its nodes are asked to be and where the volumes
 put them fades, but at least this part of the size of all walls: next to narrow faces at edges, widths alone are less
 than the difference, and cells fold (127 of pyHyp's M6 as wedges, bent by 30 degrees at half span; none so)."""
@@ -204,7 +204,8 @@ class RidingMesh(OneLine):
             raise InputError(f"{mesh.source}: a tolerance of {tolerance}; give a length in metres, 0 or more")
         points = as_finite_points(mesh.points, mesh.n_points, mesh.source)
         boundary, b0 = GridBoundary.of(model), model.control_points
-        found = invert_points(model.mesh, b0, points)
+        planes = planes_of(model.grid_map(), points)
+        found = _on_planes(model, invert_points(model.mesh, b0, points), points, planes)
         outside = np.flatnonzero(~found.is_inside)
         allowed = boundary.size_at(points[outside]) if tolerance is None else tolerance
         lost = outside[found.distance[outside] > allowed]
@@ -217,7 +218,6 @@ class RidingMesh(OneLine):
         missed[rows] = points[rows] - evaluator.forward(b0)
         faces, parts = WallFaces.of(mesh, boundary, walls), None
         if len(faces.faces):
-            planes = planes_of(model.grid_map(), points)
             parts = RidingWalls.of(mesh, faces, planes, lost, missed)
         made = cls(mesh, b0, evaluator, rows, lost, held, found.distance, parts, points)
         return replace(made, baseline=made._mapped(b0, None)[0])
@@ -386,6 +386,24 @@ def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_arra
     corners = tree.triangles[near.triangles]
     places = np.repeat(rows, 3), corners.ravel()
     return coo_array((weights.ravel(), places), shape=(len(points), len(wall))).tocsr()
+
+
+def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
+    """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
+
+    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it.
+    """
+    parameters = found.parameters.copy()
+    for rows, normal in planes:
+        for d in range(3):
+            ids = rows[parameters[rows, d] != np.round(parameters[rows, d])]
+            kept, off = parameters[ids, d], []
+            for values in (kept, np.round(kept)):
+                parameters[ids, d] = values
+                places = embed_points(model.mesh, replace(_part(found, ids), parameters=parameters[ids]))
+                off.append(np.abs((places.forward(model.control_points) - points[ids]) @ normal))
+            parameters[ids, d] = np.where(off[1] < 1e-3 * off[0], np.round(kept), kept)
+    return replace(found, parameters=parameters)
 
 
 def _part(found: PointInversion, rows: np.ndarray) -> PointInversion:

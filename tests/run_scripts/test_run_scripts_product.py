@@ -97,6 +97,17 @@ def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
     assert np.abs(moved - nodes).max() > 1.0
 
 
+def test_ride_along_takes_thin_wedges_along_and_draws_them(script, tmp_path):
+    numbers = script("ride_along").main(quick=True, figures=tmp_path)
+    assert numbers["n_inverted"] == 0
+    for name in ("twist", "bend", "sweep"):
+        moved = numbers[name]
+        assert (moved["n_inverted"], moved["missed"], moved["off_plane"]) == (0, 0.0, 0.0)
+        assert 0.95 < moved["heights"][0] <= moved["heights"][2] < 1.03
+        assert moved["products"] < 1e-11
+    assert (tmp_path / "ride_along.png").stat().st_size > 50_000
+
+
 @pytest.mark.slow
 def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path):
     grids = script("viscous_grids")
