@@ -9,12 +9,14 @@ import numpy as np
 
 from ..cells.certificate import Certificate, certify_cells
 from ..cells.grid_quality import GridQuality
-from ..errors import InputError
+from ..errors import InputError, MovementError
 from ..evaluation.spline_validity import certify_splines
 from ..topology.grid import Grid
+from ..wording import counted
 from .fitted_model import FittedModel
+from .model_share import ModelShare
 
-__all__ = ["certify"]
+__all__ = ["certify", "require_valid_splines"]
 
 
 def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) -> Certificate:
@@ -62,3 +64,32 @@ def certify(what: Grid | FittedModel, control_points: np.ndarray | None = None) 
         raise InputError(f"certify: a {type(what).__name__} has no cells; give a grid or a fitted model")
     cells = certify_cells(GridQuality.of_baseline(baseline), grid.to_vector().reshape(-1, 3))
     return Certificate(cells, splines)
+
+
+def require_valid_splines(model: FittedModel | ModelShare, control_points: np.ndarray) -> None:
+    """Refuse moved control points with which more elements of the splines are proved invalid.
+
+    Parameters
+    ----------
+    model : FittedModel or ModelShare
+        The model.
+    control_points : ndarray, shape (n_control_points, 3)
+        Its control points after a move (m).
+
+    Raises
+    ------
+    MovementError
+        If a block has more of them than before: names such blocks, and some elements.
+    """
+    names = model.topology.segment_names
+    after = certify_splines(model.mesh, control_points, names, model.control_points)
+    if not any(part.n_invalid for part in after):
+        return
+    before = certify_splines(model.mesh, model.control_points, names)
+    worse = [new for new, old in zip(after, before) if new.n_invalid > old.n_invalid]
+    if worse:
+        others = f", and in {counted(len(worse) - 1, 'other block')}" if len(worse) > 1 else ""
+        raise MovementError(
+            f"movement: splines fold in {worse[0]}{others}; take a smaller step, or constrain certified_ks of Quality, "
+            f"so that drivers turn back before that"
+        )

@@ -11,6 +11,9 @@ import openmdao.api as om
 
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
+from ..model.certify import require_valid_splines
+from ..model.fitted_model import FittedModel
+from ..model.model_share import ModelShare
 from ..movement.increments import AUTO, NUMBERS
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..movement.shared import WAYS, shared_mover
@@ -58,6 +61,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         that is set up with ``derivatives=False``.
     require_valid : bool
         Refuse a control mesh with elements that are inverted now and were not on the baseline.
+    certified : FittedModel or ModelShare, optional
+        Model that the mesh belongs to: refuse moves with which more elements of its splines are proved invalid, between
+        their control points as well, see `bspline_mdao.certify`.
     keep_increments : bool
         Where the mover chooses the number of its increments: never take fewer than the most that a design has needed
         since ``setup``. Without it each design decides for itself.
@@ -72,7 +78,8 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     InputError
         In ``setup``, if the mover is none; in a run, under complex step.
     om.AnalysisError
-        In a run or a product, if a number is not finite, if the mover cannot go on, or if the control mesh tangles.
+        In a run or a product, if a number is not finite, if the mover cannot go on, or if the control mesh tangles
+        or, with ``certified``, its splines do.
         Inputs that can be followed give the same control mesh afterwards as if nothing had happened.
 
     Notes
@@ -109,6 +116,8 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the options."""
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        types, desc = (FittedModel, ModelShare, type(None)), "the model, where its splines are to be proved"
+        self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self._last: _Move | None = None
@@ -164,6 +173,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 self._last = last = _Move(initial.copy(), surface.copy(), movement)
             if self.options["require_valid"]:
                 last.movement.report.require_valid()
+            if self.options["certified"] is not None and not is_there:
+                self._last = None  # a design that is refused is moved again where it is asked for again
+                require_valid_splines(self.options["certified"], last.movement.points)
+                self._last = last
         self._count(last.movement.report)
         return last.movement
 

@@ -70,6 +70,9 @@ class GridMovement(om.Group):
         Which of these nodes are given; all by default.
     require_valid, keep_increments : bool
         Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
+    certify : bool
+        Refuse designs with which more elements of the splines are proved invalid than on the baseline, between control
+        points as well, see `bspline_mdao.certify`.
     processes : {"auto", "first", "all"}
         Which of several processes move the control mesh, see `ControlMeshMove`.
     fit : bool, optional
@@ -115,6 +118,7 @@ class GridMovement(om.Group):
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("certify", types=bool, default=False, desc="refuse splines that are proved invalid")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         desc = "fit the control points to the baseline grid"
@@ -150,7 +154,8 @@ class GridMovement(om.Group):
         if self.options["measures"]:
             self._add_measures(mover.mesh)
         settings = {name: self.options[name] for name in ("require_valid", "keep_increments", "processes")}
-        self._add("move", ControlMeshMove(mover=mover, **settings))
+        certified = model if self.options["certify"] else None
+        self._add("move", ControlMeshMove(mover=mover, certified=certified, **settings))
         held = {"model": model, "partition": self.options["partition"]}
         self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))
         quality = self.options["quality"]

@@ -299,3 +299,18 @@ def test_a_share_of_a_model_has_neither_a_fit_nor_given_nodes(plate, options):
         options = {**options, "surface": SurfaceGrid.of(share)}
     with pytest.raises(InputError, match=r"a share of a model has neither .* leave out 'fit', 'live' and 'surface'"):
         problem_of(share, **options)
+
+
+def test_splines_that_fold_are_refused_where_they_are_to_be_certified(plate):
+    mesh = moving_mesh(plate)
+    problem = problem_of(plate, mover=InverseDistance(mesh), fit=False, require_valid=False, certify=True)
+    problem.run_model()
+    surface = mesh.points[mesh.surface_ids]
+    for height, is_refused in ((0.02, False), (30.0, True), (0.02, False)):
+        lifted = surface + height * np.sin(3.0 * surface[:, :1]) * [0.0, 1.0, 0.0]
+        problem.set_val(SURFACE_CONTROL_POINTS, lifted.ravel())
+        if is_refused:
+            with pytest.raises(om.AnalysisError, match=r"splines fold .*block \d.* invalid of .*smaller step"):
+                problem.run_model()
+        else:
+            problem.run_model()
