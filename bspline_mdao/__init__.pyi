@@ -144,6 +144,7 @@ from .om.drivers.nlopt_driver import NLoptDriver as NLoptDriver
 from .om.drivers.optimality import optimality_of as optimality_of
 from .om.drivers.scipy_driver import ScipyDriver as ScipyDriver
 from .om.drivers.series_recorder import SeriesRecorder as SeriesRecorder
+from .om.drivers.short_records import short_records as short_records
 from .om.fit import Fit as Fit
 from .om.flow.adapt_grid import adapt_grid as adapt_grid
 from .om.flow.adaptation import Adaptation as Adaptation

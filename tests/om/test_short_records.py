@@ -4,10 +4,15 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import NLoptDriver, ScipyDriver
+from bspline_mdao import NLoptDriver, ScipyDriver, short_records
 from bspline_mdao.om.drivers.short_records import LONGEST
 
-DRIVERS = {"NLopt": NLoptDriver, "SciPy": ScipyDriver}
+
+def openmdao_driver(**options):
+    return short_records(short_records(om.ScipyOptimizeDriver(**options)))
+
+
+DRIVERS = {"NLopt": NLoptDriver, "SciPy": ScipyDriver, "OpenMDAO": openmdao_driver}
 
 
 class Counted(om.ExplicitComponent):
@@ -63,9 +68,10 @@ def test_a_plain_recorder_leaves_out_what_is_long(tmp_path, driver, where):
     assert not found & {"grid", "long"}
 
 
+@pytest.mark.parametrize("driver", [NLoptDriver, openmdao_driver])
 @pytest.mark.parametrize("where", ["driver", "problem"])
-def test_what_is_named_is_kept(tmp_path, where):
-    found = recorded(tmp_path, NLoptDriver, where, includes=["*", "gr*"])
+def test_what_is_named_is_kept(tmp_path, where, driver):
+    found = recorded(tmp_path, driver, where, includes=["*", "gr*"])
     assert "grid" in found
     assert "long" not in found
 

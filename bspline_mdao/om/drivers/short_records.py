@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-__all__ = ["ALL", "LONGEST", "ShortRecords", "sources_of"]
+__all__ = ["ALL", "LONGEST", "ShortRecords", "short_records", "sources_of"]
 
 LONGEST = 10_000
 """Values up to which a variable is recorded where it is not asked for: grids and states of flows have more."""
@@ -27,19 +28,62 @@ class ShortRecords:
     def _get_vars_to_record(self, obj=None) -> dict[str, Any]:
         """Names of what is recorded by ``"input"``, ``"output"`` and ``"residual"``; called by OpenMDAO."""
         found = super()._get_vars_to_record(obj)  # type: ignore[misc]
-        recorded: Any = obj or self
-        asked = [pattern for pattern in recorded.recording_options["includes"] if pattern != ALL]
-        model, sources = self._problem().model, sources_of(self)  # type: ignore[attr-defined]
-        about = model.get_io_metadata(metadata_keys=("size",), get_remote=model.comm.size > 1)
+        return _without_long(self, found, obj or self)
 
-        def is_taken(name: str) -> bool:
-            meta = about.get(name)
-            size = None if meta is None else meta["size"]  # a word instead, where a variable has none
-            if not isinstance(size, int | np.integer) or size <= LONGEST or name in sources:
-                return True
-            return any(fnmatchcase(each, pattern) for pattern in asked for each in (name, meta["prom_name"]))
 
-        return {kind: [name for name in names if is_taken(name)] for kind, names in found.items()}
+def short_records(driver):
+    """Let a driver of OpenMDAO leave grids and states out of what ``"*"`` asks for, as our drivers do.
+
+    It holds for recorders of the driver and of its problem. Variables that are named otherwise in
+    ``recording_options["includes"]``, design variables and responses are taken, however long they are. For recorders of
+    a model or a solver take `CaseRecorder`.
+
+    Parameters
+    ----------
+    driver : openmdao.api.Driver
+        Such as ``om.ScipyOptimizeDriver()`` or ``om.pyOptSparseDriver()``; it is changed.
+
+    Returns
+    -------
+    openmdao.api.Driver
+        The same.
+
+    Examples
+    --------
+    >>> import openmdao.api as om
+    >>> from bspline_mdao import short_records
+    >>> problem = om.Problem(driver=short_records(om.ScipyOptimizeDriver(optimizer="SLSQP")), reports=None)
+    """
+    if not isinstance(driver, ShortRecords) and not isinstance(driver._get_vars_to_record, _Shortened):
+        driver._get_vars_to_record = _Shortened(driver, driver._get_vars_to_record)
+    return driver
+
+
+@dataclass(frozen=True)
+class _Shortened:
+    """What OpenMDAO asks a driver for, in the place of its own method."""
+
+    driver: Any
+    own: Callable[..., dict[str, Any]]
+
+    def __call__(self, obj=None) -> dict[str, Any]:
+        return _without_long(self.driver, self.own(obj), obj or self.driver)
+
+
+def _without_long(driver, found: dict[str, Any], recorded) -> dict[str, Any]:
+    """Leave long variables out that are neither named in the options of what is recorded nor a variable or response."""
+    asked = [pattern for pattern in recorded.recording_options["includes"] if pattern != ALL]
+    model, sources = driver._problem().model, sources_of(driver)
+    about = model.get_io_metadata(metadata_keys=("size",), get_remote=model.comm.size > 1)
+
+    def is_taken(name: str) -> bool:
+        meta = about.get(name)
+        size = None if meta is None else meta["size"]  # a word instead, where a variable has none
+        if not isinstance(size, int | np.integer) or size <= LONGEST or name in sources:
+            return True
+        return any(fnmatchcase(each, pattern) for pattern in asked for each in (name, meta["prom_name"]))
+
+    return {kind: [name for name in names if is_taken(name)] for kind, names in found.items()}
 
 
 def sources_of(driver) -> frozenset[str]:
