@@ -183,6 +183,10 @@ def _wing(body: _Body) -> Iterator[str]:
     yield f'axes = "{body.axes}"  # downstream, along the span, up: guessed from the box of the walls'
     yield f"# reference_area = {body.area:.6g}  # planform area of the walls in units of the grid, taken by default"
     yield ""
+    yield "# [conditions.cruise]  # one such table for each of several flight conditions; the objective is their mean"
+    yield f"# Mach_number = {MACH}"
+    yield "# weight = 2.0"
+    yield ""
     yield "[objective]"
     yield 'of = "CD_induced"  # CD of the pressures holds the errors of the grid as well'
     yield ""
