@@ -15,17 +15,9 @@ from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID, SURFACE
 from ..walls.embedded_points import EmbeddedState
-from .component import (
-    LINEAR_STEP,
-    LastState,
-    add_product,
-    check_along_directions,
-    difference_step,
-    fails_together,
-    failures_as_analysis_errors,
-    finite_points,
-)
+from .component import LINEAR_STEP, check_along_directions, difference_step, fails_together
 from .model_option import declare_model
+from .moved_points import MovedPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +36,7 @@ class _Ridden:
     vjp: Callable
 
 
-class PointSet(om.ExplicitComponent):
+class PointSet(MovedPoints, om.ExplicitComponent):
     """Move points that were not fitted with the shape: spars, ribs and tanks inside the body, probes in the flow.
 
     Points inside the body ride on its walls alone. Where all do, the component needs nothing but these:
@@ -116,7 +108,7 @@ class PointSet(om.ExplicitComponent):
     def setup(self):
         """Find what the points are embedded in, and declare the variables."""
         model = self.options["model"]
-        self._embedded, self._last = model.embed_points(self.options["points"], self.options["tolerance"]), LastState()
+        self._embedded = model.embed_points(self.options["points"], self.options["tolerance"])
         n_in_volume, n_points = len(self._embedded.in_volume), len(self._embedded.points)
         if n_in_volume and self.comm.size > 1:
             raise InputError(
@@ -126,38 +118,19 @@ class PointSet(om.ExplicitComponent):
             )
         nodes = self._embedded.grid_map.nodes
         if n_in_volume:
-            self._wrt = (CONTROL_POINTS, GRID)
+            self._moves_by(self._of_grid, CONTROL_POINTS, GRID)
             self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
             self.add_input(GRID, val=nodes.ravel(), units="m")
         else:
-            self._wrt = (SURFACE,)
+            self._moves_by(self._of_walls, SURFACE)
             self.add_input(SURFACE, val=nodes[self._embedded.wall_rows].ravel(), units="m")
         self.add_output(self.options["name"], val=self._embedded.points.ravel(), units="m")
         lines = (block.nodes for block in model.regenerate().blocks)
         check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
 
-    def compute(self, inputs, outputs):
-        """Evaluate the points."""
-        state = self._state_at(inputs)
-        outputs[self.options["name"]] = state.points.ravel()
-        if self.under_complex_step:
-            imaginary = [inputs[name].imag.reshape(-1, 3) for name in self._wrt]
-            outputs[self.options["name"]] += 1j * state.jvp(*imaginary).ravel()
-
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        """Apply the Jacobian or its transpose at the inputs."""
-        state = self._state_at(inputs)
-        products = {"jvp": state.jvp, "vjp": state.vjp}
-        wrt = self._wrt[0] if len(self._wrt) == 1 else self._wrt
-        add_product(inputs, d_inputs, d_outputs, mode, **products, of=self.options["name"], wrt=wrt)
-
-    def _state_at(self, inputs):
-        with failures_as_analysis_errors(self):
-            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
-            return self._last.at(points, self._of_walls if len(points) == 1 else self._of_grid)
-
     def _of_grid(self, control_points: np.ndarray, nodes: np.ndarray) -> EmbeddedState:
         return self._embedded.at(control_points, _Nodes(nodes))
 
     def _of_walls(self, nodes: np.ndarray) -> _Ridden:
-        return _Ridden(self._embedded.body.at(nodes), self._embedded.body.jvp, self._embedded.body.vjp)
+        body = self._embedded.body
+        return _Ridden(body.at(nodes), body.jvp, lambda bar: (body.vjp(bar),))

@@ -12,23 +12,15 @@ from ..cells.mixed_cells import MixedMesh
 from ..errors import InputError
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS
-from ..riding.riding_mesh import RiddenMesh, RidingMesh
-from .component import (
-    LINEAR_STEP,
-    LastState,
-    add_product,
-    check_along_directions,
-    difference_step,
-    fails_together,
-    failures_as_analysis_errors,
-    finite_points,
-)
+from ..riding.riding_mesh import RidingMesh
+from .component import LINEAR_STEP, check_along_directions, difference_step, fails_together
 from .model_option import declare_model
+from .moved_points import MovedPoints
 
 WALL = "wall"
 
 
-class Ride(om.ExplicitComponent):
+class Ride(MovedPoints, om.ExplicitComponent):
     """Move the nodes of a mesh that was not fitted, of tetrahedra, wedges and others, with the control mesh.
 
     ==================  ======  ====================  =====  =======================================================
@@ -106,38 +98,16 @@ class Ride(om.ExplicitComponent):
     @fails_together
     def setup(self):
         """Look for the nodes in the volumes, and declare the variables."""
-        options, self._last = self.options, LastState()
+        options = self.options
         model, mesh = options["model"], options["mesh"]
         chosen = {name: options[name] for name in ("walls", "tolerance", "hold_outside")}
         self._riding = RidingMesh.of(model, mesh, **chosen)
         if options["asked"] and not self._riding.n_asked:
             raise InputError(f"{self.msginfo}: the mesh has no walls whose nodes could be given; leave 'asked' out")
-        self._wrt = (CONTROL_POINTS, WALL) if options["asked"] else (CONTROL_POINTS,)
+        self._moves_by(self._riding.at, *((CONTROL_POINTS, WALL) if options["asked"] else (CONTROL_POINTS,)))
         self.add_input(CONTROL_POINTS, val=model.control_points.ravel(), units="m")
         if options["asked"]:
             self.add_input(WALL, val=mesh.points[self.wall_nodes].ravel(), units="m")
         self.add_output(options["name"], val=mesh.points.ravel(), units="m")
         lines = (block.nodes for block in model.regenerate().blocks)
         check_along_directions(self, LINEAR_STEP if self.is_linear else difference_step(lines))
-
-    def compute(self, inputs, outputs):
-        """Move the mesh."""
-        state = self._state_at(inputs)
-        outputs[self.options["name"]] = state.points.ravel()
-        if self.under_complex_step:
-            imaginary = [inputs[name].imag.reshape(-1, 3) for name in self._wrt]
-            outputs[self.options["name"]] += 1j * state.jvp(*imaginary).ravel()
-
-    def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        """Apply the Jacobian or its transpose at the inputs."""
-        state = self._state_at(inputs)
-
-        def vjp(bar):
-            return state.vjp(bar)[: len(self._wrt)]
-
-        add_product(inputs, d_inputs, d_outputs, mode, jvp=state.jvp, vjp=vjp, of=self.options["name"], wrt=self._wrt)
-
-    def _state_at(self, inputs) -> RiddenMesh:
-        with failures_as_analysis_errors(self):
-            points = [finite_points(inputs[name], name, self.msginfo).real for name in self._wrt]
-            return self._last.at(points, self._riding.at)
