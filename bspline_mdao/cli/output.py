@@ -186,6 +186,13 @@ MEANING_OF_INVALID = (
 """What `fit` and `move` say where elements of the control mesh are invalid."""
 
 
+MEANING_OF_UNDECIDED = (
+    "an element is undecided where neither is proved: its smallest Jacobian is next to zero, or it lies at a pole; "
+    "'quality' of the grid tells about its cells there"
+)
+"""What commands say where spline elements are undecided."""
+
+
 HEIGHTS = ("height_min", "height_median", "height_max")
 """What is written of heights where there is no baseline to compare with."""
 
@@ -216,6 +223,8 @@ def show_certificate(certificate: Certificate) -> None:
     """Print what is proved about the validity of a grid, and which blocks are not valid."""
     first, *rest = certificate.lines() or ["nothing, there are no cells"]
     print_lines([f"proved everywhere, not only at corners: {first}", *rest])
+    if any(part.n_undecided for part in certificate.splines):
+        print_lines([MEANING_OF_UNDECIDED])
 
 
 def height_numbers(heights: Sequence[PatchHeights], *, is_compared: bool) -> list[dict]:

@@ -5,6 +5,8 @@ import pytest
 
 from bspline_mdao import BilinearKnots, ConstantKnots, FunctionKnots, InputError, brick_grid, certify, fit_grid
 from bspline_mdao.cells.bernstein import INVALID, UNDECIDED, VALID
+from bspline_mdao.cells.certificate import Certificate, of_statuses
+from bspline_mdao.cli.output import show_certificate
 from bspline_mdao.evaluation.spline_validity import spline_statuses
 from bspline_mdao.splines.volume import Volume, evaluate_gradients, volume_basis
 
@@ -60,6 +62,13 @@ def test_curved_knots_alone_leave_a_straight_grid_valid(spread):
     status = spline_statuses(volume, net * [1.0, 1.0, 1e-5], 1)
     assert (status == VALID).all()
     assert (spline_statuses(volume, net * [1.0, 1.0, -1e-5], -1) == status).all()  # left-handed
+
+
+def test_what_undecided_elements_mean_is_said_where_there_are_any(capsys):
+    for status, is_said in ((UNDECIDED, True), (VALID, False)):
+        part = of_statuses("block 1", "spline element", np.full((1, 2, 3), status, dtype=np.uint8))
+        show_certificate(Certificate((), (part,)))
+        assert ("an element is undecided where" in " ".join(capsys.readouterr().out.split())) == is_said
 
 
 def test_nothing_is_proved_of_knots_that_are_functions():
