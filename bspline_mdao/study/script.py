@@ -321,8 +321,8 @@ class _Script:
             field = "Cp" if study.flow and study.flow["kind"] == "euler" else "delta_Cp"
             pressures = [f"{name}.{field}" for name in study.conditions] or [field]
             recorded = ["control_points", *(pressures if study.flow else [])]
-            machs = of_conditions(study.conditions, ("Mach_number",)) or ("Mach_number",)
-            recorded += machs if study.flow else ()
+            stream = ("Mach_number", "alpha")
+            recorded += (of_conditions(study.conditions, stream) or stream) if study.flow else ()
             yield f'driver.recording_options["includes"] = [{_python(recorded)[1:-1]}, *outputs]'
             yield 'driver.recording_options["record_derivatives"] = True'
         yield f"problem.setup({self._mode()})"
