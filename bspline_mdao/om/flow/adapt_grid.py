@@ -95,7 +95,8 @@ def adapt_grid(
     search = ErrorSearch(model, shift, {name: float(limits[name]) for name in names}, mach, alpha, flow)
     for number in range(rounds):
         tell((number + 1) / (rounds + 1), f"round {number + 1} of {rounds}")
-        search.run_round(iterations)
+        if not search.run_round(iterations):
+            break
     return Adaptation(
         baseline=model,
         shift=shift,

@@ -1,16 +1,16 @@
 """Search for values of interior control points at which lift and drag are those of finer grids.
 
-    x = x_0 + A E v,    loss = sum_J ((J - J_limit) / (J_0 - J_limit))^2 + bound / bound_0,  and a price of flat corners
+    x = x_0 + A E v,    loss = sum_J nu ((J - J_limit) / (J_0 - J_limit))^2 + bound / bound_0  + price of flat corners
 
-Rounds of L-BFGS-B lower the loss with the adjoints, and the weights of the scheme, of the grid that they start from.
-Each evaluation solves the flow, and one adjoint system for the gradient, which is exact while these are frozen.
+Rounds of L-BFGS lower the loss with the adjoints of the grid that they start from. Each evaluation solves the flow, and
+one adjoint system for the gradient, which is exact while those adjoints are frozen. What is searched are steps in which
+control points move together, see `bspline_mdao.adaptation.stiffness`.
 
 Theory: ``docs/theory/adaptation.rst``.
 
 References
 ----------
-R. H. Byrd, P. Lu, J. Nocedal and C. Zhu, A limited memory algorithm for bound constrained optimization, *SIAM Journal
-on Scientific Computing* 16(5), 1995.
+J. Nocedal, Updating quasi-Newton matrices with limited storage, *Mathematics of Computation* 35(151), 1980.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import openmdao.api as om
 from scipy.optimize import minimize
 
 from ...adaptation.loss import price, price_slope
+from ...adaptation.stiffness import StiffValues
 from ...cells.grid_quality import GridQuality, GridValues
 from ...design.interior_points import InteriorShift
 from ...errors import InputError
@@ -45,14 +46,17 @@ FACTOR = 2.0
 WIDTH = 0.1
 """Contributions below this part of their mean count by their squares."""
 
-CORNER, CORNER_SHARPNESS, CORNER_PART = "corner_ks", 300.0, 0.5
+CORNER, CORNER_SHARPNESS, CORNER_PART = "corner_ks", 300.0, 0.25
 """The smooth bound of the corners of all cells, its sharpness, and the part of it that is kept."""
 
 FAILED = 1e3
 """Loss of a grid whose flow cannot be solved: it has the optimiser make smaller steps."""
 
-SHORTER = 0.25
-"""What the steps of the next round are by those of one that was not better: weights and adjoints change less."""
+DISTANCE = 2.0
+"""What the square of a distance from the limit counts, nu, beside a bound."""
+
+PARTS = (1.0, 0.5, 0.25, 0.125)
+"""Parts of what a round finds, one of which is taken: with less of it adjoints change less."""
 
 GRADIENT_TOLERANCE = 1e-5
 """Residual of the adjoint systems of gradients."""
@@ -80,13 +84,13 @@ class ErrorSearch:
         self.quality = GridQuality.of_baseline(grid, rho=CORNER_SHARPNESS)
         bound = self.quality.evaluate(self.nodes, (CORNER,)).aggregates[CORNER]
         self.least_corner = bound - (1.0 - CORNER_PART) * abs(bound)
-        self.flows, self.step = 0, 2.0 * shift.reach
+        self.flows, self.stiff = 0, StiffValues.of(model, shift)
         self.values = shift.initial
         self.before: dict[str, ErrorEstimate] = {}
         self.before = self.after = self.look(self.values)
 
     def pose(self, values: np.ndarray) -> None:
-        """Pose the flow on the grid of some values: the weights of the scheme are those of this grid from here on."""
+        """Pose the flow on the grid of some values, which settles the faces with weights of their own."""
         model = replace(self.model, control_points=self.shift.apply(self.model.control_points, values))
         self.problem = flow_problem(model, self.mach, self.alpha / RADIAN, self.options)
         self.problem.final_setup()
@@ -100,26 +104,32 @@ class ErrorSearch:
         """Nodes of the grid (m): those that no control point moves keep every bit."""
         return self.nodes + self.evaluator.forward(self.shift.displacement(values))
 
-    def run_round(self, iterations: int) -> None:
-        """Take what L-BFGS-B finds if it is better with weights and adjoints of its own; go less far if it is not."""
-        lower, upper = self.values - self.step, self.values + self.step
-        bounds = np.column_stack([np.maximum(self.shift.lower, lower), np.minimum(self.shift.upper, upper)])
-        settings = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 20}
-        found = minimize(self.loss, self.values, jac=True, method="L-BFGS-B", bounds=bounds, options=settings)
-        try:
-            seen = self.look(found.x)
-        except (om.AnalysisError, InputError):  # a finer member with cells of negative volume is refused
-            seen = None
-        if seen is not None and self.score(seen) < self.score(self.after):
-            self.values, self.after = found.x, seen
-        else:
-            self.step *= SHORTER
-            self.look(self.values)
+    def run_round(self, iterations: int) -> bool:
+        """Take what L-BFGS finds, or a part of it, if that is better with adjoints of its own; tell whether it was."""
+        stiff = self.stiff.at(self.values)
+
+        def loss(steps):
+            values = stiff.values(steps)
+            value, bar = self.loss(values)
+            return value, stiff.vjp(values, bar)
+
+        settings = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30}
+        found = minimize(loss, np.zeros(self.shift.n_values), jac=True, method="L-BFGS-B", options=settings)
+        for part in PARTS:
+            values = stiff.values(part * found.x)
+            try:
+                seen = self.look(values)
+            except (om.AnalysisError, InputError):  # a finer member with cells of negative volume is refused
+                continue
+            if self.score(seen) < self.score(self.after):
+                self.values, self.after = values, seen
+                return True
+        return False
 
     def score(self, estimates: Mapping[str, ErrorEstimate]) -> float:
         """What grids are compared by: the loss without the price of corners."""
         ratios = (self.distance(estimate.value, name) ** 2 for name, estimate in estimates.items())
-        return sum(ratios) + sum(e.bound / self.before[name].bound for name, e in estimates.items())
+        return DISTANCE * sum(ratios) + sum(e.bound / self.before[name].bound for name, e in estimates.items())
 
     def distance(self, value: float, name: str) -> float:
         """Distance of a coefficient from its limit, by that on the grid that was given."""
@@ -175,8 +185,8 @@ class ErrorSearch:
         bars = {}
         for name in self.limits:
             off = self.distance(self.problem.get_val(name).item(), name)
-            loss += off**2
-            bars[name] = np.array([2.0 * off / self.scale(name)])
+            loss += DISTANCE * off**2
+            bars[name] = np.array([2.0 * DISTANCE * off / self.scale(name)])
         from_states, from_nodes, _, _ = self.forces.vjp(states, nodes, self.alpha, self.mach, bars)
         adjoint = self.problem.model.state.adjoint(states_bar + from_states, GRADIENT_TOLERANCE)
         tangent = self.flow.at(nodes).linearize(states, self.flow.areas(nodes), self.stream)
