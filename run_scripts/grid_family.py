@@ -6,7 +6,11 @@ the coefficients on the members, their order of accuracy with its uncertainty, t
 
 The wing is one that an order can be expected of: its sections are those of Joukowski, of the same chord and ever
 thinner towards a sharp tip, on an O-grid whose lines are the images of circles and rays. There are no singular lines,
-and no corners but the edges themselves. H-H grids have a singular line at the leading edge and the tip.
+and no corners but the edges themselves; and it is twisted so that its load dies out towards the tip, in the shape of a
+bell: a vortex over a loaded side edge is resolved ever more, and takes lift away at less than first order. H-H grids
+have a singular line at the leading edge and the tip.
+
+L. Prandtl, "Über Tragflügel kleinsten induzierten Widerstandes", Z. Flugtech. Motorluftsch. 24 (1933), 305-306.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
 
 FACTORS = (2 / 3, 1.0, 3 / 2, 9 / 4)
-"""Cells per direction of the members, relative to those of the fitted grid."""
+"""Cells per direction of the members, relative to those of the sizes below."""
 
 COEFFICIENTS = {
     "CL": ("$C_L$", BLUE),
@@ -36,7 +40,7 @@ COEFFICIENTS = {
 }
 """Labels and colours."""
 
-TITLES = {"wing": "wing of Joukowski sections, M 0.4, 2°", "ball": "ball, M 0.2"}
+TITLES = {"wing": "wing with a bell-shaped load, M 0.4, 2°", "ball": "ball, M 0.2"}
 STREAMS = {"wing": (0.4, 2.0, 3.0, "xyz"), "ball": (0.2, 0.0, np.pi, "xzy")}
 """Mach number, angle of attack (deg), reference area (m^2) of the half wing and of the ball, and axes."""
 
@@ -46,12 +50,19 @@ EXACT = {
 }
 """Limits of the coefficients, None where they are not known. Drags of the pressures and of the wake are the same."""
 
-WING_SIZES = {"quick": (16, 12, 4, 3), "default": (48, 32, 8, 3), "paper": (64, 44, 10, 4)}
+WING_SIZES = {"quick": (16, 12, 6, 2), "default": (48, 36, 12, 6), "paper": (60, 42, 15, 6)}
 """Cells around the wing, off it, along the half span, and beyond the tip."""
+
+FINENESS = {"wing": 2, "ball": 1}
+"""Cells per direction of the grids that are fitted, relative to those of the sizes: splines waver between the nodes of
+a fitted grid, by which members with nodes in other places would differ."""
 
 SEMI_SPAN, THICKNESS, FAR = 3.0, 0.09, (16.0, 12.0)
 """Half span in chords; by how much the circle of Joukowski misses the origin at the root, which makes sections 12 %
 thick; and the far field: radius about the wing and distance beyond its tip, in chords."""
+
+ROOT_LIFT = 0.3
+"""Lift coefficient of the root by the theory of the lifting line."""
 
 BALL_SIZES = {"quick": 6, "default": 12, "paper": 16}
 """Cells along all edges of the six blocks about the ball."""
@@ -76,10 +87,11 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
         the drag of the pressures and of the wake; and ``convergence`` of the coefficients by name, see `Convergence`.
     """
     sizes, n = pick_size(WING_SIZES, paper, quick), pick_size(BALL_SIZES, paper, quick)
-    around, *others = sizes[:3]
-    n_control = tuple(3 * cells // 4 + 1 for cells in (around // 2, *others))
+    around, off = sizes[:2]
+    fine = [FINENESS["wing"] * cells for cells in sizes]
+    n_control = (around + 1, off + 1, fine[2] + 1)  # of each half of the wing; all there can be along walls
     models = {
-        "wing": bm.fit_grid(joukowski_wing_grid(*sizes), n_control=n_control, keep_residual=False),
+        "wing": bm.fit_grid(joukowski_wing_grid(*fine), n_control=n_control, keep_residual=False),
         "ball": bm.fit_grid(bm.ball_grid((n + 1,) * 4, far=20.0, off_wall=1.0 / n), keep_residual=False),
     }
     numbers = {name: study(name, model, iprint) for name, model in models.items()}
@@ -105,16 +117,18 @@ def joukowski_wing_grid(n_around: int, n_off: int, n_span: int, n_beyond: int) -
     angle = 2.0 * np.pi * np.arange(n_around + 1) / n_around
     radius = np.geomspace(1.0, 4.0 * FAR[0], n_off + 1)
     span = stations(n_span, n_beyond)
-    offset = THICKNESS * np.clip(1.0 - (span / SEMI_SPAN) ** 2, 0.0, None)
+    at = np.minimum(span / SEMI_SPAN, 1.0)
+    offset = THICKNESS * (1.0 - at**2)
     circle = -offset + (1.0 + offset) * (radius[None, :] * np.exp(1j * angle)[:, None])[..., None]
     plane = 0.5 * (circle + 1.0 / circle)
     nose = -0.5 * ((1.0 + 2.0 * offset) + 1.0 / (1.0 + 2.0 * offset))
     plane = (plane - nose) / (1.0 - nose)
     half = n_around // 2
-    upper = plane[: half + 1]
-    upper[[0, -1]] = upper[[0, -1]].real
-    upper[:, 0, n_span:] = upper[:, 0, n_span:].real
-    plane = np.concatenate([upper, upper[-2::-1].conj()])  # the same bits on both sides
+    plane[half:] = plane[half::-1].conj()  # the same bits on both sides
+    nearness = np.exp(-((np.abs(plane - 0.5) / 4.0) ** 4))  # the far field is not turned
+    plane = 0.25 + (plane - 0.25) * np.exp(-1j * bell_twist(at) * nearness)
+    plane[-1] = plane[0]
+    plane[half:, 0, n_span:] = plane[half::-1, 0, n_span:]
     nodes = np.stack(np.broadcast_arrays(plane.real, span, plane.imag), axis=-1)
     i, j, k = (n - 1 for n in nodes.shape[:3])
     wall, far = Window(0, (0, 0, 0), (i, 0, n_span)), (Window(0, (0, j, 0), (i, j, k)), Window(0, (0, 0, k), (i, j, k)))
@@ -124,18 +138,29 @@ def joukowski_wing_grid(n_around: int, n_off: int, n_span: int, n_beyond: int) -
 
 
 def stations(n_span: int, n_beyond: int) -> np.ndarray:
-    """Stations along the span, dense at the tip, and growing beyond it from the last interval there."""
-    wing = SEMI_SPAN * np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, n_span + 1))
-    first = wing[-1] - wing[-2]
-    ratio = brentq(lambda q: first * np.sum(q ** np.arange(n_beyond)) - FAR[1], 1.0, 1e3)
-    return np.append(wing, SEMI_SPAN + first * np.cumsum(ratio ** np.arange(n_beyond)))
+    """Stations along the span: the sine's on the wing, and beyond it as dense at the tip, growing exponentially."""
+    t, beyond = np.arange(n_span + 1) / n_span, np.arange(1, n_beyond + 1) / n_span
+    curvature = SEMI_SPAN * (0.5 * np.pi) ** 2  # of the sine at the tip, so that both sides match
+    growth = brentq(lambda q: curvature / q**2 * (np.cosh(q * beyond[-1]) - 1.0) - FAR[1], 1e-3, 700.0 / beyond[-1])
+    past = curvature / growth**2 * (np.cosh(growth * beyond) - 1.0)
+    return np.append(SEMI_SPAN * np.sin(0.5 * np.pi * t), SEMI_SPAN + past)
+
+
+def bell_twist(at: np.ndarray) -> np.ndarray:
+    """Incidence (rad) without angle of attack at places along the half span, 1 at the tip, for a load (1 - at^2)^(3/2).
+
+    A lifting line with that load has the downwash 3 ROOT_LIFT / (16 SEMI_SPAN) (1 - 2 at^2).
+    """
+    downwash = 3.0 * ROOT_LIFT / (16.0 * SEMI_SPAN) * (1.0 - 2.0 * at**2)
+    return downwash + ROOT_LIFT * (1.0 - at**2) ** 1.5 / (2.0 * np.pi) - np.radians(STREAMS["wing"][1])
 
 
 def study(name: str, model: bm.FittedModel, iprint: int) -> dict:
     """Solve the flow on all members and extrapolate."""
     members, (mach, alpha, area, axes) = [], STREAMS[name]
     for factor in FACTORS:
-        flow = bm.EulerFlow(model=model.member(factor), reference_area=area, axes=axes, iprint=iprint)
+        member = model.member(factor / FINENESS[name])
+        flow = bm.EulerFlow(model=member, reference_area=area, axes=axes, iprint=iprint)
         problem = om.Problem(flow, reports=None)
         problem.setup(mode="rev")
         problem.set_val("Mach_number", mach)
