@@ -19,7 +19,7 @@ __all__ = ["cold_solutions"]
 HARD = 20
 """Newton steps of a flow on a coarser member beyond which the grid itself is tried with long time steps first."""
 
-MOST_PRODUCTS_OF_ALL = 3000
+MOST_PRODUCTS_OF_ALL = 2400
 """Products with the Jacobian after which no other way is tried."""
 
 
