@@ -40,11 +40,22 @@ def test_weights_have_the_derivatives_of_complex_steps_in_both_directions(name):
     assert np.vdot(kinks.changes_vjp(nodes, bar), d_nodes) == pytest.approx(np.vdot(bar, change), rel=1e-10)
 
 
-def test_some_weights_are_cut_and_others_not():
+def test_some_weights_are_kept_below_the_largest_and_others_are_as_they_would_be():
     flow, nodes, _ = posed("wing")
-    largest = np.abs(flow.kinks.changes(nodes)).max(axis=1)
-    assert largest.max() == pytest.approx(LARGEST, rel=1e-12)
-    assert np.mean(largest < 0.9 * LARGEST) > 0.2
+    kinks, (middles, _, centres, spreads) = flow.kinks, flow.kinks._shapes(nodes)
+    largest = np.abs(kinks.changes(nodes)).max(axis=1)
+    assert 0.95 * LARGEST < largest.max() < LARGEST
+    cells, weights = kinks._index
+    free = np.zeros((len(cells), 4))
+    for out, near, plain, middle in zip(free, cells, weights, middles[kinks.ids]):
+        places = centres[near] - middle
+        is_there = np.array([near[0] != near[1], True, True, near[3] != near[2]])
+        steps = np.where(is_there[:, None], places - places[is_there].mean(axis=0), 0.0)
+        matrix = steps.T @ steps + 0.005 * (spreads[near[1]] + spreads[near[2]])
+        out[:] = -steps @ np.linalg.solve(matrix, plain @ places)
+    small = np.abs(free).max(axis=1) < 0.25 * LARGEST
+    assert 0.2 < small.mean() < 0.9
+    np.testing.assert_allclose(kinks.changes(nodes)[small], free[small], rtol=5e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.05])

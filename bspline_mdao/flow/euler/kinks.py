@@ -43,7 +43,7 @@ WORTH = 100.0
 """Weight of the square of a distance in cells, mu: one tenth is worth a change of the weights by one."""
 
 SMALLEST, LARGEST = 0.01, 0.5
-"""Changes of a weight: smaller ones are not worth a class of faces of their own, larger ones are cut to this."""
+"""Changes of a weight: smaller ones are not worth a class of faces of their own, larger ones are kept below this."""
 
 OUTER = 0.25
 """Most that the two outer cells weigh together. With more, the mean of what alternates along the line has the wrong
@@ -310,17 +310,24 @@ def _invert(near, steps, spreads, inverse):
 
 @njit(cache=True, error_model="numpy")
 def _cut(changes, weights):
-    """Factor that cuts changes of weights to what is allowed, and minus the gradient of its logarithm."""
-    by, at = np.zeros_like(changes), 0
+    """Factor that keeps changes of weights below what is allowed, and minus the gradient of its logarithm.
+
+    It is ``(1 + sum_k (changes_k / LARGEST)^8 + (outer / room)^8)^(-1/8)``, smooth, and 1 to 0.05 % up to half of both.
+    """
+    by, outer, room = np.zeros_like(changes), changes[0] + changes[3], OUTER - weights[0] - weights[3]
+    total, beyond = 1.0 + 0.0 * outer, 0.0 * outer
+    if outer.real > 0.0:
+        beyond = _seventh(outer / room) / room
+        total += beyond * outer
     for k in range(4):
-        if abs(changes[k].real) > abs(changes[at].real):
-            at = k
-    factor, outer, room = 1.0 + 0.0 * changes[0], changes[0] + changes[3], OUTER - weights[0] - weights[3]
-    if abs(changes[at].real) > LARGEST:
-        by[at] = 1.0 / changes[at]
-        factor = LARGEST * (by[at] if changes[at].real > 0.0 else -by[at])
-    if (outer * factor).real > room:
-        by[:] = 0.0
-        by[0], by[3] = 1.0 / outer, 1.0 / outer
-        factor = room / outer
-    return factor, by
+        by[k] = _seventh(changes[k] / LARGEST) / LARGEST
+        total += by[k] * changes[k]
+    for k in range(4):
+        by[k] = (by[k] + beyond) / total if k == 0 or k == 3 else by[k] / total
+    return 1.0 / np.sqrt(np.sqrt(np.sqrt(total))), by
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _seventh(x):
+    """Seventh power; that of a complex number keeps a small imaginary part, as ``**`` does not."""
+    return x * x * x * x * x * x * x
