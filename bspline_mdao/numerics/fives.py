@@ -24,7 +24,6 @@ __all__ = [
     "load",
     "load_halves",
     "prefetch",
-    "rounded_to_halves",
     "store",
     "store_halves",
     "subtract_combined",
@@ -86,31 +85,18 @@ def load(typingctx, array, offset):
     return FIVE(array, types.int64), emit
 
 
-def rounded_to_halves(numbers: np.ndarray) -> np.ndarray:
-    """Round numbers of single precision to their upper halves: bfloat16, eight bits of each and the exponent.
-
-    An array of uint16 of the same shape, with room behind it for `load_halves`.
-    """
-    halves = zero_halves(numbers.shape)
-    _round(np.ascontiguousarray(numbers, np.float32).reshape(-1).view(np.uint32), halves.reshape(-1))
-    return halves
-
-
 def zero_halves(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros as those of `rounded_to_halves`."""
+    """Zeros as numbers of 16 bits, the first half of single precision (bfloat16), in an array of uint16.
+
+    There is room behind it for `load_halves`.
+    """
     size = math.prod(shape)
     return np.zeros(size + LANES, np.uint16)[:size].reshape(shape)
 
 
-@njit(cache=True, nogil=True)
-def _round(bits, out):
-    for n in range(len(bits)):
-        out[n] = (bits[n] + np.uint32(0x7FFF) + ((bits[n] >> 16) & np.uint32(1))) >> 16  # ties to even
-
-
 @intrinsic
 def load_halves(typingctx, array, offset):
-    """Five numbers from an offset into an array of `rounded_to_halves`; other lanes hold those that follow there."""
+    """Five numbers from an offset into an array of `zero_halves`; other lanes hold those that follow there."""
     if not (isinstance(array, types.Array) and array.dtype == types.uint16 and array.layout == "C"):
         return None
 

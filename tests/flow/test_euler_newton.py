@@ -27,7 +27,7 @@ from bspline_mdao.flow.euler.preconditioner import (
 )
 from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
 from bspline_mdao.generators.wing import cambered_section
-from bspline_mdao.numerics.fives import rounded_to_halves
+from bspline_mdao.numerics.fives import zero_halves
 
 SINGLE = float(np.finfo(np.float32).eps)
 
@@ -79,6 +79,13 @@ def couplings_of(left, right, n):
     return couplings, np.bincount(np.append(left, right), np.append(couplings, couplings), n) + 0.1
 
 
+def halves_of(numbers):
+    """Numbers rounded to 16 bits of single precision, ties to even."""
+    bits, halves = numbers.astype(np.float32).view(np.uint32), zero_halves(numbers.shape)
+    halves[:] = (bits + 0x7FFF + ((bits >> 16) & 1)) >> 16
+    return halves
+
+
 def factor_of(left, right, at_right, at_left, diagonal, smallest):
     """Factor of the matrix with ``at_right`` in the left rows and ``at_left`` in the right rows."""
     pattern = FactorPattern.of(left, right, *couplings_of(left, right, len(diagonal)), smallest)
@@ -88,8 +95,7 @@ def factor_of(left, right, at_right, at_left, diagonal, smallest):
     upper[pattern.places] = np.where(is_low[:, None, None], at_left, at_right)
     placed = np.empty_like(diagonal)
     placed[pattern.rank] = diagonal
-    halves = rounded_to_halves(lower), rounded_to_halves(upper)
-    return BlockFactor.of(pattern, *halves, placed.astype(np.float32))
+    return BlockFactor.of(pattern, halves_of(lower), halves_of(upper), placed.astype(np.float32))
 
 
 def refined_by(factor, product, right):

@@ -120,7 +120,7 @@ class BlockFactor:
     ----------
     pattern : Pattern
     lower, upper : ndarray of uint16, shape (n_blocks, 5, 5)
-        Blocks of L below its unit diagonal and of U above its diagonal, see `rounded_to_halves`.
+        Blocks of L below its unit diagonal and of U above its diagonal, see `zero_halves`.
     pivots : ndarray of float32, shape (n, 5, 5)
         Inverses of the diagonal blocks of U.
     """
