@@ -7,6 +7,7 @@ from bspline_mdao import BilinearKnots, ConstantKnots, FunctionKnots, InputError
 from bspline_mdao.cells.bernstein import INVALID, UNDECIDED, VALID
 from bspline_mdao.cells.certificate import Certificate, of_statuses
 from bspline_mdao.cli.output import show_certificate
+from bspline_mdao.evaluation.derivative_cones import are_positive
 from bspline_mdao.evaluation.spline_validity import spline_statuses
 from bspline_mdao.splines.volume import Volume, evaluate_gradients, volume_basis
 
@@ -53,6 +54,67 @@ def test_no_element_of_a_spline_is_falsely_valid_or_invalid(spread):
     assert counts[UNDECIDED] < 0.1 * counts.sum()
     assert counts[VALID] > 8
     assert counts[INVALID] > 0
+
+
+def random_volume(rng):
+    """A volume of unequal orders, its control points, those of a thin bent box that are moved, and its handedness."""
+    knots, places = [], []
+    for order in rng.integers(2, 6, 3):
+        n = int(order + rng.integers(0, 4))
+        corners = np.tile(ConstantKnots.uniform(n, int(order)).knots, (2, 2, 1))
+        corners[..., order:n] += 0.45 / (n - order + 1) * rng.uniform(-1.0, 1.0, (2, 2, n - order))
+        knots.append(BilinearKnots(corners, int(order)))
+        mean = corners.mean(axis=(0, 1))
+        places.append(np.array([mean[i + 1 : i + order].mean() for i in range(n)]))
+    i, j, k = np.meshgrid(*places, indexing="ij")
+    size = rng.choice([0.02, 0.1, 0.4])
+    i, j, k = (x + part * size * rng.uniform(-1.0, 1.0, x.shape) / len(x) for x, part in ((i, 1), (j, 1), (k, 0.2)))
+    height = 1.0 + 10.0 ** rng.integers(-5, 0) * (np.exp(4.0 * k) - 1.0)
+    net = np.stack([height * np.cos(i), 3.0 * j, height * np.sin(i)], axis=-1)
+    sign = int(rng.choice([-1, 1]))
+    return Volume(tuple(knots)), np.ascontiguousarray(net[:, ::-1]) if sign > 0 else net, sign
+
+
+def test_nothing_is_falsely_valid_in_volumes_of_any_order_with_knots_that_differ_by_half_a_span():
+    rng, n_valid, lows = np.random.default_rng(5), 0, []
+    for _ in range(120):
+        volume, net, sign = random_volume(rng)
+        status = spline_statuses(volume, net, sign)
+        x = rng.uniform(0.0, 1.0, (6_000, 3))
+        axis = rng.integers(0, 3, 3_000)
+        x[np.arange(3_000), axis] = np.round(x[np.arange(3_000), axis])  # on the sides, where folds begin
+        gradients = evaluate_gradients(volume, net, x)
+        jacobians = sign * np.linalg.det(gradients) / np.linalg.norm(gradients, axis=1).prod(axis=1)
+        least = np.full(status.shape, np.inf)
+        np.minimum.at(least, tuple(volume_basis(volume, x)[0].T), jacobians)
+        assert (least[status == VALID] > -1e-12).all()
+        n_valid += np.count_nonzero(status == VALID)
+        lows.append(least[status == VALID].min(initial=np.inf))
+    assert n_valid > 500
+    assert min(lows) < 0.01
+
+
+def test_no_box_is_proved_where_derivatives_out_of_its_cones_have_a_negative_jacobian():
+    rng, n_lanes, n_proved, least = np.random.default_rng(6), 32, 0, np.inf
+    for _ in range(60):
+        spread = rng.uniform(0.3, 0.7, n_lanes)
+        vectors = np.zeros((3, 2, 2, 2, 2, 3, n_lanes))
+        vectors[:, 0] = spread * rng.uniform(-1.0, 1.0, (3, 2, 2, 2, 3, n_lanes))
+        for v in range(3):
+            vectors[v, 0, ..., v, :] += 1.0
+        vectors[:, 1] = 0.02 * rng.uniform(0.0, 1.0, (3, 2, 2, 2, 3, n_lanes))
+        centres, radii = (part.reshape(3, 8, 3, n_lanes) for part in (vectors[:, 0].copy(), vectors[:, 1].copy()))
+        is_there = np.ones(n_lanes, dtype=bool)
+        are_positive(vectors, (2, 2, 2), np.zeros((3, 3, 2, n_lanes)), is_there)
+        ends = centres + rng.choice([-1.0, 1.0], centres.shape) * radii
+        a, b, c = np.meshgrid(*[np.arange(8)] * 3, indexing="ij")
+        triples = np.stack([ends[0, a], ends[1, b], ends[2, c]], axis=-2).reshape(512, 3, 3, n_lanes)
+        jacobians = np.linalg.det(np.moveaxis(triples, 3, 1))
+        assert (jacobians[:, is_there] > 0.0).all()
+        n_proved += np.count_nonzero(is_there)
+        least = min(least, jacobians[:, is_there].min(initial=np.inf))
+    assert n_proved > 100
+    assert least < 0.1
 
 
 @pytest.mark.parametrize("spread", [0.05, 0.4])
