@@ -87,9 +87,8 @@ def main(paper: bool = False, figures=None, quick: bool = False, iprint: int = 0
         the drag of the pressures and of the wake; and ``convergence`` of the coefficients by name, see `Convergence`.
     """
     sizes, n = pick_size(WING_SIZES, paper, quick), pick_size(BALL_SIZES, paper, quick)
-    around, off = sizes[:2]
     fine = [FINENESS["wing"] * cells for cells in sizes]
-    n_control = (around + 1, off + 1, fine[2] + 1)  # of each half of the wing; all there can be along walls
+    n_control = (sizes[0] + 1, sizes[1] + 1, fine[2] + 1)  # of each half of the wing; all there can be along walls
     models = {
         "wing": bm.fit_grid(joukowski_wing_grid(*fine), n_control=n_control, keep_residual=False),
         "ball": bm.fit_grid(bm.ball_grid((n + 1,) * 4, far=20.0, off_wall=1.0 / n), keep_residual=False),
@@ -189,11 +188,8 @@ class Convergence(NamedTuple):
 
 def convergence(spacings: np.ndarray, values: np.ndarray, exact: float | None = None) -> Convergence:
     """Fit ``value = limit + c spacing^order`` to values at three or more spacings by least squares, the finest last."""
-    found = least_squares(spacings, values, exact)
-    if len(values) == 3 or found.order is None:
-        return found
-    finest = least_squares(spacings[-3:], values[-3:], exact)
-    if finest.order is None:
+    found, finest = least_squares(spacings, values, exact), least_squares(spacings[-3:], values[-3:], exact)
+    if len(values) == 3 or None in (found.order, finest.order):
         return found
     return Convergence(*found[:2], abs(found.order - finest.order), abs(found.limit - finest.limit))
 
@@ -209,10 +205,8 @@ def least_squares(spacings: np.ndarray, values: np.ndarray, exact: float | None)
         return found, float(np.sum((powers @ found - values) ** 2))
 
     order = minimize_scalar(lambda p: fit(p)[1], bounds=LIKELY_ORDERS, method="bounded", options={"xatol": 1e-10}).x
-    if (
-        min(order - LIKELY_ORDERS[0], LIKELY_ORDERS[1] - order) < 1e-2
-        or (np.diff(values)[1:] * np.diff(values)[:-1] <= 0).any()
-    ):
+    is_at_end = min(order - LIKELY_ORDERS[0], LIKELY_ORDERS[1] - order) < 1e-2
+    if is_at_end or (np.diff(values)[1:] * np.diff(values)[:-1] <= 0).any():
         return Convergence(None, None)
     return Convergence(float(order), float(fit(order)[0][0]))
 

@@ -148,7 +148,7 @@ def main(paper: bool = False, figures=None, quick: bool = False, drivers=DRIVERS
         "initial": with_finer(start),
         "drivers": {name: each.numbers("flow") | with_finer(each.problem) for name, each in runs.items()},
         "differ": disagreement(runs),
-        "totals": check_totals(perturb_design(away, size=0.03), n_directions=1, step=0.02, levels=2)._asdict(),
+        "totals": check_totals(perturb_design(away, size=0.03), n_directions=1, step=0.005, levels=2)._asdict(),
     }
 
 

@@ -71,7 +71,7 @@ def page(model, case_file, tmp_path_factory):
 
 def test_the_page_has_all_sections_of_an_optimisation(page):
     sections = [attributes["id"] for attributes in page.all("section")]
-    assert sections == ["space", "history", "variables", "sections", "quality", "heights", "fit", "diagram"]
+    assert sections == ["space", "history", "flow", "variables", "sections", "quality", "heights", "fit", "diagram"]
     assert {f"#{name}" for name in sections} <= {link.get("href") for link in page.all("a")}
     assert "A <wing> & more" in page.text
 
@@ -80,7 +80,7 @@ def test_what_is_drawn_is_told_in_words_and_every_table_has_headings(page):
     drawings = [a for a in page.all("div") if "data-chart" in a]
     assert len(drawings) == len(page.charts) - 1  # the N2 diagram is no drawing
     assert all(a["role"] == "img" and len(a["aria-label"]) > 20 for a in drawings)
-    assert len(page.all("caption")) == len(page.all("table")) == 6
+    assert len(page.all("caption")) == len(page.all("table")) == 7
     assert {a.get("scope") for a in page.all("th")} == {"col", "row"}
 
 
@@ -135,7 +135,7 @@ def test_what_is_missing_is_said_and_the_advice_is_right(model, tmp_path):
     assert 'recording_options["includes"] = ["*control_points", "*Cp"]' in with_model["missing"][0]
     pages = [Page((tmp_path / f"{name}.html").read_text(encoding="utf-8")) for name in ("alone", "with")]
     assert all('recording_options["record_derivatives"] = True' in page.text for page in pages)
-    assert [a["id"] for a in pages[0].all("section")] == ["history", "variables", "diagram", "missing"]
+    assert [a["id"] for a in pages[0].all("section")] == ["history", "flow", "variables", "diagram", "missing"]
 
 
 def test_the_model_of_another_optimisation_is_refused(case_file, tmp_path):
