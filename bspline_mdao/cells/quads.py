@@ -36,7 +36,8 @@ def area_vectors_vjp(corners: np.ndarray, bar: np.ndarray) -> np.ndarray:
 
 def add_to_nodes(quads: np.ndarray, bar: np.ndarray, n_points: int) -> np.ndarray:
     """Sum vectors of the corners, shape (n, 4, 3), of quads, shape (n, 4), at the nodes: shape (n_points, 3)."""
-    return np.stack([np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)], axis=-1)
+    sums = [np.bincount(quads.ravel(), part.ravel(), n_points) for part in np.moveaxis(bar, -1, 0)]
+    return np.stack(sums, axis=-1).astype(float, copy=False)  # NumPy counts nothing in integers
 
 
 def _diagonals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

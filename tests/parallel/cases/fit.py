@@ -27,12 +27,12 @@ GRIDS = {
 
 
 def contents(path):
-    """All arrays of a model file, its attributes but for the checksum, and its document but for the time."""
+    """All arrays of a model file, and its attributes but for the checksum and the time of the fit."""
     found = {}
     with h5py.File(path) as file:
         file.visititems(lambda name, item: found.update({name: item[()]} if isinstance(item, h5py.Dataset) else {}))
         attributes = dict(file.attrs)
-    attributes.pop("checksum")
+    del attributes["checksum"], attributes["seconds"]
     found.pop("document")
     return found, attributes
 
