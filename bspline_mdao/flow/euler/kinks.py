@@ -174,7 +174,7 @@ def weight_changes(cells, weights, middles, centres, spreads):
     """
     out = np.zeros((len(cells), 4), centres.dtype)
     places, steps = np.zeros((4, 3), centres.dtype), np.zeros((4, 3), centres.dtype)
-    inverse, miss = np.zeros((3, 3), centres.dtype), np.zeros(3, centres.dtype)
+    inverse, miss, by = np.zeros((3, 3), centres.dtype), np.zeros(3, centres.dtype), np.zeros(4, centres.dtype)
     for f in range(len(cells)):
         _place(cells[f], weights[f], middles[f], centres, places, steps, miss)
         if not _invert(cells[f], steps, spreads, inverse):
@@ -183,14 +183,16 @@ def weight_changes(cells, weights, middles, centres, spreads):
             for n in range(3):
                 for m in range(3):
                     out[f, k] -= steps[k, n] * inverse[n, m] * miss[m]
-        out[f] *= _cut(out[f], weights[f])[0]
+        factor = _cut(out[f], weights[f], by)
+        for k in range(4):
+            out[f, k] *= factor
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_centres, d_spreads):
     """Change of `weight_changes` with the places and sizes."""
-    out, free, d_free = np.zeros((len(cells), 4)), np.zeros(4), np.zeros(4)
+    out, free, d_free, by = np.zeros((len(cells), 4)), np.zeros(4), np.zeros(4), np.zeros(4)
     places, steps, d_places, d_steps = (np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)))
     inverse, miss, d_miss, matrix = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for f in range(len(cells)):
@@ -205,12 +207,20 @@ def weight_changes_jvp(cells, weights, middles, centres, spreads, d_middles, d_c
                 for m in range(3):
                     matrix[n, m] += d_steps[k, n] * steps[k, m] + steps[k, n] * d_steps[k, m]
         rounding = ROUNDED * (matrix[0, 0] + matrix[1, 1] + matrix[2, 2])
-        push = inverse @ miss
-        d_push = inverse @ (d_miss - matrix @ push - rounding * push)
+        push = _product(inverse, miss)
+        of_push = _product(matrix, push)
+        d_miss[0] -= of_push[0] + rounding * push[0]
+        d_miss[1] -= of_push[1] + rounding * push[1]
+        d_miss[2] -= of_push[2] + rounding * push[2]
+        d_push = _product(inverse, d_miss)
         for k in range(4):
-            free[k], d_free[k] = -np.sum(steps[k] * push), -np.sum(d_steps[k] * push + steps[k] * d_push)
-        factor, by = _cut(free, weights[f])
-        out[f] = factor * (d_free - np.sum(by * d_free) * free)
+            free[k] = -_dot(steps[k], push)
+            d_free[k] = -_dot(d_steps[k], push) - _dot(steps[k], d_push)
+        factor, change = _cut(free, weights[f], by), 0.0
+        for k in range(4):
+            change += by[k] * d_free[k]
+        for k in range(4):
+            out[f, k] = factor * (d_free[k] - change * free[k])
     return out
 
 
@@ -220,43 +230,62 @@ def weight_changes_vjp(cells, weights, middles, centres, spreads, bar):
     middles_bar, centres_bar, spreads_bar = np.zeros_like(middles), np.zeros_like(centres), np.zeros_like(spreads)
     places, steps, steps_bar = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3))
     inverse, miss, matrix_bar = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
-    free, free_bar = np.zeros(4), np.zeros(4)
+    free, free_bar, by, push_bar, mean_bar = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3)
     for f in range(len(cells)):
         near = cells[f]
         _place(near, weights[f], middles[f], centres, places, steps, miss)
         if not _invert(near, steps, spreads, inverse):
             continue
-        push = inverse @ miss
+        push = _product(inverse, miss)
         for k in range(4):
-            free[k] = -np.sum(steps[k] * push)
-        factor, by = _cut(free, weights[f])
-        free_bar[:] = factor * (bar[f] - np.sum(free * bar[f]) * by)
-        push_bar = np.zeros(3)
+            free[k] = -_dot(steps[k], push)
+        factor, along = _cut(free, weights[f], by), 0.0
         for k in range(4):
-            push_bar -= free_bar[k] * steps[k]
-        miss_bar = inverse @ push_bar
+            along += free[k] * bar[f, k]
+        push_bar[:] = 0.0
+        for k in range(4):
+            free_bar[k] = factor * (bar[f, k] - along * by[k])
+            for n in range(3):
+                push_bar[n] -= free_bar[k] * steps[k, n]
+        miss_bar = _product(inverse, push_bar)
         for n in range(3):
             for m in range(3):
                 matrix_bar[n, m] = -0.5 * (miss_bar[n] * push[m] + push[n] * miss_bar[m])
         rounding = ROUNDED * (matrix_bar[0, 0] + matrix_bar[1, 1] + matrix_bar[2, 2])
         for n in range(3):
             matrix_bar[n, n] += rounding
-        spreads_bar[near[1]] += 0.5 / WORTH * matrix_bar
-        spreads_bar[near[2]] += 0.5 / WORTH * matrix_bar
-        n_there, mean_bar = 0, np.zeros(3)
+            mean_bar[n] = 0.0
+        for n in range(3):
+            for m in range(3):
+                spreads_bar[near[1], n, m] += 0.5 / WORTH * matrix_bar[n, m]
+                spreads_bar[near[2], n, m] += 0.5 / WORTH * matrix_bar[n, m]
+        n_there = 0
         for k in range(4):
-            steps_bar[k] = 0.0
-            if _is_there(near, k):
-                n_there += 1
-                steps_bar[k] = 2.0 * (matrix_bar @ steps[k]) - free_bar[k] * push
-                mean_bar -= steps_bar[k]
+            is_there = _is_there(near, k)
+            n_there += is_there
+            of_step = _product(matrix_bar, steps[k])
+            for n in range(3):
+                steps_bar[k, n] = 2.0 * of_step[n] - free_bar[k] * push[n] if is_there else 0.0
+                mean_bar[n] -= steps_bar[k, n]
         for k in range(4):
-            place_bar = weights[f, k] * miss_bar + steps_bar[k]
-            if _is_there(near, k):
-                place_bar += mean_bar / n_there
-            centres_bar[near[k]] += place_bar
-            middles_bar[f] -= place_bar
+            for n in range(3):
+                place_bar = weights[f, k] * miss_bar[n] + steps_bar[k, n]
+                if _is_there(near, k):
+                    place_bar += mean_bar[n] / n_there
+                centres_bar[near[k], n] += place_bar
+                middles_bar[f, n] -= place_bar
     return middles_bar, centres_bar, spreads_bar
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _product(matrix, vector):
+    """Product of a matrix and a vector, as three numbers."""
+    return _dot(matrix[0], vector), _dot(matrix[1], vector), _dot(matrix[2], vector)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -309,12 +338,12 @@ def _invert(near, steps, spreads, inverse):
 
 
 @njit(cache=True, error_model="numpy")
-def _cut(changes, weights):
-    """Factor that keeps changes of weights below what is allowed, and minus the gradient of its logarithm.
+def _cut(changes, weights, by):
+    """Factor that keeps changes of weights below what is allowed; ``by`` receives minus the gradient of its logarithm.
 
     It is ``(1 + sum_k (changes_k / LARGEST)^8 + (outer / room)^8)^(-1/8)``, smooth, and 1 to 0.05 % up to half of both.
     """
-    by, outer, room = np.zeros_like(changes), changes[0] + changes[3], OUTER - weights[0] - weights[3]
+    outer, room = changes[0] + changes[3], OUTER - weights[0] - weights[3]
     total, beyond = 1.0 + 0.0 * outer, 0.0 * outer
     if outer.real > 0.0:
         beyond = _seventh(outer / room) / room
@@ -324,7 +353,7 @@ def _cut(changes, weights):
         total += by[k] * changes[k]
     for k in range(4):
         by[k] = (by[k] + beyond) / total if k == 0 or k == 3 else by[k] / total
-    return 1.0 / np.sqrt(np.sqrt(np.sqrt(total))), by
+    return 1.0 / np.sqrt(np.sqrt(np.sqrt(total)))
 
 
 @njit(cache=True, error_model="numpy", inline="always")
