@@ -2,7 +2,7 @@
 
 Heights of both sides make the drag at fixed lift, volume and thickness least: by all control points from the start,
 along the heights as they are and along even combinations of them, and in three levels, each of which starts from the
-shape, the bounds and the second derivatives of the one before. It takes six minutes, with ``--quick`` half a minute.
+shape, the bounds and the second derivatives of the one before. It takes three minutes, with ``--quick`` half a minute.
 What comes out are flow and gradient solutions of the three ways until the drag is within 1, 0.1 and 0.01 counts of the
 least that any finds, the knots, a check of the totals, and a picture of the histories and the points of the levels.
 """
@@ -38,7 +38,7 @@ COLORS = ORANGE, GREEN, BLUE
 
 SIZES = {
     "quick": (((5, 9, 5), (6, 6), (7, 5)), ((4, 6, 4), (5, 5), (5, 4)), 2, 1e-3, 4),
-    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 11, 5), (6, 6), (8, 4)), 4, 1e-7, 50),
+    "default": (((7, 15, 7), (9, 9), (11, 5)), ((5, 11, 5), (6, 6), (8, 4)), 6, 1e-7, 50),
     "paper": (((17, 33, 17), (25, 25), (25, 13)), ((7, 15, 7), (9, 9), (11, 7)), 5, 1e-7, 200),
 }
 """Nodes and control points of the rows of blocks along the stream, away from the wing and along the span, knots that
@@ -47,7 +47,7 @@ are inserted first, tolerance of the objective, and iterations at most."""
 FEWEST = 5, 4
 """Points of the coarsest net along the chord and along the span."""
 
-SOON = 2e-3
+SOON = 4e-3
 """Tolerance of the objective at which the coarse levels end: what they leave, the next one has to find anyway."""
 
 
