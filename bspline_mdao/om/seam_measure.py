@@ -5,18 +5,10 @@ from __future__ import annotations
 from ..checks import require_kind
 from ..measures.seam_smoothness import SeamSmoothness
 from ..names import SURFACE_CONTROL_POINTS
-from .component import (
-    SparseComponent,
-    SparsePattern,
-    check_along_directions,
-    difference_step,
-    fails_together,
-    finite_points,
-    refuse_complex_step,
-)
+from .surface_measure import SurfaceMeasure
 
 
-class SeamMeasure(SparseComponent):
+class SeamMeasure(SurfaceMeasure):
     """Measure kinks or jumps of curvature across the seams of a surface, as constraints on its control points.
 
     ==========================  ======  =========================  ============  ===================================
@@ -55,42 +47,12 @@ class SeamMeasure(SparseComponent):
     (60,)
     """
 
-    is_linear = False
-    """Whether the outputs depend linearly on the inputs."""
+    wrt = SURFACE_CONTROL_POINTS
 
-    def initialize(self):
-        """Declare the options."""
-        self.options.declare("measure", recordable=False, desc="what is measured")
-
-    @fails_together
-    def setup(self):
-        """Declare the variables."""
+    def _baseline(self):
         measure = self.options["measure"]
         require_kind(measure, SeamSmoothness, f"{self.msginfo}: the measure", "make it with SeamSmoothness.kinks(...)")
-        self.add_input(SURFACE_CONTROL_POINTS, val=measure.points.ravel(), units="m")
-        self.add_output(measure.name, shape=measure.shape, units=measure.units)
-        check_along_directions(self, difference_step([measure.points]), is_complex=True)
+        return measure.points
 
-    @fails_together
-    def setup_partials(self):
-        """Declare what may differ from zero."""
-        measure = self.options["measure"]
-        self._sparse = SparsePattern.of(measure.partials(measure.points))
-        self.declare_sparse(measure.name, SURFACE_CONTROL_POINTS, self._sparse.rows, self._sparse.cols)
-
-    @fails_together
-    def compute(self, inputs, outputs):
-        """Measure the seams."""
-        measure = self.options["measure"]
-        outputs[measure.name] = measure.evaluate(self._points(inputs))
-
-    @fails_together
-    def compute_partials(self, inputs, partials):
-        """Differentiate the measure."""
-        refuse_complex_step(self)
-        measure = self.options["measure"]
-        found = measure.partials(self._points(inputs))
-        partials[measure.name, SURFACE_CONTROL_POINTS] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")
-
-    def _points(self, inputs):
-        return finite_points(inputs[SURFACE_CONTROL_POINTS], SURFACE_CONTROL_POINTS, self.msginfo)
+    def _nets(self):
+        return [self._baseline()]

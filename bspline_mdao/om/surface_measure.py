@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ..measures.measure import Measure
 from ..names import SURFACE
 from .component import (
     SparseComponent,
@@ -54,6 +53,9 @@ class SurfaceMeasure(SparseComponent):
     is_linear = False
     """Whether the outputs depend linearly on the inputs."""
 
+    wrt = SURFACE
+    """Name of the input."""
+
     def initialize(self):
         """Declare the options."""
         self.options.declare("measure", recordable=False, desc="what is measured")
@@ -61,22 +63,21 @@ class SurfaceMeasure(SparseComponent):
     @fails_together
     def setup(self):
         """Declare the variables."""
-        measure: Measure = self.options["measure"]
-        self.add_input(SURFACE, val=measure.surface.points.ravel(), units="m")
+        measure = self.options["measure"]
+        self.add_input(self.wrt, val=self._baseline().ravel(), units="m")
         self.add_output(measure.name, shape=measure.shape, units=measure.units)
-        step = difference_step(measure.surface.points[ids] for ids in measure.surface.faces)
-        check_along_directions(self, step, is_complex=True)
+        check_along_directions(self, difference_step(self._nets()), is_complex=True)
 
     @fails_together
     def setup_partials(self):
         """Declare what may differ from zero."""
         measure = self.options["measure"]
-        self._sparse = SparsePattern.of(measure.partials(measure.surface.points))
-        self.declare_sparse(measure.name, SURFACE, self._sparse.rows, self._sparse.cols)
+        self._sparse = SparsePattern.of(measure.partials(self._baseline()))
+        self.declare_sparse(measure.name, self.wrt, self._sparse.rows, self._sparse.cols)
 
     @fails_together
     def compute(self, inputs, outputs):
-        """Measure the surface."""
+        """Measure the points."""
         measure = self.options["measure"]
         outputs[measure.name] = measure.evaluate(self._points(inputs)).reshape(measure.shape)
 
@@ -86,7 +87,15 @@ class SurfaceMeasure(SparseComponent):
         refuse_complex_step(self)
         measure = self.options["measure"]
         found = measure.partials(self._points(inputs))
-        partials[measure.name, SURFACE] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")
+        partials[measure.name, self.wrt] = self._sparse.data(found, f"{self.msginfo}: '{measure.name}'")
 
     def _points(self, inputs):
-        return finite_points(inputs[SURFACE], SURFACE, self.msginfo)
+        return finite_points(inputs[self.wrt], self.wrt, self.msginfo)
+
+    def _baseline(self):
+        return self.options["measure"].surface.points
+
+    def _nets(self):
+        """Nets of points, by whose sizes steps of differences are chosen."""
+        surface = self.options["measure"].surface
+        return [surface.points[ids] for ids in surface.faces]
