@@ -1,4 +1,4 @@
-"""Reports on a grid for people: extremes, a distribution of Q, inverted cells by name, first cells at every wall.
+"""Reports on a grid for people: extremes, a distribution of Q, inverted cells by name.
 
 Where processes hold pieces of the grid, all of them call these functions and get the same report, to the last bit that
 of one process.
@@ -16,28 +16,26 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..numerics.processes import from_all, on_first, together
+from ..numerics.processes import from_all, together
 from ..shown import InNotebook
 from ..topology.grid import PATCH_KINDS
 from .block_cells import BlockCells
 from .cell_fields import cell_middle
-from .first_cells import FirstCells, WallNode
 from .grid_quality import GridQuality
 from .hexahedron import CellQuality
 from .pieces import Pieces
+from .wall_heights import PatchHeights, report_heights
 
 __all__ = [
     "CellsAfterMove",
     "Distribution",
     "InvertedCell",
     "NamedCell",
-    "PatchHeights",
     "QualityReport",
     "WorstCell",
     "distribution",
     "inverted_cells",
     "judge_move",
-    "report_heights",
     "report_quality",
 ]
 
@@ -46,9 +44,6 @@ MOST_NAMED = 50
 
 MOST_WORST = 10
 """Number of cells with the smallest corners that a report names."""
-
-KEPT = (0.9, 1.1)
-"""Ratios of heights within which users of turbulence models take y+, which is in proportion, for unchanged."""
 
 
 @dataclass(frozen=True)
@@ -417,106 +412,3 @@ def _worst_of_all(comm, worst: Sequence[tuple], most: int = MOST_NAMED) -> tuple
 
 def _order(cell: tuple) -> tuple:
     return cell[:3]
-
-
-@dataclass(frozen=True)
-class PatchHeights:
-    """Heights of the first cells at one wall.
-
-    Parameters
-    ----------
-    patch : str
-        The wall.
-    n_nodes, n_left_out : int
-        Nodes that have a height on the baseline, and those that have none.
-    height_min, height_median, height_max : float
-        Heights (m).
-    ratio_min, ratio_p01, ratio_median, ratio_p99, ratio_max : float
-        Heights divided by those of the baseline: smallest, 1 %, median, 99 % and largest.
-    n_off : int
-        Nodes whose ratio is not within `KEPT`.
-    lowest, highest : WallNode
-        Where the ratio is smallest and largest.
-    """
-
-    patch: str
-    n_nodes: int
-    n_left_out: int
-    height_min: float
-    height_median: float
-    height_max: float
-    ratio_min: float
-    ratio_p01: float
-    ratio_median: float
-    ratio_p99: float
-    ratio_max: float
-    n_off: int
-    lowest: WallNode
-    highest: WallNode
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether at least 99 % of the nodes keep their heights."""
-        return self.n_off <= 0.01 * self.n_nodes
-
-    @property
-    def worst(self) -> tuple[float, WallNode]:
-        """The ratio that is farthest from 1, as a factor, and where it is."""
-        is_low = self.ratio_min * self.ratio_max < 1.0 or self.ratio_min <= 0.0
-        return (self.ratio_min, self.lowest) if is_low else (self.ratio_max, self.highest)
-
-
-def report_heights(cells: FirstCells, nodes: np.ndarray) -> tuple[PatchHeights, ...]:
-    """Report on the first cells of a grid, wall by wall.
-
-    Parameters
-    ----------
-    cells : FirstCells
-        The first cells of the baseline.
-    nodes : ndarray, shape (n_nodes, 3)
-        Nodes of all blocks (m).
-
-    Returns
-    -------
-    tuple of PatchHeights
-        One for each wall that has heights.
-    """
-    comm = cells.pieces.comm
-    heights = cells.heights(nodes)
-    own = (cells.keys[cells.at], cells.patch_ids, heights, heights / cells.baseline, cells.places)
-    every = [own] if comm.size == 1 else comm.gather(own, root=0)
-    return on_first(comm, lambda: _reports_by_patch(cells, every))
-
-
-def _reports_by_patch(cells, every):
-    """Reports on the walls from numbers, patches, heights, their ratios and places of the entries of all processes."""
-    keys, patch_ids, heights, ratios, places = (np.concatenate(column) for column in zip(*every))
-    in_order = np.argsort(keys)
-    ids_of = (in_order[patch_ids[in_order] == number] for number in range(len(cells.patches)))
-    columns = heights, ratios, places
-    return tuple(
-        _patch_heights(cells, number, *(column[ids] for column in columns))
-        for number, ids in enumerate(ids_of)
-        if ids.size
-    )
-
-
-def _patch_heights(cells, number, heights, ratios, places):
-    low, median, high = np.quantile(ratios, [0.01, 0.5, 0.99])
-    lowest, highest = (places[at].tolist() for at in (ratios.argmin(), ratios.argmax()))
-    return PatchHeights(
-        patch=cells.patches[number],
-        n_nodes=heights.size,
-        n_left_out=int(cells.n_left_out[number]),
-        height_min=float(heights.min()),
-        height_median=float(np.median(heights)),
-        height_max=float(heights.max()),
-        ratio_min=float(ratios.min()),
-        ratio_p01=float(low),
-        ratio_median=float(median),
-        ratio_p99=float(high),
-        ratio_max=float(ratios.max()),
-        n_off=int(np.count_nonzero((ratios < KEPT[0]) | (ratios > KEPT[1]))),
-        lowest=WallNode(cells.pieces.names[lowest[0]], *lowest[1:]),
-        highest=WallNode(cells.pieces.names[highest[0]], *highest[1:]),
-    )

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from ..cells.certificate import Certificate
 from ..cells.first_cells import WallNode
-from ..cells.report import KEPT, PatchHeights
+from ..cells.wall_heights import KEPT, PatchHeights
 from ..cells.wall_spacing import WallSpacing, flat_plate_y_plus
 from ..errors import InputError
 from ..io.disk import replaced_file

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..cells.mixed_cells import CellQuality
-from ..cells.report import KEPT
+from ..cells.wall_heights import KEPT
 from ..design.deformation import Deformation
 from ..design.named_deformations import PrescribedPoints, read_points
 from ..errors import InputError, MovementError

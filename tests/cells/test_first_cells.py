@@ -5,7 +5,7 @@ import pytest
 
 from bspline_mdao import onera_m6_grid
 from bspline_mdao.cells.first_cells import FirstCells
-from bspline_mdao.cells.report import report_heights
+from bspline_mdao.cells.wall_heights import report_heights
 from bspline_mdao.cells.wall_spacing import flat_plate_y_plus, wall_spacings
 from bspline_mdao.testing import central_difference
 from bspline_mdao.topology.grid import Block, Grid, Patch
