@@ -15,6 +15,7 @@ import json
 import re
 import sys
 import typing
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -71,7 +72,11 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
             parser.add_argument(f"--{name.replace('_', '-')}", help=help_text, **_keywords(default, hints.get(name)))
     values = vars(parser.parse_args(arguments))
     file = values.pop("json")
-    numbers = main(**{name: value for name, value in values.items() if name in options})
+    with (
+        warnings.catch_warnings()
+    ):  # OpenMDAO counts variables and responses where scripts count linear solves of a flow
+        warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
+        numbers = main(**{name: value for name, value in values.items() if name in options})
     if world().rank == 0:
         print(json.dumps(numbers, indent=2, default=_plain))
         if file:

@@ -1,6 +1,7 @@
 """The command line of a run script is what its main says."""
 
 import json
+import warnings
 from typing import Literal
 
 import numpy as np
@@ -81,3 +82,13 @@ def test_sizes_are_picked_by_name():
     for wrong in ({"quick": True}, {"paper": True, "quick": True}):
         with pytest.raises(InputError, match="default, paper"):
             pick_size(sizes, **wrong)
+
+
+def test_openmdao_does_not_warn_of_a_mode_that_was_chosen_by_linear_solves_of_a_flow(recwarn):
+    def main():
+        for message in ("Inefficient choice of derivative mode.  You chose 'rev' for 2 design variables", "other"):
+            warnings.warn(message, stacklevel=2)
+        return {}
+
+    run(main, [])
+    assert [str(warning.message) for warning in recwarn] == ["other"]
