@@ -1,8 +1,10 @@
 """Chunks of work that threads claim one after another inside a kernel, and wait for each other's by level.
 
-Chunks are numbered; a thread claims the lowest that is left. Before it begins one, all chunks before some number have
-to be done. Whoever claims a chunk works on it at once, so that any number of threads gets to the end, one that comes
-late or never included, and each number is computed by the same operations whoever does it.
+Levels of chunks are done one after another. In each level a thread begins with the chunks of its own part, which are
+next to those that it did in the level before, so that what it reads is in its own cache; then it takes those that
+others have left. Whoever claims a chunk works on it as soon as the levels before are done, so that any number of
+threads gets to the end, one that comes late or never included, and each number is computed by the same operations
+whoever does it.
 """
 
 from __future__ import annotations
@@ -17,32 +19,36 @@ from numba.extending import intrinsic
 
 __all__ = ["claim", "counters", "finish"]
 
-CLAIMED, DONE = 0, 8
-"""Places of the two counters, which are on cache lines of their own."""
+DONE, FIRST = 0, 8
+"""Places of the number of chunks that are done, on a cache line of its own, and of the first chunk's mark."""
 
 PATIENCE = 2000
 """Looks at a counter after which a thread lets others have its core."""
 
 
-def counters() -> np.ndarray:
-    """Counters of a new piece of work."""
-    return np.zeros(16, np.int64)
+def counters(n_chunks: int) -> np.ndarray:
+    """Counters of a new piece of work: chunks that are done, and a mark for each that is claimed."""
+    return np.zeros(FIRST + n_chunks, np.int64)
 
 
-def _element(context, builder, array_type, array, place: int):
+def _element(context, builder, array_type, array, place):
     data = context.make_array(array_type)(context, builder, array).data
-    return builder.gep(data, [ir.Constant(ir.IntType(64), place)])
+    return builder.gep(data, [place])
+
+
+def _n_done_place(context, builder, array_type, array):
+    return _element(context, builder, array_type, array, ir.Constant(ir.IntType(64), DONE))
 
 
 @intrinsic
-def _next_claim(typingctx, numbers):
-    """Number of a chunk that no other thread has."""
+def _mark(typingctx, numbers, place):
+    """Mark a chunk as claimed, and return the mark that was there."""
 
     def emit(context, builder, signature, args):
         one = ir.Constant(ir.IntType(64), 1)
-        return builder.atomic_rmw("add", _element(context, builder, numbers, args[0], CLAIMED), one, "monotonic")
+        return builder.atomic_rmw("xchg", _element(context, builder, numbers, *args), one, "monotonic")
 
-    return types.int64(numbers), emit
+    return types.int64(numbers, types.int64), emit
 
 
 @intrinsic
@@ -50,7 +56,7 @@ def _n_done(typingctx, numbers):
     """Number of chunks that are done, with all that was written in them."""
 
     def emit(context, builder, signature, args):
-        return builder.load_atomic(_element(context, builder, numbers, args[0], DONE), "acquire", 8)
+        return builder.load_atomic(_n_done_place(context, builder, numbers, args[0]), "acquire", 8)
 
     return types.int64(numbers), emit
 
@@ -61,7 +67,7 @@ def finish(typingctx, numbers):
 
     def emit(context, builder, signature, args):
         one = ir.Constant(ir.IntType(64), 1)
-        builder.atomic_rmw("add", _element(context, builder, numbers, args[0], DONE), one, "release")
+        builder.atomic_rmw("add", _n_done_place(context, builder, numbers, args[0]), one, "release")
         return context.get_dummy_value()
 
     return types.void(numbers), emit
@@ -81,24 +87,41 @@ def _let_others_run(typingctx):
 
 
 @njit(cache=True, nogil=True)
-def claim(numbers, n_chunks, first_needed):
-    """Claim a chunk and wait until it may begin: its number, or -1 when there is none left.
+def claim(numbers, starts, turn, part, n_parts, level, n_tried):
+    """Claim a chunk and wait until the levels before its own are done.
 
     Parameters
     ----------
     numbers : ndarray
         See `counters`.
-    n_chunks : int
-        Number of chunks.
-    first_needed : ndarray of int, shape (n_chunks,)
-        How many chunks have to be done before each; never more than its own number.
+    starts : ndarray of int64, shape (n_levels + 1,)
+        Chunks with which the levels start.
+    turn : int
+        Level from which on chunks are numbered backwards, so that a part is at the other end.
+    part, n_parts : int
+        Part of every level that this thread begins with, of so many.
+    level, n_tried : int
+        What the last call gave; 0 and 0 in the first.
+
+    Returns
+    -------
+    chunk : int
+        Its number, or -1 when there is none left.
+    level, n_tried : int
+        For the next call: its level, and how many chunks of that this thread has looked at.
     """
-    chunk = _next_claim(numbers)
-    if chunk >= n_chunks:
-        return -1
-    looks = 0
-    while _n_done(numbers) < first_needed[chunk]:
-        looks += 1
-        if looks % PATIENCE == 0:
-            _let_others_run()
-    return chunk
+    while level + 1 < len(starts):
+        first, n_chunks = starts[level], starts[level + 1] - starts[level]
+        own = part if level < turn else n_parts - 1 - part
+        while n_tried < n_chunks:
+            chunk = first + (own * n_chunks // n_parts + n_tried) % n_chunks
+            n_tried += 1
+            if numbers[FIRST + chunk] == 0 and _mark(numbers, FIRST + chunk) == 0:
+                looks = 0
+                while _n_done(numbers) < first:
+                    looks += 1
+                    if looks % PATIENCE == 0:
+                        _let_others_run()
+                return chunk, level, n_tried
+        level, n_tried = level + 1, 0
+    return -1, level, n_tried

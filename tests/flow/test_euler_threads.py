@@ -66,15 +66,34 @@ def end_chunk(numbers):
     finish(numbers)
 
 
-def test_chunks_are_claimed_once_and_after_those_that_they_need():
-    numbers, needed, order = counters(), np.array([0, 0, 2, 2, 4]), []
+LEVELS, TURN = np.array([0, 4, 9, 10, 15, 19]), 3
 
-    def work(_):
-        while (chunk := claim(numbers, len(needed), needed)) >= 0:
+
+@pytest.mark.parametrize("n_threads", [1, 3])
+def test_chunks_are_claimed_once_and_after_those_of_lower_levels(n_threads):
+    numbers, order = counters(LEVELS[-1]), []
+
+    def work(part):
+        chunk, level, n_tried = claim(numbers, LEVELS, TURN, part, n_threads, 0, 0)
+        while chunk >= 0:
             order.append(chunk)
             end_chunk(numbers)
+            chunk, level, n_tried = claim(numbers, LEVELS, TURN, part, n_threads, level, n_tried)
 
-    run_tasks(work, 3, 3)
-    assert sorted(order) == list(range(5))
-    assert set(order[:2]) == {0, 1}
-    assert order[4] == 4
+    run_tasks(work, n_threads, n_threads)
+    assert sorted(order) == list(range(LEVELS[-1]))
+    levels = np.searchsorted(LEVELS, order, side="right")
+    assert (np.diff(levels) >= 0).all()
+
+
+def test_a_thread_begins_every_level_with_its_own_part_also_where_chunks_are_numbered_backwards():
+    numbers, firsts, last, level, n_tried = counters(LEVELS[-1]), [], -1, 0, 0
+    while True:
+        chunk, level, n_tried = claim(numbers, LEVELS, TURN, 1, 2, level, n_tried)
+        if chunk < 0:
+            break
+        if level != last:
+            firsts.append(int(chunk - LEVELS[level]))
+        last = level
+        end_chunk(numbers)
+    assert firsts == [2, 2, 0, 0, 0]

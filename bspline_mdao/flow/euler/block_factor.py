@@ -5,7 +5,7 @@ incomplete factor leaves out is far more, and the sweeps read half as much.
 
 The pattern is symmetric. Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block
 of U at ``(column, row)``. Rows of a level need rows of lower levels only: threads share the rows of one level after
-another, and every number is the same on any number of threads.
+another, each the same part of all of them first, and every number is the same on any number of threads.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -40,8 +40,8 @@ __all__ = ["BLOCK", "BlockFactor", "Schedule", "levels_of"]
 
 BLOCK = 5
 
-ROWS = 128
-"""Rows of a chunk at most: some microseconds of work."""
+ROWS, PER_THREAD = 16, 2
+"""Rows of a chunk at least, a microsecond of work, and chunks of a level at most for each thread."""
 
 AHEAD = 32
 """Blocks ahead of the one in work that are asked for from memory."""
@@ -58,8 +58,8 @@ class Schedule:
     ----------
     ends : ndarray of int64, shape (n_chunks + 1,)
         Rows between which each chunk lies, all of one level.
-    forwards, both : ndarray of int64, shapes (n_chunks,) and (2 n_chunks,)
-        Chunks that have to be done before each, for the rows upwards once, and upwards and then downwards.
+    levels, both : ndarray of int64, shapes (n_levels + 1,) and (2 n_levels + 1,)
+        Chunks with which the levels start, for the rows upwards once, and upwards and then downwards.
     column_starts : ndarray of int64, shape (n + 1,)
         Where each column of the strict lower triangle starts.
     column_entries, column_rows : ndarray of int32, shape (n_blocks,)
@@ -67,7 +67,7 @@ class Schedule:
     """
 
     ends: np.ndarray
-    forwards: np.ndarray
+    levels: np.ndarray
     both: np.ndarray
     column_starts: np.ndarray
     column_entries: np.ndarray
@@ -76,20 +76,19 @@ class Schedule:
     @classmethod
     def of(cls, starts: np.ndarray, columns: np.ndarray) -> Schedule:
         """Cut the rows of a pattern into chunks; rows of a level are best next to each other."""
-        n, levels = len(starts) - 1, levels_of(starts, columns)
-        edges = np.flatnonzero(np.diff(levels)) + 1
+        n = len(starts) - 1
+        edges = np.flatnonzero(np.diff(levels_of(starts, columns))) + 1
         level_ends = np.concatenate([[0], edges, [n]]) if n else np.zeros(1, int)
-        n_chunks = -(-np.diff(level_ends) // ROWS)
-        firsts = np.cumsum(n_chunks) - n_chunks
+        n_chunks = np.clip(np.diff(level_ends) // ROWS, 1, PER_THREAD * thread_count(None))
         parts = [lo + (hi - lo) * np.arange(m) // m for lo, hi, m in zip(level_ends, level_ends[1:], n_chunks)]
         ends = np.append(np.concatenate([*parts, np.zeros(0, int)]), n).astype(np.int64)
-        forwards, total = np.repeat(firsts, n_chunks), int(n_chunks.sum())
-        backwards = 2 * total - np.repeat(firsts + n_chunks, n_chunks)[::-1]
+        levels = np.concatenate([[0], np.cumsum(n_chunks)]).astype(np.int64)
+        both = np.concatenate([levels, 2 * levels[-1] - levels[-2::-1]])
         rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
         entries = np.argsort(columns, kind="stable").astype(np.int32)
         column_starts = np.zeros(n + 1, np.int64)
         np.cumsum(np.bincount(columns, minlength=n), out=column_starts[1:])
-        return cls(ends, forwards, np.concatenate([forwards, backwards]), column_starts, entries, rows[entries])
+        return cls(ends, levels, both, column_starts, entries, rows[entries])
 
 
 class Pattern(Protocol):
@@ -133,9 +132,9 @@ class BlockFactor:
     @classmethod
     def of(cls, pattern: Pattern, lower, upper, diagonal) -> BlockFactor:
         """Factor a matrix in place, whose blocks off the diagonal are halves, at their entries, the others by rank."""
-        schedule, numbers = pattern.schedule, counters()
-        how = schedule.ends, schedule.forwards, numbers
-        _together(len(diagonal), lambda: _factorize(pattern.starts, pattern.columns, *how, lower, upper, diagonal))
+        schedule = pattern.schedule
+        how, blocks = (schedule.ends, schedule.levels, counters(schedule.levels[-1])), (lower, upper, diagonal)
+        _together(len(diagonal), lambda *part: _factorize(pattern.starts, pattern.columns, *how, *part, *blocks))
         return cls(pattern, lower, upper, diagonal)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
@@ -148,18 +147,19 @@ class BlockFactor:
 
     def _sweep(self, kernel, right: np.ndarray) -> np.ndarray:
         pattern, schedule, single = self.pattern, self.pattern.schedule, np.ascontiguousarray(right, np.float32)
-        x, out, numbers = np.empty_like(single), np.empty_like(single), counters()
+        x, out = np.empty_like(single), np.empty_like(single)
         by_rows = pattern.order, pattern.starts, pattern.columns
         by_columns = schedule.column_starts, schedule.column_entries, schedule.column_rows
-        how, factor = (schedule.ends, schedule.both, numbers), (self.lower, self.upper, self.pivots)
-        _together(len(single), lambda: kernel(*by_rows, *by_columns, *how, *factor, single, x, out))
+        factor, vectors = (self.lower, self.upper, self.pivots), (single, x, out)
+        how = schedule.ends, schedule.both, counters(schedule.both[-1])
+        _together(len(single), lambda *part: kernel(*by_rows, *by_columns, *how, *part, *factor, *vectors))
         return out.astype(right.dtype, copy=False)
 
 
-def _together(n: int, work: Callable[[], None]) -> None:
-    """Call a function whose chunks threads claim on as many as are worth it."""
+def _together(n: int, work: Callable[[int, int], None]) -> None:
+    """Call a function whose chunks threads claim on as many as are worth it, with the part of each and their number."""
     n_threads = max(1, min(thread_count(None), n // ROWS_PER_THREAD))
-    run_tasks(lambda _: work(), n_threads, n_threads)
+    run_tasks(lambda part: work(part, n_threads), n_threads, n_threads)
 
 
 @njit(cache=True, error_model="numpy")
@@ -173,7 +173,7 @@ def levels_of(starts, columns):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _factorize(starts, columns, ends, needed, numbers, lower, upper, diagonal):
+def _factorize(starts, columns, ends, levels, numbers, part, n_parts, lower, upper, diagonal):
     """Factor row by row in place, the diagonal blocks into their inverses.
 
     For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
@@ -182,9 +182,10 @@ def _factorize(starts, columns, ends, needed, numbers, lower, upper, diagonal):
     2. ``L_ij = L_ij U_jj^-1``.
     3. ``U_ii = A_ii - sum_j L_ij U_ji``, and its inverse when the row is done.
     """
-    block, inverse, n_chunks = np.empty((BLOCK, BLOCK)), np.empty((BLOCK, BLOCK)), len(needed)
+    block, inverse = np.empty((BLOCK, BLOCK)), np.empty((BLOCK, BLOCK))
+    level = n_tried = 0
     while True:
-        chunk = claim(numbers, n_chunks, needed)
+        chunk, level, n_tried = claim(numbers, levels, len(levels), part, n_parts, level, n_tried)
         if chunk < 0:
             return
         for row in range(ends[chunk], ends[chunk + 1]):
@@ -310,13 +311,13 @@ def _invert(block, inverse):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve(
-    order, starts, columns, column_starts, column_entries, column_rows, ends, needed, numbers,
+    order, starts, columns, column_starts, column_entries, column_rows, ends, levels, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with L, then with U."""
-    n_chunks = len(needed)
+    n_chunks, turn, level, n_tried = levels[-1], len(levels) // 2, 0, 0
     while True:
-        chunk = claim(numbers, n_chunks, needed)
+        chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)
         if chunk < 0:
             return
         if 2 * chunk < n_chunks:
@@ -357,13 +358,13 @@ def _solve(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve_transposed(
-    order, starts, columns, column_starts, column_entries, column_rows, ends, needed, numbers,
+    order, starts, columns, column_starts, column_entries, column_rows, ends, levels, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with the transpose of U, then with that of L."""
-    n_chunks = len(needed)
+    n_chunks, turn, level, n_tried = levels[-1], len(levels) // 2, 0, 0
     while True:
-        chunk = claim(numbers, n_chunks, needed)
+        chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)
         if chunk < 0:
             return
         if 2 * chunk < n_chunks:
