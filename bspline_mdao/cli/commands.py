@@ -18,7 +18,7 @@ from .. import __version__
 from ..fit.options import EXPONENTS, METHODS
 from ..io.formats import curved_names, read_names, written_names
 from ..io.meshes.files import mesh_names
-from .movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
+from .movers import MoverOptions, moving_options
 from .sources import BUILT_IN
 from .words import DEFINITIONS, PROGRAM
 
@@ -59,69 +59,12 @@ patches_option = click.option(
 json_option = click.option("--json", type=click.Path(path_type=Path), metavar="FILE", help="Write the numbers to FILE.")
 
 
-class Increments(click.IntRange):
-    """A number of increments, or the word that leaves it to the move."""
-
-    def __init__(self):
-        super().__init__(min=1)
-
-    def convert(self, value, param, context):
-        """Convert the text of the option to a number, or leave ``auto`` as it is."""
-        return value if value == "auto" else super().convert(value, param, context)
-
-
 DEFORM = (
     "Deformation of the design surface, such as twist=10deg, bend=120deg@0.7, stretch=2, chord, thickness, sweep, "
     "dihedral, pitch, translate=0.1/0/0, bumps=0.01,seed=1; or a file of its new control points (.csv, .npy). "
     "Several are done in turn."
 )
 """Help of the option that deforms."""
-
-MOVING = (
-    click.option(
-        "--mover",
-        default="elasticity",
-        show_default=True,
-        metavar="NAME",
-        help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
-    ),
-    click.option(
-        "--increments",
-        type=Increments(),
-        metavar="auto|N",
-        help="Increments. auto takes the first of 1, 2, 5 and 10 that keeps the control mesh good: the default of "
-        "elasticity and springs; that of other movers is 1.",
-    ),
-    click.option(
-        "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
-    ),
-    click.option(
-        "--stiffness",
-        metavar="NAME",
-        help=f"Stiffness of elasticity: {', '.join(STIFFNESS).replace(',', ' (default),', 1)}.",
-    ),
-    click.option(
-        "--solver",
-        metavar="NAME",
-        help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
-    ),
-    click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default."),
-    click.option(
-        "--slide",
-        multiple=True,
-        metavar="PATCH",
-        help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
-    ),
-    click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is."),
-    click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid."),
-)
-
-
-def moving_options(function: Callable) -> Callable:
-    """Add the options that say what moves the control mesh, and how its patches take part."""
-    for option in reversed(MOVING):
-        function = option(function)
-    return function
 
 
 @click.group(

@@ -1,4 +1,4 @@
-"""Movers, stiffness laws and solvers by the names that the command line gives them.
+"""Options that say what moves the control mesh, and movers, stiffness laws and solvers by the names they are given.
 
 The tables name classes by their places, and import those that are asked for: help shows the names, and should not wait
 for NumPy and numba.
@@ -6,10 +6,12 @@ for NumPy and numba.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
+
+import click
 
 from ..errors import InputError
 
@@ -46,6 +48,64 @@ SOLVERS = {
     "mumps": "bspline_mdao.sparse.petsc.PetscCholesky",
 }
 """Place of the class of each solver."""
+
+
+class Increments(click.IntRange):
+    """A number of increments, or the word that leaves it to the move."""
+
+    def __init__(self):
+        super().__init__(min=1)
+
+    def convert(self, value, param, context):
+        """Convert the text of the option to a number, or leave ``auto`` as it is."""
+        return value if value == "auto" else super().convert(value, param, context)
+
+
+MOVING = (
+    click.option(
+        "--mover",
+        default="elasticity",
+        show_default=True,
+        metavar="NAME",
+        help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
+    ),
+    click.option(
+        "--increments",
+        type=Increments(),
+        metavar="auto|N",
+        help="Increments. auto takes the first of 1, 2, 5 and 10 that keeps the control mesh good: the default of "
+        "elasticity and springs; that of other movers is 1.",
+    ),
+    click.option(
+        "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
+    ),
+    click.option(
+        "--stiffness",
+        metavar="NAME",
+        help=f"Stiffness of elasticity: {', '.join(STIFFNESS).replace(',', ' (default),', 1)}.",
+    ),
+    click.option(
+        "--solver",
+        metavar="NAME",
+        help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
+    ),
+    click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default."),
+    click.option(
+        "--slide",
+        multiple=True,
+        metavar="PATCH",
+        help="Planar patch that slides in its plane, as symmetry planes do and any plane that the surface ends on.",
+    ),
+    click.option("--fix", "--pin", multiple=True, metavar="PATCH", help="Patch to hold where it is."),
+    click.option("--release", multiple=True, metavar="PATCH", help="Patch that moves freely with the grid."),
+)
+
+
+def moving_options(function: Callable) -> Callable:
+    """Add the options that say what moves the control mesh, and how its patches take part."""
+    for option in reversed(MOVING):
+        function = option(function)
+    return function
 
 
 @dataclass(frozen=True)
