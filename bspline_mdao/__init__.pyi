@@ -87,6 +87,7 @@ from .io.files import open_grid as open_grid
 from .io.files import read_grid as read_grid
 from .io.files import write_grid as write_grid
 from .io.meshes.files import read_mesh as read_mesh
+from .io.meshes.layer_of_cells import SectionSpan as SectionSpan
 from .io.openfoam import CaseField as CaseField
 from .io.openfoam import write_case as write_case
 from .io.openfoam import write_polymesh as write_polymesh
@@ -175,6 +176,7 @@ from .om.surface_evaluate import SurfaceEvaluate as SurfaceEvaluate
 from .om.surface_measure import SurfaceMeasure as SurfaceMeasure
 from .report.page import write_report as write_report
 from .riding.riding_mesh import RidingMesh as RidingMesh
+from .riding.section_span import section_span as section_span
 from .sparse.cholesky import Cholesky as Cholesky
 from .sparse.cholmod import Cholmod as Cholmod
 from .sparse.conjugate_gradient import ConjugateGradients as ConjugateGradients

@@ -4,7 +4,16 @@ from functools import cache
 
 import numpy as np
 
-from bspline_mdao import LinearElasticity, MixedMesh, Spacing, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import (
+    LinearElasticity,
+    MixedMesh,
+    Spacing,
+    fit_grid,
+    moving_mesh,
+    naca_section,
+    onera_m6_grid,
+    section_o_grid,
+)
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.riding.wall_faces import GridBoundary
 
@@ -90,3 +99,42 @@ def su2_text(mesh):
         lines += [f"MARKER_TAG= {name}", f"MARKER_ELEMS= {len(faces)}"]
         lines += [f"5 {a} {b} {c}" if c == d else f"9 {a} {b} {c} {d}" for a, b, c, d in faces.tolist()]
     return "\n".join([*lines, "FFD_NBOX= 0", ""])
+
+
+@cache
+def section():
+    """A section, fitted."""
+    return fit_grid(section_o_grid(naca_section(0.12), n_around=48, far=20.0))
+
+
+@cache
+def plane_mesh():
+    """A mesh of two dimensions about the same section: nodes, triangles far away, quads near it, and the airfoil."""
+    grid = section_o_grid(naca_section(0.12), n_around=70, far=14.0).blocks[0].nodes[:-1, :, 0, :2]
+    ids = np.arange(grid[..., 0].size).reshape(grid.shape[:2])
+    ids = np.vstack([ids, ids[:1]])
+    quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
+    near, away = quads[:, :9].reshape(-1, 4), quads[:, 9:].reshape(-1, 4)
+    lines = np.stack([ids[:-1, 0], ids[1:, 0]], axis=1)
+    return grid.reshape(-1, 2), np.concatenate([away[:, [0, 1, 2]], away[:, [0, 2, 3]]]), near, lines
+
+
+def plane_su2_text():
+    """The text of this mesh in the format of SU2."""
+    points, triangles, quads, lines = plane_mesh()
+    return "\n".join(
+        [
+            "% a section",
+            "NDIME= 2",
+            f"NELEM= {len(triangles) + len(quads)}",
+            *(" ".join(map(str, (5, *row, n))) for n, row in enumerate(triangles.tolist())),
+            *(" ".join(map(str, (9, *row, n))) for n, row in enumerate(quads.tolist())),
+            f"NPOIN= {len(points)}",
+            *(f"{x:.16e}  {y:.16e} {n}" for n, (x, y) in enumerate(points.tolist())),
+            "NMARK= 1",
+            "MARKER_TAG= airfoil",
+            f"MARKER_ELEMS= {len(lines)}",
+            *(f"3 {a} {b}" for a, b in lines.tolist()),
+            "",
+        ]
+    )

@@ -20,6 +20,7 @@ from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS
 from ..riding.riding_mesh import RiddenMesh, RidingMesh
+from ..riding.section_span import section_span
 from ..riding.wall_faces import GridBoundary
 from ..wording import counted
 from .move import MoveOptions, moved_control_mesh
@@ -108,7 +109,8 @@ def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | Non
         raise InputError("ride: nothing says where to; give --deform or --to, one of them")
     with progress_bar() as progress:
         progress(0.0, "reading")
-        model, file = FittedModel.load(model_file), read_mesh(mesh_file)
+        model = FittedModel.load(model_file)
+        file = read_mesh(mesh_file, section_span(model))
         start = time.process_time()
         progress(0.1, "looking for the nodes in the volumes")
         riding = RidingMesh.of(model, file.mesh, options.wall, options.tolerance, options.hold_outside)
@@ -119,7 +121,7 @@ def ride_along(model_file: Path, mesh_file: Path, output: Path, json: Path | Non
         progress(0.9, "writing")
         with written_json(json, ride_numbers(model_file, mesh_file, output, found, options)):
             file.write(output, found.mesh.points)
-    show_ride(mesh_file, output, found)
+    show_ride(output, found)
     print_warnings(_warnings(found))
 
 
@@ -220,10 +222,10 @@ def _least(quality: CellQuality) -> float:
     return float(quality.volumes.min(initial=np.inf))
 
 
-def show_ride(mesh_file: Path, output: Path, found: _Ridden) -> None:
+def show_ride(output: Path, found: _Ridden) -> None:
     """Print the report of a ride."""
     of = found.mesh.of
-    print_title(f"{mesh_file}: {counted(of.n_points, 'node')}, {counted(of.mesh.n_cells, 'cell')}")
+    print_title(f"{of.mesh.source}: {counted(of.n_points, 'node')}, {counted(of.mesh.n_cells, 'cell')}")
     moved = np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)
     lines = [f"nodes moved by up to {moved:.3g} m"]
     if of.walls is not None:

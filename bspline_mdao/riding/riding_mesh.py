@@ -30,7 +30,7 @@ from ..evaluation.inversion import PointInversion, embed_points, invert_points
 from ..model.fitted_model import FittedModel
 from ..shown import OneLine
 from ..walls.closest_points import TriangleTree
-from ..walls.embedded_points import planes_of
+from ..walls.embedded_points import ON_PLANE, planes_of
 from ..walls.frames import Frames
 from ..walls.layer import Layered, WallLayer
 from ..walls.wall import Wall
@@ -391,9 +391,10 @@ def _fading(points: np.ndarray, wall: np.ndarray, quads: np.ndarray) -> csr_arra
 def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, planes: list) -> PointInversion:
     """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
 
-    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it.
+    The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it. What
+    is off by round-off is in the plane: all parameters of a section are in its planes but for those across.
     """
-    parameters = found.parameters.copy()
+    parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
     for rows, normal in planes:
         for d in range(3):
             ids = rows[parameters[rows, d] != np.round(parameters[rows, d])]
@@ -402,7 +403,7 @@ def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, pl
                 parameters[ids, d] = values
                 places = embed_points(model.mesh, replace(_part(found, ids), parameters=parameters[ids]))
                 off.append(np.abs((places.forward(model.control_points) - points[ids]) @ normal))
-            parameters[ids, d] = np.where(off[1] < 1e-3 * off[0], np.round(kept), kept)
+            parameters[ids, d] = np.where((off[0] > near) & (off[1] < 1e-3 * off[0]), np.round(kept), kept)
     return replace(found, parameters=parameters)
 
 

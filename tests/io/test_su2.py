@@ -40,7 +40,8 @@ def test_all_but_the_nodes_that_moved_is_kept_to_the_last_byte(file):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("NDIME= 3", "NDIME= 2", "has NDIME=2; only meshes of three dimensions"),
+        ("NDIME= 3", "NDIME= 4", "has NDIME=4; only 2 and 3 dimensions"),
+        ("NDIME= 3", "NDIME= 2", "has elements of kind 12; known are 5, 9"),
         ("NDIME= 3", "NDIM= 3", "has no NDIME"),
         (f"NPOIN= {mesh().n_points}", "NPOIN= 7", "announces 7 nodes"),
         (f"NELEM= {mesh().n_cells}", "NELEM= x", "NELEM=x is no number"),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ...cells.mixed_cells import MixedMesh
+    from .layer_of_cells import SectionSpan
 
 __all__ = ["FORMATS", "MeshFile", "check_same_format", "mesh_names", "read_mesh"]
 
@@ -29,6 +30,9 @@ FORMATS = {
     POLYMESH: "bspline_mdao.io.meshes.polymesh.read_polymesh",
 }
 """Reader of the files of each suffix, and of OpenFOAM's folder."""
+
+IN_PLANES = (".su2", ".msh", ".vtu")
+"""Formats that may be of two dimensions, whose readers take the planes of a section as well."""
 
 
 class MeshFile(Protocol):
@@ -48,13 +52,16 @@ def mesh_names() -> str:
     return " or ".join(names)
 
 
-def read_mesh(path: str | os.PathLike) -> MeshFile:
+def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshFile:
     r"""Read a mesh that is not fitted.
 
     Parameters
     ----------
     path : path-like
         The file, whose suffix tells the format, or OpenFOAM's folder ``polyMesh``.
+    span : SectionSpan, optional
+        Planes of a section, by `section_span`, for a mesh of two dimensions (SU2, Gmsh or VTK): it is taken as one
+        layer of cells between them, whose first nodes are those of the file, and whose others are copies of these.
 
     Returns
     -------
@@ -64,7 +71,7 @@ def read_mesh(path: str | os.PathLike) -> MeshFile:
     Raises
     ------
     InputError
-        If no format has the suffix, or the file cannot be used.
+        If no format has the suffix, the file cannot be used, or it is of two dimensions and there is no span.
 
     Examples
     --------
@@ -80,7 +87,9 @@ def read_mesh(path: str | os.PathLike) -> MeshFile:
     ...     print(path.read_text().splitlines()[7])
     0.0 0.0 2.0
     """
-    return resolve_name(FORMATS[_suffix(path)])(path)
+    suffix = _suffix(path)
+    read = resolve_name(FORMATS[suffix])
+    return read(path, span) if suffix in IN_PLANES else read(path)
 
 
 def check_same_format(path: str | os.PathLike, output: str | os.PathLike) -> None:

@@ -1,0 +1,114 @@
+"""Meshes of two dimensions ride along with sections, as one layer of cells between their planes."""
+
+import numpy as np
+import pytest
+from riding_cases import model, plane_mesh, plane_su2_text, section
+
+from bspline_mdao import (
+    InputError,
+    LinearElasticity,
+    MovementError,
+    RidingMesh,
+    SectionSpan,
+    moving_mesh,
+    read_mesh,
+    section_span,
+)
+from bspline_mdao.design.named_deformations import parse_deformation
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "section.su2"
+    path.write_text(plane_su2_text())
+    return path
+
+
+def moved(text):
+    """Control points of the section after a deformation."""
+    mesh, initial = moving_mesh(section()), section().control_points
+    surface = parse_deformation([text], section(), mesh).apply(initial[mesh.surface_ids])
+    return LinearElasticity(mesh, n_increments=1).move(initial, surface).points
+
+
+def test_the_planes_are_those_of_symmetry_and_a_wing_has_none():
+    span = section_span(section())
+    assert (span.axis, span.in_plane, span.low, span.high) == (2, (0, 1), 0.0, pytest.approx(1.0, abs=1e-14))
+    assert section_span(model()) is None
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_mesh_is_one_layer_of_cells_between_any_two_planes(file, axis):
+    span = SectionSpan(axis, -0.5, 1.5)
+    mesh, (points, triangles, quads, lines) = read_mesh(file, span).mesh, plane_mesh()
+    n = len(points)
+    assert {kind: len(cells) for kind, cells in mesh.cells.items()} == {
+        "wedge": len(triangles),
+        "hexahedron": len(quads),
+    }
+    for half, end in ((mesh.points[:n], -0.5), (mesh.points[n:], 1.5)):
+        np.testing.assert_array_equal(half[:, span.in_plane], points)
+        assert (half[:, axis] == end).all()
+    assert not mesh.quality().is_inverted.any()
+    x, y = (points[triangles][:, [1, 2]] - points[triangles][:, [0]]).swapaxes(0, 1)
+    areas = 0.5 * np.abs(x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0])
+    np.testing.assert_allclose(mesh.quality().volumes[: len(triangles)], 2.0 * areas, rtol=1e-12)
+    assert len(mesh.into_fluid(mesh.markers["airfoil"])) == len(lines)
+
+
+def test_a_mesh_about_a_section_moves_alike_in_both_planes_and_none_of_its_cells_folds(file):
+    found = read_mesh(file, section_span(section()))
+    riding = RidingMesh.of(section(), found.mesh)
+    assert riding.walls.faces.names == ("airfoil",)
+    state = riding.at(moved("pitch=5deg"))
+    low, high = np.split(state.points, 2)
+    assert np.abs(low[:, :2] - high[:, :2]).max() < 1e-12 < 0.02 < np.abs(low[:, :2] - plane_mesh()[0]).max()
+    assert not found.mesh.quality(state.points).is_inverted.any()
+    found.write(file.with_name("moved.su2"), state.points)
+    old, new = (path.read_text().split("\n") for path in (file, file.with_name("moved.su2")))
+    first = old.index(f"NPOIN= {len(low)}") + 1
+    assert [(*old[:first], *old[first + len(low) :])] == [(*new[:first], *new[first + len(low) :])]
+    back = read_mesh(file.with_name("moved.su2"), section_span(section())).mesh.points
+    np.testing.assert_array_equal(back[: len(low), :2], low[:, :2])
+
+
+def test_parameters_in_planes_stay_where_they_were_found(file):
+    riding = RidingMesh.of(section(), read_mesh(file, section_span(section())).mesh)
+    missed = np.abs(riding.evaluator.forward(section().control_points) - riding.mesh.points)
+    assert np.quantile(missed, 0.99) < 1e-12  # but for nodes of the wall, inside the body by the error of the fit
+
+
+def test_gmsh_and_vtk_meshes_in_any_plane_ride_as_well(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    points, triangles, quads, lines = plane_mesh()
+    for name, axes in (("plane.msh", [0, 1]), ("plane.vtu", [0, 2])):
+        nodes = np.zeros((len(points), 3))
+        nodes[:, axes] = points
+        cells, data = [("triangle", triangles), ("quad", quads)], {}
+        if name.endswith("msh"):
+            cells.append(("line", lines))
+            data = {"gmsh:physical": [np.full(len(block), n, dtype=np.int32) for n, (_, block) in enumerate(cells, 1)]}
+            data["gmsh:geometrical"] = data["gmsh:physical"]
+        content = meshio.Mesh(nodes, cells, cell_data=data, field_data={"airfoil": np.array([3, 1])} if data else {})
+        content.write(tmp_path / name, file_format="gmsh22" if data else "vtu")
+        found = read_mesh(tmp_path / name, section_span(section()))
+        assert list(found.mesh.markers) == (["airfoil"] if data else [])
+        found.write(tmp_path / f"moved_{name}", found.mesh.points * [1.5, 2.0, 1.0])
+        written = meshio.read(tmp_path / f"moved_{name}").points
+        np.testing.assert_array_equal(written[:, axes], points * [1.5, 2.0])
+        assert not np.delete(written, axes, axis=1).any()
+
+
+def test_what_a_file_of_two_dimensions_cannot_hold_is_refused(file):
+    with pytest.raises(InputError, match=r"section\.su2: is of two dimensions, and rides along with a section alone"):
+        read_mesh(file)
+    found = read_mesh(file, section_span(section()))
+    sheared = found.mesh.points + np.where(found.mesh.points[:, 2:] > 0.0, [0.0, 1e-3, 0.0], 0.0)
+    with pytest.raises(MovementError, match=r"node \d+ is 0\.001 m farther in one plane of the section"):
+        found.write(file, sheared)
+    assert file.read_text() == plane_su2_text()
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.0, 1.0, 0.2]])
+    meshio.write_points_cells(file.with_suffix(".vtu"), points, [("triangle", np.array([[0, 1, 2]]))])
+    with pytest.raises(InputError, match="is a surface that is in no plane of two axes"):
+        read_mesh(file.with_suffix(".vtu"), SectionSpan(2, 0.0, 1.0))
