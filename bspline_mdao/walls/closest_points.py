@@ -5,7 +5,8 @@ the nearest one jumps where two are equally near. So a point takes all local min
 times as far as the nearest, with weights that come in smoothly. Whether a place is one is a matter of the surface
 alone, not of its reach: beside a nose with narrow faces, which reach less far, no farther place steps in.
 
-Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box.
+Triangles are kept in a complete binary tree of boxes, halved along the longest side of their centres' box, to which
+normals count as well. Where the cone of a box's normals has no way to a point, it holds no minimum, and is left out.
 
 Theory: ``docs/theory/wall_layer.rst``.
 """
@@ -15,30 +16,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..numerics.threads import run_tasks, thread_count
+from .closest_search import MAX_CLOSEST, find_closest
+from .normal_cones import cones_of_boxes, unit_normals
 
-__all__ = ["MAX_CLOSEST", "ClosestPoints", "TriangleTree", "fade"]
-
-MAX_CLOSEST = 4
-"""Closest points of a point, at most."""
-
-FARTHEST = 5.0
-"""A local minimum this many times as far as the nearest one has no weight."""
+__all__ = ["ClosestPoints", "TriangleTree"]
 
 LEAF = 4
 """Triangles in a box that is not halved, at most."""
 
+TURN = 0.25
+"""Part of the size of a surface that normals one apart count as when its triangles are halved: else boxes hold both
+sides of a thin wing, and their cones say nothing."""
+
 CHUNK_POINTS = 2**12
 """Points per piece of work."""
-
-SAME_DISTANCE = 1e-9
-"""Distances that differ by less than this part of them are the same: round-off of coordinates decides."""
-
-SAME_POINT = 1e-4
-"""Closest points that are nearer to each other than this part of the distance are the same: those of two triangles that
-share an edge differ by round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +76,8 @@ class TriangleTree:
         Lower and upper corner of every box; box k holds boxes 2 k and 2 k + 1, the first of all is number 1.
     far : ndarray, shape (2 n_leaves,)
         Largest reach in every box.
+    cones : ndarray, shape (2 n_leaves, 5)
+        Cones of normals in every box, see `.normal_cones`.
     leaf_starts : ndarray of int, shape (n_leaves + 1,)
         First triangle of every leaf.
     around_starts : ndarray of int, shape (n + 1,)
@@ -96,6 +91,7 @@ class TriangleTree:
     reach: np.ndarray
     boxes: np.ndarray
     far: np.ndarray
+    cones: np.ndarray
     leaf_starts: np.ndarray
     around_starts: np.ndarray
     around: np.ndarray
@@ -115,7 +111,9 @@ class TriangleTree:
         """
         triangles = _halves(points, quads)
         corners = points[triangles]
-        order, starts = _sorted_in_halves(corners.min(axis=1) + corners.max(axis=1))
+        middles = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
+        size = np.linalg.norm(np.ptp(middles, axis=0)) if len(middles) else 0.0
+        order, starts = _sorted_in_halves(np.concatenate([middles, TURN * size * unit_normals(corners)], axis=1))
         triangles, corners = np.ascontiguousarray(triangles[order], dtype=np.int32), corners[order]
         lower, upper, far = corners.min(axis=1), corners.max(axis=1), reach[triangles].max(axis=1, initial=0.0)
         if not len(triangles):  # one box that nothing is near to
@@ -128,7 +126,8 @@ class TriangleTree:
         boxes, far = (np.concatenate([parts[0][:1], *parts]) for parts in zip(*levels))
         around = (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
         around_starts = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=len(points)))])
-        return cls(points, triangles, reach, boxes * np.repeat([1.0, -1.0], 3), far, starts, around_starts, around)
+        boxes, cones = boxes * np.repeat([1.0, -1.0], 3), cones_of_boxes(points, triangles, starts)
+        return cls(points, triangles, reach, boxes, far, cones, starts, around_starts, around)
 
     def closest_points(self, points: np.ndarray, n_threads: int | None = None) -> ClosestPoints:
         """Find the closest points of points.
@@ -145,7 +144,7 @@ class TriangleTree:
         ClosestPoints
         """
         cuts = list(range(0, len(points), CHUNK_POINTS)) + [len(points)]
-        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.leaf_starts
+        tree = self.points, self.triangles, self.reach, self.boxes, self.far, self.cones, self.leaf_starts
         around = self.around_starts, self.around
         size = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         found: list = [None] * (len(cuts) - 1)
@@ -154,7 +153,7 @@ class TriangleTree:
             part = points[cuts[number] : cuts[number + 1]]
             counts, triangles = np.zeros(len(part), dtype=np.int64), np.empty((len(part), MAX_CLOSEST), dtype=np.int32)
             barycentric, weights = np.empty((len(part), MAX_CLOSEST, 3)), np.empty((len(part), MAX_CLOSEST))
-            _find_closest(part, *tree, *around, size, counts, triangles, barycentric, weights)
+            find_closest(part, *tree, *around, size, counts, triangles, barycentric, weights)
             is_found, near = np.arange(MAX_CLOSEST) < counts[:, None], np.flatnonzero(counts)
             results = triangles[is_found], barycentric[is_found], weights[is_found]
             found[number] = cuts[number] + near, counts[near], *results
@@ -179,7 +178,7 @@ def _halves(points, quads):
 
 
 def _sorted_in_halves(centres):
-    """Order of points, shape (n, 3), and the first of every leaf, when they are halved again and again."""
+    """Order of points, shape (n, n_axes), and the first of every leaf, when they are halved again and again."""
     order, starts = np.arange(len(centres)), np.array([0, len(centres)])
     while np.diff(starts).max() > LEAF:
         x = centres[order]
@@ -190,304 +189,3 @@ def _sorted_in_halves(centres):
         middle = (starts[:-1] + starts[1:]) // 2
         starts = np.append(np.stack([starts[:-1], middle], axis=1).ravel(), len(order))
     return order, starts
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def fade(s):
-    """Polynomial from 1 at s = 0 to 0 at s = 1, and constant beyond, with two continuous derivatives."""
-    if s >= 1.0:
-        return 0.0
-    if s <= 0.0:
-        return 1.0
-    return (1.0 - s) ** 3 * (1.0 + s * (3.0 + 6.0 * s))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _box_distance_square(box, p):
-    total = 0.0
-    for d in range(3):
-        outside = max(max(box[d] - p[d], p[d] - box[3 + d]), 0.0)
-        total += outside * outside
-    return total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _closest(a, b, c, p, barycentric):
-    """Write the barycentric coordinates of the point of a triangle that is closest to p; return the squared distance.
-
-    C. Ericson, Real-Time Collision Detection (2005), section 5.1.5: regions of corners, edges and the face in turn, and
-    exact zeros for corners that the point does not depend on.
-    """
-    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
-    for d in range(3):
-        ab, ac = b[d] - a[d], c[d] - a[d]
-        d1 += ab * (p[d] - a[d])
-        d2 += ac * (p[d] - a[d])
-        d3 += ab * (p[d] - b[d])
-        d4 += ac * (p[d] - b[d])
-        d5 += ab * (p[d] - c[d])
-        d6 += ac * (p[d] - c[d])
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    u, v, w = 0.0, 0.0, 0.0
-    if d1 <= 0.0 and d2 <= 0.0:
-        u = 1.0
-    elif d3 >= 0.0 and d4 <= d3:
-        v = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v = d1 / (d1 - d3)
-        u = 1.0 - v
-    elif d6 >= 0.0 and d5 <= d6:
-        w = 1.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        w = d2 / (d2 - d6)
-        u = 1.0 - w
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        v = 1.0 - w
-    else:
-        total = va + vb + vc
-        v, w = vb / total, vc / total
-        u = 1.0 - v - w
-    barycentric[0], barycentric[1], barycentric[2] = u, v, w
-    square = 0.0
-    for d in range(3):
-        along = p[d] - (u * a[d] + v * b[d] + w * c[d])
-        square += along * along
-    return square
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _nearest_square(p, points, triangles, boxes, leaf_starts, nearest):
-    """Squared distance of the nearest triangle, if that is less than ``nearest``, or else this."""
-    n_leaves = len(leaf_starts) - 1
-    stack, place = np.empty(64, dtype=np.int64), np.empty(3)
-    stack[0], n_left = 1, 1
-    while n_left > 0:
-        n_left -= 1
-        k = stack[n_left]
-        if _box_distance_square(boxes[k], p) >= nearest:
-            continue
-        if k < n_leaves:
-            n_left = _push_halves(boxes, k, p, stack, n_left)
-            continue
-        for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-            nearest = min(nearest, _closest(a, b, c, p, place))
-    return nearest
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _push_halves(boxes, k, p, stack, n_left):
-    """Put both halves of a box on the stack, the nearer one on top; return the height of the stack."""
-    one, other = 2 * k, 2 * k + 1
-    if _box_distance_square(boxes[one], p) < _box_distance_square(boxes[other], p):
-        one, other = other, one
-    stack[n_left], stack[n_left + 1] = one, other
-    return n_left + 2
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _collect(p, points, triangles, reach, boxes, far, leaf_starts, bound, found, barycentric, squares):
-    """Triangles that p is within the reach of, at a squared distance up to ``bound``; their number.
-
-    Where there is no more room, the number says how many there would be.
-    """
-    n_leaves = len(leaf_starts) - 1
-    stack, place = np.empty(64, dtype=np.int64), np.empty(3)
-    stack[0], n_left, n_found = 1, 1, 0
-    while n_left > 0:
-        n_left -= 1
-        k = stack[n_left]
-        square = _box_distance_square(boxes[k], p)
-        if square > bound or square >= far[k] * far[k]:
-            continue
-        if k < n_leaves:
-            n_left = _push_halves(boxes, k, p, stack, n_left)
-            continue
-        for t in range(leaf_starts[k - n_leaves], leaf_starts[k - n_leaves + 1]):
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            square = _closest(points[a], points[b], points[c], p, place)
-            up_to = place[0] * reach[a] + place[1] * reach[b] + place[2] * reach[c]
-            if square < up_to * up_to and square <= bound:
-                if n_found < len(found):
-                    found[n_found], squares[n_found] = t, square
-                    for d in range(3):
-                        barycentric[n_found, d] = place[d]
-                n_found += 1
-    return n_found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _find_closest(
-    part,
-    points,
-    triangles,
-    reach,
-    boxes,
-    far,
-    leaf_starts,
-    around_starts,
-    around,
-    size,
-    counts,
-    out_triangles,
-    out_barycentric,
-    out_weights,
-):
-    found, squares, barycentric = np.empty(64, dtype=np.int64), np.empty(64), np.empty((64, 3))
-    closest, away = np.empty(MAX_CLOSEST, dtype=np.int64), np.empty((MAX_CLOSEST, 3))
-    for i in range(len(part)):
-        p = part[i]
-        # first the nearest alone, then all that may have a weight
-        nearest = _nearest_square(p, points, triangles, boxes, leaf_starts, far[1] * far[1])
-        if nearest >= far[1] * far[1]:
-            continue
-        bound = FARTHEST**2 * (nearest + (1e-13 * size) ** 2)  # else round-off could leave out the nearest itself
-        while True:
-            n = _collect(p, points, triangles, reach, boxes, far, leaf_starts, bound, found, barycentric, squares)
-            if n <= len(found):
-                break
-            found, squares, barycentric = np.empty(2 * n, dtype=np.int64), np.empty(2 * n), np.empty((2 * n, 3))
-        nearest = np.sqrt(nearest)
-        n_closest = _choose(
-            p,
-            n,
-            nearest,
-            found,
-            squares,
-            barycentric,
-            points,
-            triangles,
-            around_starts,
-            around,
-            1e-13 * size,
-            closest,
-            away,
-        )
-        counts[i] = _set_weights(
-            n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, out_weights[i]
-        )
-        for k in range(counts[i]):
-            out_triangles[i, k] = found[closest[k]]
-            for d in range(3):
-                out_barycentric[i, k, d] = barycentric[closest[k], d]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _choose(
-    p, n, nearest, found, squares, barycentric, points, triangles, around_starts, around, round_off, closest, away
-):
-    """Choose the closest points of p among what was found; the nearest first, if it was found."""
-    order, distances = np.empty(n, dtype=np.int64), np.empty(n)
-    for k in range(n):
-        distances[k] = np.sqrt(squares[k])
-        place = k
-        while place > 0 and distances[order[place - 1]] > distances[k]:
-            order[place] = order[place - 1]
-            place -= 1
-        order[place] = k
-    # of coincident surfaces, the one whose fluid p is in; by their order in the tree where both or none are
-    same = nearest * (1.0 + SAME_DISTANCE) + round_off
-    for rank in range(n):
-        k = order[rank]
-        if distances[k] > same:
-            break
-        if _is_on_fluid_side(p, found[k], barycentric[k], points, triangles):
-            for later in range(rank, 0, -1):
-                order[later] = order[later - 1]
-            order[0] = k
-            break
-    n_closest = 0
-    for rank in range(n):
-        k = order[rank]
-        if n_closest == MAX_CLOSEST:
-            break
-        t = found[k]
-        for d in range(3):
-            away[n_closest, d] = p[d]
-            for corner in range(3):
-                away[n_closest, d] -= barycentric[k, corner] * points[triangles[t, corner], d]
-        if (rank == 0 and distances[k] <= same) or _is_another_minimum(
-            p, k, n_closest, found, distances, barycentric, points, triangles, around_starts, around, round_off, away
-        ):
-            closest[n_closest] = k
-            n_closest += 1
-    return n_closest
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_another_minimum(
-    p, k, n_closest, found, distances, barycentric, points, triangles, around_starts, around, round_off, away
-):
-    """Whether a place is a local minimum of the distance, seen from the fluid, and none of those chosen before."""
-    if not distances[k] > round_off or not _is_on_fluid_side(p, found[k], barycentric[k], points, triangles):
-        return False
-    for other in range(n_closest):
-        square = 0.0
-        for d in range(3):
-            square += (away[n_closest, d] - away[other, d]) ** 2
-        if square < (SAME_POINT * distances[k] + round_off) ** 2:
-            return False
-    if min(barycentric[k, 0], barycentric[k, 1], barycentric[k, 2]) > 0.0:
-        return True
-    # on an edge or a corner: no other triangle there may be nearer
-    corners, place = triangles[found[k]], np.empty(3)
-    first = corners[np.argmax(barycentric[k])]
-    for at in range(around_starts[first], around_starts[first + 1]):
-        t, is_there = triangles[around[at]], True
-        for corner in range(3):
-            v = corners[corner]
-            is_there = is_there and (barycentric[k, corner] == 0.0 or t[0] == v or t[1] == v or t[2] == v)
-        if is_there:
-            square = _closest(points[t[0]], points[t[1]], points[t[2]], p, place)
-            if np.sqrt(square) < distances[k] * (1.0 - SAME_DISTANCE) - round_off:
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_on_fluid_side(p, t, barycentric, points, triangles):
-    """Whether p is on the side of a triangle that its normal points to, seen from a place of the triangle."""
-    a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-    height = length = area = 0.0
-    for d in range(3):
-        e, f = (d + 1) % 3, (d + 2) % 3
-        normal = (b[e] - a[e]) * (c[f] - a[f]) - (b[f] - a[f]) * (c[e] - a[e])
-        along = p[d] - (barycentric[0] * a[d] + barycentric[1] * b[d] + barycentric[2] * c[d])
-        height += normal * along
-        length += along * along
-        area += normal * normal
-    return height >= -1e-6 * np.sqrt(length * area)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _set_weights(n_closest, nearest, closest, away, found, squares, barycentric, triangles, reach, weights):
-    """Set the weights of the closest points; return the number of those that have one.
-
-    1. A weight fades with the distance relative to the reach, and with that relative to the nearest place's.
-    2. Points in nearly the same direction, as beside the edge between two facets, get the weight of one.
-    3. The weights sum to one on the surface, and fade with the reach.
-    """
-    total, n_weighted = 0.0, 0
-    fades, sizes = np.empty(MAX_CLOSEST), np.empty(MAX_CLOSEST)
-    for k in range(n_closest):  # step 1
-        distance, up_to = np.sqrt(squares[closest[k]]), 0.0
-        for corner in range(3):
-            up_to += barycentric[closest[k], corner] * reach[triangles[found[closest[k]], corner]]
-        fades[k] = sizes[k] = fade(distance / up_to)
-        if distance > nearest:
-            sizes[k] *= 1.0 - fade((nearest / distance - 1.0 / FARTHEST) / (1.0 - 1.0 / FARTHEST))
-    for k in range(n_closest):  # step 2
-        n_alike = 1.0
-        for other in range(n_closest):
-            cosine = away[k, 0] * away[other, 0] + away[k, 1] * away[other, 1] + away[k, 2] * away[other, 2]
-            if other != k and cosine > 0.0:
-                n_alike += sizes[other] * (cosine * cosine / (squares[closest[k]] * squares[closest[other]])) ** 2
-        weights[k] = sizes[k] / n_alike
-        total += weights[k]
-    for k in range(n_closest):  # step 3
-        weight = weights[k] / max(total, 1e-300) * fades[k]  # 1e-300: of weights that have faded all the way
-        if weight > 0.0:
-            weights[n_weighted], closest[n_weighted] = weight, closest[k]
-            n_weighted += 1
-    return n_weighted

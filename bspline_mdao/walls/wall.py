@@ -15,7 +15,8 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from ..errors import InputError
-from .closest_points import TriangleTree, fade
+from .closest_points import TriangleTree
+from .closest_search import fade
 from .frames import WallFrames
 
 __all__ = ["Wall"]

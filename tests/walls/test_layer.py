@@ -11,7 +11,8 @@ from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.boundary_surface import BoundarySurface, corners_in_turn, quads_in_turn
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.sharing import node_sharing
-from bspline_mdao.walls.closest_points import FARTHEST, TriangleTree
+from bspline_mdao.walls.closest_points import TriangleTree
+from bspline_mdao.walls.closest_search import FARTHEST
 from bspline_mdao.walls.frames import WallFrames
 from bspline_mdao.walls.layer import CHUNK_NODES, WallLayer
 from bspline_mdao.walls.wall import Wall
@@ -103,6 +104,24 @@ def test_points_beside_a_plate_without_thickness_stand_on_their_own_side():
     closest = tree.closest_points(np.array([[0.3, 0.4, 0.1], [0.3, 0.4, -0.1], [0.5, 0.5, 0.2]]))
     np.testing.assert_array_equal(np.diff(closest.starts), 1)
     np.testing.assert_array_equal(tree.triangles[closest.triangles].max(axis=1) < 4, [True, False, True])
+
+
+def test_boxes_that_are_left_out_hold_no_closest_point():
+    # a thin wavy body, open at both ends, with a sharp edge behind
+    rng = np.random.default_rng(5)
+    turn, z = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 60), np.linspace(0.0, 2.0, 17))
+    x, y = np.cos(0.5 * turn) ** 2, 0.06 * np.sin(turn) * (1.0 + 0.3 * np.cos(9.0 * turn + 4.0 * z))
+    ids = np.arange(turn.size).reshape(turn.shape)
+    ids[:, -1] = ids[:, 0]
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3) + 1e-4 * rng.standard_normal((turn.size, 3))
+    for quads in (quads_in_turn(ids), quads_in_turn(ids)[:, ::-1]):  # seen from outside and from inside
+        tree = TriangleTree.of(points, quads, np.full(len(points), 0.5))
+        at = rng.uniform([-0.2, -0.2, -0.1], [1.2, 0.2, 2.1], (2011, 3))
+        with_cones, without = (t.closest_points(at) for t in (tree, replace(tree, cones=np.zeros_like(tree.cones))))
+        assert np.diff(with_cones.starts).max() > 1
+        for name in ("points", "starts", "triangles", "barycentric", "weights"):
+            np.testing.assert_array_equal(getattr(with_cones, name), getattr(without, name))
+    assert np.count_nonzero(tree.cones[:, 3]) > 0.3 * len(tree.cones)
 
 
 def test_ahead_of_a_nose_of_narrow_faces_no_farther_place_steps_in():
