@@ -111,7 +111,7 @@ def _run(shape, with_peer: bool, before: int = 0) -> dict:
     topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
     del grid
     flow = FlowGrid.of(topology, nodes)
-    n, levels = flow.faces.n_cells, coarse_levels(topology, nodes, useful_levels(flow.faces.n_cells))
+    n, levels = flow.faces.n_cells, coarse_levels(topology, nodes, useful_levels(topology))
     areas, stream = flow.areas(nodes), free_stream(MACH, ALPHA, flow.axes)
     field = flow.discretization, areas, stream
 

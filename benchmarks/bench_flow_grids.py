@@ -101,7 +101,7 @@ def main(step: int = 4, *names: str) -> None:
         axes, grid = case.axes, thinned(case.grid(), step if case.is_thinned else 1)
         topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
         flow = FlowGrid.of(topology, nodes, axes, shock_threshold=SHOCK_THRESHOLD)
-        n_levels = useful_levels(flow.faces.n_cells)
+        n_levels = useful_levels(topology)
         levels = coarse_levels(topology, nodes, n_levels, axes, shock_threshold=SHOCK_THRESHOLD)
         areas, is_first = flow.areas(nodes), True
         for mach, alpha in case.conditions:

@@ -65,7 +65,7 @@ def fly(grid: Grid, moved: np.ndarray, mach: float, alpha: float) -> tuple[float
     """CPU time (s) of a run on moved nodes of a grid, number of cells, and why it failed, if it did."""
     topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
     flow = FlowGrid.of(topology, nodes, "xzy", shock_threshold=SHOCK_THRESHOLD)
-    levels = coarse_levels(topology, nodes, useful_levels(flow.faces.n_cells), "xzy", shock_threshold=SHOCK_THRESHOLD)
+    levels = coarse_levels(topology, nodes, useful_levels(topology), "xzy", shock_threshold=SHOCK_THRESHOLD)
     forces = FlowForces.of(flow, nodes, 1.0, 1.0, (0.0, 0.0, 0.0))
     problem, state = (
         om.Problem(reports=None),

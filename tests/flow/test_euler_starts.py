@@ -7,12 +7,14 @@ import pytest
 from euler_cases import one_of_each_kind
 
 from bspline_mdao import flat_plate_grid, onera_m6_grid
-from bspline_mdao.flow.euler import cold_start
+from bspline_mdao.flow.euler import cold_start, newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import relative_residual, solve_by_dissipation, solve_flow
-from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
+from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
+from bspline_mdao.generators.hh_wing import Spacing, infinite_wing_grid
+from bspline_mdao.generators.wing import naca_section
 from bspline_mdao.topology.detection import find_topology
 
 pytestmark = pytest.mark.slow
@@ -112,3 +114,35 @@ def test_all_ways_of_a_cold_start_share_their_products(wing, monkeypatch):
     first, *others = cold_runs(wing)
     assert sum(first) >= 1
     assert others == [[0], [0]]
+
+
+@pytest.mark.parametrize(("off_wall", "is_long"), [(1e-2, False), (1e-5, True)])
+def test_long_time_steps_come_first_where_cells_at_walls_are_flat(off_wall, is_long):
+    section = Flight(infinite_wing_grid(naca_section(0.12), (13, 17), Spacing(off_wall, 1e-2, 1e-2)), 2.0)
+    levels = coarse_levels(section.topology, section.nodes, 1)
+    first = next(cold_solutions(section.flow, levels, section.nodes, *section.field[1:]))
+    start = states_from_coarse(levels, section.nodes, section.stream, is_long)
+    alone = solve_flow(*section.field, pattern=section.flow.pattern, states=start, is_long=is_long)
+    assert [step.n_products for step in first.history] == [step.n_products for step in alone.history]
+    assert first.is_converged
+
+
+def test_members_are_coarser_down_to_250_cells_also_where_a_grid_is_one_cell_deep():
+    for grid in (
+        onera_m6_grid((17, 17, 17)),
+        infinite_wing_grid(naca_section(0.12), (29, 29), Spacing(0.01, 0.01, 0.01)),
+    ):
+        topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
+        n_levels = useful_levels(topology)
+        n_cells = [level.flow.faces.n_cells for level in coarse_levels(topology, nodes, n_levels + 1)]
+        assert n_levels >= 1
+        assert n_cells[-1] < 250 <= n_cells[-2]
+
+
+def test_linear_solves_are_rough_where_the_last_step_left_much():
+    def forcing(*residuals):
+        return newton._forcing([newton.NewtonStep(residual, 1.0, 1, 1.0) for residual in residuals], 1e-10)
+
+    assert forcing(1e-1) == forcing(1e-5, 2e-4) == forcing(1e-5, 9e-6) == newton.ROUGH
+    assert forcing(1e-5, 2e-6) == pytest.approx(0.04)
+    assert forcing(1e-5) == forcing(1e-5, 1e-7) == newton.FORCING

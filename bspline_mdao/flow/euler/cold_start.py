@@ -6,15 +6,23 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
+from ...numerics.processes import summed
+from .discretization import Discretization
 from .flow_grid import FlowGrid
 from .newton import MOST_PRODUCTS, FlowSolution, solve_by_dissipation, solve_flow
+from .preconditioner import time_terms
+from .reconstruction import SLIP
 from .sequencing import CoarseLevel, coarse_flows, spread_from
 
 __all__ = ["cold_solutions"]
+
+FLAT, MOST_FLAT = 25.0, 0.1
+"""Time steps of cells that are longer by more than this when long, and the part of the cells at walls and planes of
+symmetry above which long ones come first."""
 
 HARD = 20
 """Newton steps of a flow on a coarser member beyond which the grid itself is tried with long time steps first."""
@@ -37,8 +45,8 @@ def cold_solutions(
     """Yield solutions of the steady flow, each by another way from the uniform stream; take the first that will do.
 
     1. From the flow on coarser members of the grid.
-    2. From those again with long time steps, there too; before 1, where the flow on one of the members took many steps
-       or was not found.
+    2. From those again with long time steps, there too; before 1, where many cells at walls are flat, or where the flow
+       on one of the members took many steps or was not found.
     3. By way of flows with more dissipation.
 
     All ways share the products with the Jacobian.
@@ -55,19 +63,27 @@ def cold_solutions(
     """
     how = {"pattern": flow.pattern, "tolerance": tolerance, "max_steps": max_steps, "progress": progress}
     field = flow.at(nodes), areas, stream
-    coarse, n_left = coarse_flows(levels, nodes, stream), MOST_PRODUCTS_OF_ALL
+    n_left = MOST_PRODUCTS_OF_ALL
+    coarse = cache(lambda is_long: coarse_flows(levels, nodes, stream, is_long))
 
-    def plain(**rest):
-        return solve_flow(*field, states=spread_from(levels, coarse), **rest)
+    def by_members(is_long, **rest):
+        return solve_flow(*field, states=spread_from(levels, coarse(is_long)), is_long=is_long, **rest)
 
-    def with_long_steps(**rest):
-        start = spread_from(levels, coarse_flows(levels, nodes, stream, is_long=True))
-        return solve_flow(*field, states=start, is_long=True, **rest)
-
-    is_hard = any(len(one.history) > HARD for one in coarse)
-    ways: list[Callable] = [with_long_steps, plain] if is_hard else [plain, with_long_steps]
+    is_long = _is_flat(*field) or any(len(one.history) > HARD for one in coarse(False))
+    ways: list[Callable] = [partial(by_members, kind) for kind in (is_long, not is_long)]
     ways.append(partial(solve_by_dissipation, *field))
     for solve in ways:
         solution = solve(max_products=min(MOST_PRODUCTS, n_left), **how)
         yield solution
         n_left = max(0, n_left - sum(step.n_products for step in solution.history))
+
+
+def _is_flat(discretization: Discretization, areas: np.ndarray, stream: np.ndarray) -> bool:
+    """Whether long time steps are much longer in many cells at walls and planes of symmetry."""
+    stencil, comm = discretization.stencil, discretization.halo.comm
+    uniform = discretization.uniform(stream)
+    usual, long = (time_terms(discretization, uniform, areas, kind)[:, 0, 0] for kind in (False, True))
+    cells = stencil.cells[stencil.roles == SLIP, 1]
+    at_walls = (usual > FLAT * long)[cells[cells < len(uniform)]]
+    n_flat, n_walls = summed(comm, np.array([at_walls.sum(), len(at_walls)], float))
+    return bool(n_flat > MOST_FLAT * n_walls)

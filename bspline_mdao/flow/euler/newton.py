@@ -30,8 +30,8 @@ __all__ = [
 ]
 
 
-FIRST_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 1e12, 1e-2
-"""CFL number of the first step from the uniform stream, and where growth and cuts end."""
+FIRST_CFL, FIRST_LONG_CFL, LARGEST_CFL, SMALLEST_CFL = 20.0, 0.5, 1e12, 1e-2
+"""CFL number of the first step from the uniform stream, that with long time steps, and where growth and cuts end."""
 
 CFL_GROWTH, LARGEST_GROWTH = 1.5, 10.0
 """Growth of the CFL number in addition to that of the inverse residual, since time terms are to fade faster than it
@@ -44,7 +44,7 @@ LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Bounds of a step: largest relative fall of a density or pressure, largest rise of the residual, and the smallest
 part of a Newton step that is worth its residual."""
 
-STALLED, STALLED_LONG = 40, 80
+STALLED, STALLED_LONG = 20, 80
 """The residual has to be halved within so many steps, or the run ends, and another way is tried; of those with long
 time steps, in which a shock travels by about a cell each, at little cost."""
 
@@ -52,7 +52,8 @@ ROUNDED = 1e-9
 """Residual below which steps that gain nothing end the run: what is left is rounding of the fluxes."""
 
 ROUGH, FORCING, ROUGH_UNTIL = 0.1, 1e-2, 1e-4
-"""Tolerances of the linear solves before the residual has fallen by so much, and after."""
+"""Tolerances of the linear solves before the residual has fallen by so much, and after, where Newton's steps leave less
+than a tenth."""
 
 KEPT_FROM, KEPT_FALL = 1e-5, 0.05
 """Residual from which on a step is made with the Jacobian and factor of the one before, as long as that left less than
@@ -139,7 +140,7 @@ def solve_flow(
 
     1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``; near the end that of the last step stays.
     2. Factor a compact neighbour of A for the preconditioner.
-    3. Solve ``A dW = -R`` inexactly [1] by GMRES.
+    3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
     5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
        linear solve failed, the step was shortened much or the residual rose.
@@ -178,6 +179,8 @@ def solve_flow(
       Phys. 59 (1985), 232-246.
     - [3] C. T. Kelley, D. E. Keyes, "Convergence analysis of pseudo-transient continuation", SIAM J. Numer. Anal. 35
       (1998), 508-523.
+    - [4] S. C. Eisenstat, H. F. Walker, "Choosing the forcing terms in an inexact Newton method", SIAM J. Sci. Comput.
+      17 (1996), 16-32.
     """
     field = Field(discretization, areas, stream)
     scale = field.scale(tolerance)
@@ -188,14 +191,14 @@ def solve_flow(
         states = discretization.uniform(stream)
         residual = field.residual(states)
         norm = field.norm(residual)
-    cfl = _first_cfl(scale / norm) if norm else LARGEST_CFL
+    cfl = _first_cfl(scale / norm, is_long) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     system: _StepSystem | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         is_stalled = _is_stalled(history, STALLED_LONG if is_long else STALLED)
         if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
             break
-        part = ROUGH if history[-1].residual > ROUGH_UNTIL else max(FORCING, 0.5 * tolerance / history[-1].residual)
+        part = _forcing(history, tolerance)
         if not _is_kept(history):
             system = None  # it makes room for the next
         system = system or _StepSystem.of(field, pattern, states, cfl, is_long)  # steps 1 and 2
@@ -320,9 +323,20 @@ def _physical_length(states: np.ndarray, update: np.ndarray, comm) -> float:
     return min(1.0, LARGEST_FALL / max(fall, np.finfo(float).tiny))
 
 
-def _first_cfl(fall: float) -> float:
+def _forcing(history: list[NewtonStep], tolerance: float) -> float:
+    """Tolerance of the next linear solve: the square of what the last step left, within bounds.
+
+    Where the residual did not fall as the linear system had it, a better solution of the next one is of no use.
+    """
+    if history[-1].residual > ROUGH_UNTIL:
+        return ROUGH
+    left = history[-1].residual / history[-2].residual if len(history) > 1 else 0.0
+    return max(FORCING, min(ROUGH, left**2), 0.5 * tolerance / history[-1].residual)
+
+
+def _first_cfl(fall: float, is_long: bool) -> float:
     """CFL number of the first step from a start whose residual has fallen so many times from the uniform stream's."""
-    return min(LARGEST_CFL, FIRST_CFL * max(1.0, fall) * max(1.0, fall / NEAR))
+    return min(LARGEST_CFL, (FIRST_LONG_CFL if is_long else FIRST_CFL) * max(1.0, fall) * max(1.0, fall / NEAR))
 
 
 def _next_cfl(cfl: float, length: float, before: float, after: float) -> float:

@@ -115,15 +115,25 @@ def coarse_levels(
     return levels
 
 
-def useful_levels(n_cells: int) -> int:
-    """Count the coarser members that save time where a grid has so many cells.
+def useful_levels(topology: Topology) -> int:
+    """Count the coarser members of a grid that save time: those of no less than 250 cells.
 
     Examples
     --------
-    >>> useful_levels(10_000), useful_levels(36_864), useful_levels(1_000_000)
-    (1, 2, 3)
+    >>> from bspline_mdao import flat_plate_grid
+    >>> from bspline_mdao.topology.detection import find_topology
+    >>> [useful_levels(find_topology(flat_plate_grid((n, n, n)))) for n in (8, 16)]
+    [1, 2]
     """
-    return max(0, int(np.log(n_cells / SMALLEST) / np.log(8.0)))
+    n_levels = 0
+    while True:
+        coarse = refined_topology(topology, 0.5)
+        if (
+            coarse.shapes == topology.shapes
+            or sum(math.prod(n - 1 for n in shape) for shape in coarse.shapes) < SMALLEST
+        ):
+            return n_levels
+        topology, n_levels = coarse, n_levels + 1
 
 
 def states_from_coarse(

@@ -157,7 +157,7 @@ class EulerFlow(om.Group):
         shocks = self.options["shock_threshold"]
         how = {"partition": partition, "comm": self.comm, "shock_threshold": shocks}
         flow = FlowGrid.of(model.topology, nodes, self.options["axes"], **how)
-        n_levels = useful_levels(flow.n_cells_of_grid)
+        n_levels = useful_levels(model.topology)
         levels = coarse_levels(model.topology, nodes, n_levels, self.options["axes"], **how)
         settings = {name: self.options[name] for name in SOLVER_OPTIONS}
         forces = FlowForces.of(flow, nodes, *(self.options[name] for name in REFERENCES), hinges=self._hinges(flow))
