@@ -51,6 +51,9 @@ MIN_SAMPLES = 6
 START_RANKS = (0, 7, 63, 1, 20, 200)
 """Which of the nearest samples to start from. Where samples are stretched, the nearest ones all lie in one column."""
 
+N_OTHERS = 3
+"""Volumes with the next nearest samples that are tried from one start each, before all are from several."""
+
 ON_FACE = 1e-6
 """Parameters this close to 0 or 1 count as on the face: more than round-off, so that no shared point is missed."""
 
@@ -170,9 +173,29 @@ def _invert_chunk(search: _Search, nearest, points: np.ndarray):
     for v in np.unique(volume):
         ids = np.flatnonzero(volume == v)
         parameters[ids], distance[ids] = search.descend(v, points[ids], starts[ids, None])
+    _try_nearest_others(search, points, volume, parameters, distance)
     for v in range(len(search.samples)):  # step 2
         _try_volume(search, v, points, volume, parameters, distance)
     return volume, parameters, distance
+
+
+def _try_nearest_others(search: _Search, points, volume, parameters, distance):
+    """Search the volumes of the nearest samples but for the first one's; arrays are updated in place.
+
+    Most points that are not in the first volume are in one of these, and need not be looked for in all before it.
+    """
+    ids = np.flatnonzero(distance > search.found)
+    away, samples = (np.stack(x) for x in zip(*(s.tree.query(points[ids]) for s in search.samples)))
+    away[volume[ids], np.arange(len(ids))] = np.inf
+    order = np.argsort(away, axis=0)[: min(N_OTHERS, len(away) - 1)]
+    for nearest in order:
+        for v in np.unique(nearest):
+            at = np.flatnonzero((nearest == v) & (distance[ids] > search.found))
+            rows = ids[at]
+            xi, found = search.descend(v, points[rows], search.samples[v].parameters[samples[v, at], None])
+            is_nearer = found < distance[rows] - search.found
+            rows = rows[is_nearer]
+            volume[rows], parameters[rows], distance[rows] = v, xi[is_nearer], found[is_nearer]
 
 
 def _try_volume(search: _Search, v: int, points, volume, parameters, distance):

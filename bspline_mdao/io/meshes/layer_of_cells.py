@@ -16,6 +16,7 @@ import numpy as np
 
 from ...cells.mixed_cells import MixedMesh
 from ...errors import InputError, MovementError
+from ...shown import OneLine
 from .stored_mesh import StoredMesh, StoredPoints
 
 __all__ = ["SectionSpan", "layer_of_cells"]
@@ -29,7 +30,7 @@ than what systems solved to single precision leave."""
 
 
 @dataclass(frozen=True)
-class SectionSpan:
+class SectionSpan(OneLine):
     """The two parallel planes between which a section lies. Found by `section_span`.
 
     Parameters
