@@ -454,6 +454,7 @@ def cad(**options) -> None:
     metavar="DEG",
     help="Largest kink at which a seam counts as smooth rather than as an edge.",
 )
+@click.option("--mirror", is_flag=True, help="Also where walls meet planes of symmetry, and their mirror images there.")
 @json_option
 def seams(**options) -> None:
     """Measure how smooth the walls of a model are across the seams between its blocks, and at poles.

@@ -19,7 +19,12 @@ MOST_SHOWN = 10
 
 
 def measure_seams(
-    model_file: Path, patch: tuple[str, ...], deform: tuple[str, ...], max_kink: float, json: Path | None
+    model_file: Path,
+    patch: tuple[str, ...],
+    deform: tuple[str, ...],
+    max_kink: float,
+    mirror: bool,
+    json: Path | None,
 ) -> None:
     """Measure kinks and curvatures across the seams of a model, and how flat its poles are.
 
@@ -33,6 +38,8 @@ def measure_seams(
         Deformations of the walls after which seams are measured; what is smooth is decided before.
     max_kink : float
         Largest kink (deg) at which a seam counts as smooth.
+    mirror : bool
+        Take edges in planes of symmetry as well, where the surface meets its mirror image.
     json : Path, optional
         Numbers to write.
 
@@ -46,10 +53,11 @@ def measure_seams(
         progress(0.0, "reading")
         model = FittedModel.load(model_file)
         progress(0.4, "seams")
-        before = {seam.number: seam.max_kink for seam in seam_continuity(model, patches=patch or None)}
+        patches = patch or None
+        before = {seam.number: seam.max_kink for seam in seam_continuity(model, None, patches, mirror=mirror)}
         points = _deformed(model, deform)
-        seams = seam_continuity(model, points, patch or None)
-        poles = pole_continuity(model, points, patch or None)
+        seams = seam_continuity(model, points, patches, mirror=mirror)
+        poles = pole_continuity(model, points, patches)
     smooth = [seam for seam in seams if before[seam.number] <= max_kink]
     numbers = {
         "model": str(model_file),

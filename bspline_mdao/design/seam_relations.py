@@ -42,6 +42,9 @@ class SeamRelations(OneLine):
         Unit normals of the mean tangent plane.
     kinks : ndarray, shape (n,)
         Angles between the two tangent planes, or at a pole of a leg with the plane of all (deg).
+    mirrors : ndarray, shape (n, 3)
+        Unit normals of the planes of symmetry in which alone a combination vanishes, beside the mirror image of a side;
+        zero elsewhere.
     """
 
     weights: csr_array
@@ -49,6 +52,7 @@ class SeamRelations(OneLine):
     sizes: np.ndarray
     normals: np.ndarray
     kinks: np.ndarray
+    mirrors: np.ndarray
 
     def part(self, chosen: np.ndarray) -> SeamRelations:
         """Return some of them."""
@@ -58,6 +62,7 @@ class SeamRelations(OneLine):
             self.sizes[chosen],
             self.normals[chosen],
             self.kinks[chosen],
+            self.mirrors[chosen],
         )
 
     @staticmethod
@@ -70,11 +75,15 @@ class SeamRelations(OneLine):
             np.concatenate([none, *(part.sizes for part in parts)]),
             np.concatenate([np.zeros((0, 3)), *(part.normals for part in parts)]),
             np.concatenate([none, *(part.kinks for part in parts)]),
+            np.concatenate([np.zeros((0, 3)), *(part.mirrors for part in parts)]),
         )
 
 
 def relations_along(seam: Seam, points: np.ndarray, size: float) -> SeamRelations:
     """Find ``L + r R + s T`` of a surface along a seam, r and s those of the mean tangent plane.
+
+    Beside a mirror image R is that of L, and r is one: the sum L + R has no part across the plane of symmetry, and its
+    part in the plane is that of ``2 L``, of which the weights are.
 
     Splines are looked at in as many places of every span as their order plus one, those of Gauss; quads between points,
     which are smooth nowhere else, at the points.
@@ -103,7 +112,8 @@ def relations_along(seam: Seam, points: np.ndarray, size: float) -> SeamRelation
     weights = _weights(seam, t, ratios, along, len(points))
     greville = seam.first.greville()
     at = seam.first.line(0)[np.abs(t[:, None] - greville).argmin(axis=1)]
-    return SeamRelations(weights, at, np.sqrt(parts * len(greville)), middle, kinks)
+    mirrors = np.tile(np.zeros(3) if seam.mirror is None else seam.mirror, (len(t), 1))
+    return SeamRelations(weights, at, np.sqrt(parts * len(greville)), middle, kinks, mirrors)
 
 
 def derivatives(seam: Seam, t: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -112,6 +122,8 @@ def derivatives(seam: Seam, t: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
     for edge in (seam.first, seam.second):
         inner, on, _ = edge.weights(t)
         found.append(inner @ points[edge.line(1)] + on @ own)
+    if seam.mirror is not None:
+        found[1] -= 2.0 * np.outer(found[1] @ seam.mirror, seam.mirror)
     return found[0], found[1], seam.first.weights(t)[2] @ own
 
 
@@ -144,7 +156,8 @@ def pole_relations(pole: Pole, points: np.ndarray, size: float, *, is_linear: bo
     rows[:, ring] = combined / length * length.mean()
     rows[:, pole.at] = -rows.sum(axis=1)
     n = len(rows)
-    return SeamRelations(csr_array(rows), np.full(n, pole.at), np.ones(n), np.tile(normal, (n, 1)), np.full(n, kink))
+    normals, at, kinks = np.tile(normal, (n, 1)), np.full(n, pole.at), np.full(n, kink)
+    return SeamRelations(csr_array(rows), at, np.ones(n), normals, kinks, np.zeros((n, 3)))
 
 
 def _places(seam: Seam) -> tuple[np.ndarray, np.ndarray]:

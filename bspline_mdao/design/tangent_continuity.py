@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array, eye_array, kron
+from scipy.sparse import bsr_array, coo_array, csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import lsqr
 
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from ..mesh.seams import poles_of_mesh, seams_of_mesh
+from ..mesh.seams import mirror_seams_of_mesh, poles_of_mesh, seams_of_mesh
 from ..shown import OneLine
 from .elimination import Equations
 from .leading_equations import leading_equations
@@ -67,6 +67,9 @@ class TangentContinuity(OneLine):
         radians, so that these count where they are larger, up to 0.1.
     followers : Selection, array_like of int or None
         Points beside seams that should rather follow than others: those which no variable moves.
+    mirror : bool
+        Hold edges in planes of symmetry as well, where the other side is the mirror image: the surface stays at right
+        angles to the plane. A plane in which the surface was asked to slide counts as one of symmetry.
     name : str
         For messages.
 
@@ -83,6 +86,7 @@ class TangentContinuity(OneLine):
     max_kink: float = 5.0
     tolerance: float = COARSEST
     followers: Where | None = None
+    mirror: bool = True
     name: str = "tangent continuity"
 
     def __post_init__(self):
@@ -103,7 +107,7 @@ class TangentContinuity(OneLine):
         relations = relations.part(self._chosen(mesh, relations))
         least = np.clip(np.radians(relations.kinks), self.tolerance, COARSEST)
         allowed = _allowed(mesh)
-        matrix = _on(allowed, relations.weights, relations.sizes)
+        matrix = _on(allowed, relations)
         wish = np.full(len(points), BESIDE)
         if self.followers is not None:
             wish[rows_of(self.followers, mesh, f"linear constraint '{self.name}': followers")] = FOLLOWER
@@ -149,7 +153,8 @@ class TangentContinuity(OneLine):
 
     def _relations(self, mesh: MovingMesh, points: np.ndarray, *, is_linear: bool) -> SeamRelations:
         """Relations at all places of all seams and poles."""
-        parts = [relations_along(seam, points, mesh.size) for seam in seams_of_mesh(mesh)]
+        seams = seams_of_mesh(mesh) + (mirror_seams_of_mesh(mesh) if self.mirror else [])
+        parts = [relations_along(seam, points, mesh.size) for seam in seams]
         parts += [pole_relations(pole, points, mesh.size, is_linear=is_linear) for pole in poles_of_mesh(mesh)]
         return SeamRelations.joined(parts, len(points))
 
@@ -192,10 +197,15 @@ def _allowed(mesh: MovingMesh) -> csr_array:
     return allowed
 
 
-def _on(allowed: csr_array, weights: csr_array, sizes: np.ndarray) -> csr_array:
-    """Weights of allowed displacements in vectors that are combinations of points."""
-    scaled = diags_array(sizes, format="csr") @ weights
-    return csr_array(csr_array(kron(scaled, eye_array(3), format="csr")) @ allowed)
+def _on(allowed: csr_array, relations: SeamRelations) -> csr_array:
+    """Weights of allowed displacements in the combinations of points that are to vanish, shape (3 n, n_free)."""
+    scaled = diags_array(relations.sizes, format="csr") @ relations.weights
+    n, mirrors = len(relations.at), relations.mirrors
+    blocks = np.eye(3) - mirrors[:, :, None] * mirrors[:, None, :]  # only what lies in planes of symmetry
+    in_planes = bsr_array((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n)).tocsr()
+    found = csr_array(csr_array(in_planes @ kron(scaled, eye_array(3), format="csr")) @ allowed)
+    found.eliminate_zeros()
+    return found
 
 
 def _normal_parts(relations: SeamRelations, points: np.ndarray, allowed: csr_array) -> tuple[csr_array, np.ndarray]:
@@ -204,6 +214,6 @@ def _normal_parts(relations: SeamRelations, points: np.ndarray, allowed: csr_arr
     columns = 3 * np.arange(n)[:, None] + np.arange(3)
     entries = (relations.normals.ravel(), (np.repeat(np.arange(n), 3), columns.ravel()))
     along = csr_array(coo_array(entries, shape=(n, 3 * n)))
-    matrix = along @ _on(allowed, relations.weights, relations.sizes)
+    matrix = along @ _on(allowed, relations)
     right = relations.sizes * ((relations.weights @ points) * relations.normals).sum(axis=1)
     return csr_array(matrix), right

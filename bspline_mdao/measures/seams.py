@@ -19,7 +19,8 @@ import numpy as np
 
 from ..checks import as_finite_points, require_kind
 from ..errors import InputError
-from ..mesh.seams import Pole, Seam, SideEdge, find_poles, find_seams
+from ..mesh.boundary import symmetry_planes
+from ..mesh.seams import Pole, Seam, SideEdge, find_mirror_seams, find_poles, find_seams
 from ..mesh.spline_sides import SplineSide, spline_sides
 from ..model.fitted_model import FittedModel
 from ..numerics.vectors import dots, lengths
@@ -38,7 +39,7 @@ class SeamContinuity(OneLine):
     Parameters
     ----------
     names : tuple of str
-        The two sides: block, side and patch.
+        The two sides: block, side and patch. The second may be the mirror image of the first.
     points : ndarray, shape (n, 3)
         Places along the seam (m).
     kinks : ndarray, shape (n,)
@@ -78,6 +79,8 @@ def seam_continuity(
     control_points: np.ndarray | None = None,
     patches: str | Sequence[str] | None = None,
     n_places: int = 21,
+    *,
+    mirror: bool = False,
 ) -> tuple[SeamContinuity, ...]:
     """Measure kinks and curvatures across all seams between sides of blocks on a surface.
 
@@ -91,6 +94,8 @@ def seam_continuity(
         Patches by name or pattern (``"wing*"``); all walls by default.
     n_places : int
         Places along each seam, without its ends; those at which a side has no tangent plane are left out.
+    mirror : bool
+        Take edges in planes of symmetry as well, as seams between a side and its mirror image.
 
     Returns
     -------
@@ -113,8 +118,10 @@ def seam_continuity(
     if n_places < 1:
         raise InputError(f"seams: {n_places} places along each; ask for at least 1")
     t = np.arange(1, n_places + 1) / (n_places + 1)
-    names = [side.name for side in sides]
-    seams = find_seams([(side.surface, side.ids) for side in sides])
+    names, pairs = [side.name for side in sides], [(side.surface, side.ids) for side in sides]
+    seams = find_seams(pairs)
+    if mirror:
+        seams += find_mirror_seams(pairs, symmetry_planes(model))
     found = [_measured(seam, t, names, number) for number, seam in enumerate(seams)]
     return tuple(sorted(found, key=lambda seam: -seam.max_kink))
 
@@ -211,8 +218,9 @@ def _measured(seam: Seam, t: np.ndarray, names: Sequence[str], number: int) -> S
     normals, curvatures, has_plane = zip(*(_on_side(edge, t) for edge in (seam.first, seam.second)))
     both = has_plane[0] & has_plane[1]
     kinks = np.degrees(np.arctan2(lengths(np.cross(*normals)), dots(*normals)))
+    second = names[seam.second.number] if seam.mirror is None else "its mirror image"
     return SeamContinuity(
-        (names[seam.first.number], names[seam.second.number]),
+        (names[seam.first.number], second),
         seam.first.side.points(*seam.first.uv(t))[both],
         kinks[both],
         np.stack(curvatures, axis=1)[both],

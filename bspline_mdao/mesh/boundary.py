@@ -35,6 +35,7 @@ __all__ = [
     "moving_grid",
     "moving_mesh",
     "require_mesh_of",
+    "symmetry_planes",
     "wall_patches",
 ]
 
@@ -251,6 +252,23 @@ def boundary_points(topology: Topology, blocks: Sequence[np.ndarray]) -> Iterato
     """Boundary faces, each with the points of every face of a segment that is on it; see `boundary_sections`."""
     for face, ids in boundary_sections(topology, blocks):
         yield face, np.unique(ids)
+
+
+def symmetry_planes(model: FittedModel) -> list[tuple[np.ndarray, float, np.ndarray]]:
+    """Planes of the faces of symmetry of a model: unit normal, offset (m) and control points of each face.
+
+    Raises
+    ------
+    InputError
+        If a patch of symmetry is not planar.
+    """
+    topology, found = model.topology, []
+    for face, ids in boundary_points(topology, model.mesh.control_ids):
+        if face.kind == "symmetry":
+            points = model.control_points[ids]
+            normal = plane_normal(points, f"{topology.source}: patch {face.patch}")
+            found.append((normal, float(points.mean(axis=0) @ normal), ids))
+    return found
 
 
 def wall_patches(topology: Topology) -> tuple[str, ...]:

@@ -7,9 +7,10 @@ points on the seam. Theory: ``docs/theory/linear_constraints.rst``.
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,9 +19,23 @@ from ..splines.basis import basis_gradients
 from ..splines.knots import ConstantKnots
 from ..splines.side import VolumeSide
 from ..splines.volume import Volume
+from .frame import mesh_planes
 from .moving_mesh import MovingMesh
 
-__all__ = ["Pole", "Seam", "SideEdge", "find_poles", "find_seams", "poles_of_mesh", "seams_of_mesh"]
+__all__ = [
+    "Pole",
+    "Seam",
+    "SideEdge",
+    "find_mirror_seams",
+    "find_poles",
+    "find_seams",
+    "mirror_seams_of_mesh",
+    "poles_of_mesh",
+    "seams_of_mesh",
+]
+
+IN_PLANE = 1e-6
+"""Distance from a plane of symmetry, relative to the mesh, up to which a point that stays in some plane is in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +132,14 @@ class Seam(OneLine):
     ----------
     first, second : SideEdge
         The edge as that of either side; both run the same way.
+    mirror : ndarray, shape (3,), or None
+        Unit normal of the plane of symmetry that the edge lies in, where the second side is the mirror image of the
+        first one.
     """
 
     first: SideEdge
     second: SideEdge
+    mirror: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,12 +174,48 @@ def find_seams(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Seam]:
     list of Seam
         Those that have not collapsed to a point.
     """
+    pairs = (edges for edges in _shared_edges(sides) if len(edges) == 2)
+    return [Seam(first, second) for first, second in pairs]
+
+
+def find_mirror_seams(
+    sides: Iterable[tuple[VolumeSide, np.ndarray]], planes: Iterable[tuple[np.ndarray, float, np.ndarray]]
+) -> list[Seam]:
+    """Find the edges of sides that lie in planes of symmetry, each with the mirror image of its side.
+
+    Parameters
+    ----------
+    sides : iterable of (VolumeSide, ndarray of int)
+        As for `find_seams`.
+    planes : iterable of (ndarray, float, ndarray of int)
+        Unit normal and offset (m) of each plane, and the control points in it.
+    """
+    planes, found = list(planes), []
+    for edges in _shared_edges(sides):
+        if len(edges) == 1:
+            line = edges[0].line(0)
+            of_edge = ((normal, offset) for normal, offset, ids in planes if np.isin(line, ids).all())
+            for normal, offset in itertools.islice(of_edge, 1):
+                found.append(Seam(edges[0], _mirrored(edges[0], normal, offset), normal))
+    return found
+
+
+def _mirrored(edge: SideEdge, normal: np.ndarray, offset: float) -> SideEdge:
+    """Image of an edge and its side beyond a plane, whose u and v change places: u x v stays on the same side."""
+    side = edge.side
+    net = side.net - 2.0 * (side.net @ normal - offset)[..., None] * normal
+    image = replace(side, net=net, axes=side.axes[::-1])
+    return replace(edge, side=image, ids=edge.ids.T, axis=1 - edge.axis)
+
+
+def _shared_edges(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> Iterable[list[SideEdge]]:
+    """Edges of sides that have not collapsed to a point, those with the same control points together."""
     found: dict[tuple, list[SideEdge]] = defaultdict(list)
     for edge in _edges(sides):
         line = edge.line(0).tolist()
         if len(set(line)) > 1:
             found[tuple(line)].append(edge)
-    return [Seam(*edges) for edges in found.values() if len(edges) == 2]
+    return found.values()
 
 
 def find_poles(sides: Iterable[tuple[VolumeSide, np.ndarray]]) -> list[Pole]:
@@ -201,6 +256,16 @@ def seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
     A mesh without splines counts as one of order 2, whose sides are the quads between its points.
     """
     return find_seams(_sides(mesh))
+
+
+def mirror_seams_of_mesh(mesh: MovingMesh) -> list[Seam]:
+    """Find the edges of the design surface of a mesh in planes that it has to stay in, as `find_mirror_seams` does."""
+    rows, places = np.unique(mesh.in_plane_rows), mesh.points[mesh.surface_ids]
+    planes = []
+    for plane in mesh_planes(mesh):
+        is_near = np.abs(places[rows] @ plane.normal - plane.offset) <= IN_PLANE * mesh.size
+        planes.append((plane.normal, plane.offset, rows[is_near]))
+    return find_mirror_seams(_sides(mesh), planes)
 
 
 def _sides(mesh: MovingMesh) -> Iterator[tuple[VolumeSide, np.ndarray]]:

@@ -5,7 +5,7 @@ import pytest
 from seam_cases import globe_grid
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import fit_grid, moving_mesh
+from bspline_mdao import ball_grid, fit_grid, moving_mesh
 from bspline_mdao.cli.main import run
 
 
@@ -31,6 +31,16 @@ def test_seams_tells_kinks_of_a_model_and_what_a_design_has_made_of_them(workpla
     assert {seam["kink_before"] for seam in moved["seams"]} == {seam["kink"] for seam in fit["seams"]}
     assert run(["seams", "globe.h5", "--max-kink", "0.1"]) == 0
     assert "4 seams with kinks of more than 0.1 deg: edges of the surface" in capsys.readouterr().out
+
+
+def test_seams_with_mirror_images_are_those_of_edges_in_planes_of_symmetry(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    fit_grid(ball_grid((5, 5, 5, 5), octant=True)).save("octant.h5")
+    for options, n_seams in ((), 3), (("--mirror",), 9):
+        assert run(["seams", "octant.h5", *options]) == 0
+        text = capsys.readouterr().out
+        assert f"{n_seams} seams, 0 poles" in text
+        assert text.count("| its mirror image") == n_seams - 3
 
 
 def test_seams_refuses_what_it_cannot_measure(workplace, capsys):

@@ -1,10 +1,22 @@
 """Seams stay smooth along their whole length, whatever the variables do: on balls, at noses, at poles."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from seam_cases import globe_grid
 
-from bspline_mdao import InputError, TangentContinuity, ball_grid, fit_grid, moving_mesh, onera_m6_grid
+from bspline_mdao import (
+    InputError,
+    TangentContinuity,
+    ball_grid,
+    brick_grid,
+    fit_grid,
+    moving_mesh,
+    onera_m6_grid,
+    seam_continuity,
+)
 from bspline_mdao.design.elimination import eliminate
 from bspline_mdao.design.selection import InBox
 from bspline_mdao.mesh.seams import poles_of_mesh, seams_of_mesh
@@ -79,7 +91,7 @@ def test_with_many_knots_kinks_along_the_seam_fall_with_the_tolerance_and_so_doe
 
 
 def test_the_nose_of_a_wing_stays_round_though_its_grid_lines_are_oblique_and_its_knots_curved(wing):
-    points, constraint = surface_of(wing), TangentContinuity(max_kink=30.0)
+    points, constraint = surface_of(wing), TangentContinuity(max_kink=30.0, mirror=False)
     nose = np.median(kinks_along(wing, points), axis=1).argmin()
     smooth = constraint.snapped(wing, points)
     part = slice(0, 85)  # the other end runs into the edge of the tip
@@ -90,6 +102,53 @@ def test_the_nose_of_a_wing_stays_round_though_its_grid_lines_are_oblique_and_it
     assert kinks_along(wing, held)[nose, part].max() < 0.2
     assert kinks_along(wing, free)[nose, part].max() > 10.0
     assert np.abs(held[wing.in_plane_rows, 2]).max() < 1e-12  # the root stays on the symmetry plane
+
+
+def kinks_to_the_image(model, mesh, surface):
+    """Largest kink (deg) between a surface and its mirror image, as `seam_continuity` measures it."""
+    points = model.control_points.copy()
+    points[mesh.surface_ids] = surface
+    own, all_ = (seam_continuity(model, points, mirror=mirror) for mirror in (False, True))
+    images = [seam for seam in all_ if seam.names[1] == "its mirror image"]
+    assert len(all_) == len(own) + len(images)
+    for seam in images:  # the image is bent alike
+        np.testing.assert_allclose(seam.curvatures[:, 0], seam.curvatures[:, 1], rtol=1e-9, atol=1e-9)
+    return max(seam.max_kink for seam in images)
+
+
+def test_a_surface_stays_smooth_to_its_mirror_image_and_does_not_without():
+    model = fit_grid(ball_grid((9, 9, 9, 5), octant=True), n_control=(5, 5, 4))
+    mesh = moving_mesh(model)
+    points, kinks = surface_of(mesh), {}
+    assert 0.05 < kinks_to_the_image(model, mesh, points) < 0.2
+    for mirror in (True, False):
+        constraint = TangentContinuity(tolerance=1e-3, mirror=mirror)
+        smooth = constraint.snapped(mesh, points)
+        held, free = moved_at_random(mesh, constraint, smooth, 0.02)
+        across = np.einsum("nd,nd->n", held[mesh.in_plane_rows], mesh.in_plane_normals)
+        assert np.abs(across).max() < 1e-15  # all three planes pass through the middle
+        kinks[mirror] = [kinks_to_the_image(model, mesh, surface) for surface in (smooth, held, free)]
+    assert kinks[True][0] < 1e-3 < 0.5 < kinks[False][0]
+    assert kinks[True][1] < 0.1 < 10.0 < kinks[False][1]
+    assert kinks[True][2] > 10.0
+
+
+def test_a_stretch_across_planes_of_symmetry_passes():
+    mesh = moving_mesh(fit_grid(ball_grid((9, 9, 9, 5), octant=True), n_control=(5, 5, 4)))
+    smooth = TangentContinuity().snapped(mesh, surface_of(mesh))
+    stretched = smooth * [1.3, 0.8, 1.1]
+    elimination = eliminate(mesh, smooth, [TangentContinuity()])
+    np.testing.assert_allclose(elimination.matrix @ stretched.ravel(), stretched.ravel(), atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_where_grid_lines_leave_planes_upright_edges_stay_upright_to_round_off_however_the_planes_lie(turn):
+    axes = Rotation.from_rotvec(turn * np.array([1.0, -2.0, 0.7])).as_matrix()
+    grid = brick_grid((9, 7, 8, 6), octant=True)
+    model = fit_grid(replace(grid, blocks=tuple(replace(block, nodes=block.nodes @ axes) for block in grid.blocks)))
+    mesh = moving_mesh(model)
+    held, free = moved_at_random(mesh, TangentContinuity(), surface_of(mesh), 0.02)
+    assert kinks_to_the_image(model, mesh, held) < 1e-6 < 10.0 < kinks_to_the_image(model, mesh, free)
 
 
 def test_kinks_that_a_fit_has_do_not_grow_with_what_variables_do(coarse):
