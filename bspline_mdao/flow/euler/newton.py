@@ -37,6 +37,10 @@ CFL_GROWTH, LARGEST_GROWTH = 1.5, 10.0
 """Growth of the CFL number in addition to that of the inverse residual, since time terms are to fade faster than it
 falls, and the most in a step."""
 
+CAREFUL, GROWTH_AFTER_CUTS = 4, 2.0
+"""Steps after a shortened one in which the CFL number grows by so much at most: late in a run each step that is
+too long costs a hundred products."""
+
 NEAR = 1e3
 """A start whose residual is smaller by more than this is near a solution and needs still less of the time terms."""
 
@@ -208,7 +212,7 @@ def solve_flow(
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
             progress(history[-1], states)
-        cfl = _next_cfl(cfl, length, before, norm)  # step 5
+        cfl = _next_cfl(history, before, norm)  # step 5
     return FlowSolution(states, stream, tuple(history), tolerance)
 
 
@@ -339,14 +343,16 @@ def _first_cfl(fall: float, is_long: bool) -> float:
     return min(LARGEST_CFL, (FIRST_LONG_CFL if is_long else FIRST_CFL) * max(1.0, fall) * max(1.0, fall / NEAR))
 
 
-def _next_cfl(cfl: float, length: float, before: float, after: float) -> float:
-    """CFL number of the next step, from the length of this one and the norms of the residual."""
+def _next_cfl(history: list[NewtonStep], before: float, after: float) -> float:
+    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual."""
+    cfl, length = history[-1].cfl, history[-1].length
     if length < 1.0:  # while shocks travel, shorter time steps get further than parts of long ones
         return cfl * min(1.0, max(0.2, 1.5 * length))
     if after > 1.5 * before:
         return 0.7 * cfl
+    is_careful = any(step.length < 1.0 for step in history[-CAREFUL:])
     growth = CFL_GROWTH * before / max(after, np.finfo(float).tiny)
-    return min(LARGEST_CFL, cfl * min(LARGEST_GROWTH, max(1.0, growth)))
+    return min(LARGEST_CFL, cfl * min(GROWTH_AFTER_CUTS if is_careful else LARGEST_GROWTH, max(1.0, growth)))
 
 
 LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)
