@@ -108,6 +108,18 @@ def test_ride_along_takes_thin_wedges_along_and_draws_them(script, tmp_path):
     assert (tmp_path / "ride_along.png").stat().st_size > 50_000
 
 
+def test_ride_section_takes_layers_of_two_dimensions_along_and_changes_nodes_alone(script, tmp_path):
+    numbers = script("ride_section").main(quick=True, figures=tmp_path)
+    for name in ("pitch", "thickness", "chord"):
+        moved = numbers[name]
+        assert (moved["n_inverted"], moved["missed"], moved["n_lines"]) == (0, 0.0, 0)
+        assert moved["heights"][1] == pytest.approx(1.0, abs=1e-4)
+        assert moved["apart"] < 1e-9
+        assert moved["products"] < 1e-11
+    np.testing.assert_allclose(numbers["pitch"]["heights"], 1.0, rtol=1e-6)  # at the trailing edge as well
+    assert (tmp_path / "ride_section.png").stat().st_size > 50_000
+
+
 @pytest.mark.slow
 def test_a_grid_that_the_user_names_is_asked_what_the_user_asks(script, tmp_path):
     grids = script("viscous_grids")
