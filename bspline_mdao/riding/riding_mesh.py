@@ -47,6 +47,10 @@ STAYS = 1e-9
 """Displacement, by the size of the grid, up to which the boundary beside held nodes counts as at rest."""
 
 
+AT_END = 1e-12
+"""Parameters this close to 0 or 1 are there: the search knows places no better."""
+
+
 @dataclass(frozen=True, eq=False)
 class RidingWalls(OneLine):
     """Walls of a mesh that rides.
@@ -392,12 +396,15 @@ def _on_planes(model: FittedModel, found: PointInversion, points: np.ndarray, pl
     """Put parameters of nodes in planes, rows of points, shape (n, 3), on the sides of the volumes that are there.
 
     The nearest point of the volumes need not be in the plane where a node is outside, and the node would leave it. What
-    is off by round-off is in the plane: all parameters of a section are in its planes but for those across.
+    is off by round-off is in the plane: all parameters of a section are in its planes but for those across. Parameters
+    that are off an end by round-off are put there, so that nodes stay in planes to the last bit.
     """
     parameters, near = found.parameters.copy(), ON_PLANE * np.linalg.norm(np.ptp(model.control_points, axis=0))
     for rows, normal in planes:
         for d in range(3):
-            ids = rows[parameters[rows, d] != np.round(parameters[rows, d])]
+            at_end = rows[np.abs(parameters[rows, d] - np.round(parameters[rows, d])) <= AT_END]
+            parameters[at_end, d] = np.round(parameters[at_end, d])
+            ids = np.setdiff1d(rows, at_end)
             kept, off = parameters[ids, d], []
             for values in (kept, np.round(kept)):
                 parameters[ids, d] = values
