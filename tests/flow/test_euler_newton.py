@@ -435,5 +435,5 @@ def test_the_cfl_number_grows_with_care_after_a_shortened_step():
         return newton._next_cfl([newton.NewtonStep(1.0, 8.0, 1, length) for length in lengths], 1.0, 0.1)
 
     assert following(0.5) == 6.0
-    assert following(0.5, 1.0) == following(0.5, 1.0, 1.0, 1.0) == 16.0
+    assert following(0.5, 1.0) == following(0.5, 1.0, 1.0, 1.0) == 24.0
     assert following(0.5, 1.0, 1.0, 1.0, 1.0) == following(1.0) == 80.0

@@ -37,7 +37,7 @@ CFL_GROWTH, LARGEST_GROWTH = 1.5, 10.0
 """Growth of the CFL number in addition to that of the inverse residual, since time terms are to fade faster than it
 falls, and the most in a step."""
 
-CAREFUL, GROWTH_AFTER_CUTS = 4, 2.0
+CAREFUL, GROWTH_AFTER_CUTS = 4, 3.0
 """Steps after a shortened one in which the CFL number grows by so much at most: late in a run each step that is
 too long costs a hundred products."""
 
@@ -65,7 +65,8 @@ this part."""
 
 WORTH, LARGEST_SOLVE, MOST_LEFT = 0.3, 300, 0.8
 """Part of its right-hand side that a linear solve has to leave less of for a step; the products after which it ends,
-and the part of its residual that a cycle may leave: a smaller CFL number is cheaper."""
+and the part of its residual that a cycle may leave: a smaller CFL number is cheaper, but where Jacobians are kept, a
+cut gives Newton's convergence away, and longer cycles do it."""
 
 MOST_PRODUCTS = 1200
 """Products with the Jacobian after which a run has failed: a fourth more than the flow about any grid of others
@@ -206,7 +207,8 @@ def solve_flow(
         if not _is_kept(history):
             system = None  # it makes room for the next
         system = system or _StepSystem.of(field, pattern, states, cfl, is_long)  # steps 1 and 2
-        update, n_products = system.solve(residual, part)  # step 3
+        most_left = MOST_LEFT if history[-1].residual > KEPT_FROM else np.inf
+        update, n_products = system.solve(residual, part, most_left)  # step 3
         states, residual, length = advance(field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
@@ -291,7 +293,7 @@ class _StepSystem:
         diagonal = (time_terms(discretization, states, field.areas, is_long) / cfl).astype(np.float32)
         return cls(field, linearization, diagonal, compact_factor(linearization, pattern, diagonal))
 
-    def solve(self, residual, part) -> tuple[np.ndarray | None, int]:
+    def solve(self, residual, part, most_left) -> tuple[np.ndarray | None, int]:
         """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
         sizes, comm = self.field.sizes.astype(np.float32), self.field.discretization.halo.comm
 
@@ -301,7 +303,7 @@ class _StepSystem:
         def precondition(y):
             return self.factor.solve(sizes * y)
 
-        solution = solve_roughly(product, precondition, -residual, part, LARGEST_SOLVE, comm, MOST_LEFT)
+        solution = solve_roughly(product, precondition, -residual, part, LARGEST_SOLVE, comm, most_left)
         is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
         return (solution.x if is_usable else None), solution.n_products
 
