@@ -283,6 +283,15 @@ def test_linear_systems_are_solved_forwards_and_transposed_with_one_factor(is_tr
     assert solution.n_products < 100
 
 
+def test_a_refined_solution_of_a_hard_system_may_take_more_products_than_a_flow():
+    diagonal = np.linspace(3e-5, 1.0, 1500).reshape(-1, 5)
+    single, right = diagonal.astype(np.float32), np.random.default_rng(0).standard_normal(diagonal.shape)
+    solution = solve_refined(lambda x: diagonal * x, lambda x: single * x, lambda y: y, right, 1e-14)
+    assert solution.is_converged
+    assert solution.n_products > 2000
+    np.testing.assert_allclose(diagonal * solution.x, right, atol=2e-14 * np.linalg.norm(right))
+
+
 def test_a_linear_system_that_is_given_up_says_so():
     case = sphere_case()
     linearization = case.discretization.linearize(sphere_flow().states, case.areas, case.stream)
