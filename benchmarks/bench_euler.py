@@ -97,8 +97,9 @@ def measure(n_cells: int) -> dict:
     Returns
     -------
     dict
-        CPU and wall seconds, Newton steps, products with the Jacobian, bytes per cell of what a derivative keeps and at
-        the peak above the imports, nanoseconds per cell of products and sweeps, and the load of the machine.
+        CPU and wall seconds, Newton steps, products with the Jacobian, residuals at the end, bytes per cell of what a
+        derivative keeps and at the peak above the imports, nanoseconds per cell of products and sweeps, and the load of
+        the machine.
     """
     with threadpool_limits(1):
         _run(SHAPES[min(SHAPES)], with_peer=False)  # compiles
@@ -133,7 +134,8 @@ def _run(shape, with_peer: bool, before: int = 0) -> dict:
         "cpu": cpu,
         "steps": len(solution.history) - 1,
         "products": {"flow": _n_products(solution), "adjoint": system.n_products},
-        "is_converged": bool(solution.is_converged and system.is_converged),
+        "residual": {"flow": solution.residual, "adjoint": system.left},
+        "is_converged": {"flow": solution.is_converged, "adjoint": system.is_converged},
         "ns_per_cell": {name: seconds / n * 1e9 for name, seconds in {**kernels, **peers}.items()},
         "bytes_per_cell": {**state_bytes(linearization, factor), "peak": (peak - before) / n},
     }
@@ -225,6 +227,11 @@ def _bytes(*arrays) -> int:
     return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
 
 
+def _end(run: dict, name: str) -> str:
+    """How the flow or the adjoint of a run ended."""
+    return f"residual {run['residual'][name]:.1e}{'' if run['is_converged'][name] else ', not converged'}"
+
+
 def _n_products(solution: FlowSolution) -> int:
     return sum(step.n_products for step in solution.history)
 
@@ -237,15 +244,15 @@ def _resident() -> int:
 def _report(row: dict) -> None:
     for n_threads, run in row["threads"].items():
         n, wall, cpu, count = run["n_cells"], run["wall"], run["cpu"], run["products"]
-        print(f"{n:,} cells, {n_threads} thread(s), load {run['load']:.1f}, converged: {run['is_converged']}")
+        print(f"{n:,} cells, {n_threads} thread(s), load {run['load']:.1f}")
         print(
             f"  flow     wall {wall['flow']:8.2f} s  CPU {cpu['flow']:8.2f} s",
             f" {cpu['flow'] / n * 1e6:6.0f} us per cell",
             end="",
         )
-        print(f"  {run['steps']} Newton steps, {count['flow']} products")
+        print(f"  {run['steps']} Newton steps, {count['flow']} products, {_end(run, 'flow')}")
         print(f"  adjoint  wall {wall['adjoint']:8.2f} s  CPU {cpu['adjoint']:8.2f} s", end="")
-        print(f"  {cpu['adjoint'] / cpu['flow']:.2f} of a flow, {count['adjoint']} products")
+        print(f"  {cpu['adjoint'] / cpu['flow']:.2f} of a flow, {count['adjoint']} products, {_end(run, 'adjoint')}")
         for name, part in (("ns per cell", run["ns_per_cell"]), ("bytes per cell", run["bytes_per_cell"])):
             print(f"  {name}: " + ", ".join(f"{key} {value:.0f}" for key, value in part.items()))
     print("  gain by threads: " + ", ".join(f"{name} {value:.2f}" for name, value in row["gain"].items()))
