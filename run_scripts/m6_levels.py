@@ -1,8 +1,9 @@
 """Sections of the ONERA M6 in three levels: few control points first, knots inserted where the gradient asks for them.
 
 Heights of both sides make the drag at fixed lift, volume and thickness least: by all control points from the start,
-along the heights as they are and along even combinations of them, and in three levels, each of which starts from the
-shape, the bounds and the second derivatives of the one before. It takes three minutes, with ``--quick`` half a minute.
+along combinations that are even by displacements and by pressures, and in three levels along those of the pressures,
+each of which starts from the shape, the bounds and the second derivatives of the one before. It takes three minutes,
+with ``--quick`` half a minute.
 What comes out are flow and gradient solutions of the three ways until the drag is within 1, 0.1 and 0.01 counts of the
 least that any finds, the knots, a check of the totals, and a picture of the histories and the points of the levels.
 """
@@ -10,7 +11,6 @@ least that any finds, the knots, a check of the totals, and a picture of the his
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -26,9 +26,9 @@ from bspline_mdao.testing import check_totals, perturb_design
 MACH, LIFT, THINNEST = 0.5, 0.27, 0.9
 """Mach number, lift coefficient, and what must be left of the thickness anywhere, relative to that of the M6."""
 
-DRAG, PARTS, UNIT, HEIGHT = 0.04, (-0.5, 0.5), 0.03, 0.2
-"""Unit of the objective, parts of the heights within which control points move, the unit of the first changes: the root
-mean square of the displacement over the surface (m), and that of heights as they are."""
+DRAG, PARTS, UNIT, CHANGE = 0.04, (-0.5, 0.5), 0.03, 0.1
+"""Unit of the objective, parts of the heights within which control points move, and units of the first changes: the
+root mean squares over the surface of the displacement (m), and of the pressure coefficient's change."""
 
 COUNT, WITHIN = 1e-4, (1.0, 0.1, 0.01)
 """A drag count, and how near to the least drag it is to be, in counts."""
@@ -112,8 +112,8 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     Returns
     -------
     dict
-        ``n_nodes``; the ``initial`` drag; for all at once, along ``heights`` as they are and along combinations that
-        are ``even``, and for ``levels`` the drag and the solutions, see `counts`; of the levels ``n_variables``, the
+        ``n_nodes``; the ``initial`` drag; for all at once, along combinations that are even by ``displacements`` and by
+        ``pressures``, and for ``levels`` the drag and the solutions, see `counts`; of the levels ``n_variables``, the
         part of the gradient that is ``used`` at the end of each, and the ``knots`` inserted first along each strip; and
         ``totals`` away from the optimum, see `check_totals`.
     """
@@ -126,15 +126,17 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
 
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(figures or temporary)
-        finest, coarsest = (bm.DesignLevel.first(each, *PARTS, unit=UNIT) for each in (net.refine(net.missing()), net))
-        heights = replace(finest, columns=HEIGHT * np.eye(finest.net.n_values))
-        ways = {name: [solve(level, tolerance, name)] for name, level in (("heights", heights), ("even", finest))}
+        displacements = bm.DesignLevel.first(net.refine(net.missing()), *PARTS, unit=UNIT)
+        columns = displacements.columns @ bm.even_pressures(pose(model, displacements), model, "combinations")
+        nets, metric = (displacements.net, net), np.linalg.inv(columns @ columns.T)
+        finest, coarsest = (bm.DesignLevel.first(each, *PARTS, unit=CHANGE, metric=metric) for each in nets)
+        ways = {n: [solve(each, tolerance, n)] for n, each in (("displacements", displacements), ("pressures", finest))}
         levels, runs, used = [coarsest], [solve(coarsest, SOON, "1")], []
         for n, ends in enumerate((SOON, tolerance), start=1):
             level, problem = levels[-1], runs[-1].problem
             gradient = bm.unused_gradient(problem, level.net)
-            used.append(level.net.part_used(gradient))
-            knots = level.net.where_to_refine(gradient, n_knots) if n == 1 else level.net.missing()
+            used.append(level.net.part_used(gradient, metric))
+            knots = level.net.where_to_refine(gradient, n_knots, metric) if n == 1 else level.net.missing()
             levels.append(level.refined(problem, knots, folder / f"m6_levels_{n}.sql"))
             runs.append(solve(levels[-1], ends, str(n + 1)))
     ways["levels"] = runs
@@ -143,7 +145,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         with figure(figures, "m6_levels", (11.0, 5.0)) as canvas:
             draw(canvas, levels, ways, least)
     numbers = {name: {"drag": each[-1].problem["drag"].item()} | counts(each, least) for name, each in ways.items()}
-    away = perturb_design(ways["even"][0].problem, size=0.001)
+    away = perturb_design(ways["pressures"][0].problem, size=0.001)
     return {
         "n_nodes": model.n_nodes,
         "initial": runs[0].history["drag"][0].item(),
@@ -178,17 +180,16 @@ def draw(canvas, levels: list[bm.DesignLevel], ways: dict, least: float) -> None
     """Draw the drag over the flow solutions, and where the levels have points."""
     drag, planform = canvas.subplots(1, 2)
     mesh, start = levels[0].net.mesh, 1
-    for name, style in (("heights", ":"), ("even", "-")):
+    for name, style in (("displacements", ":"), ("pressures", "-")):
         course = (history(ways[name][0]) - least) / COUNT
-        drag.semilogy(np.arange(1, len(course) + 1), course, style, color=GRAY, label=f"all at once, {name}")
+        drag.semilogy(np.arange(1, len(course) + 1), course, style, color=GRAY, label=f"all at once, by {name}")
     for number, (each, level, color) in enumerate(zip(ways["levels"], levels, COLORS), start=1):
         course = (history(each) - least) / COUNT
         drag.semilogy(start + np.arange(len(course)), course, color=color, label=f"level {number}")
         start += len(course)
         rows = level.net.variable.directed(mesh)[0][np.unique(level.net.weights.tocsc().argmax(axis=0))]
         x, y, z = mesh.points[mesh.surface_ids][rows].T
-        label = f"{level.net.n_values} points"
-        planform.plot(x[y > 0.0], z[y > 0.0], "o", ms=15 - 4 * number, color=color, label=label)
+        planform.plot(x[y > 0.0], z[y > 0.0], "o", ms=15 - 4 * number, c=color, label=f"{level.net.n_values} points")
     drag.set(xlabel="flow solutions", ylabel="drag above the least (counts)", ylim=(1e-3, None))
     planform.set(xlabel="$x$ (m)", ylabel="$z$ (m)", aspect="equal")
     for axes in (drag, planform):
