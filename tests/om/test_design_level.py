@@ -166,3 +166,24 @@ def test_a_case_file_of_another_problem_is_refused(at_optimum):
     finer = level.refined(problem, [(0, 1)], cases)
     with pytest.raises(InputError, match="is of other variables; give the case file of the level before"):
         finer.refined(ready(pose(finer)), [(0, 2)], cases)
+
+
+def test_a_level_that_ended_where_it_started_has_no_curvature_to_carry_on(tmp_path):
+    level, cases = first_level(), tmp_path / "first.sql"
+    run = optimise(lambda: pose(level), nlopt(1e9, 100), cases)
+    problem = run.problem
+    assert problem.driver.result.deriv_evals == 1
+    after_one, without = level.refined(problem, [(0, 1)], cases), level.refined(problem, [(0, 1)])
+    np.testing.assert_array_equal(after_one.columns, without.columns)
+
+
+def test_a_case_file_without_derivatives_is_refused(tmp_path):
+    level, cases = first_level(), tmp_path / "first.sql"
+    problem = pose(level)
+    problem.driver = nlopt(1e-10, 2)
+    problem.driver.add_recorder(om.SqliteRecorder(cases, record_viewer_data=False))
+    problem.setup(mode="rev")
+    problem.run_driver()
+    problem.cleanup()
+    with pytest.raises(InputError, match="holds no gradients; set driver"):
+        level.refined(problem, [(0, 1)], cases)

@@ -207,17 +207,17 @@ def _curvature_of(cases, n: int) -> np.ndarray:
     """Second derivatives of the Lagrangian in the combinations, in units of the driver, (n, n), from a run's gradients.
 
     Updates of Broyden, Fletcher, Goldfarb and Shanno with Powell's damping, in the order of the run, with the
-    multipliers of its best point.
+    multipliers of its best point. A run that ended where it started has met none: they are one.
     """
     history = read_history(cases)
     found, variables = history.convergence, history.of_kind("variable")
     ends = dict(zip([q.name for q in variables], np.cumsum([q.values.shape[1] for q in variables])))
     if not any(q.name == "combinations" and q.values.shape[1] == n for q in variables):
         raise InputError(f"{cases}: is of other variables; give the case file of the level before")
-    if found is None or len(found.differentiated) < 2:
-        raise InputError(
-            f"{cases}: holds fewer than two gradients; set driver.recording_options['record_derivatives'] = True"
-        )
+    if found is None or (len(found.violations) > 1 and not len(found.differentiated)):
+        raise InputError(f"{cases}: holds no gradients; set driver.recording_options['record_derivatives'] = True")
+    if not len(found.differentiated):
+        return np.eye(n)
     points = history.scaled_points()
     statement = history.statement()
     last = int(np.argmin(np.abs(found.differentiated - history.best)))
