@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import openmdao.api as om
 import pytest
+from test_nlopt_recovery import Walled
 
 from bspline_mdao import optimality_of
 from bspline_mdao.om.drivers.recorded_run import disagreement, nlopt, optimise_with, run_at, scipy_slsqp
@@ -129,3 +130,18 @@ def test_histories_are_drawn_as_they_were_recorded(runs, tmp_path):
     for line, run in zip(found, runs.values()):
         np.testing.assert_array_equal(line.get_xdata(), run.convergence.differentiated)
         np.testing.assert_allclose(line.get_ydata()[0], 1.0)
+
+
+def walled_problem():
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("walled", Walled(), promotes=["*"])
+    problem.model.add_design_var("x", lower=-8.0, upper=8.0)
+    problem.model.add_objective("f")
+    return problem
+
+
+@pytest.mark.filterwarnings("ignore::openmdao.utils.om_warnings.OpenMDAOWarning")
+def test_both_drivers_go_on_after_an_analysis_that_fails():
+    for run in optimise_with(DRIVERS, walled_problem, 1e-12, 100).values():
+        assert run.problem.driver.n_failed_analyses > 0
+        np.testing.assert_allclose(run.problem.get_val("x"), 1.0, atol=1e-5)

@@ -18,6 +18,7 @@ from .case_history import Convergence, read_history
 from .nlopt_driver import NLoptDriver
 from .optimality import optimality_of
 from .scaled_model import ScaledModel
+from .scipy_driver import ScipyDriver
 
 __all__ = [
     "RecordedRun",
@@ -41,7 +42,7 @@ QUIET = {"disp": False, "singular_jac_behavior": "ignore"}
 
 
 def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
-    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance.
+    """Make SciPy's SLSQP, which ends where the objective changes by less than the tolerance; failures shorten steps.
 
     Parameters
     ----------
@@ -52,9 +53,9 @@ def scipy_slsqp(tolerance: float, max_iterations: int) -> Driver:
 
     Returns
     -------
-    openmdao.core.driver.Driver
+    ScipyDriver
     """
-    return om.ScipyOptimizeDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, **QUIET)
+    return ScipyDriver(optimizer="SLSQP", tol=tolerance, maxiter=max_iterations, **QUIET)
 
 
 def nlopt(tolerance: float, max_iterations: int, algorithm: str = "LD_SLSQP") -> Driver:
