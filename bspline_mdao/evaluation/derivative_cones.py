@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 
 from ..cells.bernstein import UNIT
+from .knot_ranges import product_range
+from .poles import mean_weights, raise_divided
 
 __all__ = ["are_positive", "control_vectors", "cut_direction", "frames", "load_edges", "worst_corner"]
 
@@ -40,7 +42,7 @@ def load_edges(B, first, orders, shortest, lane, edges):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def frames(edges, orders, points, rows, is_curved, normal, work, frame, signs, is_there):
+def frames(edges, orders, points, rows, is_curved, normal, pole, at_pole, work, frame, signs, is_there):
     """Inverses of the means of the derivatives over boxes, shape (3, 3, L).
 
     Parameters
@@ -51,6 +53,9 @@ def frames(edges, orders, points, rows, is_curved, normal, work, frame, signs, i
         See `bspline_mdao.evaluation.knot_ranges.extraction`, as for ``points`` and ``rows``.
     normal : ndarray, shape (3,)
         Derivative in a direction of order 1.
+    pole, at_pole
+        See `bspline_mdao.evaluation.knot_ranges.extraction`. The derivative about a pole is divided by the share of the
+        box between them.
     work : tuple of ndarray
         Scratch.
     frame : ndarray, shape (3, 3, L)
@@ -60,27 +65,30 @@ def frames(edges, orders, points, rows, is_curved, normal, work, frame, signs, i
     is_there : ndarray of bool, shape (L,)
         Set to False where there is none.
     """
-    means, mean_rows, mean = work
+    means, mean_rows, mean, weights = work
     n_lanes = frame.shape[2]
     for v in range(3):
         for x in range(3):
             for l in range(n_lanes):
                 mean[x, v, l] = normal[x] if orders[v] == 1 else 0.0
-    for e in range(3):
+    for n in range(4 if pole[0] >= 0 else 3):  # the last ones are those of what is divided
+        e = n if n < 3 else pole[1]
+        mean_weights(orders[e], n == 3, pole, at_pole, weights)
         for m in range(orders[e]):
             for l in range(n_lanes):
-                means[e, m, l] = 0.0
+                means[n, m, l] = 0.0
             for a in range(orders[e]):
                 for l in range(n_lanes):
-                    means[e, m, l] += points[0, e, a, m, l] / orders[e]
+                    means[n, m, l] += points[0, e, a, m, l] * weights[a, l]
     for e in range(3):
         for v in range(3):
+            mean_weights(orders[e], v == pole[0] and e == pole[1], pole, at_pole, weights)
             for m in range(orders[e] - 1):
                 for l in range(n_lanes):
                     mean_rows[v, m, l] = 0.0
                 for a in range(orders[e]):
                     for l in range(n_lanes):
-                        mean_rows[v, m, l] += rows[0, e, v, a, m, l] / orders[e]
+                        mean_rows[v, m, l] += rows[0, e, v, a, m, l] * weights[a, l]
         n_0, n_1, n_2 = orders[0] - (e == 0), orders[1] - (e == 1), orders[2] - (e == 2)
         for a in range(n_0):
             for b in range(n_1):
@@ -90,8 +98,10 @@ def frames(edges, orders, points, rows, is_curved, normal, work, frame, signs, i
                     for v in range(3):
                         if v != e and not is_curved[e]:
                             continue
+                        f, g, is_about = (e + 1) % 3, (e + 2) % 3, v == e and v == pole[0]
+                        f, g = 3 if is_about and f == pole[1] else f, 3 if is_about and g == pole[1] else g
                         for l in range(n_lanes):
-                            weight = mean_rows[v, m, l] * means[(e + 1) % 3, i, l] * means[(e + 2) % 3, j, l]
+                            weight = mean_rows[v, m, l] * means[f, i, l] * means[g, j, l]
                             mean[0, v, l] += weight * edges[e, a, b, c, 0, l]
                             mean[1, v, l] += weight * edges[e, a, b, c, 1, l]
                             mean[2, v, l] += weight * edges[e, a, b, c, 2, l]
@@ -110,12 +120,12 @@ def frames(edges, orders, points, rows, is_curved, normal, work, frame, signs, i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def control_vectors(edges, orders, points, rows, is_curved, normal, frame, work, vectors):
+def control_vectors(edges, orders, points, rows, is_curved, normal, pole, at_pole, frame, work, vectors):
     """Centres and radii of the control vectors of the derivatives in the frames.
 
     Parameters
     ----------
-    edges, orders, points, rows, is_curved, normal, frame
+    edges, orders, points, rows, is_curved, normal, pole, at_pole, frame
         See `frames`.
     work : ndarray, shape (2, 2, p, p, p, 3, L)
         Scratch.
@@ -124,7 +134,9 @@ def control_vectors(edges, orders, points, rows, is_curved, normal, frame, work,
     """
     for v in range(3):
         _start(orders, v, normal, frame, vectors[v])
-    for e in range(3):
+    has_pole = pole[0] >= 0
+    for step in range(3):  # what comes along a pole is divided already, and comes last
+        e = step if not has_pole else 3 - pole[0] - pole[1] if step == 2 else pole[step]
         if orders[e] == 1:
             continue
         f, g = (e + 1) % 3, (e + 2) % 3
@@ -135,6 +147,8 @@ def control_vectors(edges, orders, points, rows, is_curved, normal, frame, work,
         for v in range(3):
             if v == e or (is_curved[e] and orders[v] > 1):
                 _contract(work[0], n, e, orders[e], rows[0, e, v], rows[1, e, v], e >= 0, vectors[v])
+        if has_pole and step == 1:
+            raise_divided(vectors[pole[0]], orders, pole, at_pole)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
@@ -224,27 +238,20 @@ def are_positive(vectors, orders, columns, is_there):
                 o = (v + turn) % 3
                 is_there[l] = is_there[l] and columns[v, o, 0, l] > -1e100 and columns[v, o, 1, l] < 1e100
                 if v < o:
-                    low, high = _product(
+                    low, high = product_range(
                         columns[v, o, 0, l], columns[v, o, 1, l], columns[o, v, 0, l], columns[o, v, 1, l]
                     )
                     least -= high
                     size += max(abs(low), abs(high))
         for turn in range(1, 3):
             q = 3 - turn
-            low, high = _product(
+            low, high = product_range(
                 columns[0, turn, 0, l], columns[0, turn, 1, l], columns[turn, q, 0, l], columns[turn, q, 1, l]
             )
-            low, high = _product(low, high, columns[q, 0, 0, l], columns[q, 0, 1, l])
+            low, high = product_range(low, high, columns[q, 0, 0, l], columns[q, 0, 1, l])
             least += low
             size += max(abs(low), abs(high))
         is_there[l] = is_there[l] and least > 1e-12 * size
-
-
-@njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy", forceinline=True)
-def _product(a, b, c, d):
-    """Range of the product of numbers from [a, b] and from [c, d]."""
-    w, x, y, z = a * c, a * d, b * c, b * d
-    return min(min(w, x), min(y, z)), max(max(w, x), max(y, z))
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
@@ -329,14 +336,14 @@ def cut_direction(vectors, rows, orders, columns, shares, has_frame, lane):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def worst_corner(vectors, orders, sign, lane, out):
-    """Find the corner of a box with the smallest Jacobian as the fractions have it; False where that is positive."""
+def worst_corner(vectors, orders, sign, pole, is_at_pole, lane, out):
+    """Find the corner, off poles, with the smallest Jacobian as the fractions have it; False where that is positive."""
     least = 0.0
     is_there = False
     for n in range(8):
         corner = n & 1, (n >> 1) & 1, n >> 2
         i, j, k = (orders[0] - 1) * corner[0], (orders[1] - 1) * corner[1], (orders[2] - 1) * corner[2]
-        has_collapsed = False
+        has_collapsed = is_at_pole and corner[pole[1]] == pole[2]
         for v in range(3):
             has_collapsed = has_collapsed or vectors[v, 1, i, j, k, v, lane] < 0.0
         a_1, a_2 = vectors[0, 0, i, j, k, 1, lane], vectors[0, 0, i, j, k, 2, lane]

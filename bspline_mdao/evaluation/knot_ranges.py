@@ -20,7 +20,10 @@ from numba import njit
 
 from ..cells.bernstein import UNIT
 
-__all__ = ["enclose", "extraction", "knots_at_corners", "parameter_slopes"]
+__all__ = [
+    "determinant", "enclose", "extraction", "knots_at_corners", "parameter_slopes", "plane_slope", "product_range",
+    "span_width",
+]  # fmt: skip
 
 NARROWEST = 64.0 * UNIT
 """Knots that are no further apart may coincide."""
@@ -71,7 +74,7 @@ def _blend(k_00, k_10, k_01, k_11, s, t):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def knots_at_corners(knots, e, n, n_corners, box, at_corners, slopes):
+def knots_at_corners(knots, e, n, n_corners, box, pole, at_pole, at_corners, slopes):
     """Knots of direction ``e`` at the corners of ranges of parameters, and their derivatives at the ends.
 
     Parameters
@@ -82,12 +85,17 @@ def knots_at_corners(knots, e, n, n_corners, box, at_corners, slopes):
         Direction, and number of local knots.
     n_corners : int
         4, or 1 where the knots are constant.
+    pole, at_pole
+        See `extraction`.
     at_corners : ndarray, shape (4, n_local, L)
         Receives the knots.
     slopes : ndarray, shape (2, 2, n_local, L)
-        Receives the derivatives in the first and the second of the other parameters, at both ends of the other.
+        Receives the derivatives in the first and the second of the other parameters, at both ends of the other. Those
+        about a pole are of its opposite face.
     """
     f, g = (e + 1) % 3, (e + 2) % 3
+    is_f, is_g, opposite = e == 3 - pole[0] - pole[1] and pole[0] == f, e == 3 - pole[0] - pole[1] and pole[0] == g, 1.0
+    opposite -= pole[2]
     for i in range(n):
         for l in range(box.shape[2]):
             k_00, k_10, k_01, k_11 = (
@@ -101,17 +109,56 @@ def knots_at_corners(knots, e, n, n_corners, box, at_corners, slopes):
                 continue
             for a in range(2):
                 s, t = box[f, a, l], box[g, a, l]
-                slopes[0, a, i, l] = (1.0 - t) * (k_10 - k_00) + t * (k_11 - k_01)
-                slopes[1, a, i, l] = (1.0 - s) * (k_01 - k_00) + s * (k_11 - k_10)
+                s_x = opposite if is_g and at_pole[l] else s
+                t_x = opposite if is_f and at_pole[l] else t
+                slopes[0, a, i, l] = (1.0 - t_x) * (k_10 - k_00) + t_x * (k_11 - k_01)
+                slopes[1, a, i, l] = (1.0 - s_x) * (k_01 - k_00) + s_x * (k_11 - k_10)
                 for b in range(2):
                     at_corners[2 * a + b, i, l] = _blend(k_00, k_10, k_01, k_11, s, box[g, b, l])
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy", forceinline=True)
-def _product(a, b, c, d):
+def product_range(a, b, c, d):
     """Range of the product of numbers from [a, b] and from [c, d]."""
     w, x, y, z = a * c, a * d, b * c, b * d
     return min(min(w, x), min(y, z)), max(max(w, x), max(y, z))
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy", forceinline=True)
+def plane_slope(knots, e, i, j, q, x, l):
+    """Derivative of local knot ``q`` of direction ``e`` towards edge ``(i, j)``, the other parameter being ``x``."""
+    near, far = knots[e, i, j, q, l] - knots[e, 0, 0, q, l], knots[e, 1, 1, q, l] - knots[e, j, i, q, l]
+    return (1.0 - x) * near + x * far
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
+def span_width(knots, orders, v, box, l):
+    """Range of the width of the span of direction ``v`` on a box."""
+    narrow, wide, q, f, g = np.inf, 0.0, max(orders[v] - 2, 0), (v + 1) % 3, (v + 2) % 3
+    for a in range(2):
+        for b in range(2):
+            s, t = box[f, a, l], box[g, b, l]
+            first = _blend(knots[v, 0, 0, q, l], knots[v, 1, 0, q, l], knots[v, 0, 1, q, l],
+                           knots[v, 1, 1, q, l], s, t)  # fmt: skip
+            last = _blend(knots[v, 0, 0, q + 1, l], knots[v, 1, 0, q + 1, l], knots[v, 0, 1, q + 1, l],
+                          knots[v, 1, 1, q + 1, l], s, t)  # fmt: skip
+            narrow, wide = min(narrow, last - first), max(wide, last - first)
+    return narrow - 16.0 * UNIT, wide + 16.0 * UNIT
+
+
+@njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
+def determinant(K, l):
+    """Range of the determinant of ``1 - K``."""
+    least, most = 1.0, 1.0
+    for e in range(3):
+        f = (e + 1) % 3
+        low, high = product_range(K[e, f, 0, l], K[e, f, 1, l], K[f, e, 0, l], K[f, e, 1, l])
+        least, most = least - high, most - low
+    for turn in range(1, 3):
+        low, high = product_range(K[0, turn, 0, l], K[0, turn, 1, l], K[turn, 3 - turn, 0, l], K[turn, 3 - turn, 1, l])
+        low, high = product_range(low, high, K[3 - turn, 0, 0, l], K[3 - turn, 0, 1, l])
+        least, most = least - high, most - low
+    return least, most
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
@@ -127,11 +174,8 @@ def _slopes_of_planes(knots, orders, is_curved, shares, box, out):
             for l in range(box.shape[2]):
                 low, high = np.inf, -np.inf
                 for a in range(2):
-                    x = box[o, a, l]
-                    first = (1.0 - x) * (knots[e, i, j, q, l] - knots[e, 0, 0, q, l])
-                    first += x * (knots[e, 1, 1, q, l] - knots[e, j, i, q, l])
-                    last = (1.0 - x) * (knots[e, i, j, q + 1, l] - knots[e, 0, 0, q + 1, l])
-                    last += x * (knots[e, 1, 1, q + 1, l] - knots[e, j, i, q + 1, l])
+                    first = plane_slope(knots, e, i, j, q, box[o, a, l], l)
+                    last = plane_slope(knots, e, i, j, q + 1, box[o, a, l], l)
                     for b in range(2):
                         slope = (1.0 - shares[e, b, l]) * first + shares[e, b, l] * last
                         low, high = min(low, slope), max(high, slope)
@@ -151,7 +195,7 @@ def parameter_slopes(knots, orders, is_curved, shares, box, work, out, is_there)
     is_curved : tuple of three bool
         Whether knots of a direction are curved.
     work : ndarray, shape (3, 3, 2, L)
-        Scratch.
+        Receives the ranges of ``K``.
     out : ndarray, shape (3, 3, 2, L)
         Receives centres and radii: of the parameter of the first index, in the share of the second.
     is_there : ndarray of bool, shape (L,)
@@ -160,36 +204,20 @@ def parameter_slopes(knots, orders, is_curved, shares, box, work, out, is_there)
     K = work
     _slopes_of_planes(knots, orders, is_curved, shares, box, K)
     for l in range(box.shape[2]):
-        least, most = 1.0, 1.0
-        for e in range(3):
-            f = (e + 1) % 3
-            low, high = _product(K[e, f, 0, l], K[e, f, 1, l], K[f, e, 0, l], K[f, e, 1, l])
-            least, most = least - high, most - low
-        for turn in range(1, 3):
-            low, high = _product(K[0, turn, 0, l], K[0, turn, 1, l], K[turn, 3 - turn, 0, l], K[turn, 3 - turn, 1, l])
-            low, high = _product(low, high, K[3 - turn, 0, 0, l], K[3 - turn, 0, 1, l])
-            least, most = least - high, most - low
+        least, most = determinant(K, l)
         is_there[l] = is_there[l] and least > 1e-6
         for v in range(3):
-            narrow, wide, q, f, g = np.inf, 0.0, max(orders[v] - 2, 0), (v + 1) % 3, (v + 2) % 3
-            for a in range(2):
-                for b in range(2):
-                    s, t = box[f, a, l], box[g, b, l]
-                    first = _blend(knots[v, 0, 0, q, l], knots[v, 1, 0, q, l], knots[v, 0, 1, q, l],
-                                   knots[v, 1, 1, q, l], s, t)  # fmt: skip
-                    last = _blend(knots[v, 0, 0, q + 1, l], knots[v, 1, 0, q + 1, l], knots[v, 0, 1, q + 1, l],
-                                  knots[v, 1, 1, q + 1, l], s, t)  # fmt: skip
-                    width = last - first
-                    narrow, wide = min(narrow, width), max(wide, width)
+            f, g = (v + 1) % 3, (v + 2) % 3
+            narrow, wide = span_width(knots, orders, v, box, l)
             for e in range(3):
                 o = 3 - e - v
                 if e == v:
-                    low, high = _product(K[f, g, 0, l], K[f, g, 1, l], K[g, f, 0, l], K[g, f, 1, l])
+                    low, high = product_range(K[f, g, 0, l], K[f, g, 1, l], K[g, f, 0, l], K[g, f, 1, l])
                     low, high = 1.0 - high, 1.0 - low
                 else:
-                    low, high = _product(K[e, o, 0, l], K[e, o, 1, l], K[o, v, 0, l], K[o, v, 1, l])
+                    low, high = product_range(K[e, o, 0, l], K[e, o, 1, l], K[o, v, 0, l], K[o, v, 1, l])
                     low, high = low + K[e, v, 0, l], high + K[e, v, 1, l]
-                low, high = _product(low, high, (narrow - 16.0 * UNIT) / most, (wide + 16.0 * UNIT) / least)
+                low, high = product_range(low, high, narrow / most, wide / least)
                 out[e, v, 0, l] = 0.5 * (low + high)
                 out[e, v, 1, l] = 0.5 * (high - low) + 32.0 * UNIT * max(abs(low), abs(high))
 
@@ -257,7 +285,7 @@ def _raise(parts, d_parts, r, arg, n_changes, weights, sums):
                 s_0, s_1 = parts[arg, n, 0, l], parts[arg, n, 1, l]
                 x_0, x_1 = sums[d, m, 0, l], sums[d, m, 1, l]
                 y_0, y_1 = (sums[d, m - 1, 0, l], sums[d, m - 1, 1, l]) if m > 0 else (0.0, 0.0)
-                low, high = _product(
+                low, high = product_range(
                     d_parts[d, arg, n, 0, l], d_parts[d, arg, n, 1, l], weights[m, 0, l], weights[m, 1, l]
                 )
                 kept = min((1.0 - s_0) * x_0 + s_0 * y_0, (1.0 - s_1) * x_0 + s_1 * y_0)
@@ -274,7 +302,9 @@ def _raise(parts, d_parts, r, arg, n_changes, weights, sums):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def extraction(knots, orders, is_curved, coincide, shares, box, turns, work, points, rows, is_there):
+def extraction(
+    knots, orders, is_curved, coincide, shares, box, turns, pole, at_pole, pole_turns, work, points, rows, is_there
+):
     """Matrices from the control points of elements to those of the Bézier hexahedra on boxes, and to their derivatives.
 
     Parameters
@@ -287,6 +317,12 @@ def extraction(knots, orders, is_curved, coincide, shares, box, turns, work, poi
         1 where a local knot is that of the end of the span on its side.
     turns : ndarray, shape (3, 3, 2, L)
         From `parameter_slopes`.
+    pole : tuple of three int
+        Direction about a pole, direction that ends there, and at which end; -1 where there is none.
+    at_pole : ndarray of bool, shape (L,)
+        Which boxes have it for a side.
+    pole_turns : ndarray, shape (3, 3, 2, L)
+        Those for the knots along it, see `bspline_mdao.evaluation.poles.divided_turns`.
     work : tuple of ndarray
         Scratch.
     points : ndarray, shape (2, 3, p, p, L)
@@ -305,7 +341,7 @@ def extraction(knots, orders, is_curved, coincide, shares, box, turns, work, poi
             points[0, e, 0, 0], points[1, e, 0, 0] = 1.0, 0.0
             continue
         n_corners, n_changes = (4, 2) if is_curved[e] else (1, 0)
-        knots_at_corners(knots, e, 2 * p - 2, n_corners, box, at_corners, slopes)
+        knots_at_corners(knots, e, 2 * p - 2, n_corners, box, pole, at_pole, at_corners, slopes)
         for arg in range(2):
             _interval_shares(at_corners, slopes, p, n_corners, shares, coincide, e, arg, parts, d_parts, is_there)
         for a in range(p):
@@ -325,7 +361,8 @@ def extraction(knots, orders, is_curved, coincide, shares, box, turns, work, poi
                         low, high = sums[d, m, 0, l], sums[d, m, 1, l]
                         changes[d, a, m, 0, l] = -0.5 * (low + high)  # points change by minus the change of the sums
                         changes[d, a, m, 1, l] = 0.5 * (high - low) + 2.0 * UNIT * max(abs(low), abs(high))
-        _rows(e, p, is_curved[e], derivative, changes, turns, rows)
+        is_along = e == 3 - pole[0] - pole[1]
+        _rows(e, p, is_curved[e], derivative, changes, pole_turns if is_along else turns, rows)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")

@@ -18,8 +18,9 @@ from numba import njit
 from ..cells.bernstein import INVALID, UNDECIDED, VALID
 from .derivative_cones import are_positive, control_vectors, cut_direction, frames, load_edges, worst_corner
 from .knot_ranges import enclose, extraction, parameter_slopes
+from .poles import NO_POLE, beside, divided_turns, poles_of
 
-__all__ = ["decide_elements"]
+__all__ = ["Lanes", "Queue", "decide_elements"]
 
 MAX_LANES = 32
 """Boxes that are asked at a time, at most."""
@@ -31,7 +32,7 @@ MAX_BOXES = 400
 """Boxes of an element, before it is left undecided."""
 
 
-class _Queue(NamedTuple):
+class Queue(NamedTuple):
     """Boxes that are asked now, one in each lane, and those that wait.
 
     Parameters
@@ -66,7 +67,7 @@ class _Queue(NamedTuple):
     n_boxes: np.ndarray
 
     @classmethod
-    def of(cls, n_lanes: int, n_elements: int) -> _Queue:
+    def of(cls, n_lanes: int, n_elements: int) -> Queue:
         """Make one in which all elements wait."""
         room, counts = n_lanes * (2 * MAX_DEPTH + 4), lambda n: np.zeros(n, dtype=np.int64)
         return cls(
@@ -143,7 +144,7 @@ def _wait(queue, lane, depth, direction, low, high):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _settle(orders, sign, signs, vectors, rows, columns, is_inside, has_frame, is_proved, status, queue):
+def _settle(orders, sign, signs, vectors, rows, columns, pole, at_pole, is_inside, has_frame, is_proved, status, queue):
     """Take what was found of boxes: where that is nothing, halve them or give their elements up."""
     q, corner = queue, np.zeros(3, dtype=np.int64)
     for lane in range(q.numbers.size):
@@ -163,10 +164,80 @@ def _settle(orders, sign, signs, vectors, rows, columns, is_inside, has_frame, i
         middle = 0.5 * (q.shares[d, 0, lane] + q.shares[d, 1, lane])
         _wait(q, lane, q.depths[lane] + 1, d, q.shares[d, 0, lane], middle)
         _wait(q, lane, q.depths[lane] + 1, d, middle, q.shares[d, 1, lane])
-        if has_frame[lane] and worst_corner(vectors, orders, sign * signs[lane], lane, corner):
+        if has_frame[lane] and worst_corner(vectors, orders, sign * signs[lane], pole, at_pole[lane], lane, corner):
             for e in range(3):
                 q.shares[e, 1 - corner[e], lane] = q.shares[e, corner[e], lane]
             _wait(q, lane, MAX_DEPTH, 0, q.shares[0, 0, lane], q.shares[0, 1, lane])
+
+
+class Lanes:
+    """Room for boxes of one volume, one in each lane, and what is found of them.
+
+    Parameters
+    ----------
+    orders : tuple of three int
+        Orders.
+    is_curved : tuple of three bool
+        Whether knots of a direction are curved.
+    normal : ndarray, shape (3,)
+        Derivative in a direction of order 1.
+    pole : tuple of three int
+        Pole that the elements are beside, see `bspline_mdao.evaluation.knot_ranges.extraction`.
+    n : int
+        Number of lanes.
+    """
+
+    def __init__(self, orders, is_curved, normal, pole, n):
+        self.orders, self.is_curved, self.normal, self.pole, self.n = orders, is_curved, normal, pole, n
+        p, L = max(*orders, 2), n
+        n_local, n_parts = 2 * p - 2, p * (p - 1) // 2
+        self.is_inside, self.has_frame, self.is_proved, self.at_pole = np.zeros((4, L), dtype=bool)
+        self.knots = np.zeros((3, 2, 2, n_local, L)), np.zeros((3, n_local, L))
+        self.edges, self.points = np.zeros((3, p, p, p, 3, L)), np.zeros((2, 3, p, p, L))
+        self.rows = np.zeros((2, 3, 3, p, p - 1, L))
+        self.slopes, self.turns, self.pole_turns, self.columns = np.zeros((4, 3, 3, 2, L))
+        self.matrices_work = (
+            np.zeros((4, n_local, L)), np.zeros((2, 2, n_local, L)), np.zeros((2, n_parts, 2, L)),
+            np.zeros((2, 2, n_parts, 2, L)), np.zeros((p, 2, L)), np.zeros((2, p, 2, L)), np.zeros((p, p, 2, L)),
+            np.zeros((2, p, p, 2, L)),
+        )  # fmt: skip
+        self.means_work = np.zeros((4, p, L)), np.zeros((3, p, L)), np.zeros((3, 3, L)), np.zeros((p, L))
+        self.frame, self.signs = np.zeros((3, 3, L)), np.zeros(L)
+        self.contracted, self.vectors = np.zeros((2, 2, p, p, p, 3, L)), np.zeros((3, 2, p, p, p, 3, L))
+
+    def fill(self, knots, is_left_out, B, shortest, status, queue) -> int:
+        """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
+        return _fill(knots, self.orders, is_left_out, B, shortest, status, queue, *self.knots, self.edges)
+
+    def derive(self, queue) -> None:
+        """Find the control vectors of the derivatives on the boxes, in their frames."""
+        orders, is_curved, pole, at_pole = self.orders, self.is_curved, self.pole, self.at_pole
+        shares, box, (local, coincide) = queue.shares, queue.box, self.knots
+        self.is_inside[:], self.has_frame[:] = True, True
+        enclose(local, orders, shares, box, self.is_inside)
+        if any(is_curved):
+            parameter_slopes(local, orders, is_curved, shares, box, self.slopes, self.turns, self.has_frame)
+        if pole != NO_POLE:
+            np.equal(shares[pole[1], pole[2]], pole[2], out=at_pole)
+            divided_turns(
+                local, orders, is_curved, pole, at_pole, self.slopes, self.turns, shares, box, self.pole_turns
+            )
+        extraction(
+            local, orders, is_curved, coincide, shares, box, self.turns, pole, at_pole, self.pole_turns,
+            self.matrices_work, self.points, self.rows, self.has_frame,
+        )  # fmt: skip
+        of_derivatives = self.edges, orders, self.points, self.rows, is_curved, self.normal, pole, at_pole
+        frames(*of_derivatives, self.means_work, self.frame, self.signs, self.has_frame)
+        control_vectors(*of_derivatives, self.frame, self.contracted, self.vectors)
+
+    def judge(self, sign, status, queue) -> None:
+        """Ask whether the Jacobian is proved of one sign, and take that, or halve the boxes."""
+        self.is_proved[:] = self.has_frame
+        are_positive(self.vectors, self.orders, self.columns, self.is_proved)
+        _settle(
+            self.orders, sign, self.signs, self.vectors, self.rows, self.columns, self.pole, self.at_pole,
+            self.is_inside, self.has_frame, self.is_proved, status, queue,
+        )  # fmt: skip
 
 
 def decide_elements(
@@ -203,34 +274,16 @@ def decide_elements(
     for e, (T, p) in enumerate(zip(knots, orders)):
         if p > 1 and not is_curved[e]:
             is_empty |= np.diff(T[0, 0, p - 1 : T.shape[2] - p + 1]).reshape(np.roll([-1, 1, 1], e)) <= 0.0
-    p, L = max(*orders, 2), min(MAX_LANES, status.size)
-    n, n_parts, flags = 2 * p - 2, p * (p - 1) // 2, np.zeros((3, L), dtype=bool)
-    is_inside, has_frame, is_proved = flags
-    queue, found = _Queue.of(L, status.size), status.reshape(-1)
-    local, coincide, edges = np.zeros((3, 2, 2, n, L)), np.zeros((3, n, L)), np.zeros((3, p, p, p, 3, L))
-    turns, points, rows = np.zeros((3, 3, 2, L)), np.zeros((2, 3, p, p, L)), np.zeros((2, 3, 3, p, p - 1, L))
-    matrices_work = (
-        np.zeros((4, n, L)), np.zeros((2, 2, n, L)), np.zeros((2, n_parts, 2, L)), np.zeros((2, 2, n_parts, 2, L)),
-        np.zeros((p, 2, L)), np.zeros((2, p, 2, L)), np.zeros((p, p, 2, L)), np.zeros((2, p, p, 2, L)),
-    )  # fmt: skip
-    means_work, frame, signs = (
-        (np.zeros((3, p, L)), np.zeros((3, p, L)), np.zeros((3, 3, L))),
-        np.zeros((3, 3, L)),
-        np.zeros(L),
-    )
-    contracted, vectors = np.zeros((2, 2, p, p, p, 3, L)), np.zeros((3, 2, p, p, p, 3, L))
-    columns, slopes = np.zeros((3, 3, 2, L)), np.zeros((3, 3, 2, L))
-    while _fill(knots, orders, is_empty.reshape(-1), B, shortest, found, queue, local, coincide, edges):
-        flags[:] = True
-        enclose(local, orders, queue.shares, queue.box, is_inside)
-        if any(is_curved):
-            parameter_slopes(local, orders, is_curved, queue.shares, queue.box, slopes, turns, has_frame)
-        extraction(
-            local, orders, is_curved, coincide, queue.shares, queue.box, turns, matrices_work, points, rows, has_frame
-        )
-        frames(edges, orders, points, rows, is_curved, normal, means_work, frame, signs, has_frame)
-        control_vectors(edges, orders, points, rows, is_curved, normal, frame, contracted, vectors)
-        is_proved[:] = has_frame
-        are_positive(vectors, orders, columns, is_proved)
-        _settle(orders, sign, signs, vectors, rows, columns, is_inside, has_frame, is_proved, found, queue)
-    return status, int(queue.n_boxes.sum())
+    status[~is_empty], n_boxes = UNDECIDED, 0
+    poles = [(pole, beside(pole, status.shape)) for pole in poles_of(knots, B, shortest)]
+    elsewhere = ~np.any([np.zeros(status.shape, dtype=bool), *(side for _, side in poles)], axis=0)
+    for pole, side in [(NO_POLE, elsewhere), *poles]:
+        is_asked = side & (status == UNDECIDED)
+        status[is_asked] = VALID  # until a box says that it is not
+        lanes = Lanes(orders, is_curved, normal, pole, min(MAX_LANES, status.size))
+        queue, found = Queue.of(lanes.n, status.size), status.reshape(-1)
+        while lanes.fill(knots, ~is_asked.reshape(-1), B, shortest, found, queue):
+            lanes.derive(queue)
+            lanes.judge(sign, found, queue)
+        n_boxes += int(queue.n_boxes.sum())
+    return status, n_boxes
