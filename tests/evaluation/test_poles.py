@@ -21,7 +21,7 @@ def wedge(rng, roles, end, size, spread=0.9):
 
     ``roles`` are the directions about, towards and along the pole.
     """
-    about, towards, along = roles
+    _, towards, along = roles
     n, p = np.empty(3, dtype=int), np.empty(3, dtype=int)
     n[list(roles)], p[list(roles)] = COUNTS, ORDERS
     knots = []
