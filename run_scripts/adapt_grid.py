@@ -1,9 +1,9 @@
 """Adapt the grid of a section to its drag, by interior control points and the adjoint's estimate of the error.
 
-It takes a minute or two, with ``--quick`` some seconds, and with ``--paper``, which adapts a grid of the ONERA M6 to
-lift and drag as well, some five minutes. What comes out are lift and drag on O-grids about NACA 0012 and on the adapted
-one of them, at the conditions that it was adapted to and at others, their errors against what is exact, and a picture
-of the cells with what they contribute to the error.
+It takes a minute or two, with ``--quick`` some seconds, and with ``--paper``, which adapts an H-H grid about the
+section and a grid of the ONERA M6 to lift and drag as well, some five minutes. What comes out are lift and drag on
+O-grids about NACA 0012 and on the adapted one of them, at the conditions that it was adapted to and at others, their
+errors against what is exact, and a picture of the cells with what they contribute to the error.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ SIZES = {"quick": (16, 32, 64), "default": (32, 64, 128), "paper": (32, 64, 128)
 EFFORT = {"quick": (2, 6), "default": (4, 8), "paper": (4, 8)}
 """Rounds, and iterations in each."""
 
+HH, HH_SPACING, HH_FAR = ((25, 33, 25), 25), (6e-3, 8e-3, 8e-3), 50.0
+"""Nodes of the rows of blocks of the H-H grid, heights off the wall, at the nose and at the edge, and the distance of
+the far field, in chords."""
+
 M6, M6_POINTS, M6_ALPHA = ((9, 17, 9), (13, 13), (13, 7)), (7, 7, 7), 3.06
 """Nodes of the rows of blocks of a grid of 13,824 cells about the M6, control points of each block, and the angle
 (deg)."""
@@ -47,7 +51,7 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
     Parameters
     ----------
     paper, quick : bool
-        Another of the sizes; the M6 as well.
+        Another of the sizes; with ``paper`` the H-H grid and the M6 as well.
     figures : path-like, optional
         Folder for ``adapt_grid.png``.
 
@@ -57,8 +61,8 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         ``members``, for each grid of the family its ``n_cells``, ``CL`` and ``CD``; ``adapted``, the same of the one
         that was adapted; ``estimate`` and ``bound`` of the drag before and after; ``others``, drags before and after at
         other conditions; ``flows`` that were solved; ``drag_ratio`` and ``lift_ratio``, errors after by those
-        before. With ``paper``, ``M6``: drag, lift, estimate and bound before and after, ``others`` on the given, the
-        adapted and the finer grid, and the ratios of the errors.
+        before. With ``paper``, ``H-H`` and ``M6``: drag, lift, estimate and bound before and after, ``others`` on the
+        given, the adapted and the finer grid, and the ratios of the errors, each against its limit.
     """
     sizes, (rounds, iterations) = pick_size(SIZES, paper, quick), pick_size(EFFORT, paper, quick)
     models = [bm.fit_grid(bm.section_o_grid(bm.naca_section(0.12, extended=True), n)) for n in sizes]
@@ -80,26 +84,37 @@ def main(paper: bool = False, figures=None, quick: bool = False) -> dict:
         "lift_ratio": abs((adapted["CL"] - LIFT) / (members[1]["CL"] - LIFT)),
     }
     if paper:
-        numbers["M6"] = adapt_wing()
+        numbers["H-H"], numbers["M6"] = adapt_hh_section(search), adapt_wing()
     if figures:
         draw(figures, given, found, members, adapted)
     return numbers
 
 
+def adapt_hh_section(search: dict) -> dict:
+    """Adapt an H-H grid about the section to drag and lift; their limits are those of two members."""
+    grid = bm.infinite_wing_grid(bm.naca_section(0.12, extended=True), HH, bm.Spacing(*HH_SPACING), bm.FarField(HH_FAR))
+    given = bm.fit_grid(grid)
+    return compare(given, bm.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=ALPHA, **search), OTHERS)
+
+
 def adapt_wing() -> dict:
-    """Adapt a grid of the M6 to drag and lift; returns both, before and after, and those of the finer member."""
+    """Adapt a grid of the M6 to drag and lift."""
     planform = bm.onera_m6_planform()
     area = 2.0 * planform.semi_span**2 / planform.aspect_ratio
     given = bm.fit_grid(bm.onera_m6_grid(M6), n_control=M6_POINTS)
     how = {"limits": M6_LIMITS, "rounds": 4, "iterations": 14, "reach": 0.45, "reference_area": area}
-    found = bm.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=M6_ALPHA, **how)
+    return compare(given, bm.adapt_grid(given, ("CD", "CL"), mach=MACH, alpha=M6_ALPHA, **how), M6_OTHERS, area)
+
+
+def compare(given: bm.FittedModel, found: bm.Adaptation, conditions, area: float = 1.0) -> dict:
+    """Compare drag and lift before and after, and on the finer member at other conditions."""
     others = {
         f"M {mach:g}, {alpha:g} deg": [solve(one, mach, alpha, area) for one in (given, found.model, given.member(2.0))]
-        for mach, alpha in M6_OTHERS
+        for mach, alpha in conditions
     }
-    values = {name: [found.before[name].value, found.after[name].value] for name in M6_LIMITS}
+    values = {name: [found.before[name].value, found.after[name].value] for name in found.limits}
     ratios = {"drag_ratio": found.ratio("CD"), "lift_ratio": found.ratio("CL")}
-    return {**values, **changes(found), "flows": found.flows, "others": others, **ratios}
+    return {**values, **changes(found), "limits": found.limits, "flows": found.flows, "others": others, **ratios}
 
 
 def solve(model: bm.FittedModel, mach: float, alpha: float, area: float = 1.0) -> dict:
