@@ -150,7 +150,7 @@ def inspect(**options) -> None:
 )
 @click.option("--no-residual", is_flag=True, help="Do not carry what the splines miss of the grid.")
 @click.option("--no-wall-layer", is_flag=True, help="Do not let nodes near walls follow them as a rigid body.")
-@click.option("--certify", is_flag=True, help="Prove, element by element, that the splines are valid everywhere.")
+@click.option("--no-certify", is_flag=True, help="Do not prove, element by element, that the splines are valid.")
 @json_option
 def fit(**options) -> None:
     """Fit a grid with B-spline volumes and write the model.

@@ -48,7 +48,7 @@ def fit_model(
     parametrization: str = "chord_length",
     no_residual: bool = False,
     no_wall_layer: bool = False,
-    certify: bool = False,
+    no_certify: bool = False,
 ) -> None:
     """Fit a grid, write the model and show how good it is.
 
@@ -72,8 +72,8 @@ def fit_model(
         How control points and parameters are found, see `bspline_mdao.fit_grid`.
     no_residual, no_wall_layer : bool
         Do not keep the residual; do not let nodes near walls follow them.
-    certify : bool
-        Prove which elements of the splines are valid everywhere.
+    no_certify : bool
+        Do not prove which elements of the splines are valid everywhere.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def fit_model(
             _warn_of_patches(stored, grid_name)
             model = fit_blocks(stored, comm, progress=progress, **options)
         certificate = None
-        if certify:
+        if not no_certify:
             progress(1.0, "validity")
             certificate = on_first(comm, lambda: _certificate(model))
     with written_json(json, fit_numbers(model, certificate), comm):

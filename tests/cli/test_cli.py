@@ -198,8 +198,11 @@ def test_fit_tells_how_good_it_is(grid_file, capsys):
     assert max(found["max_error"]) >= found["rms"] / math.sqrt(3.0)
     assert 0.0 < found["relative_rms"] < 0.05
     assert found["seconds"] > 0.0
+    assert found["certificate"]["status"] == "valid"
+    assert [block["n"] for block in found["certificate"]["splines"]] == [2 * 3 * 1] * 2
     table = capsys.readouterr().out
     assert all(text in table for text in ("worst node", "9 x 8 x 6", "5 x 6 x 4"))
+    assert "proved everywhere, not only at corners: all 12 spline elements of 2 blocks valid" in table
     model = FittedModel.load("two.h5")
     assert model.report.rms == found["rms"]
     np.testing.assert_allclose(model.regenerate().to_vector(), read_grid(grid_file).to_vector(), atol=1e-14)
@@ -210,10 +213,11 @@ def test_fit_options_reach_the_fit(grid_file):
     base = ["fit", grid_file, "--n-control", "5", "6", "5"]
     assert run([*base, "-o", "a.h5", "--json", "a.json"]) == 0
     assert run([*base, "-o", "b.h5", "--json", "b.json", "--correct", "2", "--order", "3", "--no-residual"]) == 0
-    assert run([*base, "-o", "c.h5", "--json", "c.json", "--correct", "2"]) == 0
+    assert run([*base, "-o", "c.h5", "--json", "c.json", "--correct", "2", "--no-certify"]) == 0
     assert FittedModel.load("b.h5").residual is None
     assert FittedModel.load("b.h5").mesh.volumes[0].orders == (3, 3, 3)
     assert numbers("c.json")["rms"] < 0.9 * numbers("a.json")["rms"]
+    assert numbers("c.json")["certificate"] is None
 
 
 @pytest.mark.slow
