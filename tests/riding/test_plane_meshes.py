@@ -1,6 +1,7 @@
 """Meshes of two dimensions ride along with sections, as one layer of cells between their planes."""
 
 import numpy as np
+import openmdao.api as om
 import pytest
 from riding_cases import model, plane_mesh, plane_su2_text, section
 
@@ -8,6 +9,7 @@ from bspline_mdao import (
     InputError,
     LinearElasticity,
     MovementError,
+    Ride,
     RidingMesh,
     SectionSpan,
     moving_mesh,
@@ -15,6 +17,7 @@ from bspline_mdao import (
     section_span,
 )
 from bspline_mdao.design.named_deformations import parse_deformation
+from bspline_mdao.testing import central_difference
 
 
 @pytest.fixture
@@ -70,6 +73,36 @@ def test_a_mesh_about_a_section_moves_alike_in_both_planes_and_none_of_its_cells
     assert [(*old[:first], *old[first + len(low) :])] == [(*new[:first], *new[first + len(low) :])]
     back = read_mesh(file.with_name("moved.su2"), section_span(section())).mesh.points
     np.testing.assert_array_equal(back[: len(low), :2], low[:, :2])
+
+
+def test_the_component_takes_it_along_with_exact_derivatives(file):
+    found, rng = read_mesh(file, section_span(section())), np.random.default_rng(3)
+    problem = om.Problem(reports=None)
+    ride = problem.model.add_subsystem("ride", Ride(model=section(), mesh=found.mesh, asked=True), promotes=["*"])
+    problem.setup(mode="rev")
+    at, along = {"control_points": moved("pitch=5deg").ravel(), "wall": found.mesh.points[ride.wall_nodes].ravel()}, {}
+    for name, value in at.items():
+        along[name] = rng.standard_normal(value.size)
+        problem.set_val(name, value)
+    problem.run_model()
+    low, high = np.split(problem.get_val("mesh").reshape(-1, 3), 2)
+    assert np.abs(low[:, :2] - high[:, :2]).max() < 1e-12
+    seed = {"mesh": rng.standard_normal(3 * found.mesh.n_points)}
+    forward, reverse = (
+        problem.compute_jacvec_product(["mesh"], list(at), mode, vectors)
+        for mode, vectors in (("fwd", along), ("rev", seed))
+    )
+    products = forward["mesh"] @ seed["mesh"], sum(reverse[name] @ along[name] for name in at)
+    assert abs(products[0] - products[1]) < 1e-12 * np.linalg.norm(forward["mesh"]) * np.linalg.norm(seed["mesh"])
+
+    def off(step):
+        for name, value in at.items():
+            problem.set_val(name, value + step * along[name])
+        problem.run_model()
+        return problem.get_val("mesh").copy()
+
+    exact = central_difference(off, 1e-5, levels=3)
+    assert np.abs(forward["mesh"] - exact).max() < 1e-8 * np.abs(exact).max()
 
 
 def test_parameters_in_planes_stay_where_they_were_found(file):
