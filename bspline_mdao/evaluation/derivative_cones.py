@@ -22,7 +22,7 @@ __all__ = ["are_positive", "control_vectors", "cut_direction", "frames", "load_e
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def load_edges(B, first, orders, shortest, lane, edges):
-    """Write the differences of neighbouring control points of an element, shape (3, p, p, p, 3, L), to a lane.
+    """Write the differences of neighbouring control points of an element, shape (3, p0, p1, p2, 3, L), to a lane.
 
     Those up to ``shortest`` (m), in the sum norm, have collapsed and are zero.
     """
@@ -42,14 +42,14 @@ def load_edges(B, first, orders, shortest, lane, edges):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def frames(edges, orders, points, rows, is_curved, normal, pole, at_pole, work, frame, signs, is_there):
+def frames(edges, orders, points, rows, depends, normal, pole, at_pole, work, frame, signs, is_there):
     """Inverses of the means of the derivatives over boxes, shape (3, 3, L).
 
     Parameters
     ----------
     edges
         See `load_edges`.
-    orders, is_curved
+    orders, depends
         See `bspline_mdao.evaluation.knot_ranges.extraction`, as for ``points`` and ``rows``.
     normal : ndarray, shape (3,)
         Derivative in a direction of order 1.
@@ -96,7 +96,7 @@ def frames(edges, orders, points, rows, is_curved, normal, pole, at_pole, work, 
                     m = a if e == 0 else b if e == 1 else c
                     i, j = (b, c) if e == 0 else (c, a) if e == 1 else (a, b)
                     for v in range(3):
-                        if v != e and not is_curved[e]:
+                        if v != e and not depends[e, v]:
                             continue
                         f, g, is_about = (e + 1) % 3, (e + 2) % 3, v == e and v == pole[0]
                         f, g = 3 if is_about and f == pole[1] else f, 3 if is_about and g == pole[1] else g
@@ -120,16 +120,16 @@ def frames(edges, orders, points, rows, is_curved, normal, pole, at_pole, work, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def control_vectors(edges, orders, points, rows, is_curved, normal, pole, at_pole, frame, work, vectors):
+def control_vectors(edges, orders, points, rows, depends, normal, pole, at_pole, frame, work, vectors):
     """Centres and radii of the control vectors of the derivatives in the frames.
 
     Parameters
     ----------
-    edges, orders, points, rows, is_curved, normal, pole, at_pole, frame
+    edges, orders, points, rows, depends, normal, pole, at_pole, frame
         See `frames`.
-    work : ndarray, shape (2, 2, p, p, p, 3, L)
+    work : ndarray, shape (2, 2, p0, p1, p2, 3, L)
         Scratch.
-    vectors : ndarray, shape (3, 2, p, p, p, 3, L)
+    vectors : ndarray, shape (3, 2, p0, p1, p2, 3, L)
         Receives centres and radii of those of each derivative.
     """
     for v in range(3):
@@ -145,7 +145,7 @@ def control_vectors(edges, orders, points, rows, is_curved, normal, pole, at_pol
         _contract(work[0], n, f, orders[f], points[0, f], points[1, f], e < 0, work[1])
         _contract(work[1], n, g, orders[g], points[0, g], points[1, g], e < 0, work[0])
         for v in range(3):
-            if v == e or (is_curved[e] and orders[v] > 1):
+            if v == e or (depends[e, v] and orders[v] > 1):
                 _contract(work[0], n, e, orders[e], rows[0, e, v], rows[1, e, v], e >= 0, vectors[v])
         if has_pole and step == 1:
             raise_divided(vectors[pole[0]], orders, pole, at_pole)
@@ -185,9 +185,9 @@ def _turn(edges, n, frame, out):
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def _contract(source, n, axis, n_out, centre, radius, is_sum, out):
     """Contract one index of ``n`` vectors with matrices; both are known but for radii."""
-    p, L = out.shape[1], out.shape[5]
-    x, y = source.reshape(2, 3 * p * p * p, L), out.reshape(2, 3 * p * p * p, L)
-    steps = 3 * p * p, 3 * p, 3
+    (p_0, p_1, p_2), L = out.shape[1:4], out.shape[5]
+    x, y = source.reshape(2, 3 * p_0 * p_1 * p_2, L), out.reshape(2, 3 * p_0 * p_1 * p_2, L)
+    steps = 3 * p_1 * p_2, 3 * p_2, 3
     f, g = (1, 2) if axis == 0 else (0, 2) if axis == 1 else (0, 1)
     for q in range(n[f]):
         for r in range(n[g]):
@@ -212,7 +212,7 @@ def are_positive(vectors, orders, columns, is_there):
 
     Parameters
     ----------
-    vectors : ndarray, shape (3, 2, p, p, p, 3, L)
+    vectors : ndarray, shape (3, 2, p0, p1, p2, 3, L)
         From `control_vectors`. They become fractions: components are divided by that of the derivative's own direction.
         Where that may not be positive, radii are infinite; where a vector has collapsed, its own one is -1.
     orders : tuple of three int

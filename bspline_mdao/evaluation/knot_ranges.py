@@ -162,12 +162,12 @@ def determinant(K, l):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _slopes_of_planes(knots, orders, is_curved, shares, box, out):
+def _slopes_of_planes(knots, orders, varies, shares, box, out):
     """Ranges of the derivatives of the parameter ``e`` in the parameter ``v`` at a fixed share, shape (3, 3, 2, L)."""
     for e in range(3):
         for turn in range(1, 3):
             v, o, q = (e + turn) % 3, (e + 3 - turn) % 3, orders[e] - 2
-            if not (is_curved[e] and orders[v] > 1):
+            if not (varies[e, v] and orders[v] > 1):
                 out[e, v] = 0.0
                 continue
             i, j = (1, 0) if turn == 1 else (0, 1)  # the edge beyond the first, along `v`
@@ -183,7 +183,7 @@ def _slopes_of_planes(knots, orders, is_curved, shares, box, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def parameter_slopes(knots, orders, is_curved, shares, box, work, out, is_there):
+def parameter_slopes(knots, orders, varies, shares, box, work, out, is_there):
     """Ranges of the derivatives of the parameters in the shares, as centres and radii.
 
     With the derivatives ``K`` of the parameters at fixed shares they are ``(1 - K)^{-1}`` times the widths of spans.
@@ -192,8 +192,8 @@ def parameter_slopes(knots, orders, is_curved, shares, box, work, out, is_there)
     ----------
     knots, orders, shares, box
         See `enclose`.
-    is_curved : tuple of three bool
-        Whether knots of a direction are curved.
+    varies : ndarray of bool, shape (3, 3)
+        Whether knots of the first direction vary with the parameter of the second.
     work : ndarray, shape (3, 3, 2, L)
         Receives the ranges of ``K``.
     out : ndarray, shape (3, 3, 2, L)
@@ -202,7 +202,7 @@ def parameter_slopes(knots, orders, is_curved, shares, box, work, out, is_there)
         Set to False where the matrix may be singular.
     """
     K = work
-    _slopes_of_planes(knots, orders, is_curved, shares, box, K)
+    _slopes_of_planes(knots, orders, varies, shares, box, K)
     for l in range(box.shape[2]):
         least, most = determinant(K, l)
         is_there[l] = is_there[l] and least > 1e-6
@@ -303,7 +303,7 @@ def _raise(parts, d_parts, r, arg, n_changes, weights, sums):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def extraction(
-    knots, orders, is_curved, coincide, shares, box, turns, pole, at_pole, pole_turns, work, points, rows, is_there
+    knots, orders, depends, coincide, shares, box, turns, pole, at_pole, pole_turns, work, points, rows, is_there
 ):
     """Matrices from the control points of elements to those of the Bézier hexahedra on boxes, and to their derivatives.
 
@@ -311,8 +311,8 @@ def extraction(
     ----------
     knots, orders, shares, box
         See `enclose`.
-    is_curved : tuple of three bool
-        Whether knots of a direction are curved.
+    depends : ndarray of bool, shape (3, 3)
+        Whether knots of the first direction depend on the share of the second, through other knots as well.
     coincide : ndarray, shape (3, n_local, L)
         1 where a local knot is that of the end of the span on its side.
     turns : ndarray, shape (3, 3, 2, L)
@@ -340,7 +340,7 @@ def extraction(
         if p == 1:
             points[0, e, 0, 0], points[1, e, 0, 0] = 1.0, 0.0
             continue
-        n_corners, n_changes = (4, 2) if is_curved[e] else (1, 0)
+        n_corners, n_changes = (4, 2) if depends[e].any() else (1, 0)
         knots_at_corners(knots, e, 2 * p - 2, n_corners, box, pole, at_pole, at_corners, slopes)
         for arg in range(2):
             _interval_shares(at_corners, slopes, p, n_corners, shares, coincide, e, arg, parts, d_parts, is_there)
@@ -362,7 +362,7 @@ def extraction(
                         changes[d, a, m, 0, l] = -0.5 * (low + high)  # points change by minus the change of the sums
                         changes[d, a, m, 1, l] = 0.5 * (high - low) + 2.0 * UNIT * max(abs(low), abs(high))
         is_along = e == 3 - pole[0] - pole[1]
-        _rows(e, p, is_curved[e], derivative, changes, pole_turns if is_along else turns, rows)
+        _rows(e, p, depends[e], derivative, changes, pole_turns if is_along else turns, rows)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
@@ -390,10 +390,12 @@ def _derivative_row(at_corners, p, n_corners, weights, out):
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _rows(e, p, is_curved, derivative, changes, turns, rows):
+def _rows(e, p, depends, derivative, changes, turns, rows):
     """Write the matrices to derivatives: of a direction itself, its degree raised by one, and through its knots."""
     f, g = (e + 1) % 3, (e + 2) % 3
     for v in range(3):
+        if v != e and not depends[v]:
+            continue  # these stay zero
         for a in range(p):
             below = a / (p - 1)
             for m in range(p - 1):
@@ -409,7 +411,7 @@ def _rows(e, p, is_curved, derivative, changes, turns, rows):
                             + (1.0 - below) * derivative[min(a, p - 2), m, 1, l]
                         )
                         centre, radius = 0.5 * (low + high), 0.5 * (high - low) + 8.0 * UNIT * high
-                    if is_curved:
+                    if depends[v]:
                         for d in range(2):
                             c, r = changes[d, a, m, 0, l], changes[d, a, m, 1, l]
                             o = f if d == 0 else g

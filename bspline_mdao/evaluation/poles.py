@@ -62,12 +62,12 @@ def beside(pole: tuple[int, int, int], shape: tuple[int, ...]) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def divided_turns(knots, orders, is_curved, pole, at_pole, K, turns, shares, box, out):
+def divided_turns(knots, orders, depends, pole, at_pole, K, turns, shares, box, out):
     """Derivatives of parameters in the shares for the knots along a pole, those about it divided.
 
     Parameters
     ----------
-    knots, orders, is_curved, shares, box, pole, at_pole
+    knots, orders, depends, shares, box, pole, at_pole
         See `bspline_mdao.evaluation.knot_ranges.extraction`.
     K, turns : ndarray, shape (3, 3, 2, L)
         From `bspline_mdao.evaluation.knot_ranges.parameter_slopes`.
@@ -100,7 +100,7 @@ def divided_turns(knots, orders, is_curved, pole, at_pole, K, turns, shares, box
             low, high = product_range(
                 low + slopes_v[0], high + slopes_v[1], extent * narrow / most, extent * wide / least
             )
-            ranges[d, v] = (low, high) if is_curved[d] else (0.0, 0.0)
+            ranges[d, v] = (low, high) if depends[d].any() else (0.0, 0.0)
         for e in range(3):
             for x in range(3):
                 low, high = ranges[e, x, 0], ranges[e, x, 1]
@@ -128,15 +128,15 @@ def mean_weights(order, is_divided, pole, at_pole, out):
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
 def raise_divided(vectors, orders, pole, at_pole):
-    """Divide control vectors, shape (2, p, p, p, 3, L), that are zero on a pole, and raise their degree to what it was.
+    """Divide control vectors (2, p0, p1, p2, 3, L) that are zero on a pole, and raise their degree to what it was.
 
     With the share ``t`` between pole and far side, ``sum_a c_a B_a^n`` with ``c_n = 0`` is ``t`` times a polynomial of
     coefficients ``c_a n / (n - a)`` of degree ``n - 1``, whose coefficients of degree n are ``c_a + a / (n - a + 1)
     c_{a-1}``.
     """
-    p, d, n = vectors.shape[1], pole[1], orders[pole[1]] - 1
-    x = vectors.reshape(2, 3 * p * p * p, vectors.shape[5])
-    steps = 3 * p * p, 3 * p, 3
+    d, n = pole[1], orders[pole[1]] - 1
+    x = vectors.reshape(2, 3 * orders[0] * orders[1] * orders[2], vectors.shape[5])
+    steps = 3 * orders[1] * orders[2], 3 * orders[2], 3
     f, g = (1, 2) if d == 0 else (0, 2) if d == 1 else (0, 1)
     for q in range(orders[f]):
         for r in range(orders[g]):

@@ -22,8 +22,9 @@ from .poles import NO_POLE, beside, divided_turns, poles_of
 
 __all__ = ["Lanes", "Queue", "decide_elements"]
 
-MAX_LANES = 32
-"""Boxes that are asked at a time, at most."""
+LANES = 4096, 16
+"""Control points of the boxes that are asked at a time, where many wait, and number of boxes where few do: calls take
+as long as some ten boxes, and free lanes as long as others."""
 
 MAX_DEPTH = 24
 """Halvings of a box, one after the other."""
@@ -33,33 +34,20 @@ MAX_BOXES = 400
 
 
 class Queue(NamedTuple):
-    """Boxes that are asked now, one in each lane, and those that wait.
+    """Boxes that wait.
 
     Parameters
     ----------
-    numbers : ndarray of int, shape (L,)
-        Elements of the boxes in the lanes; -1 in lanes that are free.
-    loaded : ndarray of int, shape (L,)
-        Elements that control points and knots in the lanes belong to.
-    depths : ndarray of int, shape (L,)
-        How often the boxes in the lanes are halves.
-    shares, box : ndarray, shape (3, 2, L)
-        The boxes, and the parameters on them.
     n_waiting : ndarray of int, shape (2,)
         Number of boxes that wait, and of elements that nobody has asked yet.
     waiting, waiting_depths : ndarray of int, shape (n,)
-        Elements and depths of the boxes that wait.
+        Elements of the boxes that wait, and how often these were halved.
     waiting_boxes : ndarray, shape (n, 2, 3, 2)
         Shares and parameters.
     n_boxes : ndarray of int, shape (n_elements,)
         Boxes of each element that were asked.
     """
 
-    numbers: np.ndarray
-    loaded: np.ndarray
-    depths: np.ndarray
-    shares: np.ndarray
-    box: np.ndarray
     n_waiting: np.ndarray
     waiting: np.ndarray
     waiting_depths: np.ndarray
@@ -70,11 +58,35 @@ class Queue(NamedTuple):
     def of(cls, n_lanes: int, n_elements: int) -> Queue:
         """Make one in which all elements wait."""
         room, counts = n_lanes * (2 * MAX_DEPTH + 4), lambda n: np.zeros(n, dtype=np.int64)
-        return cls(
-            np.full(n_lanes, -1), np.full(n_lanes, -1), counts(n_lanes), np.zeros((3, 2, n_lanes)),
-            np.zeros((3, 2, n_lanes)), np.array([0, n_elements]), counts(room), counts(room),
-            np.zeros((room, 2, 3, 2)), counts(n_elements),
-        )  # fmt: skip
+        return cls(np.array([0, n_elements]), counts(room), counts(room), np.zeros((room, 2, 3, 2)), counts(n_elements))
+
+
+class Boxes(NamedTuple):
+    """Boxes that are asked now, one in each lane.
+
+    Parameters
+    ----------
+    numbers : ndarray of int, shape (L,)
+        Elements of the boxes; -1 in lanes that are free.
+    loaded : ndarray of int, shape (L,)
+        Elements that control points and knots in the lanes belong to.
+    depths : ndarray of int, shape (L,)
+        How often the boxes were halved.
+    shares, box : ndarray, shape (3, 2, L)
+        The boxes, and the parameters on them.
+    """
+
+    numbers: np.ndarray
+    loaded: np.ndarray
+    depths: np.ndarray
+    shares: np.ndarray
+    box: np.ndarray
+
+    @classmethod
+    def of(cls, n_lanes: int) -> Boxes:
+        """Make free lanes."""
+        ranges = np.zeros((3, 2, n_lanes)), np.zeros((3, 2, n_lanes))
+        return cls(np.full(n_lanes, -1), np.full(n_lanes, -1), np.zeros(n_lanes, dtype=np.int64), *ranges)
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
@@ -94,37 +106,35 @@ def _load_knots(knots, first, orders, lane, local, coincide):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill(knots, orders, is_empty, B, shortest, status, queue, local, coincide, edges):
+def _fill(knots, orders, is_empty, B, shortest, status, queue, boxes, local, coincide, edges):
     """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
-    q, n_busy = queue, 0
+    q, now, n_busy = queue, boxes, 0
     n_1, n_2 = B.shape[1] - orders[1] + 1, B.shape[2] - orders[2] + 1
-    for lane in range(q.numbers.size):
+    for lane in range(now.numbers.size):
         number = -1
         while number < 0 and q.n_waiting[0] > 0:
             q.n_waiting[0] -= 1
             at = q.n_waiting[0]
             if status[q.waiting[at]] == VALID:  # no box has decided about the element
-                number, q.depths[lane] = q.waiting[at], q.waiting_depths[at]
+                number, now.depths[lane] = q.waiting[at], q.waiting_depths[at]
                 for e in range(3):
                     for i in range(2):
-                        q.shares[e, i, lane], q.box[e, i, lane] = (
-                            q.waiting_boxes[at, 0, e, i],
-                            q.waiting_boxes[at, 1, e, i],
-                        )
+                        now.shares[e, i, lane] = q.waiting_boxes[at, 0, e, i]
+                        now.box[e, i, lane] = q.waiting_boxes[at, 1, e, i]
         while number < 0 and q.n_waiting[1] > 0:
             following = status.size - q.n_waiting[1]
             q.n_waiting[1] -= 1
             if not is_empty[following]:
-                number, q.depths[lane] = following, 0
+                number, now.depths[lane] = following, 0
                 for e in range(3):
                     for i in range(2):
-                        q.shares[e, i, lane], q.box[e, i, lane] = float(i), float(i)
-        q.numbers[lane] = number
+                        now.shares[e, i, lane], now.box[e, i, lane] = float(i), float(i)
+        now.numbers[lane] = number
         if number < 0:
             continue
         n_busy += 1
-        if number != q.loaded[lane]:
-            q.loaded[lane] = number
+        if number != now.loaded[lane]:
+            now.loaded[lane] = number
             first = number // (n_1 * n_2), number // n_2 % n_1, number % n_2
             load_edges(B, first, orders, shortest, lane, edges)
             _load_knots(knots, first, orders, lane, local, coincide)
@@ -132,23 +142,25 @@ def _fill(knots, orders, is_empty, B, shortest, status, queue, local, coincide, 
 
 
 @njit(cache=True, nogil=True, no_cpython_wrapper=True, error_model="numpy")
-def _wait(queue, lane, depth, direction, low, high):
+def _wait(queue, boxes, lane, depth, direction, low, high):
     """Let a part of the box of a lane wait: that between two shares in one direction."""
-    q, at = queue, queue.n_waiting[0]
+    q, now, at = queue, boxes, queue.n_waiting[0]
     q.n_waiting[0] += 1
-    q.waiting[at], q.waiting_depths[at] = q.numbers[lane], depth
+    q.waiting[at], q.waiting_depths[at] = now.numbers[lane], depth
     for e in range(3):
         for i in range(2):
-            q.waiting_boxes[at, 0, e, i], q.waiting_boxes[at, 1, e, i] = q.shares[e, i, lane], q.box[e, i, lane]
+            q.waiting_boxes[at, 0, e, i], q.waiting_boxes[at, 1, e, i] = now.shares[e, i, lane], now.box[e, i, lane]
     q.waiting_boxes[at, 0, direction, 0], q.waiting_boxes[at, 0, direction, 1] = low, high
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _settle(orders, sign, signs, vectors, rows, columns, pole, at_pole, is_inside, has_frame, is_proved, status, queue):
+def _settle(
+    orders, sign, signs, vectors, rows, columns, pole, at_pole, is_inside, has_frame, is_proved, status, queue, boxes
+):
     """Take what was found of boxes: where that is nothing, halve them or give their elements up."""
-    q, corner = queue, np.zeros(3, dtype=np.int64)
-    for lane in range(q.numbers.size):
-        number = q.numbers[lane]
+    q, now, corner = queue, boxes, np.zeros(3, dtype=np.int64)
+    for lane in range(now.numbers.size):
+        number = now.numbers[lane]
         if number < 0 or status[number] != VALID or not is_inside[lane]:
             continue
         q.n_boxes[number] += 1
@@ -157,86 +169,85 @@ def _settle(orders, sign, signs, vectors, rows, columns, pole, at_pole, is_insid
                 status[number] = INVALID
             continue
         is_full = q.n_boxes[number] >= MAX_BOXES or q.n_waiting[0] + 3 > q.waiting.size
-        if is_full or q.depths[lane] >= MAX_DEPTH:
+        if is_full or now.depths[lane] >= MAX_DEPTH:
             status[number] = UNDECIDED
             continue
-        d = cut_direction(vectors, rows, orders, columns, q.shares, has_frame[lane], lane)
-        middle = 0.5 * (q.shares[d, 0, lane] + q.shares[d, 1, lane])
-        _wait(q, lane, q.depths[lane] + 1, d, q.shares[d, 0, lane], middle)
-        _wait(q, lane, q.depths[lane] + 1, d, middle, q.shares[d, 1, lane])
+        d = cut_direction(vectors, rows, orders, columns, now.shares, has_frame[lane], lane)
+        low, high = now.shares[d, 0, lane], now.shares[d, 1, lane]
+        _wait(q, now, lane, now.depths[lane] + 1, d, low, 0.5 * (low + high))
+        _wait(q, now, lane, now.depths[lane] + 1, d, 0.5 * (low + high), high)
         if has_frame[lane] and worst_corner(vectors, orders, sign * signs[lane], pole, at_pole[lane], lane, corner):
             for e in range(3):
-                q.shares[e, 1 - corner[e], lane] = q.shares[e, corner[e], lane]
-            _wait(q, lane, MAX_DEPTH, 0, q.shares[0, 0, lane], q.shares[0, 1, lane])
+                now.shares[e, 1 - corner[e], lane] = now.shares[e, corner[e], lane]
+            _wait(q, now, lane, MAX_DEPTH, 0, now.shares[0, 0, lane], now.shares[0, 1, lane])
 
 
 class Lanes:
-    """Room for boxes of one volume, one in each lane, and what is found of them.
+    """Lanes in which boxes of one volume are asked, and what is found of these.
 
     Parameters
     ----------
+    n_lanes : int
+        How many.
     orders : tuple of three int
         Orders.
-    is_curved : tuple of three bool
-        Whether knots of a direction are curved.
+    varies : ndarray of bool, shape (3, 3)
+        Whether knots of the first direction vary with the parameter of the second.
     normal : ndarray, shape (3,)
         Derivative in a direction of order 1.
     pole : tuple of three int
         Pole that the elements are beside, see `bspline_mdao.evaluation.knot_ranges.extraction`.
-    n : int
-        Number of lanes.
     """
 
-    def __init__(self, orders, is_curved, normal, pole, n):
-        self.orders, self.is_curved, self.normal, self.pole, self.n = orders, is_curved, normal, pole, n
-        p, L = max(*orders, 2), n
-        n_local, n_parts = 2 * p - 2, p * (p - 1) // 2
+    def __init__(self, n_lanes: int, orders: tuple[int, int, int], varies: np.ndarray, normal: np.ndarray, pole):
+        p, L, self.orders, self.normal, self.pole = max(*orders, 2), n_lanes, orders, normal, pole
+        n, n_parts = 2 * p - 2, p * (p - 1) // 2
+        self.varies, self.depends = varies, varies | (varies @ varies)
+        self.depends |= self.depends @ varies
+        self.boxes = Boxes.of(L)
         self.is_inside, self.has_frame, self.is_proved, self.at_pole = np.zeros((4, L), dtype=bool)
-        self.knots = np.zeros((3, 2, 2, n_local, L)), np.zeros((3, n_local, L))
-        self.edges, self.points = np.zeros((3, p, p, p, 3, L)), np.zeros((2, 3, p, p, L))
+        self.knots = np.zeros((3, 2, 2, n, L)), np.zeros((3, n, L))
+        self.edges, self.points = np.zeros((3, *orders, 3, L)), np.zeros((2, 3, p, p, L))
         self.rows = np.zeros((2, 3, 3, p, p - 1, L))
         self.slopes, self.turns, self.pole_turns, self.columns = np.zeros((4, 3, 3, 2, L))
-        self.matrices_work = (
-            np.zeros((4, n_local, L)), np.zeros((2, 2, n_local, L)), np.zeros((2, n_parts, 2, L)),
-            np.zeros((2, 2, n_parts, 2, L)), np.zeros((p, 2, L)), np.zeros((2, p, 2, L)), np.zeros((p, p, 2, L)),
-            np.zeros((2, p, p, 2, L)),
+        self.for_matrices = (
+            np.zeros((4, n, L)), np.zeros((2, 2, n, L)), np.zeros((2, n_parts, 2, L)), np.zeros((2, 2, n_parts, 2, L)),
+            np.zeros((p, 2, L)), np.zeros((2, p, 2, L)), np.zeros((p, p, 2, L)), np.zeros((2, p, p, 2, L)),
         )  # fmt: skip
-        self.means_work = np.zeros((4, p, L)), np.zeros((3, p, L)), np.zeros((3, 3, L)), np.zeros((p, L))
+        self.for_means = np.zeros((4, p, L)), np.zeros((3, p, L)), np.zeros((3, 3, L)), np.zeros((p, L))
         self.frame, self.signs = np.zeros((3, 3, L)), np.zeros(L)
-        self.contracted, self.vectors = np.zeros((2, 2, p, p, p, 3, L)), np.zeros((3, 2, p, p, p, 3, L))
+        self.contracted, self.vectors = np.zeros((2, 2, *orders, 3, L)), np.zeros((3, 2, *orders, 3, L))
 
-    def fill(self, knots, is_left_out, B, shortest, status, queue) -> int:
+    def fill(self, knots, is_left_out: np.ndarray, B: np.ndarray, shortest: float, status, queue: Queue) -> int:
         """Give lanes boxes that wait, or elements that nobody has asked yet; return how many have one."""
-        return _fill(knots, self.orders, is_left_out, B, shortest, status, queue, *self.knots, self.edges)
+        return _fill(knots, self.orders, is_left_out, B, shortest, status, queue, self.boxes, *self.knots, self.edges)
 
-    def derive(self, queue) -> None:
+    def derive(self) -> None:
         """Find the control vectors of the derivatives on the boxes, in their frames."""
-        orders, is_curved, pole, at_pole = self.orders, self.is_curved, self.pole, self.at_pole
-        shares, box, (local, coincide) = queue.shares, queue.box, self.knots
+        orders, depends, pole, at_pole = self.orders, self.depends, self.pole, self.at_pole
+        shares, box, (local, coincide) = self.boxes.shares, self.boxes.box, self.knots
         self.is_inside[:], self.has_frame[:] = True, True
         enclose(local, orders, shares, box, self.is_inside)
-        if any(is_curved):
-            parameter_slopes(local, orders, is_curved, shares, box, self.slopes, self.turns, self.has_frame)
+        if self.varies.any():
+            parameter_slopes(local, orders, self.varies, shares, box, self.slopes, self.turns, self.has_frame)
         if pole != NO_POLE:
             np.equal(shares[pole[1], pole[2]], pole[2], out=at_pole)
-            divided_turns(
-                local, orders, is_curved, pole, at_pole, self.slopes, self.turns, shares, box, self.pole_turns
-            )
+            divided_turns(local, orders, depends, pole, at_pole, self.slopes, self.turns, shares, box, self.pole_turns)
         extraction(
-            local, orders, is_curved, coincide, shares, box, self.turns, pole, at_pole, self.pole_turns,
-            self.matrices_work, self.points, self.rows, self.has_frame,
+            local, orders, depends, coincide, shares, box, self.turns, pole, at_pole, self.pole_turns,
+            self.for_matrices, self.points, self.rows, self.has_frame,
         )  # fmt: skip
-        of_derivatives = self.edges, orders, self.points, self.rows, is_curved, self.normal, pole, at_pole
-        frames(*of_derivatives, self.means_work, self.frame, self.signs, self.has_frame)
+        of_derivatives = self.edges, orders, self.points, self.rows, depends, self.normal, pole, at_pole
+        frames(*of_derivatives, self.for_means, self.frame, self.signs, self.has_frame)
         control_vectors(*of_derivatives, self.frame, self.contracted, self.vectors)
 
-    def judge(self, sign, status, queue) -> None:
+    def judge(self, sign: float, status: np.ndarray, queue: Queue) -> None:
         """Ask whether the Jacobian is proved of one sign, and take that, or halve the boxes."""
         self.is_proved[:] = self.has_frame
         are_positive(self.vectors, self.orders, self.columns, self.is_proved)
         _settle(
             self.orders, sign, self.signs, self.vectors, self.rows, self.columns, self.pole, self.at_pole,
-            self.is_inside, self.has_frame, self.is_proved, status, queue,
+            self.is_inside, self.has_frame, self.is_proved, status, queue, self.boxes,
         )  # fmt: skip
 
 
@@ -268,22 +279,32 @@ def decide_elements(
     n_boxes : int
         Boxes that were asked.
     """
-    is_curved = tuple(bool((edges != edges[0, 0]).any()) for edges in knots)
+    varies = np.array([[e != v and _varies(T, e, v) for v in range(3)] for e, T in enumerate(knots)])
     status = np.full([n - p + 1 for n, p in zip(B.shape, orders)], VALID, dtype=np.uint8)
     is_empty = np.zeros(status.shape, dtype=bool)
     for e, (T, p) in enumerate(zip(knots, orders)):
-        if p > 1 and not is_curved[e]:
+        if p > 1 and not varies[e].any():
             is_empty |= np.diff(T[0, 0, p - 1 : T.shape[2] - p + 1]).reshape(np.roll([-1, 1, 1], e)) <= 0.0
     status[~is_empty], n_boxes = UNDECIDED, 0
     poles = [(pole, beside(pole, status.shape)) for pole in poles_of(knots, B, shortest)]
     elsewhere = ~np.any([np.zeros(status.shape, dtype=bool), *(side for _, side in poles)], axis=0)
+    many, few = min(LANES[0] // int(np.prod(orders)), status.size), min(LANES[1], status.size)
     for pole, side in [(NO_POLE, elsewhere), *poles]:
         is_asked = side & (status == UNDECIDED)
         status[is_asked] = VALID  # until a box says that it is not
-        lanes = Lanes(orders, is_curved, normal, pole, min(MAX_LANES, status.size))
-        queue, found = Queue.of(lanes.n, status.size), status.reshape(-1)
-        while lanes.fill(knots, ~is_asked.reshape(-1), B, shortest, found, queue):
-            lanes.derive(queue)
-            lanes.judge(sign, found, queue)
+        queue, found, is_left_out = Queue.of(many, status.size), status.reshape(-1), ~is_asked.reshape(-1)
+        sets: dict[int, Lanes] = {}
+        while queue.n_waiting.any():
+            n = few if queue.n_waiting.sum() <= few else many
+            lanes = sets[n] = sets.get(n) or Lanes(n, orders, varies, normal, pole)
+            if lanes.fill(knots, is_left_out, B, shortest, found, queue):
+                lanes.derive()
+                lanes.judge(sign, found, queue)
         n_boxes += int(queue.n_boxes.sum())
     return status, n_boxes
+
+
+def _varies(knots: np.ndarray, e: int, v: int) -> bool:
+    """Whether knots of direction ``e`` on its four edges vary with the parameter of direction ``v``."""
+    along = knots if v == (e + 1) % 3 else knots.swapaxes(0, 1)
+    return bool((along[0] != along[1]).any())

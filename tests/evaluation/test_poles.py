@@ -127,17 +127,18 @@ def test_divided_derivatives_lie_between_those_of_their_control_vectors(roles, e
     volume, net, _ = wedge(rng, roles, end, 1.0)
     knots, shape = tuple(k.corners for k in volume.knots), [n - p + 1 for n, p in zip(volume.n_control, volume.orders)]
     side, status = beside(pole, tuple(shape)), np.zeros(shape, dtype=np.uint8)
-    lanes, queue = Lanes(volume.orders, (True,) * 3, np.zeros(3), pole, 8), Queue.of(8, status.size)
+    varies = ~np.eye(3, dtype=bool)
+    lanes, queue = Lanes(8, volume.orders, varies, np.zeros(3), pole), Queue.of(8, status.size)
     assert lanes.fill(knots, ~side.ravel(), net, 1e-12, status.ravel(), queue) == side.sum() == 8
     x = rng.uniform(0.0, 1.0, (200_000, 3))
     x[:, roles[1]] = np.abs(end - 10.0 ** rng.uniform(-6.0, 0.0, len(x)))
     places, gradients = volume_basis(volume, x)[0], evaluate_gradients(volume, net, x)
     low, high = rng.uniform(0.0, 0.4, (3, 8)), rng.uniform(0.6, 1.0, (3, 8))
     (high if end == 1 else low)[roles[1]] = end
-    queue.shares[:, 0], queue.shares[:, 1] = low, high
-    lanes.derive(queue)
+    lanes.boxes.shares[:, 0], lanes.boxes.shares[:, 1] = low, high
+    lanes.derive()
     n_sampled, tight = 0, np.inf
-    for lane, number in enumerate(queue.numbers):
+    for lane, number in enumerate(lanes.boxes.numbers):
         spans = np.unravel_index(number, shape)
         is_in = (places == spans).all(axis=1)
         u, to_shares = shares_of(volume, x[is_in], spans)
@@ -146,7 +147,7 @@ def test_divided_derivatives_lie_between_those_of_their_control_vectors(roles, e
         derivatives = np.einsum("ox,nxe,nev->nvo", lanes.frame[..., lane], gradients[is_in][in_box], to_shares[in_box])
         derivatives[:, roles[0]] /= np.abs(end - u[:, roles[1]])[:, None]
         a, b, c = (bernstein(p, u[:, e]) for e, p in enumerate(volume.orders))
-        vectors = lanes.vectors[:, :, : volume.orders[0], : volume.orders[1], : volume.orders[2], :, lane]
+        vectors = lanes.vectors[..., lane]
         centres, radii = np.einsum("vrabco,na,nb,nc->rnvo", vectors, a, b, c, optimize=True)
         rounding = 1e-7 * np.abs(derivatives).max() * (np.arange(3) == roles[0])[:, None] + 1e-12
         assert (np.abs(derivatives - centres) <= radii + rounding).all()
