@@ -126,8 +126,9 @@ def free_corners(mesh: MovingMesh) -> SpringNetwork:
 def _directions(mesh: MovingMesh, ids: np.ndarray) -> sparse.csr_array:
     """Directions in which points may move as orthonormal columns, shape (3 n, n_free)."""
     frames = np.broadcast_to(np.eye(3), (len(ids), 3, 3)) if mesh.frames is None else mesh.frames[ids]
-    blocks = sparse.block_diag(list(frames.transpose(0, 2, 1)), format="csc") if len(ids) else sparse.csc_array((0, 0))
-    return sparse.csr_array(blocks[:, np.flatnonzero(mesh.is_free[ids])])
+    n, columns = len(ids), frames.transpose(0, 2, 1)
+    blocks = sparse.bsr_array((columns, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n), blocksize=(3, 3))
+    return sparse.csr_array(blocks.tocsc()[:, np.flatnonzero(mesh.is_free[ids])])
 
 
 def arc_lengths(points: np.ndarray) -> np.ndarray:

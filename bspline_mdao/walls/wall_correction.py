@@ -258,7 +258,7 @@ def _edge_lengths(pieces, corners: np.ndarray) -> dict[tuple[int, int], float]:
 
 def _directions(ids: np.ndarray, planes) -> sparse.csr_array:
     """Directions in which corners may move as orthonormal columns: all, or those of the planes that they are in."""
-    blocks = [_complement([normal for is_member, normal in planes if is_member[n]]) for n in ids]
+    blocks = [sparse.csr_array(_complement([normal for is_in, normal in planes if is_in[n]])) for n in ids]
     return sparse.csr_array(sparse.block_diag(blocks, format="csr")) if blocks else sparse.csr_array((0, 0))
 
 
