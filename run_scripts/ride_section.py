@@ -137,15 +137,17 @@ def n_changed(before: list[str], after: list[str], n_nodes: int) -> int:
 
 def draw(folder, n_nodes: int, riding: bm.RidingMesh, states: dict, triangles: np.ndarray, quads: np.ndarray) -> None:
     """Draw the mesh after each move, and the airfoil as it was."""
-    halves = np.concatenate([triangles, quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    sides = [np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2) for cells in (triangles, quads)]
+    sides = np.unique(np.sort(np.concatenate(sides), axis=1), axis=0)
     wall = np.unique(riding.walls.rows % n_nodes)
-    with figure(folder, "ride_section", size=(10.0, 2.4)) as canvas:
-        for axes, (name, (state, _)) in zip(canvas.subplots(1, len(states)), states.items()):
-            x = state.points[:n_nodes]
-            axes.triplot(x[:, 0], x[:, 1], halves, color=BLUE, linewidth=0.2)
+    with figure(folder, "ride_section", size=(10.0, 2.1), n_colours=32) as canvas:
+        panels = canvas.subplots(1, len(states), sharey=True)
+        for axes, (name, (state, _)) in zip(panels, states.items()):
+            lines = np.insert(state.points[sides, :2], 2, np.nan, axis=1).reshape(-1, 2)  # a gap after each
+            axes.plot(*lines.T, color=BLUE, linewidth=0.2)
             axes.plot(*riding.mesh.points[np.append(wall, wall[0]), :2].T, color=GRAY, linewidth=1.0)
-            axes.set(title=MOVES[name], aspect="equal", xlabel="$x$ (m)", ylabel="$y$ (m)")
-            axes.set(xlim=(-0.15, 1.15), ylim=(-0.3, 0.3))
+            axes.set(title=MOVES[name], aspect="equal", xlabel="$x$ (m)", xlim=(-0.15, 1.15), ylim=(-0.25, 0.25))
+        panels[0].set_ylabel("$y$ (m)")
 
 
 if __name__ == "__main__":

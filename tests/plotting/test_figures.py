@@ -50,6 +50,17 @@ def test_a_figure_is_saved_with_what_was_drawn_into_it(tmp_path):
     assert (np.abs(pixels[..., :3] - [1.0, 0.0, 0.0]).max(axis=-1) < 0.01).mean() > 0.8
 
 
+def test_a_figure_of_few_colours_is_a_smaller_file_of_the_same_picture(tmp_path):
+    lines = np.random.default_rng(0).uniform(size=(2, 200, 2))
+    for name, n_colours in (("all", None), ("few", 16)):
+        with figure(tmp_path, name, (2.0, 1.0), n_colours) as canvas:
+            canvas.subplots().plot(*lines, color="blue", linewidth=0.2)
+    every, few = (image.imread(tmp_path / f"{name}.png")[..., :3] for name in ("all", "few"))
+    assert np.abs(every - few).mean() < 0.03
+    assert len(np.unique(few.reshape(-1, 3), axis=0)) <= 16 < len(np.unique(every.reshape(-1, 3), axis=0))
+    assert 2 * (tmp_path / "few.png").stat().st_size < (tmp_path / "all.png").stat().st_size
+
+
 def test_a_net_is_drawn_by_the_lines_of_both_directions(tmp_path):
     net = np.random.default_rng(0).normal(size=(3, 4, 2))
     with figure(tmp_path, "net", (1.0, 1.0)) as canvas:
