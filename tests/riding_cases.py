@@ -2,6 +2,7 @@
 
 from functools import cache
 
+import h5py
 import numpy as np
 
 from bspline_mdao import (
@@ -15,6 +16,8 @@ from bspline_mdao import (
     section_o_grid,
 )
 from bspline_mdao.design.named_deformations import parse_deformation
+from bspline_mdao.io.cgns import write_base
+from bspline_mdao.io.cgns_nodes import add_node
 from bspline_mdao.riding.wall_faces import GridBoundary
 
 SPACING = Spacing(off_wall=1e-4)
@@ -138,3 +141,33 @@ def plane_su2_text():
             "",
         ]
     )
+
+
+def add_elements(zone, name, kind, numbers, corners):
+    """Write a section of elements of CGNS."""
+    section = add_node(zone, name, "Elements_t", np.array([kind, 0], np.int32))
+    add_node(section, "ElementRange", "IndexRange_t", np.array(numbers, np.int32))
+    add_node(section, "ElementConnectivity", "DataArray_t", np.asarray(corners, np.int32))
+
+
+def write_plane_cgns(path, axes, n_axes):
+    """Write this mesh as a CGNS base of two dimensions, in some of two or three axes: quads in mixed elements."""
+    points, triangles, quads, lines = plane_mesh()
+    nodes = np.zeros((len(points), n_axes))
+    nodes[:, axes] = points
+    ends = np.cumsum([len(triangles), len(quads), len(lines)])
+    with h5py.File(path, "w", track_order=True) as file:
+        base = write_base(file, 2)
+        base[" data"][1] = n_axes
+        zone = add_node(base, "zone", "Zone_t", np.array([[len(points)], [ends[1]], [0]], np.int32))
+        add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+        coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+        for axis, values in zip("XYZ", nodes.T):
+            add_node(coordinates, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(values))
+        add_elements(zone, "triangles", 5, (1, ends[0]), triangles.ravel() + 1)
+        mixed = np.insert(quads + 1, 0, 7, axis=1).ravel()
+        add_elements(zone, "quads", 20, (ends[0] + 1, ends[1]), mixed)
+        add_elements(zone, "lines", 3, (ends[1] + 1, ends[2]), lines.ravel() + 1)
+        airfoil = add_node(add_node(zone, "ZoneBC", "ZoneBC_t"), "airfoil", "BC_t", "BCWall")
+        add_node(airfoil, "PointRange", "IndexRange_t", np.array([[ends[1] + 1, ends[2]]], np.int32))
+        add_node(airfoil, "GridLocation", "GridLocation_t", "EdgeCenter")

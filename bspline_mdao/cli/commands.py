@@ -264,8 +264,8 @@ def ride(model: Path, mesh: Path, output: Path, json: Path | None, **options) ->
     """Take an unstructured mesh along with the control mesh of a model.
 
     MESH is {meshes}. It is written in the format that it is read in; all but its nodes stays as it is. Its walls go
-    where the deformation puts them, and nodes near them follow as a rigid body. A mesh of two dimensions (.su2, .msh,
-    .vtu) goes along with a section: a model of a grid between two planes of symmetry.
+    where the deformation puts them, and nodes near them follow as a rigid body. A mesh of two dimensions (.su2, .cgns,
+    .msh, .vtu) goes along with a section: a model of a grid between two planes of symmetry.
     """
     from .ride import RideOptions, ride_along
 

@@ -7,7 +7,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from riding_cases import HALVES, corners_of
+from riding_cases import HALVES, add_elements, corners_of
 
 from bspline_mdao import (
     InputError,
@@ -57,12 +57,6 @@ def cgns(tmp_path):
             solution = add_node(zone, "FlowSolution", "FlowSolution_t")
             add_node(solution, "Pressure", "DataArray_t", np.arange(8.0))
     return path
-
-
-def add_elements(zone, name, kind, numbers, corners):
-    section = add_node(zone, name, "Elements_t", np.array([kind, 0], np.int32))
-    add_node(section, "ElementRange", "IndexRange_t", np.array(numbers, np.int32))
-    add_node(section, "ElementConnectivity", "DataArray_t", np.asarray(corners, np.int32))
 
 
 def test_polyhedra_of_openfoam_have_the_volumes_of_the_blocks(folder):

@@ -1,9 +1,10 @@
 """Meshes of two dimensions ride along with sections, as one layer of cells between their planes."""
 
+import h5py
 import numpy as np
 import openmdao.api as om
 import pytest
-from riding_cases import model, plane_mesh, plane_su2_text, section
+from riding_cases import add_elements, model, plane_mesh, plane_su2_text, section, write_plane_cgns
 
 from bspline_mdao import (
     InputError,
@@ -130,6 +131,59 @@ def test_gmsh_and_vtk_meshes_in_any_plane_ride_as_well(tmp_path):
         written = meshio.read(tmp_path / f"moved_{name}").points
         np.testing.assert_array_equal(written[:, axes], points * [1.5, 2.0])
         assert not np.delete(written, axes, axis=1).any()
+
+
+@pytest.mark.parametrize(("axes", "n_axes"), [([0, 1], 2), ([0, 1], 3), ([0, 2], 3)])
+def test_cgns_of_two_dimensions_is_the_same_layer_in_two_or_three_coordinates(file, tmp_path, axes, n_axes):
+    span, path, moved_path = section_span(section()), tmp_path / "plane.cgns", tmp_path / "moved.cgns"
+    write_plane_cgns(path, axes, n_axes)
+    found, same = read_mesh(path, span), read_mesh(file, span).mesh
+    np.testing.assert_array_equal(found.mesh.points, same.points)
+    for kind in same.cells:
+        np.testing.assert_array_equal(found.mesh.cells[kind], same.cells[kind])
+    np.testing.assert_array_equal(found.mesh.markers["airfoil"], same.markers["airfoil"])
+    found.write(moved_path, found.mesh.points)
+    assert moved_path.read_bytes() == path.read_bytes()
+    found.write(moved_path, found.mesh.points * [1.5, 2.0, 1.0])
+    np.testing.assert_array_equal(read_mesh(moved_path, span).mesh.points, same.points * [1.5, 2.0, 1.0])
+
+
+def test_cgns_of_gmsh_of_two_dimensions_is_read_and_written(tmp_path):
+    gmsh, path = pytest.importorskip("gmsh"), tmp_path / "hole.cgns"
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        disk, hole = (gmsh.model.occ.addDisk(0.0, 0.0, 0.0, *radii) for radii in ((4.0, 4.0), (1.0, 0.5)))
+        gmsh.model.occ.cut([(2, disk)], [(2, hole)])
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(path))
+        _, elements, _ = gmsh.model.mesh.getElements(2)
+    finally:
+        gmsh.finalize()
+    if not path.exists():
+        pytest.skip("this gmsh writes no CGNS")
+    found = read_mesh(path, SectionSpan(1, 0.0, 2.0))
+    assert len(found.mesh.cells["wedge"]) == len(elements[0])
+    volumes = found.mesh.quality().volumes
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(2.0 * np.pi * (16.0 - 0.5), rel=0.1)
+    found.write(tmp_path / "moved.cgns", found.mesh.points * [2.0, 1.0, 1.0])
+    moved = read_mesh(tmp_path / "moved.cgns", SectionSpan(1, 0.0, 2.0)).mesh
+    assert moved.quality().volumes.sum() == pytest.approx(2.0 * volumes.sum(), rel=1e-12)
+
+
+def test_what_cgns_of_two_dimensions_cannot_be_is_said(tmp_path):
+    path, span = tmp_path / "plane.cgns", SectionSpan(2, 0.0, 1.0)
+    write_plane_cgns(path, [0, 1], 2)
+    with pytest.raises(InputError, match=r"plane\.cgns: is of two dimensions, and rides along with a section alone"):
+        read_mesh(path)
+    for kind, message in ((22, "has polygons; of two dimensions"), (10, "has a tetra in a base of two dimensions")):
+        write_plane_cgns(path, [0, 1], 2)
+        with h5py.File(path, "r+", track_order=True) as content:
+            add_elements(content["Base/zone"], "other", kind, (9001, 9001), [1, 2, 3, 4])
+        with pytest.raises(InputError, match=f"zone 'zone', section 'other': {message}"):
+            read_mesh(path, span)
 
 
 def test_what_a_file_of_two_dimensions_cannot_hold_is_refused(file):

@@ -22,6 +22,7 @@ from ..cgns_nodes import children, damaged_is_input_error, first_child, is_link,
 from ..disk import deferred_interrupts, read_raw, replaced_file
 from ..formats import ADF
 from .cgns_polyhedra import NFACE, NGON, Lists, Polygons
+from .layer_of_cells import LayerPoints, SectionSpan
 
 __all__ = ["CgnsMeshFile", "read_cgns_mesh"]
 
@@ -35,15 +36,20 @@ FACES = {
     "triangle": (3, {5: 3, 6: 6, 25: 9, 26: 10, 41: 12, 42: 15}),
     "quad": (4, {7: 4, 8: 8, 9: 9, 27: 12, 28: 16, 43: 16, 44: 25}),
 }
-LINES = {2: 1, 3: 2, 4: 3, 24: 4, 40: 5}
+NODE = 2
+LINES = {NODE: 1, 3: 2, 4: 3, 24: 4, 40: 5}
 """Corners of cells and faces, which come first, and their nodes by CGNS's numbers of the elements of each degree; the
-nodes of what is no part of a boundary."""
+nodes of what is no part of a boundary in three dimensions."""
 
 CORNERS = {number: n for n, numbers in (*CELLS.values(), *FACES.values()) for number in numbers} | LINES
 NODES = {k: n for _, numbers in (*CELLS.values(), *FACES.values()) for k, n in numbers.items()} | LINES
-KINDS = {number: kind for kind, (_, numbers) in CELLS.items() for number in numbers}
+KINDS = {
+    dimension: {number: kind for kind, (_, numbers) in known.items() for number in numbers}
+    for dimension, known in ((2, FACES), (3, CELLS))
+}
 MIXED = 20
-"""Corners and nodes of elements by their numbers, the kinds of cells, and the number of sections of several kinds."""
+"""Corners and nodes of elements by their numbers, the kinds of cells by the dimension, and the number of sections of
+several kinds."""
 
 AXES = ("CoordinateX", "CoordinateY", "CoordinateZ")
 
@@ -62,15 +68,20 @@ class CgnsMeshFile(OneLine):
         Places of the coordinates of every zone in the file.
     numbers : ndarray of int, shape (n_stored,)
         Node of the mesh that each node of the zones is, one zone after the other.
+    layer : LayerPoints, optional
+        Nodes of a file of two dimensions.
     """
 
     mesh: MixedMesh
     path: str
     places: tuple[tuple[str, ...], ...]
     numbers: np.ndarray
+    layer: LayerPoints | None = None
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write a copy of the file with other nodes, shape (n, 3), at the precision of the file."""
+        if self.layer is not None:
+            points = self.layer.in_file(points)
         with replaced_file(path) as temporary:
             shutil.copyfile(self.path, temporary)
             with damaged_is_input_error(self.path), deferred_interrupts(), h5py.File(temporary, "r+") as file:
@@ -83,22 +94,26 @@ class CgnsMeshFile(OneLine):
                     first += n
 
 
-def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
+def read_cgns_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> CgnsMeshFile:
     """Read the unstructured zones of a CGNS file in HDF5.
 
     Parameters
     ----------
     path : path-like
         The file.
+    span : SectionSpan, optional
+        Planes of the section that a mesh of two dimensions rides along with.
 
     Returns
     -------
     CgnsMeshFile
+        Of three dimensions, where the file has zones of three and of two.
 
     Raises
     ------
     InputError
-        If the file is damaged, in ADF, has structured zones, linked coordinates, or elements of another kind.
+        If the file is damaged, in ADF, has structured zones, linked coordinates, or elements of another kind, or two
+        dimensions and there is no span.
     """
     source, head = str(path), read_raw(path, 64)
     if head.startswith(ADF) or head[4:].startswith(ADF):
@@ -109,17 +124,16 @@ def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
     markers: dict[str, list[np.ndarray]] = {}
     places, first = [], 0
     with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
+        bases = [(tuple(int(size) for size in value(base)[:2]), base) for _, base in children(file, "CGNSBase_t")]
+        n_dimensions, n_axes = max((sizes for sizes, _ in bases), default=(0, 0))
         zones = [
-            (name, zone)
-            for _, base in children(file, "CGNSBase_t")
-            if int(value(base)[0]) == 3
-            for name, zone in children(base, "Zone_t")
+            found for sizes, base in bases if sizes == (n_dimensions, n_axes) for found in children(base, "Zone_t")
         ]
-        if not zones:
-            raise InputError(f"{source}: has no zones of three dimensions; give a CGNS mesh")
+        if n_dimensions not in KINDS or not zones:
+            raise InputError(f"{source}: has no zones of two or three dimensions; give a CGNS mesh")
         for name, zone in zones:
-            zone_points, zone_places = _coordinates(zone, f"{source}: zone '{name}'")
-            elements = _elements(zone, len(zone_points), f"{source}: zone '{name}'")
+            zone_points, zone_places = _coordinates(zone, AXES[:n_axes], f"{source}: zone '{name}'")
+            elements = _elements(zone, len(zone_points), n_dimensions, f"{source}: zone '{name}'")
             for kind, corners in elements.cells.items():
                 cells.setdefault(kind, []).append(corners + first)
             for marker, faces in elements.markers(zone).items():
@@ -135,31 +149,32 @@ def read_cgns_mesh(path: str | os.PathLike) -> CgnsMeshFile:
     if len(zones) > 1:
         joined, numbers = np.unique(joined, axis=0, return_inverse=True)
         numbers = numbers.ravel()
-    mesh = MixedMesh(
-        joined,
-        {kind: numbers[np.concatenate(parts)] for kind, parts in cells.items()},
-        {name: numbers[np.concatenate(parts)] for name, parts in markers.items()},
-        (numbers[np.concatenate(seen)], np.concatenate(of_cells)) if len(seen) > 1 else None,
-        source,
+    corners_of, marked = (
+        {name: numbers[np.concatenate(parts)] for name, parts in found.items()} for found in (cells, markers)
     )
+    if n_dimensions == 2:
+        layer = LayerPoints.of(joined, span, source)
+        return CgnsMeshFile(layer.mesh(corners_of, marked), os.path.abspath(path), tuple(places), numbers, layer)
+    polyhedra = (numbers[np.concatenate(seen)], np.concatenate(of_cells)) if len(seen) > 1 else None
+    mesh = MixedMesh(joined, corners_of, marked, polyhedra, source)
     return CgnsMeshFile(mesh, os.path.abspath(path), tuple(places), numbers)
 
 
-def _coordinates(zone: h5py.Group, what: str) -> tuple[np.ndarray, tuple[str, ...]]:
+def _coordinates(zone: h5py.Group, axes: tuple[str, ...], what: str) -> tuple[np.ndarray, tuple[str, ...]]:
     """Nodes of a zone, and the places of their coordinates."""
     kind = first_child(zone, "ZoneType_t")
     if kind is None or word(kind) != "Unstructured":
         raise InputError(f"{what} is structured; fit it, or take it as the grid that others ride on")
     found = children(zone, "GridCoordinates_t")
     arrays = dict(children(dict(found).get("GridCoordinates", found[0][1]), "DataArray_t")) if found else {}
-    missing = [axis for axis in AXES if axis not in arrays]
+    missing = [axis for axis in axes if axis not in arrays]
     if missing:
         raise InputError(f"{what} has no {missing[0]}; only Cartesian coordinates can be read")
-    for axis in AXES:
+    for axis in axes:
         require_stored(arrays[axis])
         if is_link(arrays[axis]):
             raise InputError(f"{what}: {axis} is a link to another file; copy it into this one")
-    data = [arrays[axis][" data"] for axis in AXES]
+    data = [arrays[axis][" data"] for axis in axes]
     return np.stack([np.asarray(x, dtype=float).ravel() for x in data], axis=1), tuple(x.name for x in data)
 
 
@@ -171,8 +186,8 @@ class _Elements:
     ----------
     cells : dict of ndarray
         Corners of the cells of each kind, from 0.
-    faces : ndarray, shape (n, 4)
-        Corners of its faces.
+    faces : ndarray, shape (n, 4) or (n, 2)
+        Corners of its faces; of two dimensions ends of lines.
     numbers : ndarray, shape (n,)
         Their numbers in the zone, ascending.
     sections : dict of ndarray
@@ -195,7 +210,7 @@ class _Elements:
                 family = first_child(condition, "FamilyName_t")
                 label = name if family is None else word(family)
                 rows = self._rows_of(condition)
-                found[label] = np.concatenate([found.get(label, np.zeros((0, 4), dtype=np.int64)), self.faces[rows]])
+                found[label] = np.concatenate([found.get(label, self.faces[:0]), self.faces[rows]])
         found = {name: faces for name, faces in found.items() if len(faces)}
         return found or {name: self.faces[rows] for name, rows in self.sections.items()}
 
@@ -217,10 +232,12 @@ class _Elements:
         return np.flatnonzero(np.isin(self.numbers, ids))
 
 
-def _elements(zone: h5py.Group, n_points: int, what: str) -> _Elements:
-    """Read all sections of elements of a zone."""
+def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> _Elements:
+    """Read all sections of elements of a zone of two or three dimensions."""
     cells: dict[str, list[np.ndarray]] = {}
-    faces, numbers = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    known, sides = KINDS[n_dimensions], KINDS[2] if n_dimensions == 3 else LINES.keys() - {NODE}
+    width = 4 if n_dimensions == 3 else 2
+    faces, numbers = [np.zeros((0, width), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     names: list[str] = []
     lists: dict[int, list[Lists]] = {NGON: [], NFACE: []}
     parents: list[np.ndarray | None] = []
@@ -228,6 +245,8 @@ def _elements(zone: h5py.Group, n_points: int, what: str) -> _Elements:
         kind, where = int(np.asarray(value(section)).ravel()[0]), f"{what}, section '{name}'"
         parts = dict(children(section, "DataArray_t") + children(section, "IndexRange_t"))
         low, high = (int(x) for x in np.asarray(value(parts["ElementRange"])).ravel()[:2])
+        if kind in lists and n_dimensions == 2:
+            raise InputError(f"{where}: has polygons; of two dimensions triangles and quads alone can be read")
         if kind in lists:
             found = Lists.read(parts, low, high, where)
             lists[kind].append(found)
@@ -242,10 +261,12 @@ def _elements(zone: h5py.Group, n_points: int, what: str) -> _Elements:
         stored = np.asarray(value(parts["ElementConnectivity"])).ravel().astype(np.int64)
         for number, rows, corners in _by_kind(kind, stored, low, high, where):
             _require_nodes(corners, n_points, where)
-            if number in KINDS:
-                cells.setdefault(KINDS[number], []).append(corners - 1)
-            elif number not in LINES:
-                faces.append(padded(corners - 1))
+            if n_dimensions == 2 and number in KINDS[3]:
+                raise InputError(f"{where}: has a {KINDS[3][number]} in a base of two dimensions; write it again")
+            if number in known:
+                cells.setdefault(known[number], []).append(corners - 1)
+            elif number in sides:
+                faces.append(padded(corners - 1) if n_dimensions == 3 else corners[:, :2] - 1)
                 numbers.append(rows)
                 names += [name] * len(rows)
     order = np.argsort(np.concatenate(numbers), kind="stable")

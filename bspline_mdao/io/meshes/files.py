@@ -31,7 +31,7 @@ FORMATS = {
 }
 """Reader of the files of each suffix, and of OpenFOAM's folder."""
 
-IN_PLANES = (".su2", ".msh", ".vtu")
+IN_PLANES = (".su2", ".cgns", ".msh", ".vtu")
 """Formats that may be of two dimensions, whose readers take the planes of a section as well."""
 
 
@@ -60,8 +60,9 @@ def read_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> MeshF
     path : path-like
         The file, whose suffix tells the format, or OpenFOAM's folder ``polyMesh``.
     span : SectionSpan, optional
-        Planes of a section, by `section_span`, for a mesh of two dimensions (SU2, Gmsh or VTK): it is taken as one
-        layer of cells between them, whose first nodes are those of the file, and whose others are copies of these.
+        Planes of a section, by `section_span`, for a mesh of two dimensions (SU2, CGNS, Gmsh or VTK): it is taken
+        as one layer of cells between them, whose first nodes are those of the file, and whose others are copies of
+        these.
 
     Returns
     -------

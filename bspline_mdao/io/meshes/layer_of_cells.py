@@ -19,7 +19,7 @@ from ...errors import InputError, MovementError
 from ...shown import OneLine
 from .stored_mesh import StoredMesh, StoredPoints
 
-__all__ = ["SectionSpan", "layer_of_cells"]
+__all__ = ["LayerPoints", "SectionSpan", "layer_of_cells"]
 
 PRISMS = {"triangle": "wedge", "quad": "hexahedron"}
 """Cell between the copies of an element in the two planes."""
@@ -60,13 +60,13 @@ class SectionSpan(OneLine):
 
 
 @dataclass(frozen=True, eq=False)
-class _PointsTwice:
+class LayerPoints(OneLine):
     """Nodes of a file of two dimensions, in both planes.
 
     Parameters
     ----------
-    stored : StoredPoints
-        Nodes in the bytes of the file.
+    stored : ndarray, shape (n, 2) or (n, 3)
+        Nodes of the file.
     axes : tuple of int
         The two coordinates of them that lie in the planes.
     span : SectionSpan
@@ -75,23 +75,53 @@ class _PointsTwice:
         Name of the file, for messages.
     """
 
-    stored: StoredPoints
+    stored: np.ndarray
     axes: tuple[int, int]
     span: SectionSpan
     source: str
 
+    @classmethod
+    def of(cls, stored: np.ndarray, span: SectionSpan | None, source: str) -> LayerPoints:
+        """Find the coordinates that lie in the planes: both, or of three those that are not alike in all nodes.
+
+        Raises
+        ------
+        InputError
+            If there are no planes, or the nodes are in no plane of two axes.
+        """
+        if span is None:
+            raise InputError(
+                f"{source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
+                f"planes of symmetry; give such a model (in Python: read_mesh(..., span=section_span(model)))"
+            )
+        axes = list(range(stored.shape[1]))
+        flat = np.flatnonzero(np.ptp(stored, axis=0) == 0.0)
+        if len(axes) == 3 and len(flat):
+            axes.remove(int(flat[0]))
+        if len(axes) != 2:
+            raise InputError(
+                f"{source}: is a surface that is in no plane of two axes; give a mesh of a volume or a plane"
+            )
+        return cls(stored, (axes[0], axes[1]), span, source)
+
     @property
     def values(self) -> np.ndarray:
         """The nodes, shape (2 n, 3)."""
-        n = len(self.stored.values)
+        n = len(self.stored)
         points = np.empty((2 * n, 3))
         points[:n, self.span.axis], points[n:, self.span.axis] = self.span.low, self.span.high
         for axis, stored in zip(self.span.in_plane, self.axes):
-            points[:n, axis] = points[n:, axis] = self.stored.values[:, stored]
+            points[:n, axis] = points[n:, axis] = self.stored[:, stored]
         return points
 
-    def replaced(self, values: np.ndarray) -> bytes:
-        """Return the bytes with other nodes, shape (2 n, 3): those in the lower plane."""
+    def in_file(self, values: np.ndarray) -> np.ndarray:
+        """Give other nodes, shape (2 n, 3), as the file has them: those in the lower plane.
+
+        Raises
+        ------
+        MovementError
+            If the copies of a node have come apart.
+        """
         values = np.asarray(values, dtype=float)
         low, high = (half[:, self.span.in_plane] for half in np.split(values, 2))
         apart = np.linalg.norm(high - low, axis=1)
@@ -102,9 +132,33 @@ class _PointsTwice:
                 f"the other, and the file has two dimensions; nothing was written; deform the section alike along its "
                 f"span"
             )
-        stored = self.stored.values.astype(float)
+        stored = self.stored.astype(float)
         stored[:, self.axes] = low
-        return self.stored.replaced(stored)
+        return stored
+
+    def mesh(self, cells: Mapping[str, np.ndarray], lines: Mapping[str, np.ndarray]) -> MixedMesh:
+        """Make the layer of cells of triangles and quads, and of its markers, which are lines, shape (m, 2)."""
+        n = len(self.stored)
+        prisms = {PRISMS[name]: np.concatenate([corners, corners + n], axis=1) for name, corners in cells.items()}
+        markers = {name: np.concatenate([ends, ends[:, ::-1] + n], axis=1) for name, ends in lines.items()}
+        return MixedMesh(self.values, prisms, markers, source=f"{self.source}, in both planes")
+
+
+@dataclass(frozen=True, eq=False)
+class _PointsTwice:
+    """Nodes in the bytes of a file of two dimensions, and in both planes."""
+
+    stored: StoredPoints
+    layer: LayerPoints
+
+    @property
+    def values(self) -> np.ndarray:
+        """The nodes, shape (2 n, 3)."""
+        return self.layer.values
+
+    def replaced(self, values: np.ndarray) -> bytes:
+        """Return the bytes with other nodes, shape (2 n, 3)."""
+        return self.stored.replaced(self.layer.in_file(values))
 
 
 def layer_of_cells(
@@ -138,18 +192,5 @@ def layer_of_cells(
     InputError
         If there are no planes, or the nodes are in no plane of two axes.
     """
-    if span is None:
-        raise InputError(
-            f"{source}: is of two dimensions, and rides along with a section alone: a grid between two parallel "
-            f"planes of symmetry; give such a model (in Python: read_mesh(..., span=section_span(model)))"
-        )
-    axes = list(range(stored.values.shape[1]))
-    flat = np.flatnonzero(np.ptp(stored.values, axis=0) == 0.0)
-    if len(axes) == 3 and len(flat):
-        axes.remove(int(flat[0]))
-    if len(axes) != 2:
-        raise InputError(f"{source}: is a surface that is in no plane of two axes; give a mesh of a volume or a plane")
-    n, points = len(stored.values), _PointsTwice(stored, (axes[0], axes[1]), span, source)
-    prisms = {PRISMS[name]: np.concatenate([corners, corners + n], axis=1) for name, corners in cells.items()}
-    markers = {name: np.concatenate([ends, ends[:, ::-1] + n], axis=1) for name, ends in lines.items()}
-    return StoredMesh(MixedMesh(points.values, prisms, markers, source=f"{source}, in both planes"), points)
+    layer = LayerPoints.of(stored.values, span, source)
+    return StoredMesh(layer.mesh(cells, lines), _PointsTwice(stored, layer))
