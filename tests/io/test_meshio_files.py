@@ -61,6 +61,15 @@ def test_a_damaged_file_is_said_in_one_line(file):
     assert "\n" not in str(error.value)
 
 
+def test_what_is_no_file_of_vtk_is_said_once_with_the_reason(tmp_path, capfd):
+    path = tmp_path / "wing.vtu"
+    for text, reason in (("NDIME= 2\n", "line 1, column 5"), ('<VTKFile type="PolyData"/>', "found PolyData")):
+        path.write_text(text)
+        with pytest.raises(InputError, match=rf"wing\.vtu: meshio cannot read it \(.*{reason}.*\); write it again"):
+            read_mesh(path)
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize(("version", "binary"), [(2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)])
 def test_files_of_gmsh_itself_come_back(tmp_path, version, binary):
     gmsh = pytest.importorskip("gmsh", reason="gmsh is not installed")

@@ -80,11 +80,13 @@ def _read(path: str | os.PathLike, form: str) -> Any:
     """Let meshio read a file."""
     meshio = library("meshio", f"{path}: needs meshio", "gmsh")
     try:
-        return meshio.read(path, file_format=form)
-    except (Exception, SystemExit) as error:  # whatever meshio makes of a damaged file; it exits where it knows why
-        raise InputError(
-            f"{path}: meshio cannot read it ({str(error) or type(error).__name__}); write it again"
-        ) from error
+        return getattr(meshio, form).read(path)  # its own reader: meshio.read prints why it fails, and exits
+    except Exception as error:  # whatever meshio makes of a damaged file
+        cause: BaseException = error
+        while not str(cause) and cause.__context__ is not None:  # an error without words, raised where others were met
+            cause = cause.__context__
+        reason = str(cause) or type(cause).__name__
+        raise InputError(f"{path}: meshio cannot read it ({reason}); write it again") from error
 
 
 def _file(
