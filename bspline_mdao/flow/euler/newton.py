@@ -41,6 +41,10 @@ CAREFUL, GROWTH_AFTER_CUTS = 4, 3.0
 """Steps after a shortened one in which the CFL number grows by so much at most: late in a run each step that is
 too long costs a hundred products."""
 
+HOVERING, HOVERING_FROM, REST_CFL, LONG_REST_CFL = 8, 1e-3, 20.0, 5.0
+"""Steps without a new lowest residual after which a run that has been below the second number hovers, and the CFL
+numbers, of usual and long time steps, that it goes back to."""
+
 NEAR = 1e3
 """A start whose residual is smaller by more than this is near a solution and needs still less of the time terms."""
 
@@ -166,7 +170,7 @@ def solve_flow(
     max_steps : int
         Largest number of Newton steps.
     max_products : int
-        No step is begun after so many products with the Jacobian.
+        No step is begun after so many products with the Jacobian, but where the last one left less than a fifth.
     is_long : bool
         Whether flat cells have long time steps, see `time_terms`: surer with shocks in layers of flat cells at walls.
     progress : callable, optional
@@ -214,7 +218,7 @@ def solve_flow(
         history.append(NewtonStep(norm / scale, cfl, n_products, length))
         if progress:
             progress(history[-1], states)
-        cfl = _next_cfl(history, before, norm)  # step 5
+        cfl = _next_cfl(history, before, norm, is_long)  # step 5
     return FlowSolution(states, stream, tuple(history), tolerance)
 
 
@@ -258,15 +262,21 @@ def _is_rounded(history: list[NewtonStep]) -> bool:
     return len(residuals) == 3 and residuals[0] < ROUNDED and min(residuals[1:]) > 0.5 * residuals[0]
 
 
-def _is_stalled(history: list[NewtonStep], n: int) -> bool:
-    """Whether the last n steps have not halved the lowest residual."""
+def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
+    """Whether the last n steps have brought the lowest residual to no less than a part of it."""
     before, lately = ([step.residual for step in part] for part in (history[:-n], history[-n:]))
-    return bool(before) and min(lately) > 0.5 * min(before)
+    return bool(before) and min(lately) > part * min(before)
+
+
+def _is_hovering(history: list[NewtonStep]) -> bool:
+    """Whether a run that came far has had no new lowest residual lately; before, shocks travel."""
+    return min(step.residual for step in history) < HOVERING_FROM and _is_stalled(history, HOVERING, 1.0)
 
 
 def _is_spent(history: list[NewtonStep], most: int) -> bool:
-    """Whether a run has had its products."""
-    return sum(step.n_products for step in history) >= most
+    """Whether a run has had its products, and its last step, late in the run, left more than a fifth."""
+    is_near = len(history) > 1 and history[-1].residual < 0.2 * min(ROUGH_UNTIL, history[-2].residual)
+    return sum(step.n_products for step in history) >= most and not is_near
 
 
 def _is_kept(history: list[NewtonStep]) -> bool:
@@ -345,9 +355,17 @@ def _first_cfl(fall: float, is_long: bool) -> float:
     return min(LARGEST_CFL, (FIRST_LONG_CFL if is_long else FIRST_CFL) * max(1.0, fall) * max(1.0, fall / NEAR))
 
 
-def _next_cfl(history: list[NewtonStep], before: float, after: float) -> float:
-    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual."""
+def _next_cfl(history: list[NewtonStep], before: float, after: float, is_long: bool) -> float:
+    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual.
+
+    A run that hovers goes back to short time steps; from there the number follows the inverse residual down and up.
+    """
     cfl, length = history[-1].cfl, history[-1].length
+    if _is_hovering(history):  # steps that fall allow for longer ones, those for a rise, and so on for ever
+        if not _is_hovering(history[:-1]):
+            return min(cfl, LONG_REST_CFL if is_long else REST_CFL)
+        fall = before / max(after, np.finfo(float).tiny)
+        return cfl * min(LARGEST_GROWTH, fall) * min(1.0, max(0.2, 1.5 * length))
     if length < 1.0:  # while shocks travel, shorter time steps get further than parts of long ones
         return cfl * min(1.0, max(0.2, 1.5 * length))
     if after > 1.5 * before:
