@@ -42,8 +42,8 @@ CAREFUL, GROWTH_AFTER_CUTS = 4, 3.0
 too long costs a hundred products."""
 
 HOVERING, HOVERING_FROM, REST_CFL, LONG_REST_CFL = 8, 1e-3, 20.0, 5.0
-"""Steps without a new lowest residual after which a run that has been below the second number hovers, and the CFL
-numbers, of usual and long time steps, that it goes back to."""
+"""Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number, and
+the CFL numbers, of usual and long time steps, that it goes back to."""
 
 NEAR = 1e3
 """A start whose residual is smaller by more than this is near a solution and needs still less of the time terms."""
@@ -269,8 +269,8 @@ def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
 
 
 def _is_hovering(history: list[NewtonStep]) -> bool:
-    """Whether a run that came far has had no new lowest residual lately; before, shocks travel."""
-    return min(step.residual for step in history) < HOVERING_FROM and _is_stalled(history, HOVERING, 1.0)
+    """Whether residuals are low but no new lowest one was among them lately; while shocks travel they are higher."""
+    return max(step.residual for step in history[-HOVERING:]) < HOVERING_FROM and _is_stalled(history, HOVERING, 1.0)
 
 
 def _is_spent(history: list[NewtonStep], most: int) -> bool:
