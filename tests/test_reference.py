@@ -1,6 +1,7 @@
 """The reference shows exactly what is public, by theme, and its examples run."""
 
 import importlib
+import inspect
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -73,8 +74,8 @@ def test_the_variables_that_everyone_uses_are_complete():
         kind = getattr(planform, name)
         if not isinstance(kind, type):
             continue
-        doc = kind.__doc__
-        assert all(f"\n    {field.name} : " in doc for field in fields(kind)), name
+        doc = inspect.getdoc(kind)  # Python 3.13 leaves indents out of docstrings
+        assert all(f"\n{field.name} : " in doc for field in fields(kind)), name
         assert ">>>" in doc
         assert f"* - ``{name}``" in page
 
