@@ -181,7 +181,7 @@ def progress_bar() -> AbstractContextManager[Progress]:
 
 MEANING_OF_INVALID = (
     "an element is invalid where one of its corners is folded or flat: where its triple product is not positive. The "
-    "cells of the grid may be valid there, and are what counts; they fold there first when the grid moves"
+    "splines and the cells of the grid may be valid there, and are what counts; they fold there first when it moves"
 )
 """What `fit` and `move` say where elements of the control mesh are invalid."""
 

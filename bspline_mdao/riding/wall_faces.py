@@ -1,7 +1,8 @@
 """The walls of a mesh that rides: those of its faces that lie on the walls of the fitted grid.
 
-A face of the mesh belongs to the boundary face of the grid that is nearest and looks the same way. A marker is a wall
-where most of its area belongs to walls; without markers every face of the skin is taken by itself.
+A face of the mesh belongs to the boundary face of the grid that is nearest and looks the same way, if it is no farther
+above or below it than half the width of either. A marker is a wall where most of its area belongs to walls; without
+markers every face of the skin is taken by itself.
 
 Theory: ``docs/theory/ride.rst``.
 """
@@ -27,6 +28,10 @@ __all__ = ["GridBoundary", "WallFaces"]
 N_NEAREST = 12
 """Boundary quads of the grid that a face is compared with: more than meet in an edge of a flat wall and a plane."""
 
+ABOVE = 0.5
+"""Distance of a face from the plane of its boundary quad, by the width of either, up to which it may belong to it: two
+cuts of a round nose are an eighth of their width apart where that is the radius."""
+
 
 @dataclass(frozen=True, eq=False)
 class GridBoundary:
@@ -36,8 +41,8 @@ class GridBoundary:
     ----------
     tree : scipy.spatial.cKDTree
         Their middles.
-    sizes : ndarray, shape (n,)
-        Their longest diagonals (m).
+    sizes, widths : ndarray, shape (n,)
+        Their longest diagonals, and their areas by these (m).
     normals : ndarray, shape (n, 3)
         Their unit normals; zero without area.
     is_wall : ndarray of bool, shape (n,)
@@ -48,6 +53,7 @@ class GridBoundary:
 
     tree: cKDTree
     sizes: np.ndarray
+    widths: np.ndarray
     normals: np.ndarray
     is_wall: np.ndarray
     patch: np.ndarray
@@ -58,14 +64,11 @@ class GridBoundary:
         topology, nodes = model.topology, model.grid_map().nodes
         surface = BoundarySurface.of(topology, nodes, topology.boundary)
         x = nodes[surface.rows][surface.quads]
-        areas = area_vectors(x)
-        lengths = np.linalg.norm(areas, axis=1)
-        normals = np.divide(areas, lengths[:, None], out=np.zeros_like(areas), where=lengths[:, None] > 0.0)
+        sizes, widths, normals = _measured(x)
         kinds = np.array([face.kind == "wall" for face in topology.boundary])
-        sizes = np.maximum(np.linalg.norm(x[:, 2] - x[:, 0], axis=1), np.linalg.norm(x[:, 3] - x[:, 1], axis=1))
         names = np.array([str(face.patch) for face in topology.boundary])
         face = surface.quad_faces
-        return cls(cKDTree(x.mean(axis=1)), sizes, normals, kinds[face], names[face])
+        return cls(cKDTree(x.mean(axis=1)), sizes, widths, normals, kinds[face], names[face])
 
     def size_at(self, points: np.ndarray) -> np.ndarray:
         """Size of the boundary quads next to points, shape (n,)."""
@@ -79,15 +82,29 @@ class GridBoundary:
 
     def on_walls(self, x: np.ndarray) -> np.ndarray:
         """Whether faces by their corners, shape (n, 4, 3), are on walls."""
-        areas = area_vectors(x)
-        normals = areas / np.maximum(np.linalg.norm(areas, axis=1), np.finfo(float).tiny)[:, None]
+        middles, (_, widths, normals) = x.mean(axis=1), _measured(x)
         k = min(N_NEAREST, len(self.sizes))
-        distances, near = (part.reshape(len(x), k) for part in self.tree.query(x.mean(axis=1), k))
+        distances, near = (part.reshape(len(x), k) for part in self.tree.query(middles, k))
         alike = np.abs(np.einsum("nkd,nd->nk", self.normals[near], normals))
         best = np.argmin(distances + self.sizes[near] * (1.0 - alike), axis=1)
         rows = np.arange(len(x))
-        is_near = distances[rows, best] < 2.0 * self.sizes[near[rows, best]]
-        return self.is_wall[near[rows, best]] & is_near
+        chosen = near[rows, best]
+        off = np.abs(np.einsum("nd,nd->n", middles - self.tree.data[chosen], self.normals[chosen]))
+        is_near = distances[rows, best] < 2.0 * self.sizes[chosen]
+        is_near &= off < ABOVE * np.maximum(widths, self.widths[chosen])
+        return self.is_wall[chosen] & is_near
+
+
+def _measured(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Longest diagonals of quads by their corners, shape (n, 4, 3), areas by these, and unit normals.
+
+    Normals are zero without area. An area by the diagonal is the width of a long quad, and less than that of a square.
+    """
+    areas = area_vectors(x)
+    lengths = np.linalg.norm(areas, axis=1)
+    normals = np.divide(areas, lengths[:, None], out=np.zeros_like(areas), where=lengths[:, None] > 0.0)
+    sizes = np.maximum(np.linalg.norm(x[:, 2] - x[:, 0], axis=1), np.linalg.norm(x[:, 3] - x[:, 1], axis=1))
+    return sizes, np.divide(lengths, sizes, out=np.zeros_like(sizes), where=sizes > 0.0), normals
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,6 +106,20 @@ def test_the_component_takes_it_along_with_exact_derivatives(file):
     assert np.abs(forward["mesh"] - exact).max() < 1e-8 * np.abs(exact).max()
 
 
+def test_a_body_of_another_shape_is_no_wall(file):
+    points = plane_mesh()[0]
+    thicker = points[:, 1] * (1.0 + 1.5 * np.exp(-np.hypot(*points.T)))
+    lines = file.read_text().split("\n")
+    first = next(n for n, line in enumerate(lines) if line.startswith("NPOIN")) + 1
+    lines[first : first + len(points)] = [
+        f"{x!r} {y!r} {n}" for n, (x, y) in enumerate(zip(points[:, 0].tolist(), thicker.tolist()))
+    ]
+    file.write_text("\n".join(lines))
+    other = read_mesh(file, section_span(section())).mesh
+    assert RidingMesh.of(section(), other).walls is None
+    assert RidingMesh.of(section(), other, walls=("airfoil",)).walls.faces.names == ("airfoil",)
+
+
 def test_parameters_in_planes_stay_where_they_were_found(file):
     riding = RidingMesh.of(section(), read_mesh(file, section_span(section())).mesh)
     missed = np.abs(riding.evaluator.forward(section().control_points) - riding.mesh.points)
