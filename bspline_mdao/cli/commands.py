@@ -167,7 +167,8 @@ def fit(**options) -> None:
 @click.option(
     "--factor",
     type=click.FloatRange(min=0.0, min_open=True, max=1000.0),
-    required=True,
+    default=1.0,
+    show_default=True,
     metavar="F",
     help="Cells per direction, by those of the grid; below 1 for a coarser member.",
 )

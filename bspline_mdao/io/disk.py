@@ -334,7 +334,7 @@ def read_raw(path: str | os.PathLike, size: int = -1) -> bytes:
         When it cannot be read.
     """
     if not os.path.isfile(path):
-        raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a grid file")
+        raise InputError(f"{path}: {'is not a file' if os.path.exists(path) else 'does not exist'}; give a file")
     try:
         with open(path, "rb") as file:
             return file.read(size)

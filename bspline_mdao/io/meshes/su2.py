@@ -68,7 +68,7 @@ def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> Stored
             sections[name] = value, start, end
     for name in ("NDIME", "NELEM", "NPOIN"):
         if name not in sections:
-            raise InputError(f"{source}: has no {name}; give a mesh in the format of SU2")
+            raise InputError(f"{source}: has no {name}; give a whole mesh in the format of SU2")
     if sections["NDIME"][0] not in ("2", "3"):
         raise InputError(f"{source}: has NDIME={sections['NDIME'][0]}; only 2 and 3 dimensions are known")
     n_axes = int(sections["NDIME"][0])
