@@ -288,7 +288,8 @@ def decide_elements(
     status[~is_empty], n_boxes = UNDECIDED, 0
     poles = [(pole, beside(pole, status.shape)) for pole in poles_of(knots, B, shortest)]
     elsewhere = ~np.any([np.zeros(status.shape, dtype=bool), *(side for _, side in poles)], axis=0)
-    many, few = min(LANES[0] // int(np.prod(orders)), status.size), min(LANES[1], status.size)
+    few = min(LANES[1], status.size)
+    many = min(max(few, LANES[0] // int(np.prod(orders))), status.size)
     for pole, side in [(NO_POLE, elsewhere), *poles]:
         is_asked = side & (status == UNDECIDED)
         status[is_asked] = VALID  # until a box says that it is not

@@ -282,8 +282,8 @@ def wall_patches(topology: Topology) -> tuple[str, ...]:
     walls = tuple(sorted({face.patch for face in topology.boundary if face.patch and face.kind == "wall"}))
     if not walls:
         raise InputError(
-            f"{topology.source}: no patch is a wall, so there is no design surface; fit the grid with patches of the kind "
-            f"wall ('fit --patches FILE'), or name the patches in 'design'"
+            f"{topology.source}: no patch is a wall, so there is no design surface; fit the grid with patches of the "
+            f"kind wall ('fit --patches FILE'), or name the patches in 'design'"
         )
     return walls
 

@@ -159,3 +159,14 @@ def test_a_fold_of_a_model_is_named_by_block_and_place():
         certify(brick_grid((5, 5, 5, 5)), points)
     with pytest.raises(InputError, match="a str has no cells"):
         certify("wing.xyz")
+
+
+def test_elements_of_high_order_are_decided():
+    knots = tuple(ConstantKnots.uniform(n, n) for n in (17, 18, 17))
+    net = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, k.n_control) for k in knots), indexing="ij"), axis=-1)
+    assert (spline_statuses(Volume(knots), net, 1) == VALID).all()
+    knots = tuple(ConstantKnots.uniform(40, 16) if e == 0 else ConstantKnots.uniform(17, 17) for e in range(3))
+    net = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, k.n_control) for k in knots), indexing="ij"), axis=-1)
+    status = spline_statuses(Volume(knots), net[::-1], 1)
+    assert status.shape == (25, 1, 1)
+    assert (status == INVALID).all()
