@@ -146,3 +146,5 @@ def test_linear_solves_are_rough_where_the_last_step_left_much():
     assert forcing(1e-1) == forcing(1e-5, 2e-4) == forcing(1e-5, 9e-6) == newton.ROUGH
     assert forcing(1e-5, 2e-6) == pytest.approx(0.04)
     assert forcing(1e-5) == forcing(1e-5, 1e-7) == newton.FORCING
+    assert forcing(1e-6, 1e-9) == pytest.approx(0.05)
+    assert forcing(1e-7, 1.2e-10) == newton.ROUGH < newton.WORTH  # else steps that leave enough do not count

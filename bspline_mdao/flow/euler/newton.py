@@ -340,14 +340,14 @@ def _physical_length(states: np.ndarray, update: np.ndarray, comm) -> float:
 
 
 def _forcing(history: list[NewtonStep], tolerance: float) -> float:
-    """Tolerance of the next linear solve: the square of what the last step left, within bounds.
+    """Tolerance of the next linear solve: the square of what the last step left, or what is asked for, within bounds.
 
     Where the residual did not fall as the linear system had it, a better solution of the next one is of no use.
     """
     if history[-1].residual > ROUGH_UNTIL:
         return ROUGH
     left = history[-1].residual / history[-2].residual if len(history) > 1 else 0.0
-    return max(FORCING, min(ROUGH, left**2), 0.5 * tolerance / history[-1].residual)
+    return min(ROUGH, max(FORCING, left**2, 0.5 * tolerance / history[-1].residual))
 
 
 def _first_cfl(fall: float, is_long: bool) -> float:
