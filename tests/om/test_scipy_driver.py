@@ -14,9 +14,9 @@ pytestmark = pytest.mark.filterwarnings("ignore::openmdao.utils.om_warnings.Open
 TIGHT = 1.0 / np.sum(1.0 / WEIGHTS)
 
 
-def walled(optimizer, constraint=None, driver=ScipyDriver, **settings):
+def walled(optimizer, constraint=None, driver=ScipyDriver, make=Walled, **settings):
     problem = om.Problem(reports=None, driver=driver(optimizer=optimizer, tol=1e-9, maxiter=2000, disp=False))
-    component = problem.model.add_subsystem("walled", Walled(**settings), promotes=["*"])
+    component = problem.model.add_subsystem("walled", make(**settings), promotes=["*"])
     problem.model.add_design_var("x", lower=-8.0, upper=8.0)
     problem.model.add_objective("f")
     if constraint:
@@ -64,6 +64,39 @@ def test_a_search_that_ends_at_failures_has_failed_and_leaves_its_best_point():
     assert component.n_failed > 1
     np.testing.assert_array_equal(problem.get_val("x"), start)
     assert np.isfinite(problem.get_val("f"))
+
+
+class BeyondDerivatives(Walled):
+    """A bowl that cannot be differentiated near its optimum."""
+
+    def compute_partials(self, inputs, partials):
+        if self.options["is_beyond"](inputs["x"]):
+            raise om.AnalysisError("no derivatives")
+        super().compute_partials(inputs, partials)
+
+    def compute(self, inputs, outputs):
+        outputs["f"] = WEIGHTS @ (inputs["x"] - 1.0) ** 2
+        outputs["total"] = inputs["x"].sum()
+
+
+@pytest.mark.parametrize(
+    ("optimizer", "constraint"), [("SLSQP", {"upper": 4.0}), ("SLSQP", None), ("L-BFGS-B", None), ("TNC", None)]
+)
+def test_derivatives_that_fail_end_the_search_with_a_warning_where_it_is(optimizer, constraint):
+    problem, _ = walled(optimizer, constraint, make=BeyondDerivatives, is_beyond=lambda x: (x > 0.0).any())
+    with pytest.warns(om.DriverWarning, match="derivatives failed; the model is left there.*no derivatives"):
+        assert not problem.run_driver().success
+    x = problem.get_val("x")
+    assert (x > 0.0).any()
+    assert problem.get_val("f").item() == pytest.approx(WEIGHTS @ (x - 1.0) ** 2, rel=1e-12)
+    problem.model.walled.options["is_beyond"] = lambda x: False
+    assert problem.run_driver().success  # from there
+
+
+def test_first_derivatives_that_fail_pass_through():
+    problem, _ = walled("SLSQP", make=BeyondDerivatives, is_beyond=lambda x: True)
+    with pytest.raises(om.AnalysisError, match="no derivatives"):
+        problem.run_driver()
 
 
 def test_other_errors_of_the_model_and_failures_at_the_start_pass_through():

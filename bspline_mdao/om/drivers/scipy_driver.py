@@ -29,8 +29,9 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
     It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
     one gives the optimizer a value that makes it take a shorter step, puts the model back into the states of the last
     good run, and goes on. So it does with ``SLSQP``, ``L-BFGS-B``, ``TNC``, ``COBYLA``, ``COBYQA``, ``Nelder-Mead``,
-    ``Powell`` and ``differential_evolution``; with other optimizers, in the first run and in derivatives a failure
-    passes through. `NLoptDriver` also starts again from the best point where failures have ended a search.
+    ``Powell`` and ``differential_evolution``; with other optimizers, and in the first run, a failure passes through.
+    Derivatives that fail end the search with a warning, where it is then, but for the first ones: `NLoptDriver` goes
+    on there, and also starts again from the best point where failures have ended a search.
 
     At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
     that ends at a failure has failed, and leaves the model at its best point. Records are short, as of `NLoptDriver`.
@@ -68,6 +69,8 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         self._substitute: Substitute | None = None
         self._last = self._good_states = np.zeros(0)
         self._base_constraints: dict = {}
+        self._n_gradients = 0
+        self._exc_info: tuple | None = None
 
     def run(self) -> bool:
         """Optimise.
@@ -77,12 +80,18 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         bool
             True if it failed.
         """
-        self.n_failed_analyses, self._record, self._substitute = 0, None, None
+        self.n_failed_analyses, self._record, self._substitute, self._n_gradients = 0, None, None, 0
         with shown(self._get_name()) as tell:
             self._tell = tell
             try:
-                fail = super().run()
-                self.fail = self._end_at_the_result(fail)
+                self.fail = self._end_at_the_result(super().run())
+            except _GradientError as error:  # no optimizer takes another step instead
+                self.fail = True
+                om.issue_warning(
+                    f"{self._get_name()}: the search ended after {self.iter_count} runs, where derivatives failed; the "
+                    f"model is left there. {error}",
+                    category=om.DriverWarning,
+                )
             finally:
                 self._tell = None
         return self.fail
@@ -108,10 +117,22 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         """Gradient where the analysis did not fail."""
         if self._substitute is not None:
             return self._substitute.totals[0]
+        has_analysis = self._exc_info is None
         gradient, self._base_constraints = super()._gradfunc(x_new), self._con_cache
+        if has_analysis and self._exc_info is not None and self._n_gradients:
+            self._end_where_derivatives_fail()
+        self._n_gradients += 1
         if self._exc_info is None and self._record is not None and np.array_equal(self._last, self._record.base.x):
             self._record = self._record.with_totals(self._record.base, np.array(gradient, dtype=float)[None])
         return gradient
+
+    def _end_where_derivatives_fail(self) -> None:
+        """End the search here: some optimizers would go on without the derivatives."""
+        assert self._exc_info is not None
+        if issubclass(self._exc_info[0], om.AnalysisError):
+            error = self._exc_info[1]
+            self._exc_info = None
+            raise _GradientError(error)
 
     def _begin(self) -> None:
         """Take the first run, which the driver has done already, for the first point."""
@@ -154,6 +175,10 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         if self._exc_info is not None:
             self._reraise()
         return fail
+
+
+class _GradientError(Exception):
+    """Derivatives that failed at a point which an optimizer has taken."""
 
 
 def _point(x: np.ndarray, objective: float) -> Point:
