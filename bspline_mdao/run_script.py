@@ -48,6 +48,11 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
     dict
         The numbers.
 
+    Raises
+    ------
+    SystemExit
+        With 2 after one line on standard error, if ``main`` raises `bspline_mdao.InputError`.
+
     Examples
     --------
     >>> from bspline_mdao.run_script import run
@@ -76,7 +81,10 @@ def run(main: Callable[..., dict], arguments: list[str] | None = None) -> dict:
         warnings.catch_warnings()
     ):  # OpenMDAO counts variables and responses where scripts count linear solves of a flow
         warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
-        numbers = main(**{name: value for name, value in values.items() if name in options})
+        try:
+            numbers = main(**{name: value for name, value in values.items() if name in options})
+        except InputError as error:
+            parser.exit(2, f"{parser.prog}: {error}\n")
     if world().rank == 0:
         print(json.dumps(numbers, indent=2, default=_plain))
         if file:

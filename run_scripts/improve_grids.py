@@ -63,6 +63,10 @@ def main(paper: bool = False, figures=None, folder: str | None = None, grid: tup
     folder = folder or os.environ.get("BSPLINE_MDAO_GRIDS")
     if not folder:
         raise InputError("no folder of grids; set BSPLINE_MDAO_GRIDS to one")
+    for name in grid:
+        if not Path(folder, name).is_file():
+            there = ", ".join(sorted(path.name for path in Path(folder).glob("*") if path.is_file())) or "none"
+            raise InputError(f"{name}: no such file in {folder}; the files there are {there}")
     names = grid or (tuple(GRIDS) if paper else tuple(GRIDS)[:SMALLEST])
     return {name: improve_file(Path(folder, name), GRIDS.get(name, ()), figures) for name in names}
 

@@ -76,6 +76,19 @@ def test_scripts_without_figures_or_sizes_still_know_the_options(capsys):
     assert run(lambda n=2: {"n": n}, ["--paper", "--figures", "x", "--n", "4"]) == {"n": "4"}
 
 
+def test_unusable_input_ends_with_one_line_and_an_exit_status(capsys):
+    def main(grid: str = "none"):
+        raise InputError(f"{grid}: no such file; name one that is there")
+
+    with pytest.raises(SystemExit) as ended:
+        run(main, ["--grid", "wrong.xyz"])
+    assert ended.value.code == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.endswith(": wrong.xyz: no such file; name one that is there\n")
+    assert len(told.err.splitlines()) == 1
+
+
 def test_sizes_are_picked_by_name():
     sizes = {"default": 1, "paper": 2}
     assert [pick_size(sizes), pick_size(sizes, paper=True)] == [1, 2]

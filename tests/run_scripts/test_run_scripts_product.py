@@ -136,6 +136,7 @@ def test_improve_grids_raises_a_grid_and_needs_a_folder(script, monkeypatch, tmp
     with pytest.raises(InputError, match="no folder of grids"):
         table.main()
     write_grid(tmp_path / "skewed.xyz", skewed_grid())
+    (tmp_path / "none.xyz").write_text("1 2 3")
     found = table.main(figures=tmp_path, folder=str(tmp_path), grid=("skewed.xyz", "none.xyz"))
     assert (tmp_path / "improve_skewed.png").stat().st_size > 20_000
     row = found["skewed.xyz"]
@@ -144,3 +145,11 @@ def test_improve_grids_raises_a_grid_and_needs_a_folder(script, monkeypatch, tmp
     assert row["wall_motion"] < 1e-13
     assert row["largest_fall"] <= 1e-9
     assert "none.xyz" in found["none.xyz"]["refused"]
+
+
+def test_improve_grids_names_the_grids_of_the_folder_where_one_is_missing(script, tmp_path):
+    (tmp_path / "folder").mkdir()
+    for name in ("b.xyz", "a.cgns"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match=r"^wrong.xyz: no such file in .*; the files there are a.cgns, b.xyz$"):
+        script("improve_grids").main(folder=str(tmp_path), grid=("b.xyz", "wrong.xyz"))
