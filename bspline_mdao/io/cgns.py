@@ -38,7 +38,7 @@ from .cgns_nodes import (
     word,
 )
 from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
-from .formats import ADF
+from .formats import ADF, MODEL
 
 __all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_base", "write_cgns"]
 
@@ -165,6 +165,11 @@ def _read_part(source: str, number: int, name: str, window: Window | None) -> Bl
 def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
     """Name, base and zone of every block, in block order."""
     bases = children(file, "CGNSBase_t")
+    if not bases and "document" in file and "format" in file.attrs:
+        raise InputError(
+            f"{source}: is a fitted model, and a grid is read here; 'bspline-mdao refine {source} -o grid.cgns' writes "
+            f"the grid of a model, and commands that take models know them by the suffix {MODEL}"
+        )
     if not bases:
         raise InputError(f"{source}: is an HDF5 file without a CGNS base; give a CGNS or PLOT3D grid")
     cell_dimensions = [int(value(base)[0]) for _, base in bases]

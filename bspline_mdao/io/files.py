@@ -16,8 +16,8 @@ from ..numerics.processes import ONE, on_first
 from ..topology.grid import Grid, require_grid
 from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology
-from .disk import read_raw
-from .formats import FORMATS, GZIP, GridFormat, format_of_content, format_of_name
+from .formats import FORMATS, GZIP, MODEL, GridFormat, format_of_content, format_of_name
+from .other_files import head_of_grid
 from .patches import read_patches
 from .plot3d_dialect import Plot3dDialect
 
@@ -74,7 +74,7 @@ def read_grid(
     """
     if blocks is not None:
         return open_grid(path, patches).grid(blocks)
-    form = format_of_content(read_raw(path, _HEAD))
+    form = format_of_content(head_of_grid(path, _HEAD))
     grid = _function(form, form.reader)(path)
     return grid if patches is None else read_patches(patches, grid)
 
@@ -112,7 +112,7 @@ def open_grid(path: str | os.PathLike, patches: str | os.PathLike | None = None,
     """
 
     def look() -> StoredGrid:
-        form = format_of_content(read_raw(path, _HEAD))
+        form = format_of_content(head_of_grid(path, _HEAD))
         grid = _function(form, form.opener)(path)
         return grid if patches is None else read_patches(patches, grid)
 
@@ -194,10 +194,13 @@ def _format_to_write(path: str | os.PathLike, grid: HasDialect) -> GridFormat:
     )  # what is only looked at first
     names = ", ".join(str(form).removeprefix("a folder ") for form in others)
     asked = "".join(name.suffixes[-2:]) if name.suffix.lower() == GZIP else name.suffix
-    raise InputError(
-        f"{path}: no '{asked}' files are written; name it {names}, or for {plot3d.name} "
-        f"{', '.join(filter(None, plot3d.suffixes))}"
-    )
+    advice = f"name it {names}, or for {plot3d.name} {', '.join(filter(None, plot3d.suffixes))}"
+    if suffix == MODEL:
+        raise InputError(
+            f"{path}: a grid is written here, and {MODEL} is a fitted model; {advice}; 'bspline-mdao fit' makes a "
+            f"model of the grid"
+        )
+    raise InputError(f"{path}: no '{asked}' files are written; {advice}")
 
 
 def _function(form: GridFormat, name: str) -> Callable:

@@ -13,6 +13,7 @@ from pathlib import Path
 __all__ = [
     "CURVED_FORMATS",
     "FORMATS",
+    "MODEL",
     "POLYMESH",
     "GridFormat",
     "curved_names",
@@ -24,6 +25,9 @@ __all__ = [
 
 POLYMESH = "polyMesh"
 """Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
+
+MODEL = ".h5"
+"""Suffix of fitted models."""
 
 GZIP = ".gz"
 """Suffix behind that of a format which may be compressed."""

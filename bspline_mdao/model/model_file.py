@@ -33,6 +33,7 @@ import numpy as np
 from ..errors import InputError
 from ..io.cgns import CgnsDialect
 from ..io.disk import deferred_interrupts, replaced_hdf5_file
+from ..io.formats import MODEL
 from ..io.plot3d_dialect import Plot3dDialect
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
@@ -203,6 +204,8 @@ def opened_model(path: str | os.PathLike) -> Iterator[h5py.File]:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not a fitted model (no HDF5 file); make one with the command fit")
     with deferred_interrupts(), h5py.File(path, "r") as file:
+        if "CGNSLibraryVersion" in file:
+            raise InputError(f"{path}: is a CGNS grid, and {MODEL} is a fitted model; name it .cgns, or fit it first")
         if file.attrs.get("format") != FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:

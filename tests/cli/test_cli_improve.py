@@ -5,7 +5,7 @@ import pytest
 from adaptation_cases import skewed_grid, skewed_model
 from test_cli import fails_as_expected, numbers
 
-from bspline_mdao import read_grid, write_grid
+from bspline_mdao import brick_grid, fit_grid, read_grid, write_grid
 from bspline_mdao.cli.main import run
 
 FEW = ["--iterations", "8"]
@@ -57,3 +57,25 @@ def test_improve_refuses_what_it_cannot_use(workplace, capsys):
     fails_as_expected(["improve", "skewed.h5", "--reach", "0.7", "-o", "b.xyz"], capsys, "0.7")
     fails_as_expected(["improve", "skewed.h5", "-o", "skewed.h5"], capsys, "skewed.h5")
     assert {path.name for path in workplace.iterdir()} == {"skewed.h5"}
+
+
+def test_models_and_grids_with_suffixes_of_each_other_are_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    grid = brick_grid((5, 5, 5, 5))
+    fit_grid(grid).save("model.cgns")
+    write_grid("grid.cgns", grid)
+    (tmp_path / "grid.cgns").rename("grid.h5")
+    for command in ("improve", "quality"):
+        output = ["-o", "better.xyz"] if command == "improve" else []
+        fails_as_expected([command, "model.cgns", *output], capsys, "is a fitted model", "refine model.cgns", ".h5")
+        fails_as_expected([command, "grid.h5", *output], capsys, "is a CGNS grid", "name it .cgns")
+    assert {path.name for path in tmp_path.iterdir()} == {"model.cgns", "grid.h5"}
+
+
+def test_a_model_is_not_written_where_a_grid_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    fit_grid(brick_grid((5, 5, 5, 5))).save("m.h5")
+    for command in ("improve", "refine"):
+        arguments = [command, "m.h5", "-o", "x.h5"]
+        fails_as_expected(arguments, capsys, "x.h5: a grid is written here", "name it", ".cgns", "bspline-mdao fit")
+    assert {path.name for path in tmp_path.iterdir()} == {"m.h5"}

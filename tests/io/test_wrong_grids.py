@@ -151,7 +151,7 @@ def test_a_block_that_is_given_twice_is_reported_by_every_command(tmp_path, monk
         assert "block 1 (1, 1-4, 1-5) and block 2 (1, 1-4, 1-5) coincide" in capsys.readouterr().out.replace("\n", " ")
 
 
-@pytest.mark.parametrize("name", ["x.foo", "x.vtk", "x.su2", "x.h5", "x.dat.gz", "x.CSV"])
+@pytest.mark.parametrize("name", ["x.foo", "x.vtk", "x.su2", "x.dat.gz", "x.CSV"])
 def test_a_suffix_of_no_format_is_refused_with_those_that_are(tmp_path, name):
     with pytest.raises(
         InputError,
