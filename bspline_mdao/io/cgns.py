@@ -38,6 +38,7 @@ from .cgns_nodes import (
     word,
 )
 from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
+from .element_order import HEXAHEDRA
 from .formats import ADF, MODEL
 
 __all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_base", "write_cgns"]
@@ -184,8 +185,24 @@ def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5p
     for name, _, zone in zones:
         zone_type = first_child(zone, "ZoneType_t")
         if zone_type is not None and word(zone_type) != "Structured":
-            raise InputError(f"{source}: zone '{name}' is not structured; only structured grids can be fitted")
+            raise InputError(
+                f"{source}: zone '{name}' is not structured, it is a mesh{_of_hexahedra(zone)}; give a grid of "
+                f"structured blocks; 'bspline-mdao ride MODEL.h5 {source}' takes the mesh along with the model of one"
+            )
     return zones
+
+
+def _of_hexahedra(zone: h5py.Group) -> str:
+    """Say how many hexahedra an unstructured zone has, and of which degree, where they are those that we write."""
+    found = []
+    for _, section in children(zone, "Elements_t"):
+        kind, ends = int(value(section)[0]), first_child(section, "IndexRange_t")
+        if kind in HEXAHEDRA.values() and ends is not None:
+            low, high = value(ends)[:2]
+            degree = next(degree for degree, number in HEXAHEDRA.items() if number == kind)
+            shape = f"of degree {degree}, curved as 'refine --degree {degree}' writes them" if degree > 1 else ""
+            found.append(f"{int(high) - int(low) + 1:,} hexahedra {shape}".rstrip())
+    return f" of {', '.join(found)}" if found else ""
 
 
 def _checked_shape(base: h5py.Group, zone: h5py.Group, name: str, source: str) -> tuple[int, int, int]:

@@ -15,13 +15,9 @@ from .cgns import add_coordinates, write_base
 from .cgns_faces import add_family
 from .cgns_nodes import add_node, free_name
 from .disk import deferred_interrupts, replaced_hdf5_file
-from .element_order import cgns_order
+from .element_order import HEXAHEDRA, QUADRANGLES, cgns_order
 
 __all__ = ["write_cgns_elements"]
-
-HEXAHEDRA = {1: 17, 2: 19, 3: 39, 4: 56}
-QUADRANGLES = {1: 7, 2: 9, 3: 28, 4: 44}
-"""Numbers of the element types by degree (SIDS, section 7.3, and the library's ``cgnslib.h``)."""
 
 
 def write_cgns_elements(path: str | os.PathLike, grid: CurvedGrid) -> None:

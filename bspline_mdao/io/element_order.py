@@ -24,7 +24,11 @@ from functools import cache
 
 import numpy as np
 
-__all__ = ["cgns_order", "gmsh_order"]
+__all__ = ["HEXAHEDRA", "QUADRANGLES", "cgns_order", "gmsh_order"]
+
+HEXAHEDRA = {1: 17, 2: 19, 3: 39, 4: 56}
+QUADRANGLES = {1: 7, 2: 9, 3: 28, 4: 44}
+"""CGNS's numbers of the element types by degree (SIDS, section 7.3, and the library's ``cgnslib.h``)."""
 
 Lattice = list[tuple[int, ...]]
 

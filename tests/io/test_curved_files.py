@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, ball_grid, curved_grid, fit_grid, write_curved_grid
+from bspline_mdao import InputError, ball_grid, curved_grid, fit_grid, read_grid, write_curved_grid
 from bspline_mdao.io.element_order import cgns_order, gmsh_order
 
 DEGREES = [1, 2, 3, 4]
@@ -121,6 +121,18 @@ def test_meshio_reads_what_was_written_for_gmsh(ball, tmp_path, degree):
     for number, patch in enumerate(grid.patches, start=1):
         faces = mesh.cells[number].data[:, order].reshape(patch.faces.shape)
         np.testing.assert_array_equal(mesh.points[faces], grid.nodes[patch.faces])
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_curved_cgns_is_named_where_a_structured_grid_is_read(ball, tmp_path, degree):
+    grid = curved_grid(ball, degree)
+    write_curved_grid(tmp_path / "ball.cgns", grid)
+    curved = f" of degree {degree}, curved as 'refine --degree {degree}' writes them" if degree > 1 else ""
+    what = f"ball.cgns: zone 'Zone' is not structured, it is a mesh of {len(grid.elements):,} hexahedra{curved}; give"
+    with pytest.raises(
+        InputError, match=rf"{what} a grid of structured blocks; 'bspline-mdao ride MODEL.h5 .*ball.cgns'"
+    ):
+        read_grid(tmp_path / "ball.cgns")
 
 
 def test_a_name_without_a_format_is_refused(ball, tmp_path):
