@@ -104,6 +104,9 @@ class MixedMesh(OneLine):
         Faces of cells of any kind as seen from each cell, around the normal out of it, and the numbers of their cells.
     source : str
         Where it comes from, for messages.
+    n_copies : int
+        How often each node of its file is among the nodes, all of them once before any a second time: twice where the
+        file is of two dimensions.
 
     Examples
     --------
@@ -120,11 +123,21 @@ class MixedMesh(OneLine):
     markers: Mapping[str, np.ndarray] | None = None
     polyhedra: tuple[np.ndarray, np.ndarray] | None = None
     source: str = "mesh"
+    n_copies: int = 1
 
     @property
     def n_points(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    @property
+    def n_stored(self) -> int:
+        """Number of nodes of its file."""
+        return self.n_points // self.n_copies
+
+    def stored_ids(self, ids: np.ndarray) -> np.ndarray:
+        """Numbers in its file of some nodes, ascending, each once."""
+        return np.unique(ids % self.n_stored) if len(ids) else ids
 
     @property
     def n_cells(self) -> int:

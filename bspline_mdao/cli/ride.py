@@ -6,6 +6,7 @@ import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -195,19 +196,19 @@ def _quantiles(ratios: np.ndarray) -> dict[str, float]:
 
 def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden, options: RideOptions) -> dict:
     """Collect the numbers of a ride for JSON."""
-    of = found.mesh.of
+    of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
     return {
         "model": str(model_file),
         "from": str(mesh_file),
         "mesh": str(output),
         "deform": options.deform,
         "to": None if options.to is None else str(options.to),
-        "n_nodes": of.n_points,
+        "n_nodes": of.mesh.n_stored,
         "n_cells": of.mesh.n_cells,
-        "n_held": len(of.held),
+        "n_held": n_nodes.held,
         "farthest_outside": float(np.delete(of.distances, of.held).max(initial=0.0)),
         "walls": () if of.walls is None else of.walls.faces.names,
-        "n_wall_nodes": of.n_asked,
+        "n_wall_nodes": n_nodes.walls,
         "largest_displacement": float(np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)),
         "min_volume": {"before": _least(found.before), "after": _least(found.after)},
         "n_inverted": {"before": int(found.before.is_inverted.sum()), "after": int(found.after.is_inverted.sum())},
@@ -217,6 +218,22 @@ def ride_numbers(model_file: Path, mesh_file: Path, output: Path, found: _Ridden
     }
 
 
+class _StoredCounts(NamedTuple):
+    """Numbers of nodes of the file, each once where the mesh has copies of it."""
+
+    held: int
+    walls: int
+    followers: int
+
+
+def _stored_counts(of: RidingMesh) -> _StoredCounts:
+    """Count nodes of the file that are held, on walls, and follow these."""
+    none = np.zeros(0, dtype=np.int64)
+    walls = none if of.walls is None else of.walls.rows
+    followers = none if of.walls is None else np.concatenate([none, *(piece.rows for piece in of.walls.layer.pieces)])
+    return _StoredCounts(*(len(of.mesh.stored_ids(ids)) for ids in (of.held, walls, followers)))
+
+
 def _least(quality: CellQuality) -> float:
     """Smallest volume (m^3)."""
     return float(quality.volumes.min(initial=np.inf))
@@ -224,15 +241,16 @@ def _least(quality: CellQuality) -> float:
 
 def show_ride(output: Path, found: _Ridden) -> None:
     """Print the report of a ride."""
-    of = found.mesh.of
-    print_title(f"{of.mesh.source}: {counted(of.n_points, 'node')}, {counted(of.mesh.n_cells, 'cell')}")
+    of, n_nodes = found.mesh.of, _stored_counts(found.mesh.of)
+    in_plane = " of two dimensions" if of.mesh.n_copies > 1 else ""
+    print_title(f"{of.mesh.source}: {counted(of.mesh.n_stored, 'node')}, {counted(of.mesh.n_cells, 'cell')}{in_plane}")
     moved = np.linalg.norm(found.mesh.points - of.mesh.points, axis=1).max(initial=0.0)
     lines = [f"nodes moved by up to {moved:.3g} m"]
     if of.walls is not None:
         names = ", ".join(of.walls.faces.names)
-        lines.append(f"walls: {names}, {counted(of.n_asked, 'node')}, {of.walls.layer.n_followers:,} follow them")
+        lines.append(f"walls: {names}, {counted(n_nodes.walls, 'node')}, {n_nodes.followers:,} follow them")
     farthest = float(np.delete(of.distances, of.held).max(initial=0.0))
-    held = f"; {counted(len(of.held), 'node')} held" if len(of.held) else ""
+    held = f"; {counted(n_nodes.held, 'node')} held" if n_nodes.held else ""
     lines.append(f"farthest outside the fitted grid: {farthest:.2g} m{held}")
     print_lines(lines)
     rows = [

@@ -422,9 +422,11 @@ def _part(found: PointInversion, rows: np.ndarray) -> PointInversion:
 def _outside_message(mesh: MixedMesh, found: PointInversion, lost: np.ndarray) -> str:
     """Say which nodes are outside the grid, and what to do."""
     worst = lost[np.argmax(found.distance[lost])]
-    first, farthest = (f"node {q + 1} at ({', '.join(f'{x:.4g}' for x in mesh.points[q])})" for q in (lost[0], worst))
+    first, farthest = (
+        f"node {q % mesh.n_stored + 1} at ({', '.join(f'{x:.4g}' for x in mesh.points[q])})" for q in (lost[0], worst)
+    )
     return (
-        f"{mesh.source}: {len(lost):,} of {mesh.n_points:,} nodes are outside the fitted grid, the first is {first}, "
-        f"the farthest {farthest}, {found.distance[worst]:.3g} m away; take a grid that covers the mesh, allow a "
-        f"larger tolerance, or hold nodes outside where they are (--tolerance, --hold-outside)"
+        f"{mesh.source}: {len(mesh.stored_ids(lost)):,} of {mesh.n_stored:,} nodes are outside the fitted grid, "
+        f"the first is {first}, the farthest {farthest}, {found.distance[worst]:.3g} m away; take a grid that covers "
+        f"the mesh, allow a larger tolerance, or hold nodes outside where they are (--tolerance, --hold-outside)"
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import openmdao.api as om
 import pytest
-from riding_cases import mesh, model, su2_text, twisted
+from riding_cases import mesh, model, plane_mesh, plane_su2_text, section, su2_text, twisted, write_plane_cgns
 from test_cli import fails_as_expected, numbers
 
 from bspline_mdao import GridEvaluate, read_mesh
@@ -47,6 +47,35 @@ def test_ride_follows_the_best_case_of_an_optimisation_or_control_points_of_a_fi
         assert run(["ride", "wing.h5", "wing.su2", "--to", str(known), "-o", "to.su2"]) == 0
         moved = read_mesh("to.su2").mesh.points
         assert np.linalg.norm(moved - mesh().points, axis=1).max() > 0.05
+
+
+@pytest.mark.parametrize("suffix", ["su2", "cgns"])
+def test_a_mesh_of_two_dimensions_is_counted_as_its_file_is(workplace, capsys, suffix):
+    points, triangles, quads, lines = plane_mesh()
+    section().save("section.h5")
+    if suffix == "su2":
+        (workplace / "plane.su2").write_text(plane_su2_text())
+    else:
+        write_plane_cgns("plane.cgns", [0, 1], 2)
+    start = ["ride", "section.h5", f"plane.{suffix}", "-o", f"m.{suffix}", "--deform", "pitch=1deg"]
+    assert run([*start, "--increments", "1", "--json", "r.json"]) == 0
+    found, text = numbers("r.json"), capsys.readouterr().out
+    n_cells = len(triangles) + len(quads)
+    assert (found["n_nodes"], found["n_cells"], found["n_wall_nodes"]) == (len(points), n_cells, len(lines))
+    assert f"plane.{suffix}: {len(points):,} nodes, {n_cells:,} cells of two dimensions" in text
+    assert f"walls: airfoil, {len(lines)} nodes, " in text
+
+
+def test_a_node_of_two_dimensions_outside_the_grid_is_counted_and_numbered_as_in_its_file(workplace, capsys):
+    section().save("section.h5")
+    lines, n = plane_su2_text().split("\n"), len(plane_mesh()[0])
+    lines[lines.index(f"NPOIN= {n}") + 7] = "70.0 80.0 6"
+    (workplace / "plane.su2").write_text("\n".join(lines))
+    start = ["ride", "section.h5", "plane.su2", "-o", "m.su2", "--deform", "pitch=1deg"]
+    fails_as_expected(start, capsys, f"plane.su2: 1 of {n:,} nodes are outside", "the first is node 7 at (70, 80")
+    assert run([*start, "--hold-outside", "--allow-invalid", "--json", "r.json"]) == 0
+    assert numbers("r.json")["n_held"] == 1
+    assert "; 1 node held" in capsys.readouterr().out
 
 
 def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):

@@ -141,7 +141,7 @@ class LayerPoints(OneLine):
         n = len(self.stored)
         prisms = {PRISMS[name]: np.concatenate([corners, corners + n], axis=1) for name, corners in cells.items()}
         markers = {name: np.concatenate([ends, ends[:, ::-1] + n], axis=1) for name, ends in lines.items()}
-        return MixedMesh(self.values, prisms, markers, source=f"{self.source}, in both planes")
+        return MixedMesh(self.values, prisms, markers, source=self.source, n_copies=2)
 
 
 @dataclass(frozen=True, eq=False)
