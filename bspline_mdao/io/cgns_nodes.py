@@ -91,6 +91,21 @@ def first_child(group: h5py.Group, wanted: str) -> h5py.Group | None:
     return next((node for _, node in children(group, wanted)), None)
 
 
+def names_of_families(base: h5py.Group) -> dict[str, tuple[str, ...]]:
+    """Names that the families of a base refer to, where these are no families of it themselves.
+
+    Gmsh writes a family for each of its curves and surfaces and their physical names in it. Where a name is that of
+    another family, the families are parts of that one, and keep their own names.
+    """
+    families = dict(children(base, "Family_t"))
+    found = {}
+    for family, node in families.items():
+        names = (word(name) for _, name in children(node, "FamilyName_t"))
+        if others := tuple(name for name in names if name and name not in families):
+            found[family] = others
+    return found
+
+
 def value(group: h5py.Group) -> np.ndarray:
     """Value of a node, as stored: the first index of CGNS is the last here.
 

@@ -329,3 +329,41 @@ def test_curved_elements_of_cgns_move_whole_and_count_by_their_corners(tmp_path,
     assert read.mesh.markers["body"].shape == (6 * 4**2, 4)
     read.write(tmp_path / "moved.cgns", 2.0 * read.mesh.points)
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.cgns").mesh.points, 2.0 * read.mesh.points)
+
+
+def test_physical_names_in_cgns_of_gmsh_are_the_markers(tmp_path):
+    gmsh, path = pytest.importorskip("gmsh"), tmp_path / "box.cgns"
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addBox(0.0, 0.0, 0.0, 1.0, 2.0, 3.0)
+        gmsh.model.occ.synchronize()
+        groups = {"body": [1, 2], "far field": [2, 3, 4]}
+        for name, surfaces in groups.items():
+            gmsh.model.addPhysicalGroup(2, surfaces, name=name)
+        gmsh.model.addPhysicalGroup(3, [1], name="fluid")
+        gmsh.model.mesh.generate(3)
+        counts = {tag: len(gmsh.model.mesh.getElements(2, tag)[1][0]) for _, tag in gmsh.model.getEntities(2)}
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    if not path.exists():
+        pytest.skip("this gmsh writes no CGNS")
+    found = {name: len(faces) for name, faces in read_mesh(path).mesh.markers.items()}
+    named = {name: sum(counts[tag] for tag in tags) for name, tags in groups.items()}
+    assert {name: found[name] for name in groups} == named
+    assert set(found) - set(groups) <= {"S_5", "S_6"}  # surfaces of no group
+
+
+def test_a_family_of_cgns_has_the_name_that_it_refers_to_unless_that_is_a_family(cgns):
+    with h5py.File(cgns, "r+", track_order=True) as file:
+        for zone in ("left", "right"):
+            for condition in file[f"Base/{zone}/ZoneBC"].values():
+                if "FamilyName" in condition:
+                    del condition["FamilyName"]
+                add_node(condition, "FamilyName", "FamilyName_t", "flap")
+        add_node(add_node(file["Base"], "flap", "Family_t"), "name", "FamilyName_t", "wing")
+    assert {name: len(faces) for name, faces in read_mesh(cgns).mesh.markers.items()} == {"wing": 2}
+    with h5py.File(cgns, "r+", track_order=True) as file:
+        add_node(file["Base"], "wing", "Family_t")
+    assert {name: len(faces) for name, faces in read_mesh(cgns).mesh.markers.items()} == {"flap": 2}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import h5py
@@ -18,7 +19,16 @@ from numba import njit
 from ...cells.mixed_cells import MixedMesh, face_keys, padded
 from ...errors import InputError
 from ...shown import OneLine
-from ..cgns_nodes import children, damaged_is_input_error, first_child, is_link, require_stored, value, word
+from ..cgns_nodes import (
+    children,
+    damaged_is_input_error,
+    first_child,
+    is_link,
+    names_of_families,
+    require_stored,
+    value,
+    word,
+)
 from ..disk import deferred_interrupts, read_raw, replaced_file
 from ..formats import ADF
 from .cgns_polyhedra import NFACE, NGON, Lists, Polygons
@@ -127,16 +137,19 @@ def read_cgns_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> 
         bases = [(tuple(int(size) for size in value(base)[:2]), base) for _, base in children(file, "CGNSBase_t")]
         n_dimensions, n_axes = max((sizes for sizes, _ in bases), default=(0, 0))
         zones = [
-            found for sizes, base in bases if sizes == (n_dimensions, n_axes) for found in children(base, "Zone_t")
+            (*found, names_of_families(base))
+            for sizes, base in bases
+            if sizes == (n_dimensions, n_axes)
+            for found in children(base, "Zone_t")
         ]
         if n_dimensions not in KINDS or not zones:
             raise InputError(f"{source}: has no zones of two or three dimensions; give a CGNS mesh")
-        for name, zone in zones:
+        for name, zone, names in zones:
             zone_points, zone_places = _coordinates(zone, AXES[:n_axes], f"{source}: zone '{name}'")
             elements = _elements(zone, len(zone_points), n_dimensions, f"{source}: zone '{name}'")
             for kind, corners in elements.cells.items():
                 cells.setdefault(kind, []).append(corners + first)
-            for marker, faces in elements.markers(zone).items():
+            for marker, faces in elements.markers(zone, names).items():
                 markers.setdefault(marker, []).append(faces + first)
             if elements.polyhedra is not None:
                 n_before = sum(int(part.max()) + 1 for part in of_cells[-1:] if len(part))
@@ -202,17 +215,19 @@ class _Elements:
     sections: dict[str, np.ndarray]
     polyhedra: tuple[np.ndarray, np.ndarray] | None
 
-    def markers(self, zone: h5py.Group) -> dict[str, np.ndarray]:
-        """Faces of boundary conditions by their names; where there are none, of sections."""
-        found: dict[str, np.ndarray] = {}
+    def markers(self, zone: h5py.Group, names: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
+        """Faces of boundary conditions by the names of their families; where there are none, of sections."""
+        found: dict[str, list[np.ndarray]] = {}
         for _, group in children(zone, "ZoneBC_t"):
             for name, condition in children(group, "BC_t"):
                 family = first_child(condition, "FamilyName_t")
                 label = name if family is None else word(family)
                 rows = self._rows_of(condition)
-                found[label] = np.concatenate([found.get(label, self.faces[:0]), self.faces[rows]])
-        found = {name: faces for name, faces in found.items() if len(faces)}
-        return found or {name: self.faces[rows] for name, rows in self.sections.items()}
+                for marker in names.get(label, (label,)) if len(rows) else ():
+                    found.setdefault(marker, []).append(self.faces[rows])
+        if found:
+            return {name: np.concatenate(parts) for name, parts in found.items()}
+        return {name: self.faces[rows] for name, rows in self.sections.items()}
 
     def _rows_of(self, condition: h5py.Group) -> np.ndarray:
         """Faces of a condition: those that it lists, or all of whose corners it lists."""
