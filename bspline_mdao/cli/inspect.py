@@ -12,9 +12,10 @@ from ..io.patch_certainty import SURENESS, Certainty, how_sure
 from ..io.patch_guess import draft_patches, guess_undeclared
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
-from ..topology.index_space import FACE_NAMES, Window
+from ..topology.index_space import Window
 from ..topology.periodic import PeriodicPair, find_periodic
 from ..topology.topology import NearMiss, Topology
+from ..topology.topology import describe as named
 from ..wording import counted
 from .output import (
     check_outputs,
@@ -192,12 +193,7 @@ def show_grid(grid: Grid, topology: Topology) -> None:
 
 def describe(window: Window, grid: Grid) -> str:
     """Name a face window: block, face and, where it covers only a part, the node ranges from 1."""
-    shape = grid.shapes[window.block]
-    for number, name in enumerate(FACE_NAMES):
-        if window == Window.whole(window.block, shape).face(number):
-            return f"block {window.block + 1} {name}"
-    ranges = ", ".join(f"{lo + 1}-{hi + 1}" if hi > lo else f"{lo + 1}" for lo, hi in zip(window.lo, window.hi))
-    return f"block {window.block + 1} ({ranges})"
+    return named(window, grid.shapes[window.block])
 
 
 def _periodic(grid: Grid, topology: Topology) -> tuple[PeriodicPair, ...]:

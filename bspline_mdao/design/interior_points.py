@@ -17,9 +17,10 @@ from scipy.sparse import csr_array
 
 from ..checks import require_kind
 from ..errors import InputError
-from ..mesh.interior import interior_directions
+from ..mesh.interior import held_periodic_planes, interior_directions
 from ..model.fitted_model import FittedModel
 from ..shown import OneLine
+from ..topology.topology import describe
 from .variable import block_diagonal
 
 __all__ = ["InteriorPoints", "InteriorShift"]
@@ -160,6 +161,7 @@ class InteriorPoints(OneLine):
             raise InputError(
                 f"{model.header.source}: '{self.name}' has no control point to move: {of}; inside a block they are "
                 f"free, on a boundary they are only where its patch is of kind 'symmetry' or slides"
+                f"{'' if n_movable else _what_may_slide(model, self.sliding)}"
             )
         ids, numbers = np.nonzero(kept)
         return InteriorShift(ids, directions[ids, numbers], len(kept), self.reach)
@@ -174,6 +176,28 @@ class InteriorPoints(OneLine):
         except IndexError as error:
             raise InputError(f"'{self.name}': where: {error}; the model has {n_points:,} control points") from None
         return is_asked
+
+
+def _what_may_slide(model: FittedModel, sliding: str | Sequence[str]) -> str:
+    """Name the periodic planes of a model, and say what lets them slide."""
+    patch_of = {face.window: face.patch for face in model.topology.boundary}
+    texts = []
+    for pair in held_periodic_planes(model, sliding):
+        windows = (*pair.windows, *pair.others)
+        names = sorted({patch for window in windows if (patch := patch_of[window]) is not None})
+        if all(patch_of[window] is not None for window in windows):
+            what = f"the patches {' and '.join(names)}"
+            advice = f"let them slide ({' '.join(f'--slide {name}' for name in names)}; in Python sliding={names})"
+        else:
+            shapes = model.topology.shapes
+            faces = [describe(window, shapes[window.block]) for window in windows if patch_of[window] is None]
+            what = " and ".join([*names, *faces])
+            advice = (
+                "make patches of them ('bspline-mdao inspect GRID --draft FILE' drafts them, --patches FILE declares "
+                "them) and let these slide (--slide PATCH; in Python sliding=...)"
+            )
+        texts.append(f"; {what} are periodic planes, by a {pair.motion}: {advice}")
+    return "".join(texts)
 
 
 def control_lines(model: FittedModel) -> np.ndarray:

@@ -14,11 +14,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..model.fitted_model import FittedModel
+from ..numerics.vectors import nearest_plane
 from ..topology.index_space import section_rows
+from ..topology.periodic import PeriodicPair, find_periodic
 from .allowed_directions import AllowedDirections, plane_normal
 from .boundary import boundary_points, matching_patches
 
-__all__ = ["interior_directions"]
+__all__ = ["held_periodic_planes", "interior_directions"]
 
 
 def interior_directions(model: FittedModel, sliding: str | Sequence[str] = ()) -> np.ndarray:
@@ -58,3 +60,27 @@ def interior_directions(model: FittedModel, sliding: str | Sequence[str] = ()) -
     projectors = np.eye(3) - np.einsum("nki,nkj->nij", allowed.basis, allowed.basis)
     projectors[allowed.fixed] = 0.0
     return projectors
+
+
+def held_periodic_planes(model: FittedModel, sliding: str | Sequence[str] = ()) -> tuple[PeriodicPair, ...]:
+    """Find the periodic planes whose points are held, and could slide.
+
+    Parameters
+    ----------
+    model : FittedModel
+        The fitted grid.
+    sliding : str or sequence of str
+        Patches that slide already, by name or pattern.
+
+    Returns
+    -------
+    tuple of PeriodicPair
+        Planar boundaries of the kind ``other`` or of none that a rotation lays onto each other.
+    """
+    asked, grid = matching_patches(model.topology, sliding), model.regenerate()
+    windows = []
+    for face in model.topology.boundary:
+        _, distances, tolerance = nearest_plane(grid.blocks[face.window.block].nodes[face.window.slices].reshape(-1, 3))
+        if face.kind in (None, "other") and face.patch not in asked and distances.max() <= tolerance:
+            windows.append(face.window)
+    return find_periodic(grid, windows)

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..shown import OneLine
-from .index_space import Interface, Orientation, Section, Window, section_rows
+from .index_space import FACE_NAMES, Interface, Orientation, Section, Window, section_rows
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,11 @@ class Topology(OneLine):
         return shared_ids([segment.shape for segment in self.segments], self.links, self.collapses, self.segment_names)
 
 
-def describe(window: Window) -> str:
-    """Name a window for a message: block and index ranges, from 1."""
+def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
+    """Name a window for a message: block and index ranges, from 1; by its face where it is a whole one of that shape."""
+    for number, name in enumerate(FACE_NAMES if shape is not None else ()):
+        if window == Window.whole(window.block, shape).face(number):
+            return f"block {window.block + 1} {name}"
     ranges = (f"{lo + 1}" if lo == hi else f"{lo + 1}-{hi + 1}" for lo, hi in zip(window.lo, window.hi))
     return f"block {window.block + 1} ({', '.join(ranges)})"
 

@@ -8,6 +8,8 @@ from bspline_mdao import InputError, fit_grid
 from bspline_mdao.design.interior_points import InteriorPoints, control_lines
 from bspline_mdao.mesh.boundary import boundary_points
 from bspline_mdao.testing import complex_step, dot_test
+from bspline_mdao.topology.grid import Block, Grid, Patch
+from bspline_mdao.topology.index_space import Window
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +107,31 @@ def test_what_cannot_be_used_is_refused_in_one_line(model):
     flat = fit_grid(skewed_grid(planes=False), n_control=[(4, 2, 4), (4, 2, 4)], order=2)
     with pytest.raises(InputError, match="no control point to move: all of them are held"):
         InteriorPoints("inner").bind(flat)
+
+
+def wedge(patches=()):
+    """A block one cell deep between two planes through the axis, which a rotation by 4 degrees lays onto each other."""
+    x, r, turn = np.meshgrid(np.linspace(0.0, 3.0, 7), np.linspace(1.0, 2.0, 6), np.radians([0.0, 4.0]), indexing="ij")
+    r = r + 0.1 * np.sin(2.0 * x) * (2.0 - r)
+    return Grid((Block(np.stack([x, r * np.cos(turn), r * np.sin(turn)], axis=-1), "block 1"),), patches)
+
+
+def test_where_all_is_held_periodic_planes_are_named_with_what_lets_them_slide():
+    whole = Window.whole(0, (7, 6, 2))
+    declared = tuple(Patch(name, "other", (whole.face(side),)) for name, side in (("back", 5), ("front", 4)))
+    undeclared = (
+        r"all of them are held; .*; block 1 kmin and block 1 kmax are periodic planes, by a rotation about x by "
+    )
+    cases = {
+        (): undeclared + r"4 deg: make patches of them \('bspline-mdao inspect GRID --draft FILE' .* \(--slide PATCH; ",
+        declared: r"the patches back and front are periodic planes, .*: let them slide \(--slide back --slide front; ",
+        declared[:1]: "back and block 1 kmin are periodic planes, .*: make patches of them",
+    }
+    for patches, expected in cases.items():
+        held = fit_grid(wedge(patches), n_control=(5, 4, 2), order=3)
+        with pytest.raises(InputError, match=expected) as refused:
+            InteriorPoints("inner").bind(held)
+        assert "\n" not in str(refused.value)
+        assert str(refused.value).count("periodic") == 1
+    slides = fit_grid(wedge(declared), n_control=(5, 4, 2), order=3)
+    assert InteriorPoints("inner", sliding=("back", "front")).bind(slides).n_values == 2 * 2 * 3 * 2
