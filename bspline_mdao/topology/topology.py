@@ -158,7 +158,7 @@ class Topology(OneLine):
 
 
 def describe(window: Window, shape: tuple[int, ...] | None = None) -> str:
-    """Name a window for a message: block and index ranges, from 1; by its face where it is a whole one of that shape."""
+    """Name a window for a message: block and index ranges, from 1; its face where it is a whole one of that shape."""
     for number, name in enumerate(FACE_NAMES if shape is not None else ()):
         if window == Window.whole(window.block, shape).face(number):
             return f"block {window.block + 1} {name}"
