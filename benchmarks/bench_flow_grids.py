@@ -3,16 +3,18 @@
 The grids are those of the folder ``BSPLINE_MDAO_GRIDS``, as they are in their files, with every second or fourth node,
 or made here::
 
-    python benchmarks/bench_flow_grids.py [STEP [NAME...]]
+    python benchmarks/bench_flow_grids.py [STEP [NAME...]] [--random N]
 
+With ``--random`` each grid that is flown at an angle is flown at N random Mach numbers from 0.3 to 0.85 and angles from
+-2 to 6 degrees instead, others are left out, and the last lines tell how many flows were found and what others cost.
 Flows start as in a first run of the component, see `cold_solutions`; steps and products are those of the last way, time
 is that of all. The ratio is to the first grid that is flown at that Mach number.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -39,6 +41,9 @@ from bspline_mdao.topology.grid import Grid
 
 CONDITIONS = ((0.3, 4.0), (0.57, -2.0), (0.7, 2.0), (0.84, 3.0))
 """Mach numbers and angles (deg)."""
+
+SEED = 11
+"""Of random conditions, the same for every grid."""
 
 
 @dataclass(frozen=True)
@@ -89,22 +94,24 @@ CASES = {
 """Grids by name; the first one is what others are compared with."""
 
 
-def main(step: int = 4, *names: str) -> None:
+def main(step: int = 4, names: tuple[str, ...] = (), n_random: int = 0) -> None:
     """Print a line for every flow about the grids with every ``step``-th node, all or those with one of the names."""
     print(
-        f"{'grid':31}{'cells':>8}{'Mach':>6}{'alpha':>6}{'residual':>10}{'steps':>6}{'products':>9}{'us/cell':>9}{'ratio':>7}"
+        f"{'grid':31}{'cells':>8}{'Mach':>7}{'alpha':>7}{'residual':>10}{'steps':>6}{'products':>9}{'us/cell':>9}{'ratio':>7}"
     )
+    random = np.random.default_rng(SEED)
+    at_random = tuple(tuple(random.uniform((0.3, -2.0), (0.85, 6.0))) for _ in range(n_random))
     costs: dict[float, float] = {}
     for name, case in CASES.items():
-        if names and not any(part in name for part in names):
+        if (names and not any(part in name for part in names)) or (n_random and case.conditions is not CONDITIONS):
             continue
         axes, grid = case.axes, thinned(case.grid(), step if case.is_thinned else 1)
         topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
         flow = FlowGrid.of(topology, nodes, axes, shock_threshold=SHOCK_THRESHOLD)
         n_levels = useful_levels(topology)
         levels = coarse_levels(topology, nodes, n_levels, axes, shock_threshold=SHOCK_THRESHOLD)
-        areas, is_first = flow.areas(nodes), True
-        for mach, alpha in case.conditions:
+        areas, is_first, ends = flow.areas(nodes), True, []
+        for mach, alpha in at_random or case.conditions:
             stream = free_stream(mach, RADIAN * alpha, flow.axes)
             for _ in range(1 + is_first):  # the first one compiles, and is not counted
                 start = time.process_time()
@@ -113,11 +120,19 @@ def main(step: int = 4, *names: str) -> None:
                         break
                 cost = (time.process_time() - start) / flow.faces.n_cells * 1e6
             is_first = False
+            ends.append((solution.residual <= LARGEST_RESIDUAL, cost))
             n_steps, products = len(solution.history) - 1, sum(one.n_products for one in solution.history)
             ratio = cost / costs.setdefault(mach, cost)
             print(
-                f"{name:31}{flow.faces.n_cells:8}{mach:6}{alpha:6}{solution.residual:10.1e}{n_steps:6}"
-                f"{products:9}{cost:9.0f}{ratio:7.1f}"
+                f"{name:31}{flow.faces.n_cells:8}{mach:7.3f}{alpha:7.2f}{solution.residual:10.1e}{n_steps:6}"
+                f"{products:9}{cost:9.0f}{ratio:7.1f}",
+                flush=True,
+            )
+        if n_random:
+            found, lost = ([cost for is_found, cost in ends if is_found is kind] for kind in (True, False))
+            print(
+                f"{name}: {len(found)} of {n_random} found, us/cell median {np.median(found):.0f}, most "
+                f"{max(found):.0f}; others {', '.join(f'{cost:.0f}' for cost in lost) or 'none'}"
             )
 
 
@@ -144,4 +159,9 @@ def thinned(grid: Grid, step: int) -> Grid:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]), *sys.argv[2:])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("step", nargs="?", type=int, default=4)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--random", type=int, default=0, metavar="N", dest="n_random")
+    given = parser.parse_args()
+    main(given.step, tuple(given.names), given.n_random)

@@ -6,14 +6,14 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
 from ...numerics.processes import summed
 from .discretization import Discretization
 from .flow_grid import FlowGrid
-from .newton import MOST_PRODUCTS, FlowSolution, solve_by_dissipation, solve_flow
+from .newton import MOST_PRODUCTS, FlowSolution, solve_flow
 from .preconditioner import time_terms
 from .reconstruction import SLIP
 from .sequencing import CoarseLevel, coarse_flows, spread_from
@@ -47,9 +47,8 @@ def cold_solutions(
     1. From the flow on coarser members of the grid.
     2. From those again with long time steps, there too; before 1, where many cells at walls are flat, or where the flow
        on one of the members took many steps or was not found.
-    3. By way of flows with more dissipation.
 
-    All ways share the products with the Jacobian.
+    Both share the products with the Jacobian.
 
     Parameters
     ----------
@@ -70,10 +69,8 @@ def cold_solutions(
         return solve_flow(*field, states=spread_from(levels, coarse(is_long)), is_long=is_long, **rest)
 
     is_long = _is_flat(*field) or any(len(one.history) > HARD for one in coarse(False))
-    ways: list[Callable] = [partial(by_members, kind) for kind in (is_long, not is_long)]
-    ways.append(partial(solve_by_dissipation, *field))
-    for solve in ways:
-        solution = solve(max_products=min(MOST_PRODUCTS, n_left), **how)
+    for kind in (is_long, not is_long):
+        solution = by_members(kind, max_products=min(MOST_PRODUCTS, n_left), **how)
         yield solution
         n_left = max(0, n_left - sum(step.n_products for step in solution.history))
 

@@ -6,8 +6,8 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -25,7 +25,6 @@ __all__ = [
     "NewtonStep",
     "advance",
     "relative_residual",
-    "solve_by_dissipation",
     "solve_flow",
 ]
 
@@ -373,56 +372,3 @@ def _next_cfl(history: list[NewtonStep], before: float, after: float, is_long: b
     is_careful = any(step.length < 1.0 for step in history[-CAREFUL:])
     growth = CFL_GROWTH * before / max(after, np.finfo(float).tiny)
     return min(LARGEST_CFL, cfl * min(GROWTH_AFTER_CUTS if is_careful else LARGEST_GROWTH, max(1.0, growth)))
-
-
-LEVELS = (1.0, 0.5, 0.35, 0.25, 0.2)
-"""Parts of the third difference that are dissipated on the way."""
-
-STAGE_TOLERANCE, STAGE_STEPS = 1e-6, 20
-"""Residual of the flows on the way, and their Newton steps at most."""
-
-
-def solve_by_dissipation(
-    discretization: Discretization,
-    areas: np.ndarray,
-    stream: np.ndarray,
-    *,
-    pattern: FactorPattern,
-    tolerance: float = 1e-10,
-    max_steps: int = 200,
-    max_products: int = MOST_PRODUCTS,
-    progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
-) -> FlowSolution:
-    """Solve for the steady flow from the uniform stream by continuation in the dissipation.
-
-    Where flow separates from sharp edges, as from those of a flat plate at an angle, a steady state of a scheme of
-    little dissipation draws Newton's steps from close by only. With all of the third difference dissipated it is found
-    from the uniform stream; from there the dissipation is lowered to that of the scheme. Such flows need not be the
-    only ones of their grid, and the way can end at a dissipation below which there is none nearby.
-
-    Parameters and result are those of `solve_flow`; the bounds are for all flows on the way together.
-
-    The history is that of all flows on the way, each relative to its own uniform stream; where one ends, it has
-    the residual with the dissipation of the next.
-    """
-    levels = [level for level in LEVELS if level > discretization.dissipation]
-    solve = partial(solve_flow, areas=areas, stream=stream, pattern=pattern, progress=progress)
-    states: np.ndarray | None = None
-    history: tuple[NewtonStep, ...] = ()
-    n_left = max_steps
-    for level in levels:
-        stage, n_steps = replace(discretization, dissipation=level), min(STAGE_STEPS, n_left)
-        end, n_products = max(tolerance, STAGE_TOLERANCE), _products_left(max_products, history)
-        solution = solve(stage, states=states, tolerance=end, max_steps=n_steps, max_products=n_products)
-        states, history = solution.states, history[:-1] + solution.history
-        n_left = max_steps - len(history) + 1 if solution.is_converged else 0
-        if not n_left:
-            break
-    n_products = _products_left(max_products, history)
-    solution = solve(discretization, states=states, tolerance=tolerance, max_steps=n_left, max_products=n_products)
-    return replace(solution, history=history[:-1] + solution.history)
-
-
-def _products_left(most: int, history: tuple[NewtonStep, ...]) -> int:
-    """Products with the Jacobian that a history leaves of the most."""
-    return most - sum(step.n_products for step in history)
