@@ -51,7 +51,7 @@ LARGEST_FALL, LARGEST_RISE, SMALLEST_STEP = 0.3, 2.0, 1e-3
 """Bounds of a step: largest relative fall of a density or pressure, largest rise of the residual, and the smallest
 part of a Newton step that is worth its residual."""
 
-STALLED, STALLED_LONG = 20, 80
+STALLED, STALLED_LONG = 20, 36
 """The residual has to be halved within so many steps, or the run ends, and another way is tried; of those with long
 time steps, in which a shock travels by about a cell each, at little cost."""
 
