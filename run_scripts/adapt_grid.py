@@ -148,7 +148,7 @@ def draw(folder, given: bm.FittedModel, found: bm.Adaptation, members: list[dict
             look = {"cmap": "viridis", "clim": (-7.0, -4.0), "edgecolors": "w", "linewidths": 0.15}
             cells = axes.add_collection(PolyCollection(corners, array=sizes, **look))
             axes.set(xlim=(-0.3, 1.3), ylim=(-0.8, 0.8), aspect="equal", xlabel="$x / c$")
-            axes.set_title(f"{'given' if axes is before else 'adapted'}: $C_D$ = {estimates['CD'].value:.5f}")
+            axes.set_title(f"{'given' if axes is before else 'adapted'}: $C_D = {estimates['CD'].value:.5f}$")
         canvas.colorbar(cells, ax=[before, after], label="contribution to the error of $C_D$, decades")
         sides = [np.sqrt(member["n_cells"]) for member in members]
         drag.loglog(sides, [abs(member["CD"]) for member in members], "o-", color=BLUE, label="family")

@@ -17,14 +17,14 @@ from .formats import POLYMESH, read_names
 __all__ = ["head_of_grid"]
 
 _MESH = (
-    "is a {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' takes it along with the model of one"
+    "is {} mesh, without structured blocks; {}; 'bspline-mdao ride MODEL.h5 {}' takes it along with the model of one"
 )
 _SHOWN = "is a {} file, which is looked at and not read here; {}"
 
 _OTHERS = (
-    (rb"\$MeshFormat", _MESH, "Gmsh"),
-    (rb"(?:[ \t\r]*(?:%.*)?\n)*[ \t]*(?:NDIME|NZONE)\s*=", _MESH, "SU2"),
-    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile[^>]*UnstructuredGrid", _MESH, "VTK"),
+    (rb"\$MeshFormat", _MESH, "a Gmsh"),
+    (rb"(?:[ \t\r]*(?:%.*)?\n)*[ \t]*(?:NDIME|NZONE)\s*=", _MESH, "an SU2"),
+    (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile[^>]*UnstructuredGrid", _MESH, "a VTK"),
     (rb"(?:<\?xml.*\?>)?\s*(?:<!--.*-->\s*)?<VTKFile|# vtk DataFile", _SHOWN, "ParaView"),
     (rb"\s*(?:TITLE|VARIABLES|FILETYPE)\s*=|#!TDV", _SHOWN, "Tecplot"),
     (rb"ISO-10303-21", "is a CAD file ({}), of surfaces without a grid; {}", "STEP"),
@@ -54,7 +54,7 @@ def head_of_grid(path: str | os.PathLike, n_bytes: int) -> bytes:
     """
     advice = f"give a {read_names()} grid"
     if Path(path).name == POLYMESH and Path(path).is_dir():
-        raise InputError(f"{path}: {_MESH.format('OpenFOAM', advice, path)}")
+        raise InputError(f"{path}: {_MESH.format('an OpenFOAM', advice, path)}")
     head = read_raw(path, n_bytes)
     for beginning, text, name in _OTHERS:
         if re.match(beginning, head, re.IGNORECASE):

@@ -9,7 +9,7 @@ from bspline_mdao.io.other_files import head_of_grid
 
 HEADS = {
     "a.msh": (b"$MeshFormat\n4.1 0 8\n", "is a Gmsh mesh, .* give a PLOT3D or CGNS grid; .*ride MODEL.h5 .*a.msh'"),
-    "a.su2": (b"% made by hand\n\n  % for a test\r\n NDIME= 2\n", "is a SU2 mesh, without structured blocks"),
+    "a.su2": (b"% made by hand\n\n  % for a test\r\n NDIME= 2\n", "is an SU2 mesh, without structured blocks"),
     "a.vtu": (b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid">', "is a VTK mesh, without structured blocks"),
     "a.vtk": (b"# vtk DataFile Version 3.0\n", "is a ParaView file, .* not read here; give a PLOT3D or CGNS grid"),
     "a.tec": (b' variables = "x" "y" "z"\n', "is a Tecplot file"),
@@ -30,7 +30,7 @@ def test_a_file_without_blocks_is_named(name, read, tmp_path):
 @pytest.mark.parametrize(("name", "expected"), [("a.vtm", "ParaView"), ("a.dat", "Tecplot"), ("polyMesh", "OpenFOAM")])
 def test_what_is_written_and_not_read_is_named(name, expected, tmp_path):
     write_grid(tmp_path / name, brick_grid((4, 5, 6, 4)))
-    with pytest.raises(InputError, match=f"{name}: is a {expected} "):
+    with pytest.raises(InputError, match=f"{name}: is an? {expected} "):
         read_grid(tmp_path / name)
 
 

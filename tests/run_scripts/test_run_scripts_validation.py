@@ -1,10 +1,16 @@
 """The scripts of validation find what is known, within what their small sizes allow."""
 
 import importlib
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from bspline_mdao import fit_grid, naca_section, section_o_grid
 
 RUN_SCRIPTS = Path(__file__).parents[2] / "run_scripts"
 
@@ -90,6 +96,25 @@ def test_m6_has_the_pressures_measured_and_the_lift_of_another_solver(script, tm
     assert numbers["members"][-1]["CL"] == pytest.approx(numbers["SU2"]["CL"], rel=0.1)
     assert numbers["Cp_difference"]["0.44"] < 0.1
     assert (tmp_path / "validation_m6.png").stat().st_size > 50_000
+
+
+def test_a_negative_drag_has_a_minus_in_the_picture_of_adapted_grids(script, tmp_path, monkeypatch):
+    model = fit_grid(section_o_grid(naca_section(0.12, extended=True), 16))
+    grid, texts = model.regenerate(), []
+    parts = np.full(len(grid.blocks[0].nodes[1:]) * (grid.shapes[0][1] - 1), 1e-5)
+    estimates = {"CD": SimpleNamespace(contributions=parts, value=-1.3e-4)}
+    found = SimpleNamespace(grid=grid, before=estimates, after=estimates)
+
+    def save(canvas, file):
+        canvas.draw_without_rendering()
+        texts.extend(text.get_text() for text in canvas.findobj(Text))
+
+    monkeypatch.setattr(Figure, "savefig", save)
+    members = [{"n_cells": n**2, "CD": -0.1 / n} for n in (8, 16, 32)]
+    script("adapt_grid").draw(tmp_path, model, found, members, members[1])
+    assert "adapted: $C_D = -0.00013$" in texts
+    outside = [re.sub(r"\$[^$]*\$", "", text) for text in texts]  # in formulas a hyphen is drawn as a minus
+    assert not [text for text in outside if re.search(r"-\d", text)]
 
 
 def test_the_grid_of_a_section_is_adapted_to_its_drag(script, tmp_path):
