@@ -32,8 +32,8 @@ HARD = 20
 ROUGH = 1e-6
 """Residual of the flow at half the angle."""
 
-MOST_PRODUCTS_OF_ALL = 1600
-"""Products with the Jacobian after which no other way is tried: the dearest flow that was found took 1,130."""
+MOST_PRODUCTS_OF_ALL = 2400
+"""Products with the Jacobian after which no other way is tried."""
 
 
 def cold_solutions(
