@@ -393,7 +393,8 @@ def improve(grid_name: str, output: Path, json: Path | None, **options) -> None:
 def quality(**options) -> None:
     """Measure the cells of a grid: orthogonality Q, corners, volumes, inverted cells, first cells at walls.
 
-    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}.
+    GRID is a {read} file, a fitted model MODEL.h5, or a built-in grid: {built_in}. Of a CGNS file of curved
+    hexahedra, as refine --degree writes it, Jacobians are measured.
 
     {definitions}
     """

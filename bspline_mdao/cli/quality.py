@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from h5py import is_hdf5
 
 from ..cells.certificate import Certificate, certify_cells
+from ..cells.curved_grid import CurvedGrid
 from ..cells.grid_quality import GridQuality
 from ..cells.pieces import Pieces
 from ..cells.report import InvertedCell, QualityReport, WorstCell, inverted_cells, report_quality
 from ..errors import InputError
+from ..io.cgns_elements import read_cgns_elements
 from ..io.patches import merge_patches, read_patches
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare
@@ -22,6 +25,7 @@ from ..topology.grid import Grid
 from ..topology.partition import Partition
 from ..topology.stored_grid import StoredBlock, StoredGrid
 from ..wording import counted
+from .curved import measure_curved
 from .output import (
     certificate_numbers,
     check_outputs,
@@ -57,7 +61,8 @@ def measure_quality(
     Parameters
     ----------
     grid_name : str
-        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid.
+        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid; or CGNS of curved hexahedra, of
+        which Jacobians are measured.
     bins : int
         Bins of the distribution of Q.
     json : Path, optional
@@ -75,6 +80,15 @@ def measure_quality(
     """
     comm = world()
     check_outputs([json], [file_of(grid_name), patches, baseline and file_of(baseline)], comm)
+    curved = on_first(comm, lambda: _curved_of(grid_name))
+    if curved is not None:
+        if patches or baseline:
+            raise InputError(
+                f"{grid_name}: is of curved hexahedra, which are measured by themselves; leave out "
+                f"{'--patches' if patches else '--baseline'}"
+            )
+        measure_curved(grid_name, curved, json, comm)
+        return
     with progress_bar() as progress:
         progress(0.0, "reading")
         grid = _read(grid_name, patches, comm)
@@ -90,6 +104,14 @@ def measure_quality(
     print_warnings(grid.warnings)
     if baseline is not None:
         print_warnings(height_warnings(report.heights))
+
+
+def _curved_of(grid_name: str) -> CurvedGrid | None:
+    """Curved hexahedra of a CGNS file; None where a grid is something else."""
+    file = file_of(grid_name)
+    if file is None or Path(file).suffix == ".h5" or not Path(file).is_file() or not is_hdf5(file):
+        return None
+    return read_cgns_elements(file)
 
 
 class _Read(NamedTuple):

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from ..cells.bernstein import INVALID, UNDECIDED, VALID
 from ..errors import InputError
 from ..evaluation.family import refined_topology
 from ..io.curved import curved_format, write_curved_grid
@@ -15,6 +12,7 @@ from ..model.curved import curved_grid
 from ..model.fitted_model import FittedModel, family_member
 from ..topology.topology import Topology
 from ..wording import counted
+from .curved import CurvedMeasures
 from .output import (
     check_outputs,
     counts_text,
@@ -101,37 +99,17 @@ def _write_curved(model: Path, factor: float, output: Path, json: Path | None, d
         progress(0.1, "evaluating")
         grid = curved_grid(fitted, degree, factor)
         progress(0.5, "measuring")
-        worst, is_collapsed = grid.worst_jacobians(), grid.is_collapsed
-        status = grid.statuses()
-        is_inverted, n_collapsed = (worst <= 0.0) | (status == INVALID), int(is_collapsed.sum())
-        n_undecided = int((status == UNDECIDED).sum())
-        n_inverted = int(is_inverted.sum())
-        at = int(np.argmin(np.where(is_inverted, worst - 2.0, worst)))  # the inverted ones first
-        block, *cell = (int(number) + 1 for number in grid.places[at])
+        found = CurvedMeasures.of(grid)
+        block, *cell = (int(number) + 1 for number in grid.places[found.at])
         where = f"block {block}, element ({', '.join(map(str, cell))})"
-        if n_inverted and not allow_invalid:
+        if found.n_inverted and not allow_invalid:
             raise InputError(
-                f"{model}: {n_inverted:,} of {counted(len(worst), 'element')} of degree {degree} are inverted, the "
-                f"worst in {where}; raise --factor, lower --degree, or give --allow-invalid"
+                f"{model}: {found.n_inverted:,} of {counted(len(grid.elements), 'element')} of degree {degree} are "
+                f"inverted, the worst in {where}; raise --factor, lower --degree, or give --allow-invalid"
             )
-        numbers = {"model": str(model), "factor": factor, "degree": degree, "grid": str(output)}
-        numbers |= {"n_elements": len(grid.elements), "n_nodes": len(grid.nodes), "n_collapsed": n_collapsed}
-        numbers |= {"n_inverted": n_inverted, "n_undecided": n_undecided, "worst_jacobian": float(worst[at])}
+        numbers = {"model": str(model), "factor": factor, "degree": degree, "grid": str(output), **found.numbers()}
         progress(0.8, "writing")
         with written_json(json, {**numbers, "patches": {patch.name: len(patch.faces) for patch in grid.patches}}):
             write_curved_grid(output, grid)
-    elements = counted(len(grid.elements), "curved hexahedron", "curved hexahedra")
-    print_title(f"{output}: {elements} of degree {degree}, {counted(len(grid.nodes), 'node')}")
-    print_table(["patch", "kind", "faces"], [(p.name, p.kind, f"{len(p.faces):,}") for p in grid.patches])
-    print_lines([f"least Jacobian of an element, by its largest: {worst[at]:.3g}, {where}"])
-    n_valid = int((status == VALID).sum())
-    print_lines([f"proved valid everywhere: {n_valid:,} of {elements}; {n_undecided:,} undecided"])
-    notes = list(fitted.topology.warnings)
-    if n_collapsed:
-        notes.append(
-            f"{n_collapsed:,} elements have edges that have collapsed: they are hexahedra with a node more than once"
-        )
-    if n_inverted:
-        notes.append(f"{n_inverted:,} elements are inverted")
-    print_warnings(notes)
+    found.show(str(output), where, fitted.topology.warnings)
     print_lines([f"{output} written"])

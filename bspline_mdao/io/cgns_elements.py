@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import os
 
+import h5py
 import numpy as np
 
 from ..cells.curved_grid import CurvedGrid
+from ..errors import InputError
 from .cgns import add_coordinates, write_base
 from .cgns_faces import add_family
-from .cgns_nodes import add_node, free_name
+from .cgns_nodes import add_node, children, damaged_is_input_error, first_child, free_name, value, word
 from .disk import deferred_interrupts, replaced_hdf5_file
 from .element_order import HEXAHEDRA, QUADRANGLES, cgns_order
 
-__all__ = ["write_cgns_elements"]
+__all__ = ["read_cgns_elements", "write_cgns_elements"]
 
 
 def write_cgns_elements(path: str | os.PathLike, grid: CurvedGrid) -> None:
@@ -55,6 +57,52 @@ def write_cgns_elements(path: str | os.PathLike, grid: CurvedGrid) -> None:
             add_node(condition, "GridLocation", "GridLocation_t", "FaceCenter")
             add_node(condition, "FamilyName", "FamilyName_t", family)
             last = ends[1]
+
+
+def read_cgns_elements(path: str | os.PathLike) -> CurvedGrid | None:
+    """Read the hexahedra of a CGNS/HDF5 file, if it has one unstructured zone of cells of this kind and one degree.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    CurvedGrid or None
+        Its elements, numbered as in the file, without patches; None if the file holds something else.
+
+    Raises
+    ------
+    InputError
+        When the file is damaged.
+    """
+    source = str(path)
+    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
+        zones = [zone for _, base in children(file, "CGNSBase_t") for _, zone in children(base, "Zone_t")]
+        kinds = [first_child(zone, "ZoneType_t") for zone in zones]
+        if [None if kind is None else word(kind) for kind in kinds] != ["Unstructured"]:
+            return None
+        sections = [(int(value(section)[0]), section) for _, section in children(zones[0], "Elements_t")]
+        solids = [(kind, section) for kind, section in sections if kind not in QUADRANGLES.values()]
+        degrees = {degree for degree, number in HEXAHEDRA.items() for kind, _ in solids if kind == number}
+        if len(degrees) != 1 or any(kind not in HEXAHEDRA.values() for kind, _ in solids):
+            return None
+        (degree,) = degrees
+        coordinates = dict(children(dict(children(zones[0], "GridCoordinates_t"))["GridCoordinates"], "DataArray_t"))
+        axes = [coordinates.get(f"Coordinate{axis}") for axis in "XYZ"]
+        if None in axes:
+            return None
+        nodes = np.stack([value(axis).ravel() for axis in axes], axis=1).astype(float)
+        numbers = [value(dict(children(part, "DataArray_t"))["ElementConnectivity"]) for _, part in solids]
+        listed = np.concatenate(numbers).astype(np.int64).reshape(-1, (degree + 1) ** 3) - 1
+        if not len(listed) or listed.min() < 0 or listed.max() >= len(nodes) or not np.isfinite(nodes).all():
+            raise InputError(f"{source}: has elements of nodes that it does not have; write it again")
+        elements = np.empty_like(listed)
+        elements[:, cgns_order(degree)] = listed
+        places = np.zeros((len(elements), 4), dtype=np.int64)
+        places[:, 1] = np.arange(len(elements))
+        return CurvedGrid(degree, nodes, elements.reshape(-1, *(degree + 1,) * 3), (), places, source)
 
 
 def _numbers(lattices: np.ndarray, order: np.ndarray) -> np.ndarray:

@@ -6,7 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from bspline_mdao import InputError, ball_grid, curved_grid, fit_grid, read_grid, write_curved_grid
+from bspline_mdao import InputError, ball_grid, curved_grid, fit_grid, read_grid, write_curved_grid, write_grid
+from bspline_mdao.io.cgns_elements import read_cgns_elements
 from bspline_mdao.io.element_order import cgns_order, gmsh_order
 
 DEGREES = [1, 2, 3, 4]
@@ -121,6 +122,39 @@ def test_meshio_reads_what_was_written_for_gmsh(ball, tmp_path, degree):
     for number, patch in enumerate(grid.patches, start=1):
         faces = mesh.cells[number].data[:, order].reshape(patch.faces.shape)
         np.testing.assert_array_equal(mesh.points[faces], grid.nodes[patch.faces])
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_elements_of_cgns_are_read_as_they_were_written(ball, tmp_path, degree):
+    grid = curved_grid(ball, degree)
+    write_curved_grid(tmp_path / "ball.cgns", grid)
+    found = read_cgns_elements(tmp_path / "ball.cgns")
+    assert (found.degree, found.patches) == (degree, ())
+    np.testing.assert_array_equal(found.nodes, grid.nodes)
+    np.testing.assert_array_equal(found.elements, grid.elements)
+    np.testing.assert_array_equal(found.worst_jacobians(), grid.worst_jacobians())
+    np.testing.assert_array_equal(found.places[:, 1], np.arange(len(grid.elements)))
+
+
+def test_what_has_no_curved_elements_is_told_from_damage(ball, tmp_path):
+    path = tmp_path / "ball.cgns"
+    write_grid(path, ball_grid((5, 4, 5, 4), far=3.0))
+    assert read_cgns_elements(path) is None
+    for place, replacement, is_damage in (
+        ("Base/Zone/Hexahedra/ data", np.array([22, 0], np.int32), False),
+        ("Base/Zone/ZoneType/ data", np.frombuffer(b"Structured", np.int8), False),
+        ("Base/Zone/Hexahedra/ElementConnectivity/ data", np.full(54, 10**6), True),
+        ("Base/Zone/Hexahedra/ElementConnectivity/ data", np.ones(53, np.int32), True),
+    ):
+        write_curved_grid(path, curved_grid(ball, 2))
+        with h5py.File(path, "r+") as file:
+            del file[place]
+            file[place] = replacement
+        if is_damage:
+            with pytest.raises(InputError, match=r"ball.cgns: .*; write it again"):
+                read_cgns_elements(path)
+        else:
+            assert read_cgns_elements(path) is None
 
 
 @pytest.mark.parametrize("degree", DEGREES)
