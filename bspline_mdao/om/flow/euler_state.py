@@ -69,8 +69,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
     A run starts from the states that are there, those of the last design, unless the uniform stream is nearer. Where
     they are still those of the last solution, they are changed by as much as the free stream. Steps are first made with
     the Jacobian that the last derivatives were taken with, as long as it serves. If that fails, and in a first run, it
-    starts from the flow on coarser members of the grid or the uniform stream, with long time steps (first, where the
-    coarser members needed many steps), and at last by way of flows with more dissipation.
+    starts from the flow on coarser members of the grid or the uniform stream (with long time steps, where cells at
+    walls are flat or the coarser members needed many steps), then from the flow at half the angle, and at last with the
+    other kind of time steps.
 
     Options
     -------
