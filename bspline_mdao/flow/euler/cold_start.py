@@ -81,7 +81,8 @@ def cold_solutions(
         first = solve(half, states_from_coarse(levels, nodes, half, True), True, max(tolerance, ROUGH), most)
         left = most - _n_products(first) if first.is_converged else 0
         solution = solve(stream, first.states, True, tolerance, left)
-        return replace(solution, history=first.history[:-1] + solution.history)
+        history = first.history[:-1] + solution.history
+        return replace(solution, history=history, is_found_at_half=first.is_converged)
 
     is_long = _is_flat(discretization, areas, stream) or any(len(one.history) > HARD for one in coarse(False))
     ways: list[Callable] = [partial(by_members, is_long), by_angle, partial(by_members, not is_long)]

@@ -111,12 +111,15 @@ class FlowSolution:
         The first is the state at the start.
     tolerance : float
         Residual that was asked for.
+    is_found_at_half : bool
+        Whether the flow at half the angle was found on the way.
     """
 
     states: np.ndarray
     stream: np.ndarray
     history: tuple[NewtonStep, ...]
     tolerance: float
+    is_found_at_half: bool = False
 
     @property
     def residual(self) -> float:

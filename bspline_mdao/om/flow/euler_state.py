@@ -159,9 +159,10 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Solve for the states at the inputs, or raise."""
         self._check(inputs)
         areas, stream = self._at(inputs)
-        self._solution = None
+        self._solution, is_found_at_half = None, False
         with shown("flow") as tell:
             for solution in self._attempts(inputs, outputs, areas, stream, tolerance, tell):
+                is_found_at_half |= solution.is_found_at_half
                 if self._solution is None or solution.residual < self._solution.residual:
                     self._solution = solution  # the best one is told of
                 if solution.residual <= max(tolerance, LARGEST_RESIDUAL):
@@ -169,7 +170,9 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                     outputs["states"] = solution.states.ravel()
                     return
         field = self._scheme(inputs), areas, stream
-        raise om.AnalysisError(f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}")
+        told = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
+        advice = "; at half the angle there is a flow: take a smaller angle, or a finer grid"
+        raise om.AnalysisError(told + advice * is_found_at_half)
 
     def linearize(self, inputs, outputs, jacobian):
         """Refuse states that are no solution, and differentiate the residual."""
