@@ -40,6 +40,10 @@ for one with a chance of 3e-6."""
 UPRIGHT = 0.1
 """Cosine of the angle between an edge and the normal of the wall, from which on the edge leads off the wall."""
 
+CANCELLED = 1e-6
+"""Part of the areas around a node that their sum has to be for a normal there: at the edge of a plate without
+thickness both sides cancel but for rounding."""
+
 
 def padded(faces: np.ndarray) -> np.ndarray:
     """Faces as quads, shape (n, 4): a triangle has its last corner twice."""
@@ -238,7 +242,8 @@ def first_heights(mesh: MixedMesh, wall: np.ndarray, ids: np.ndarray) -> tuple[n
     Returns
     -------
     at : ndarray of int, shape (m,)
-        Those of the nodes that have one, as numbers among `ids`.
+        Those of the nodes that have one, as numbers among `ids`; those on the edge of a plate without thickness,
+        where the wall has no normal, have none.
     beside : ndarray of int, shape (m,)
         Nodes next to them.
     """
@@ -260,10 +265,12 @@ def first_heights(mesh: MixedMesh, wall: np.ndarray, ids: np.ndarray) -> tuple[n
 
 
 def wall_normals(points: np.ndarray, wall: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Unit normals of a wall at its nodes, shape (n_wall, 3), see `first_heights`."""
+    """Unit normals of a wall at its nodes, shape (n_wall, 3), zero where there is none, see `first_heights`."""
     areas, at = area_vectors(points[wall]), np.searchsorted(ids, wall)
-    sums = np.stack([np.bincount(at.ravel(), np.repeat(areas[:, d], 4), len(ids)) for d in range(3)], axis=1)
-    return sums / np.maximum(np.linalg.norm(sums, axis=1), np.finfo(float).tiny)[:, None]
+    parts = np.column_stack([areas, np.linalg.norm(areas, axis=1)])
+    sums = np.stack([np.bincount(at.ravel(), np.repeat(part, 4), len(ids)) for part in parts.T], axis=1)
+    lengths = np.linalg.norm(sums[:, :3], axis=1)
+    return sums[:, :3] / np.where(lengths > CANCELLED * sums[:, 3], lengths, np.inf)[:, None]
 
 
 @njit(cache=True, error_model="numpy")

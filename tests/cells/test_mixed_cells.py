@@ -63,6 +63,21 @@ def test_the_node_next_to_a_wall_is_at_the_end_of_the_edge_that_leads_off_it():
     assert (at.tolist(), beside.tolist()) == ([0, 1, 2, 3], [4, 5, 6, 7])
 
 
+def test_there_is_no_node_next_to_the_edge_of_a_plate_without_thickness():
+    rng, ids = np.random.default_rng(3), np.arange(16).reshape(4, 4)
+    plate = np.column_stack([*np.mgrid[0:4, 0:4].reshape(2, -1) + rng.uniform(-0.2, 0.2, (2, 16)), np.zeros(16)])
+    tilted = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    tilted[0] *= np.linalg.det(tilted)
+    points = np.concatenate([plate, plate + [0.0, 0.0, 1.0], plate - [0.0, 0.0, 1.0]]) @ tilted
+    upper = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1).reshape(-1, 4)
+    cells = np.concatenate([np.hstack([upper, upper + 16]), np.hstack([upper + 32, upper])])
+    mesh = MixedMesh(points, {"hexahedron": cells})
+    at, beside = first_heights(mesh, upper, ids.ravel())
+    assert (at.tolist(), beside.tolist()) == (ids.ravel().tolist(), (ids.ravel() + 16).tolist())
+    at, _ = first_heights(mesh, np.concatenate([upper, rng.permutation(upper)[:, ::-1]]), ids.ravel())
+    assert at.tolist() == []
+
+
 @pytest.mark.parametrize("along", [[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 5, 1, 3, 7, 6, 2], [0, 3, 7, 4, 1, 2, 6, 5]])
 def test_thin_cells_of_a_sheet_that_is_bent_by_more_than_it_is_high_are_not_inverted(along):
     rng, height = np.random.default_rng(6), 1e-4
