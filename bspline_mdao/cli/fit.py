@@ -11,6 +11,7 @@ from ..cells.certificate import Certificate
 from ..errors import FitWarning, InputError
 from ..evaluation.spline_validity import certify_splines
 from ..fit.fitting import fit_blocks, fit_grid
+from ..io.formats import MODEL
 from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
 from ..model.records import CANDIDATES, Fallback, FitReport
@@ -82,7 +83,7 @@ def fit_model(
     """
     comm = world()
     check_outputs([output, json], [file_of(grid_name), patches], comm)
-    if output.suffix != ".h5":
+    if output.suffix != MODEL:
         raise InputError(f"{output}: a fitted model is an HDF5 file; name it .h5")
     options: dict[str, Any] = {
         "n_control": n_control,

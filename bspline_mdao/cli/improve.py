@@ -11,6 +11,7 @@ from ..adaptation.improvement import BlockChange, Improvement
 from ..errors import FitWarning, InputError, MovementError
 from ..fit.fitting import fit_grid
 from ..io.files import check_grid_name, write_grid
+from ..io.formats import MODEL
 from ..model.fitted_model import FittedModel
 from .move import QUALITY
 from .output import (
@@ -98,7 +99,7 @@ def improve(grid_name: str, output: Path, json: Path | None, options: ImproveOpt
 
 def _model(grid_name: str, options: ImproveOptions, progress) -> FittedModel:
     """The fitted model of a file, or that of a grid."""
-    if Path(grid_name).suffix != ".h5":
+    if Path(grid_name).suffix != MODEL:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FitWarning)  # the control mesh is a measure of displacements alone here
             return fit_grid(load_grid(grid_name, options.patches), n_control=options.n_control, progress=progress)

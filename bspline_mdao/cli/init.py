@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..io.disk import replaced_file
+from ..io.formats import MODEL
 from ..mesh.boundary import wall_patches
 from ..model.fitted_model import FittedModel
 from ..study.draft import study_draft
@@ -40,7 +41,7 @@ def draft_study(grid_name: str, output: Path, patches: Path | None = None, overw
         raise InputError(f"{output}: a study is a TOML file; name it .toml")
     if output.exists() and not overwrite:
         raise InputError(f"{output}: is there already; give --overwrite, or another name")
-    is_model = file is not None and Path(file).suffix == ".h5"
+    is_model = file is not None and Path(file).suffix == MODEL
     if is_model and patches:
         raise InputError(f"{patches}: a fitted model has its patches; leave --patches out")
     with progress_bar() as progress:

@@ -16,6 +16,7 @@ from ..cells.pieces import Pieces
 from ..cells.report import InvertedCell, QualityReport, WorstCell, inverted_cells, report_quality
 from ..errors import InputError
 from ..io.cgns_elements import read_cgns_elements
+from ..io.formats import MODEL
 from ..io.patches import merge_patches, read_patches
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare
@@ -109,7 +110,7 @@ def measure_quality(
 def _curved_of(grid_name: str) -> CurvedGrid | None:
     """Curved hexahedra of a CGNS file; None where a grid is something else."""
     file = file_of(grid_name)
-    if file is None or Path(file).suffix == ".h5" or not Path(file).is_file() or not is_hdf5(file):
+    if file is None or Path(file).suffix == MODEL or not Path(file).is_file() or not is_hdf5(file):
         return None
     return read_cgns_elements(file)
 
@@ -132,7 +133,7 @@ class _Read(NamedTuple):
 
 def _read(grid_name: str, patches: Path | None, comm: Any) -> _Read:
     """The grid of a file, or the one that a fitted model regenerates."""
-    is_model = Path(grid_name).suffix == ".h5"
+    is_model = Path(grid_name).suffix == MODEL
     if comm.size > 1:
         return (_model_in_parts if is_model else _grid_in_parts)(grid_name, patches, comm)
     if is_model:

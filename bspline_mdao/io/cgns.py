@@ -39,7 +39,7 @@ from .cgns_nodes import (
 )
 from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
 from .element_order import HEXAHEDRA
-from .formats import ADF, MODEL
+from .formats import ADF, MODEL, MODEL_FORMAT
 
 __all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_base", "write_cgns"]
 
@@ -166,7 +166,7 @@ def _read_part(source: str, number: int, name: str, window: Window | None) -> Bl
 def _find_zones(file: h5py.File, source: str) -> list[tuple[str, h5py.Group, h5py.Group]]:
     """Name, base and zone of every block, in block order."""
     bases = children(file, "CGNSBase_t")
-    if not bases and "document" in file and "format" in file.attrs:
+    if not bases and file.attrs.get("format") == MODEL_FORMAT:
         raise InputError(
             f"{source}: is a fitted model, and a grid is read here; 'bspline-mdao refine {source} -o grid.cgns' writes "
             f"the grid of a model, and commands that take models know them by the suffix {MODEL}"

@@ -14,6 +14,7 @@ __all__ = [
     "CURVED_FORMATS",
     "FORMATS",
     "MODEL",
+    "MODEL_FORMAT",
     "POLYMESH",
     "GridFormat",
     "curved_names",
@@ -26,8 +27,8 @@ __all__ = [
 POLYMESH = "polyMesh"
 """Name of the folder that OpenFOAM looks for, in ``constant`` of a case."""
 
-MODEL = ".h5"
-"""Suffix of fitted models."""
+MODEL, MODEL_FORMAT = ".h5", "bspline_mdao fitted model"
+"""Suffix of fitted models, and the attribute ``format`` of their HDF5 files."""
 
 GZIP = ".gz"
 """Suffix behind that of a format which may be compressed."""

@@ -33,7 +33,7 @@ import numpy as np
 from ..errors import InputError
 from ..io.cgns import CgnsDialect
 from ..io.disk import deferred_interrupts, replaced_hdf5_file
-from ..io.formats import MODEL
+from ..io.formats import MODEL, MODEL_FORMAT
 from ..io.plot3d_dialect import Plot3dDialect
 from ..splines.knots import knots_from_array, knots_to_array
 from ..splines.mesh import BSplineMesh
@@ -52,7 +52,6 @@ from .records import (
     WorstNode,
 )
 
-FORMAT = "bspline_mdao fitted model"
 VERSION = 3
 
 CHECKED_BYTES = 2**24
@@ -206,7 +205,7 @@ def opened_model(path: str | os.PathLike) -> Iterator[h5py.File]:
     with deferred_interrupts(), h5py.File(path, "r") as file:
         if "CGNSLibraryVersion" in file:
             raise InputError(f"{path}: is a CGNS grid, and {MODEL} is a fitted model; name it .cgns, or fit it first")
-        if file.attrs.get("format") != FORMAT:
+        if file.attrs.get("format") != MODEL_FORMAT:
             raise InputError(f"{path}: is an HDF5 file, but not a fitted model; make one with the command fit")
         if file.attrs["version"] > VERSION:
             raise InputError(
@@ -283,7 +282,7 @@ def arrays_of(mesh, parameters, control_points, residual, header, candidate_weig
 
 def attributes_of(report, **_) -> dict[str, object]:
     """Attributes of the file of a model but its checksum: what is no part of the model, such as the time of the fit."""
-    return {"format": FORMAT, "version": VERSION, "seconds": report.seconds}
+    return {"format": MODEL_FORMAT, "version": VERSION, "seconds": report.seconds}
 
 
 def document_of(topology, mesh, header, report, settings, **_) -> bytes:

@@ -19,6 +19,7 @@ from ..cells.grid_quality import GridQuality
 from ..cells.report import report_quality
 from ..errors import InputError
 from ..io.disk import replaced_file
+from ..io.formats import MODEL
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import FEASIBLE, CaseHistory, read_history
 from ..om.model_option import named_model
@@ -139,7 +140,7 @@ def _contents(source, model, title: str | None) -> Contents:
     """What a report on a source is about."""
     if isinstance(source, FittedModel):
         return of_model(source, title)
-    if Path(source).suffix == ".h5":
+    if Path(source).suffix == MODEL:
         if model is not None:
             raise InputError(f"{source}: is a model already; leave out the other one")
         return of_model(FittedModel.load(source), title or Path(source).name)

@@ -30,9 +30,10 @@ from bspline_mdao import (
 )
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cli.main import run
+from bspline_mdao.io.formats import MODEL_FORMAT
 from bspline_mdao.io.plot3d import write_plot3d
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
-from bspline_mdao.model.model_file import FORMAT, VERSION, checksum_of
+from bspline_mdao.model.model_file import VERSION, checksum_of
 from bspline_mdao.topology.grid import Block, Patch
 from bspline_mdao.topology.index_space import Window
 
@@ -231,7 +232,7 @@ def forge(path, change):
     text = json.dumps(document).encode()
     forged = path.with_name("forged.h5")
     with h5py.File(forged, "w") as file:
-        file.attrs.update(format=FORMAT, version=VERSION, checksum=checksum_of(text, arrays))
+        file.attrs.update(format=MODEL_FORMAT, version=VERSION, checksum=checksum_of(text, arrays))
         file["document"] = np.frombuffer(text, np.uint8)
         for name, array in arrays.items():
             file.create_dataset(name, data=array)
