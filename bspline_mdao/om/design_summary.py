@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..flow.euler.error_estimate import ErrorEstimate
 from ..shown import OneLine
+from .flow.error_estimate import FUNCTIONALS, error_estimate
+from .flow.euler_flow import EulerFlow
 
 __all__ = ["DesignSummary", "SummaryEntry", "design_summary"]
 
@@ -57,6 +60,9 @@ class DesignSummary(OneLine):
     ----------
     entries : tuple of SummaryEntry
         The objective first.
+    estimates : mapping of str to ErrorEstimate
+        By the names of entries, what lift and drag would be on a finer member of the grid's family, where that was
+        asked for.
 
     Examples
     --------
@@ -77,6 +83,7 @@ class DesignSummary(OneLine):
     """
 
     entries: tuple[SummaryEntry, ...]
+    estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Write the table of its values."""
@@ -84,6 +91,8 @@ class DesignSummary(OneLine):
 
     def table(self, before: DesignSummary | None = None) -> str:
         """Write a table of the values, beside those of another summary of the problem.
+
+        Where errors are estimated, the value on the finer member comes last, with the uncertainty of that.
 
         Parameters
         ----------
@@ -95,7 +104,7 @@ class DesignSummary(OneLine):
         str
             Lines of text.
         """
-        heads = ("", "before", "after", "lower", "upper") if before else ("", "value", "lower", "upper")
+        heads = ("", *self._heads(before), *(("finer grid", "+-") if self.estimates else ()))
         rows: list[tuple[str, ...]] = []
         for role, label, columns in self._rows(before, _MOST_VALUES):
             if not rows or rows[-1][0] != role:
@@ -112,6 +121,8 @@ class DesignSummary(OneLine):
     def write_csv(self, path: str | os.PathLike, before: DesignSummary | None = None) -> None:
         """Write all values to a CSV file: role, name with the number of the value from 1, values and bounds.
 
+        Where errors are estimated, ``finer`` and ``remaining`` come last, see `ErrorEstimate`.
+
         Parameters
         ----------
         path : path-like
@@ -124,7 +135,7 @@ class DesignSummary(OneLine):
         InputError
             If the file cannot be written.
         """
-        heads = ("role", "name", *(("before", "after") if before else ("value",)), "lower", "upper")
+        heads = ("role", "name", *self._heads(before), *(("finer", "remaining") if self.estimates else ()))
         rows = self._rows(before, None)
         try:
             with open(path, "w", newline="", encoding="utf-8") as file:
@@ -135,8 +146,8 @@ class DesignSummary(OneLine):
             raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another place") from error
 
     def numbers(self) -> dict[str, dict]:
-        """Values and bounds by name, as lists, for JSON."""
-        return {
+        """Values and bounds by name, as lists, for JSON; ``finer`` and ``remaining`` where errors are estimated."""
+        found = {
             entry.name: {
                 "role": entry.role,
                 "units": entry.units or None,
@@ -146,6 +157,14 @@ class DesignSummary(OneLine):
             }
             for entry in self.entries
         }
+        for name, estimate in self.estimates.items():
+            found[name] |= {"finer": estimate.finer, "remaining": estimate.remaining}
+        return found
+
+    @staticmethod
+    def _heads(before: DesignSummary | None) -> tuple[str, ...]:
+        """Heads of the columns of values and bounds."""
+        return (*(("before", "after") if before else ("value",)), "lower", "upper")
 
     def _rows(self, before: DesignSummary | None, most: int | None) -> Iterator[tuple[str, str, list[float]]]:
         """Role, label and numbers of every row; of entries with more values than ``most``, the extremes."""
@@ -156,6 +175,10 @@ class DesignSummary(OneLine):
                 if entry.name not in previous or len(previous[entry.name].values) != len(entry.values):
                     raise InputError(f"summary: '{entry.name}' is not in the one before; give one of the same problem")
                 columns.insert(0, previous[entry.name].values)
+            if self.estimates:
+                estimate = self.estimates.get(entry.name)
+                numbers = (estimate.finer, estimate.remaining) if estimate else (np.nan, np.nan)
+                columns += [np.full(len(entry.values), number) for number in numbers]
             units, n = f" ({entry.units})" if entry.units else "", len(entry.values)
             if most is not None and n > most:
                 for word, extreme in (("smallest", np.min), ("largest", np.max)):
@@ -167,7 +190,7 @@ class DesignSummary(OneLine):
                 yield entry.role, label, [float(x[number]) for x in columns]
 
 
-def design_summary(problem: om.Problem, outputs: Sequence[str] = ()) -> DesignSummary:
+def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: float | None = None) -> DesignSummary:
     """Take down objective, design variables and constraints of a problem as it is, in their own units.
 
     Parameters
@@ -176,6 +199,10 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = ()) -> DesignSu
         A problem that has run.
     outputs : sequence of str
         Other outputs to take down as well, such as ``"CD"``. Those that are objectives or constraints count once.
+    finer : float, optional
+        Cells per direction of a finer member of the grid's family, relative to those of the grid: what lift, drag and
+        bending moment of every `EulerFlow` among them would be there is estimated, see `error_estimate`. Where that
+        cannot be done, the reason is a warning.
 
     Returns
     -------
@@ -215,13 +242,38 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = ()) -> DesignSu
         for name, values in all_values.items()
     ]
     taken = {entry.name for entry in entries}
+    sources = {_name(meta): meta["source"] for _, metas, _ in found for meta in metas.values()}
     for name in (name for name in outputs if name not in taken):
         try:
             values, nothing = np.ravel(problem.get_val(name)), np.full(np.size(problem.get_val(name)), np.nan)
         except KeyError:
             raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
         entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, np.arange(values.size) + 1))
-    return DesignSummary(tuple(entries))
+        sources[name] = problem.model.get_source(name)
+    return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer else {})
+
+
+def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, ErrorEstimate]:
+    """Estimate the errors of lift and drag among outputs, given by name with their absolute names."""
+    estimates: dict[str, ErrorEstimate] = {}
+    for flow in problem.model.system_iter(include_self=True, recurse=True, typ=EulerFlow):
+        inside = f"{flow.pathname}." if flow.pathname else ""
+        of = {name: source.rpartition(".")[2] for name, source in sources.items() if source.startswith(inside)}
+        of = {name: coefficient for name, coefficient in of.items() if coefficient in FUNCTIONALS}
+        if not of:
+            continue
+        try:
+            found = error_estimate(problem, sorted(set(of.values())), factor, flow)
+        except (InputError, om.AnalysisError) as error:  # what is summed up is worth more than its errors
+            om.issue_warning(f"summary: the errors of {', '.join(of)} are not estimated: {error}")
+            continue
+        estimates |= {name: found[coefficient] for name, coefficient in of.items()}
+    return estimates
+
+
+def _name(meta: dict) -> str:
+    """Name of a variable or response."""
+    return str(meta.get("alias") or meta["name"])
 
 
 def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> SummaryEntry:
@@ -238,10 +290,10 @@ def _entry(role: str, meta: dict, values: np.ndarray, is_scaled: bool) -> Summar
                 bound = factor(bound, meta[step])
         return np.where(np.abs(bound) < _UNBOUNDED, bound, np.nan)
 
-    name, indices = meta.get("alias") or meta["name"], meta.get("indices")
+    indices = meta.get("indices")
     places = np.arange(values.size) if indices is None else np.ravel(indices.as_array())
     lower, upper = bound_of("lower"), bound_of("upper")
-    return SummaryEntry(role, str(name), meta.get("units") or "", values.copy(), lower, upper, places + 1)
+    return SummaryEntry(role, _name(meta), meta.get("units") or "", values.copy(), lower, upper, places + 1)
 
 
 def _number(value: float) -> str:

@@ -437,5 +437,11 @@ OUTPUT = {
     "report": Key(
         FLAG, "whether the report page is written; it needs plotly and jinja2", otherwise="if they are there"
     ),
+    "estimate_errors": Key(
+        FLAG,
+        "whether lift and drag in Euler flow, at the end, come with estimates for a grid of half as many cells again "
+        "per direction; on one process",
+        True,
+    ),
 }
 """Table ``[output]``."""

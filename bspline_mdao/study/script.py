@@ -20,6 +20,9 @@ __all__ = ["SCRIPT", "study_script"]
 SCRIPT = "optimize.py"
 """Name of the script in the folder of the results."""
 
+FINER = 1.5
+"""Cells per direction of the grid that lift and drag are estimated for, relative to those of the grid."""
+
 _WIDTH = 120
 """Longest line."""
 
@@ -334,7 +337,8 @@ class _Script:
         yield '        model.save(HERE / "model.h5")'
         yield f'        bm.write_grid(HERE / "grid_before.{suffix}", model.regenerate())\n'
         yield "problem.run_driver()"
-        yield "after = bm.design_summary(problem, outputs)"
+        finer = f", finer={FINER} if problem.comm.size == 1 else None" if self._is_estimated else ""
+        yield f"after = bm.design_summary(problem, outputs{finer})"
         yield "with together(problem.comm):"
         yield "    if IS_FIRST:"
         moved = 'model.regenerate(problem.get_val("control_points").reshape(-1, 3))'
@@ -344,6 +348,12 @@ class _Script:
         if study.output["report"]:
             title = _python(f"{study.source.stem}: {study.objective['of']}")
             yield f'        bm.write_report(HERE / "report.html", HERE / "cases.sql", model, title={title})'
+
+    @property
+    def _is_estimated(self) -> bool:
+        """Whether the errors of lift and drag are estimated."""
+        flow = self.study.flow
+        return flow is not None and flow["kind"] == "euler" and self.study.output["estimate_errors"]
 
     def _mode(self) -> str:
         """How totals are taken, where each takes a linear solve of a flow: forward for few variables, or reverse."""

@@ -107,7 +107,6 @@ def test_residual_and_products_of_ranks_are_those_of_one(name, n):
             linearization.state_vjp(bar[own]),
             linearization.area_jvp(shifted) + linearization.stream_jvp(bar[0]),
             time_terms(discretization, states[own], areas),
-            flow.sizes(at),
             discretization.sizes(areas),
         )
         norms = discretization.norm(bar[own]), flow.extent(at)
@@ -251,7 +250,8 @@ def test_coarser_members_pick_the_same_nodes_and_parents_on_any_number_of_ranks(
     def task(flow, share):
         partition = Partition.of(parts.topology, flow.comm.size)
         (level,) = coarse_levels(parts.topology, parts.nodes[share.rows], 1, partition=partition, comm=flow.comm)
-        return level.spread(level.flow.sizes(level.pick(parts.nodes[share.rows])))
+        areas = level.flow.areas(level.pick(parts.nodes[share.rows]))
+        return level.spread(level.flow.discretization.sizes(areas))
 
     (theirs,), _ = parts.on(1, task)
     results, shares = parts.on(n, task)

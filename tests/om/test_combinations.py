@@ -4,9 +4,20 @@ import numpy as np
 import openmdao.api as om
 import pytest
 
-from bspline_mdao import InputError, combine, even_combinations, even_pressures, fit_grid, onera_m6_grid
+from bspline_mdao import (
+    DesignSurface,
+    EulerFlow,
+    InputError,
+    Twist,
+    combine,
+    even_combinations,
+    even_pressures,
+    fit_grid,
+    onera_m6_grid,
+)
 from bspline_mdao.cells.cell_faces import CellFaces
 from bspline_mdao.cells.quads import area_vectors
+from bspline_mdao.om.drivers import combinations
 
 
 def test_all_combinations_change_the_response_by_one_along_orthogonal_vectors():
@@ -51,8 +62,30 @@ def test_pressures_change_evenly_along_the_combinations():
     for name, columns in {"slow": first, "fast": second}.items():
         flow = om.ExecComp("Cp = dot(columns, heights)", columns=columns, heights=np.zeros(3), Cp=np.zeros(len(walls)))
         problem.model.add_subsystem(name, flow, promotes_inputs=["heights"])
-    combinations = even_pressures(problem, model, "heights", ["slow.Cp", "fast.Cp"])
+    columns = even_pressures(problem, model, "heights", ["slow.Cp", "fast.Cp"])
     areas = np.linalg.norm(area_vectors(walls), axis=1)
-    changes = [columns @ combinations for columns in (first, second)]
+    changes = [response @ columns for response in (first, second)]
     means = np.mean([np.einsum("fc,f,fd->cd", each, areas / areas.sum(), each) for each in changes], axis=0)
     np.testing.assert_allclose(means, np.eye(3), atol=1e-12)
+
+
+def test_scales_of_flows_are_taken_from_rough_solves_without_warnings_of_the_mode(recwarn):
+    wing = DesignSurface.of(fit_grid(onera_m6_grid((5, 5, 5))))
+    values, tolerances = [], []
+    for tolerance in (None, 1e-13):
+        problem = om.Problem(reports=None)
+        shape = wing.grid_movement([Twist("twist", wing.axis, stations=3)])
+        problem.model.add_subsystem("shape", shape, promotes=["*"])
+        flow = EulerFlow(model=wing.model, reference_area=wing.planform_area, iprint=-1)
+        problem.model.add_subsystem("flow", flow, promotes=["*"])
+        problem.model.add_design_var("twist")
+        problem.model.add_objective("CL")
+        with pytest.MonkeyPatch.context() as patch:
+            if tolerance:
+                patch.setattr(combinations, "SCALE_TOLERANCE", tolerance)
+            values.append(even_pressures(problem, wing.model, "twist"))
+        tolerances.append(problem.model.flow.state.options["linear_tolerance"])
+    assert tolerances == [1e-6, 1e-13]
+    np.testing.assert_allclose(*values, rtol=1e-4)
+    told = [str(each.message) for each in recwarn]
+    assert not [text for text in told if "linear solves of the flow" in text or "Inefficient choice" in text]

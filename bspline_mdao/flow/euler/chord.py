@@ -6,29 +6,15 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
-from .block_factor import BlockFactor
 from .discretization import Discretization
 from .krylov import solve_roughly
-from .linearization import Linearization
 from .newton import LARGEST_CFL, Field, FlowSolution, NewtonStep, advance
+from .tangent import FlowTangent
 
 __all__ = ["solve_nearby"]
-
-
-class Tangent(Protocol):
-    """Jacobians of a flow, and a factor that is made when it is first asked for."""
-
-    @property
-    def linearization(self) -> Linearization:
-        """Jacobians of all fluxes."""
-
-    @property
-    def factor(self) -> BlockFactor:
-        """Preconditioner of their Jacobian, without pseudo-time."""
 
 
 FORCING, MOST_PRODUCTS = 2e-2, 50
@@ -44,7 +30,7 @@ def solve_nearby(
     stream: np.ndarray,
     *,
     states: np.ndarray,
-    tangent: Tangent,
+    tangent: FlowTangent,
     tolerance: float = 1e-10,
     max_steps: int = 100,
     progress: Callable[[NewtonStep, np.ndarray], None] | None = None,
@@ -63,7 +49,7 @@ def solve_nearby(
         The free stream.
     states : ndarray, shape (n_cells, 5)
         To start from: those of the flow nearby.
-    tangent : Tangent
+    tangent : FlowTangent
         The Jacobian there, and its preconditioner.
     tolerance, max_steps, progress
         See `solve_flow`.

@@ -86,7 +86,6 @@ class Discretization:
     def sizes(self, areas: np.ndarray) -> np.ndarray:
         """Areas (m^2) of the surfaces of all cells, shape (n_cells, 1), of area vectors; never nil.
 
-        What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip.
         Residuals are compared per surface: in a plain norm the cells of the far field hide those at walls.
         """
         sizes = self.faces.sum_over_cells(np.linalg.norm(areas, axis=1), 1.0)

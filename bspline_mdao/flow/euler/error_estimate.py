@@ -1,6 +1,11 @@
 """Errors of lift, drag and other functionals by the adjoint, from a flow and a finer member that it is not solved on.
 
 Theory: ``docs/theory/error_estimates.rst``.
+
+References
+----------
+D. A. Venditti, D. L. Darmofal, "Grid adaptation for functional outputs: application to two-dimensional inviscid flows",
+J. Comput. Phys. 176 (2002), 40-69.
 """
 
 from __future__ import annotations
@@ -16,8 +21,13 @@ from ...shown import OneLine
 from ...topology.topology import Topology
 from .flow_grid import FlowGrid
 from .forces import FlowForces
+from .newton import Field, advance
+from .tangent import FlowTangent
 
-__all__ = ["ErrorEstimate", "FinerMember"]
+__all__ = ["ErrorEstimate", "FinerMember", "FinerStates"]
+
+RELAXED = 0.3
+"""Part that states and adjoints on the finer member leave of what their equations lack there after prolongation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +45,8 @@ class ErrorEstimate(OneLine):
     contributions : ndarray, shape (n_cells,)
         What the residuals in the cells of the grid contribute to the difference of both.
     remaining : float
-        Size of the terms that the estimate leaves out, a measure of its own error: what the residuals contribute with
-        the adjoint's difference between quadratic and linear prolongation, without signs.
+        A measure of the estimate's own error: what the adjoint changes of the value that is seen on the finer member,
+        and what is changed by bringing states and adjoint nearer to those of the finer member, both without signs.
     """
 
     value: float
@@ -73,22 +83,31 @@ class FinerMember:
         On it.
     nodes : NodeTransfer
         Of nodes to the finer member.
-    cells, linear : CellTransfer
-        Of cells, and one of an order less.
+    cells : CellTransfer
+        Of cells.
     factor : float
         Cells per direction, relative to those of the grid.
+    offsets : ndarray, shape (n_nodes of the finer member, 3)
+        What nodes of the finer member differ by from interpolated ones (m); zero where they are these.
     """
 
     flow: FlowGrid
     forces: FlowForces
     nodes: NodeTransfer
     cells: CellTransfer
-    linear: CellTransfer
     factor: float
+    offsets: np.ndarray
 
     @classmethod
     def of(
-        cls, flow: FlowGrid, forces: FlowForces, topology: Topology, nodes: np.ndarray, axes: str, factor: float
+        cls,
+        flow: FlowGrid,
+        forces: FlowForces,
+        topology: Topology,
+        nodes: np.ndarray,
+        axes: str,
+        factor: float,
+        splines: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> FinerMember:
         """Refine the grid of a flow.
 
@@ -106,29 +125,61 @@ class FinerMember:
             See `FlowGrid.of`.
         factor : float
             Cells per direction of the finer member, relative to those of the grid; above 1.
+        splines : tuple of two ndarray, optional
+            Nodes of the splines that the grid was fitted with, and of these on the finer member (m): what the grid
+            differs by from them is interpolated, in place of the nodes.
         """
         finer = refined_topology(topology, factor)
         to_nodes, scheme = NodeTransfer.of(topology, finer), flow.discretization
+        offsets = splines[1] - to_nodes.prolong(splines[0]) if splines else np.zeros((finer.n_nodes, 3))
+        finer_nodes = to_nodes.prolong(nodes) + offsets
         fine_flow = FlowGrid.of(
             finer,
-            to_nodes.prolong(nodes),
+            finer_nodes,
             axes,
             dissipation=scheme.dissipation,
             shock_threshold=scheme.shock_threshold,
         )
         wing = forces.wing.coefficients
         references = wing.area, wing.chord, wing.reference
-        fine_forces = FlowForces.of(fine_flow, to_nodes.prolong(nodes), *references)
-        cells, linear = (CellTransfer.of(topology, finer, order) for order in (3, 2))
-        return cls(fine_flow, fine_forces, to_nodes, cells, linear, factor)
+        fine_forces = FlowForces.of(fine_flow, finer_nodes, *references)
+        return cls(fine_flow, fine_forces, to_nodes, CellTransfer.of(topology, finer), factor, offsets)
+
+    def nodes_at(self, nodes: np.ndarray) -> np.ndarray:
+        """Nodes of the finer member (m), for those of the grid, shape (n_nodes, 3); real or complex."""
+        return self.nodes.prolong(nodes) + self.offsets
+
+    def prolonged(self, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray) -> FinerStates:
+        """Prolong the states of a flow, shape (n_cells, 5), on nodes, shape (n_nodes, 3), in a stream, shape (5,)."""
+        x, w = self.nodes_at(nodes), self.cells.prolong(states)
+        residual = self.flow.at(x).residual(w, self.flow.areas(x), stream)
+        return FinerStates(x, w, residual, w, residual)
+
+    def relaxed(self, states: np.ndarray, nodes: np.ndarray, stream: np.ndarray) -> FinerStates:
+        """Prolong the states, and take an inexact step of Newton's method on the finer member, as long as is safe.
+
+        What the prolonged states are wrong by next to walls and edges is short, and large enough there for terms of
+        second order; the step takes most of it away.
+        """
+        x, w = self.nodes_at(nodes), self.cells.prolong(states)
+        field = Field(self.flow.at(x), self.flow.areas(x), stream)
+        residual, tangent = (
+            field.residual(w),
+            FlowTangent.of(field.discretization, w, field.areas, stream, self.flow.pattern),
+        )
+        update = tangent.solve(-field.sizes * residual, RELAXED).x
+        relaxed, left, _ = advance(field, w, residual, update)
+        if field.norm(left) > field.norm(residual):
+            relaxed, left = w, residual
+        return FinerStates(x, w, field.sizes * residual, relaxed, field.sizes * left, tangent)
 
     def estimate(
-        self, value: float, name: str, psi: np.ndarray, states: np.ndarray, nodes: np.ndarray, stream, alpha, mach
+        self, value: float, name: str, psi: np.ndarray, finer: FinerStates, alpha: float, mach: float
     ) -> ErrorEstimate:
         """Estimate a functional on the finer member after Venditti and Darmofal.
 
-        With the states w and the adjoint psi of the grid, both prolonged, the functional J and the residual R of the
-        finer member, it is ``J(w) - psi^T R(w)``.
+        With states w and an adjoint psi on the finer member, its functional J and residual R, it is
+        ``J(w) - psi^T R(w)``.
 
         Parameters
         ----------
@@ -137,20 +188,47 @@ class FinerMember:
         name : str
             Of the output of `FlowForces`, a single number.
         psi : ndarray, shape (n_cells, 5)
-            Its adjoint on the grid.
-        states, nodes, stream, alpha, mach
-            Of the grid, see `FlowForces.evaluate`; the free stream, shape (5,).
-
-        References
-        ----------
-        D. A. Venditti, D. L. Darmofal, "Grid adaptation for functional outputs: application to two-dimensional inviscid
-        flows", J. Comput. Phys. 176 (2002), 40-69.
+            Its adjoint on the grid. It is prolonged, and with relaxed states relaxed as well.
+        finer : FinerStates
+            Of the flow.
+        alpha, mach
+            Angle of attack (rad) and Mach number.
         """
-        w, x = self.cells.prolong(states), self.nodes.prolong(nodes)
-        residual = self.flow.at(x).residual(w, self.flow.areas(x), stream)
-        change = -dots(self.cells.prolong(psi), residual)
-        left_out = dots(self.cells.prolong(psi) - self.linear.prolong(psi), residual)
-        seen = self.forces.evaluate(w, x, alpha, mach)[name]
-        finer = float(np.ravel(seen)[0]) + float(np.sum(change))
-        contributions = self.cells.restrict_sums(-change)
-        return ErrorEstimate(value, finer, self.factor, contributions, float(np.sum(np.abs(left_out))))
+
+        def seen(states: np.ndarray) -> float:
+            return float(np.ravel(self.forces.evaluate(states, finer.nodes, alpha, mach)[name])[0])
+
+        psi = self.cells.prolong(psi)
+        rough = seen(finer.prolonged) - float(np.sum(psi * finer.residual))
+        if finer.tangent is not None:
+            bar = self.forces.vjp(finer.states, finer.nodes, alpha, mach, {name: np.ones(1)})[0]
+            lack = bar - finer.tangent.linearization.state_vjp(psi)
+            psi = psi + finer.tangent.solve_transposed(lack, RELAXED).x
+        change = -float(np.sum(psi * finer.left))
+        found = seen(finer.states) + change
+        contributions = self.cells.restrict_sums(dots(psi, finer.residual))
+        return ErrorEstimate(value, found, self.factor, contributions, abs(change) + abs(found - rough))
+
+
+@dataclass(frozen=True, eq=False)
+class FinerStates:
+    """States of a flow on a finer member that it is not solved on.
+
+    Parameters
+    ----------
+    nodes : ndarray, shape (n_nodes, 3)
+        Of the finer member (m).
+    prolonged, states : ndarray, shape (n_cells, 5)
+        Interpolated from the grid; and nearer to the flow on the finer member, where they are relaxed.
+    residual, left : ndarray, shape (n_cells, 5)
+        Residuals of both.
+    tangent : FlowTangent, optional
+        Derivatives at the prolonged states; none where they are not relaxed.
+    """
+
+    nodes: np.ndarray
+    prolonged: np.ndarray
+    residual: np.ndarray
+    states: np.ndarray
+    left: np.ndarray
+    tangent: FlowTangent | None = None

@@ -82,7 +82,7 @@ class EstimateLoss:
 
     def _finer(self, states, nodes):
         """States and nodes of the finer member."""
-        return self.member.cells.prolong(states), self.member.nodes.prolong(nodes)
+        return self.member.cells.prolong(states), self.member.nodes_at(nodes)
 
     def _count(self, adjoint: WeightedAdjoint, residual):
         """What a functional counts, its derivatives by the contributions, and its adjoint on the finer member."""

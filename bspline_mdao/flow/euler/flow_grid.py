@@ -153,10 +153,6 @@ class FlowGrid:
             ends = np.max(self.comm.allgather(ends), axis=0)
         return float(ends.sum(axis=0).max())
 
-    def sizes(self, nodes: np.ndarray) -> np.ndarray:
-        """Areas (m^2) of the surfaces of all cells, shape (n_cells,)."""
-        return self.faces.sizes(self.corners.extend(nodes))
-
     def require_volumes(self, nodes: np.ndarray) -> None:
         """Refuse cells with negative volumes.
 

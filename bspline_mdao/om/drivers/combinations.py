@@ -9,6 +9,7 @@ Theory: ``docs/theory/drivers.rst``, "Scaling of shapes".
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 
 import numpy as np
@@ -16,11 +17,14 @@ import openmdao.api as om
 
 from ...cells.cell_faces import CellFaces
 from ...cells.quads import area_vectors
-from ...errors import InputError
+from ...errors import DerivativeModeWarning, InputError
 from ...model.fitted_model import FittedModel
 from ...names import GRID
 
 __all__ = ["combine", "even_combinations", "even_pressures"]
+
+SCALE_TOLERANCE = 1e-6
+"""Residual of the linear systems that scales are taken from: half the products of derivatives, and as good a scale."""
 
 
 def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray:
@@ -70,7 +74,7 @@ def even_pressures(
     ----------
     problem : openmdao.api.Problem
         Chain from the variable to one flow or several, in which the variable is an input. It is set up in forward mode
-        and run.
+        and run; linear systems of its flows are solved to 1e-6.
     model : FittedModel
         The fitted grid of the flows.
     variable : str
@@ -103,12 +107,19 @@ def even_pressures(
     (2, 2)
     """
     problem.setup(mode="fwd")
-    problem.run_model()
-    nodes, names = problem.get_val(grid).reshape(-1, 3), list(pressures)
+    for component in problem.model.system_iter(recurse=True, typ=om.ImplicitComponent):
+        if "linear_tolerance" in component.options:
+            component.options["linear_tolerance"] = SCALE_TOLERANCE
+    names = list(pressures)
+    with warnings.catch_warnings():  # there is a linear solve for every value because that is what is asked for
+        for category in (DerivativeModeWarning, om.DerivativesWarning):
+            warnings.simplefilter("ignore", category)
+        problem.run_model()
+        totals = problem.compute_totals(names, [variable])
+    nodes = problem.get_val(grid).reshape(-1, 3)
     walls = CellFaces.of(model.topology, nodes).corners_of("wall")
     areas = np.linalg.norm(area_vectors(nodes[walls]), axis=1)
     weights = np.sqrt(areas / (len(names) * areas.sum()))[:, None]
-    totals = problem.compute_totals(names, [variable])
     return even_combinations(np.vstack([weights * totals[name, variable] for name in names]))
 
 

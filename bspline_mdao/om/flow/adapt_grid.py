@@ -47,7 +47,7 @@ def adapt_grid(
     model : FittedModel
         The fitted grid. What the splines miss of it is carried along as it is.
     of : str or iterable of str
-        Any of ``CL``, ``CD``, ``CD_induced`` and ``CD_entropy``.
+        Any of ``CL``, ``CD``, ``CD_induced``, ``CD_entropy`` and ``CM_bending``.
     mach, alpha : float
         Mach number and angle of attack (deg) of the flow.
     limits : dict of str to float, optional

@@ -152,15 +152,15 @@ class ErrorSearch:
         self.pose(values)
         nodes, states = self.solve(values)
         try:
-            self.member.flow.require_volumes(self.member.nodes.prolong(nodes))
+            self.member.flow.require_volumes(self.member.nodes_at(nodes))
         except InputError as error:
             raise InputError(f"adapt: on the finer member of the grid {error}; give a grid of more cells") from None
-        estimates, adjoints = {}, []
+        estimates, adjoints, finer = {}, [], self.member.prolonged(states, nodes, self.stream)
         for name in self.limits:
             bar = self.forces.vjp(states, nodes, self.alpha, self.mach, {name: np.ones(1)})[0]
             psi = self.problem.model.state.adjoint(bar, ADJOINT_TOLERANCE)
-            at = states, nodes, self.stream, self.alpha, self.mach
-            estimates[name] = self.member.estimate(self.problem.get_val(name).item(), name, psi, *at)
+            value = self.problem.get_val(name).item()
+            estimates[name] = self.member.estimate(value, name, psi, finer, self.alpha, self.mach)
             bound = (self.before or estimates)[name].bound
             adjoints.append(WeightedAdjoint(psi, bound, WIDTH * bound / len(states)))
         self.estimate_loss = EstimateLoss(self.member, adjoints, self.stream)

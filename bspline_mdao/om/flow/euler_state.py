@@ -5,25 +5,21 @@ Theory: ``docs/theory/euler.rst``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 import openmdao.api as om
 
 from ...errors import InputError
-from ...flow.euler.block_factor import BlockFactor
 from ...flow.euler.chord import solve_nearby
 from ...flow.euler.cold_start import cold_solutions
 from ...flow.euler.discretization import Discretization
-from ...flow.euler.factor_pattern import FactorPattern
 from ...flow.euler.flow_grid import FlowGrid
 from ...flow.euler.forces import FlowForces
 from ...flow.euler.gas import N_STATES, free_stream, free_stream_partials, mach_numbers
-from ...flow.euler.krylov import KrylovSolution, solve_refined
-from ...flow.euler.linearization import Linearization
+from ...flow.euler.krylov import KrylovSolution
 from ...flow.euler.newton import FlowSolution, relative_residual, solve_flow
-from ...flow.euler.preconditioner import compact_factor
+from ...flow.euler.tangent import FlowTangent
 from ...flow.stream import RADIAN
 from ...names import GRID
 from ...numerics.processes import largest, summed_number
@@ -129,7 +125,8 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Declare the variables."""
         flow, nodes = self.options["flow"], self.options["nodes"]
         check_on_grid(self, flow, nodes)
-        self._solution = self._converged = self._tangent = self._anchor = self._last_scheme = None
+        self._solution = self._converged = self._anchor = self._last_scheme = None
+        self._tangent = self._tangent_point = None
         self._is_mode_looked_at = False
         is_shared = self.comm.size > 1
         self.add_input(GRID, val=nodes.ravel(), units="m", distributed=is_shared, desc="nodes")
@@ -271,7 +268,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             if name in d_inputs:
                 d_inputs[name] += d_stream @ linearization.stream_vjp(bar)
 
-    def _tangent_at_solution(self, inputs, outputs) -> _Tangent:
+    def _tangent_at_solution(self, inputs, outputs) -> FlowTangent:
         """Derivatives of the residual at a solution; others have none that mean anything to the flow."""
         states = outputs["states"].reshape(-1, N_STATES)
         residual = relative_residual(self._scheme(inputs), states, *self._at(inputs))
@@ -282,16 +279,15 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
             )
         return self._tangent_at(inputs, outputs)
 
-    def _tangent_at(self, inputs, outputs) -> _Tangent:
+    def _tangent_at(self, inputs, outputs) -> FlowTangent:
         """Derivatives of the residual: the last ones if they are those at these inputs and states."""
         point = (outputs["states"], *(inputs[name] for name in INPUTS))
-        if self._tangent is None or not self._everywhere(self._tangent.is_at(point)):
+        if self._tangent is None or not self._everywhere(all(map(np.array_equal, point, self._tangent_point))):
             self._tangent = None  # it makes room for the next
-            flow, nodes = self.options["flow"], inputs[GRID].reshape(-1, 3)
-            point = tuple(map(np.array, point))
-            linearization = self._scheme(inputs).linearize(point[0].reshape(-1, N_STATES), *self._at(inputs))
-            sizes = np.maximum(flow.sizes(nodes), np.finfo(np.float32).tiny)[:, None]
-            self._tangent = _Tangent(point, linearization, sizes, flow.pattern)
+            self._tangent_point = tuple(map(np.array, point))
+            states, pattern = self._tangent_point[0].reshape(-1, N_STATES), self.options["flow"].pattern
+            areas, stream = self._at(inputs)
+            self._tangent = FlowTangent.of(self._scheme(inputs), states, areas, stream, pattern)
         return self._tangent
 
     @property
@@ -429,61 +425,6 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
         """Take the level that ``set_solver_print`` gives nonlinear solvers."""
         if type_ != "LN":
             self.options["iprint"] = level
-
-
-@dataclass(frozen=True, eq=False)
-class _Tangent:
-    """Derivatives of the residual, and the states and inputs that they are at.
-
-    What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
-    a force feels of a row of the residual with its inverse. So linear systems are solved for rows divided by the
-    surfaces of their cells, and the error of a total is that of the system relative to its right-hand side, times no
-    large number.
-    """
-
-    point: tuple[np.ndarray, ...]
-    linearization: Linearization
-    sizes: np.ndarray
-    pattern: FactorPattern
-
-    @cached_property
-    def factor(self) -> BlockFactor:
-        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
-        still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES), np.float32)
-        return compact_factor(self.linearization, self.pattern, still)
-
-    @property
-    def comm(self):
-        """The processes."""
-        return self.linearization.discretization.halo.comm
-
-    def is_at(self, point) -> bool:
-        return all(map(np.array_equal, point, self.point))
-
-    def solve(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
-        """Solve with the Jacobian with respect to the states."""
-        rough, sizes = self.linearization.jacobians.product, self.sizes.astype(np.float32)
-        return solve_refined(
-            lambda x: self.linearization.state_jvp(x) / self.sizes,
-            lambda x: rough(x) / sizes,
-            lambda y: self.factor.solve(sizes * y),
-            right / self.sizes,
-            tolerance,
-            comm=self.comm,
-        )
-
-    def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
-        """Solve with the transpose of the Jacobian with respect to the states."""
-        rough, sizes = self.linearization.jacobians.transposed_product, self.sizes.astype(np.float32)
-        solution = solve_refined(
-            lambda x: self.linearization.state_vjp(x / self.sizes),
-            lambda x: rough(x / sizes),
-            lambda y: sizes * self.factor.solve_transposed(y),
-            right,
-            tolerance,
-            comm=self.comm,
-        )
-        return replace(solution, x=solution.x / self.sizes)
 
 
 SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint", "anchored")

@@ -1,0 +1,87 @@
+"""Derivatives of the residual at a point, and the linear systems that have them for a matrix.
+
+Theory: ``docs/theory/euler.rst``, "Derivatives".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .block_factor import BlockFactor
+from .discretization import Discretization
+from .factor_pattern import FactorPattern
+from .gas import N_STATES
+from .krylov import KrylovSolution, solve_refined
+from .linearization import Linearization
+from .preconditioner import compact_factor
+
+__all__ = ["FlowTangent"]
+
+
+@dataclass(frozen=True, eq=False)
+class FlowTangent:
+    """Derivatives of the residual with respect to the states, and solutions with them and with their transpose.
+
+    What flows out of a cell goes with its surface, 290 m^2 at the far field of a wing and 3 cm^2 at its tip, and what
+    a force feels of a row of the residual with its inverse. So linear systems are solved for rows divided by the
+    surfaces of their cells, and the error of a total is that of the system relative to its right-hand side, times no
+    large number.
+
+    Parameters
+    ----------
+    linearization : Linearization
+        Jacobians of all fluxes.
+    sizes : ndarray, shape (n_cells, 1)
+        Surfaces of the cells (m^2), see `Discretization.sizes`.
+    pattern : FactorPattern
+        Of the preconditioner.
+    """
+
+    linearization: Linearization
+    sizes: np.ndarray
+    pattern: FactorPattern
+
+    @classmethod
+    def of(cls, discretization: Discretization, states, areas, stream, pattern: FactorPattern) -> FlowTangent:
+        """Linearise at states, shape (n_cells, 5), for area vectors, shape (n_faces, 3), and a stream, shape (5,)."""
+        linearization = discretization.linearize(states, areas, stream)
+        return cls(linearization, discretization.sizes(areas), pattern)
+
+    @cached_property
+    def factor(self) -> BlockFactor:
+        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
+        still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES), np.float32)
+        return compact_factor(self.linearization, self.pattern, still)
+
+    @property
+    def comm(self):
+        """The processes."""
+        return self.linearization.discretization.halo.comm
+
+    def solve(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
+        """Solve with the Jacobian with respect to the states."""
+        rough, sizes = self.linearization.jacobians.product, self.sizes.astype(np.float32)
+        return solve_refined(
+            lambda x: self.linearization.state_jvp(x) / self.sizes,
+            lambda x: rough(x) / sizes,
+            lambda y: self.factor.solve(sizes * y),
+            right / self.sizes,
+            tolerance,
+            comm=self.comm,
+        )
+
+    def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
+        """Solve with the transpose of the Jacobian with respect to the states."""
+        rough, sizes = self.linearization.jacobians.transposed_product, self.sizes.astype(np.float32)
+        solution = solve_refined(
+            lambda x: self.linearization.state_vjp(x / self.sizes),
+            lambda x: rough(x / sizes),
+            lambda y: sizes * self.factor.solve_transposed(y),
+            right,
+            tolerance,
+            comm=self.comm,
+        )
+        return replace(solution, x=solution.x / self.sizes)
