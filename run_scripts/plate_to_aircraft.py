@@ -1,8 +1,8 @@
 """From a flat plate to an efficient wing without remeshing: span, sweep, chord, twist and sections.
 
-The plate of section IV.B has no thickness. The wing that is made of it holds a volume, and lifts as much as the plate
-would at the lift coefficient, with the planform area of the plate. By the Euler equations, heights of control points
-are moved in combinations along which the pressures change evenly. It takes five minutes, with ``--quick`` a minute and
+The plate of section IV.B has no thickness. The wing that is made of it holds a volume, and has a lift coefficient of 0.3
+on the planform area of the plate. By the Euler equations, heights of control points
+are moved in combinations along which the pressures change evenly. It takes three minutes, with ``--quick`` a minute and
 with ``--flow vortex`` less. What comes out are forces and variables at the start and at the optima, the same on a finer
 grid that no optimiser saw, how the optimisers went on, a check of the totals, and a picture of the wing, its load and
 the histories.
@@ -26,8 +26,11 @@ from bspline_mdao.plotting import draw_designs, figure
 from bspline_mdao.run_script import pick_size, run
 from bspline_mdao.testing import check_totals, perturb_design
 
-MACH, LIFT, ALPHA = 0.3, 0.3, 3.0
-"""Mach number, lift coefficient, and angle of attack (deg), which is fixed: the twist of the root is free."""
+MACH, LIFT, ALPHA = 0.3, 0.3, 2.0
+"""Mach number, lift coefficient, and angle of attack (deg), which is fixed: the twist of the root is free.
+
+At 3 degrees the flow about the sharp edges of the plate is not found on 110,592 cells, where it is up to 2.
+"""
 
 AREA, VOLUME = 2.0, 0.08
 """Of the half plate (m^2), and of the half wing (m^3): that of 7 % thick sections on the planform of the plate."""
