@@ -27,6 +27,9 @@ SHAPES = {5_376: (9, 9, 8), 13_824: (13, 13, 9), 36_864: (17, 17, 13), 117_504: 
 
 SPAN = 3.0
 
+TOLERANCES = (1e-14, 1e-10, 1e-8, 1e-6)
+"""Of the linear systems of derivatives, that the second gradient of the lift is taken with."""
+
 ASKED = {"gradient": 0.5, "step": 0.4, "bytes_per_cell": 5000}
 """Parts of a cold flow that a gradient and a step should cost at most, and memory of both."""
 
@@ -64,6 +67,7 @@ def _measure(n_cells: int, results: dict) -> None:
     for name in ("CL", "CD"):
         gradients[name] = _timed(lambda name=name: problem.compute_totals([name], ["grid"]))
     results["gradient"] = gradients
+    results["tolerances"] = _by_tolerance(problem)
     results["steps"] = {}
     for name, (nodes, alpha) in _designs(first).items():
         problem.set_val("grid", nodes.ravel())
@@ -77,6 +81,20 @@ def _measure(n_cells: int, results: dict) -> None:
         other.set_val("grid", nodes.ravel())
         other.set_val("alpha", alpha)
         results["steps"][name]["cold"] = _timed(other.run_model) | {"products": _products(other)}
+
+
+def _by_tolerance(problem: om.Problem) -> dict[str, dict[str, float]]:
+    """CPU seconds of the gradient of the lift, with the factor that is there, and its largest error, relative."""
+    options = problem.model.state.options
+    exact, found = None, {}
+    for tolerance in TOLERANCES:
+        options["linear_tolerance"], totals = tolerance, {}
+        taken = _timed(lambda totals=totals: totals.update(problem.compute_totals(["CL"], ["grid"])))
+        gradient = totals["CL", "grid"]
+        exact = gradient if exact is None else exact
+        found[f"{tolerance:g}"] = taken | {"error": float(np.abs(gradient - exact).max() / np.abs(exact).max())}
+    options["linear_tolerance"] = TOLERANCES[0]
+    return found
 
 
 def _problem(model) -> om.Problem:
@@ -137,6 +155,8 @@ def _report(results: dict) -> None:
     print(f"cold flow {cold:.2f} s, {results['cold']['products']} products")
     for name, run in results["gradient"].items():
         print(f"gradient of {name} {run['cpu']:.2f} s, {run['cpu'] / cold:.2f} of the flow (asked {ASKED['gradient']})")
+    for name, run in results["tolerances"].items():
+        print(f"the next of CL, to {name}: {run['cpu'] / cold:.2f} of the flow, wrong by {run['error']:.1e}")
     for name, runs in results["steps"].items():
         step, own = runs["step"], runs["cold"]
         print(
