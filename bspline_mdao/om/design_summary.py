@@ -104,7 +104,7 @@ class DesignSummary(OneLine):
         str
             Lines of text.
         """
-        heads = ("", *self._heads(before), *(("finer grid", "+-") if self.estimates else ()))
+        heads = ("", *self._heads(before, "finer grid", "+-"))
         rows: list[tuple[str, ...]] = []
         for role, label, columns in self._rows(before, _MOST_VALUES):
             if not rows or rows[-1][0] != role:
@@ -135,7 +135,7 @@ class DesignSummary(OneLine):
         InputError
             If the file cannot be written.
         """
-        heads = ("role", "name", *self._heads(before), *(("finer", "remaining") if self.estimates else ()))
+        heads = ("role", "name", *self._heads(before, "finer", "remaining"))
         rows = self._rows(before, None)
         try:
             with open(path, "w", newline="", encoding="utf-8") as file:
@@ -161,10 +161,10 @@ class DesignSummary(OneLine):
             found[name] |= {"finer": estimate.finer, "remaining": estimate.remaining}
         return found
 
-    @staticmethod
-    def _heads(before: DesignSummary | None) -> tuple[str, ...]:
-        """Heads of the columns of values and bounds."""
-        return (*(("before", "after") if before else ("value",)), "lower", "upper")
+    def _heads(self, before: DesignSummary | None, *of_estimates: str) -> tuple[str, ...]:
+        """Heads of the columns of values, bounds and estimates."""
+        values = ("before", "after") if before else ("value",)
+        return (*values, "lower", "upper", *(of_estimates if self.estimates else ()))
 
     def _rows(self, before: DesignSummary | None, most: int | None) -> Iterator[tuple[str, str, list[float]]]:
         """Role, label and numbers of every row; of entries with more values than ``most``, the extremes."""
@@ -211,7 +211,7 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
     Raises
     ------
     InputError
-        If there is no such output.
+        If there is no such output, or the finer member is not finer.
 
     Examples
     --------
@@ -228,6 +228,8 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
     variables     value  lower  upper
       x               1     -5      5
     """
+    if finer is not None and not finer > 1.0:
+        raise InputError(f"summary: finer is {finer!r}; give a number above 1, such as 1.5, or leave it out")
     problem.final_setup()
     driver = problem.driver
     found = (
@@ -250,7 +252,7 @@ def design_summary(problem: om.Problem, outputs: Sequence[str] = (), finer: floa
             raise InputError(f"summary: the problem has no output '{name}'; leave it out") from None
         entries.append(SummaryEntry("output", name, "", values.copy(), nothing, nothing, np.arange(values.size) + 1))
         sources[name] = problem.model.get_source(name)
-    return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer else {})
+    return DesignSummary(tuple(entries), _estimates(problem, sources, finer) if finer is not None else {})
 
 
 def _estimates(problem: om.Problem, sources: Mapping[str, str], factor: float) -> dict[str, ErrorEstimate]:

@@ -146,6 +146,8 @@ def test_what_cannot_be_estimated_is_refused(coarse):
         error_estimate(coarse, ["CL", "CM"])
     with pytest.raises(InputError, match=r"factor 1\.0; give a number above 1, such as 2"):
         error_estimate(coarse, factor=1.0)
+    with pytest.raises(InputError, match=r"summary: finer is 0\.5; give a number above 1"):
+        design_summary(coarse, ["CL"], finer=0.5)
     with pytest.raises(InputError, match="a problem with one EulerFlow is wanted, it has none"):
         error_estimate(om.Problem(om.Group(), reports=False).setup())
 

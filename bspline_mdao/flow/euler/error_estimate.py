@@ -163,10 +163,8 @@ class FinerMember:
         """
         x, w = self.nodes_at(nodes), self.cells.prolong(states)
         field = Field(self.flow.at(x), self.flow.areas(x), stream)
-        residual, tangent = (
-            field.residual(w),
-            FlowTangent.of(field.discretization, w, field.areas, stream, self.flow.pattern),
-        )
+        tangent = FlowTangent.of(field.discretization, w, field.areas, stream, self.flow.pattern)
+        residual = field.residual(w)
         update = tangent.solve(-field.sizes * residual, RELAXED).x
         relaxed, left, _ = advance(field, w, residual, update)
         if field.norm(left) > field.norm(residual):
