@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import InputError
+from ..flow.euler.error_estimate import ErrorEstimate
 from ..model.fitted_model import FittedModel
 from ..names import CONTROL_POINTS, GRID
 from ..om.drivers.case_history import CaseHistory
@@ -87,6 +88,8 @@ class Contents:
         What cannot be shown, and what to do about it.
     diagram : str or None
         The N2 diagram, a whole HTML page.
+    estimates : mapping of str to ErrorEstimate
+        What lift and drag at the end would be on a finer grid, see `DesignSummary`.
     """
 
     title: str
@@ -95,6 +98,7 @@ class Contents:
     history: CaseHistory | None = None
     missing: tuple[str, ...] = ()
     diagram: str | None = None
+    estimates: Mapping[str, ErrorEstimate] = field(default_factory=dict)
 
     def without(self, *texts: str) -> Contents:
         """The same, and what cannot be shown besides."""

@@ -6,7 +6,7 @@ import datetime
 import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -18,6 +18,7 @@ from .. import __version__
 from ..cells.grid_quality import GridQuality
 from ..cells.report import report_quality
 from ..errors import InputError
+from ..flow.euler.error_estimate import ErrorEstimate
 from ..io.disk import replaced_file
 from ..io.formats import MODEL
 from ..model.fitted_model import FittedModel
@@ -31,6 +32,7 @@ from .model_file import find_model
 from .space import LAYERS, SHOWN, camera, space_traces
 from .tables import (
     Table,
+    estimate_table,
     fit_table,
     flow_table,
     height_table,
@@ -86,6 +88,7 @@ def write_report(
     model: FittedModel | str | os.PathLike | None = None,
     *,
     title: str | None = None,
+    estimates: Mapping[str, ErrorEstimate] | None = None,
     most_triangles: int = MOST_TRIANGLES,
 ) -> dict[str, Any]:
     """Write a report on a model, or on an optimisation, as one HTML file that needs no network.
@@ -107,6 +110,8 @@ def write_report(
         of the same checksum.
     title : str, optional
         Heading of the page; by default the name of the source.
+    estimates : mapping of str to ErrorEstimate, optional
+        What lift and drag at the end of an optimisation would be on a finer grid: ``estimates`` of `design_summary`.
     most_triangles : int
         Triangles of the walls that are drawn of each shape, about; of larger grids every n-th line is drawn.
 
@@ -133,7 +138,8 @@ def write_report(
     if most_triangles < 100:
         raise InputError(f"most_triangles: {most_triangles} are too few to see a wall; give 100 or more")
     require("plotly.graph_objects", EXTRA), require("jinja2", EXTRA)
-    return write_contents(path, _contents(source, model, title), most_triangles)
+    contents = replace(_contents(source, model, title), estimates=estimates or {})
+    return write_contents(path, contents, most_triangles)
 
 
 def _contents(source, model, title: str | None) -> Contents:
@@ -212,7 +218,7 @@ def _sections(contents: Contents, most_triangles: int):
         space, numbers, of_grid = _of_grid(contents, contents.model, most_triangles)
         sections.append(of_grid.pop(0))
     if contents.history is not None:
-        sections += _of_history(contents.history)
+        sections += _of_history(contents.history, contents.estimates)
     sections += of_grid
     if contents.diagram is not None:
         line = "The components of the problem and what is passed between them, as OpenMDAO draws it."
@@ -276,7 +282,7 @@ def _of_grid(contents: Contents, model: FittedModel, most_triangles: int):
     return (traces, layout), numbers, sections
 
 
-def _of_history(history: CaseHistory) -> list[Section]:
+def _of_history(history: CaseHistory, estimates: Mapping[str, ErrorEstimate]) -> list[Section]:
     """Sections on an optimisation."""
     lines = [f"{history.n_evaluations} evaluations by {history.driver} in {_time_text(history.seconds[-1])}."]
     if history.convergence is not None and not history.convergence.residuals.size:
@@ -286,10 +292,11 @@ def _of_history(history: CaseHistory) -> list[Section]:
         )
     variables = len(history.of_kind("variable"))
     charts = history_charts(history)
-    split, flows, panels = len(charts) - variables, flow_table(history), lattice_charts(history)
+    split, panels = len(charts) - variables, lattice_charts(history)
+    flows = [table for table in (flow_table(history), estimate_table(estimates)) if table is not None]
     return [
         Section("history", "Optimisation", lines, charts[:split], [history_table(history)]),
-        *([Section("flow", "Flow", [], panels, [flows] if flows else [])] if flows or panels else []),
+        *([Section("flow", "Flow", [], panels, flows)] if flows or panels else []),
         Section("variables", "Design variables", [], charts[split:], [variable_table(history)]),
     ]
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..cells.first_cells import FirstCells
 from ..cells.report import QualityReport, WorstCell
+from ..flow.euler.error_estimate import ErrorEstimate
 from ..model.fitted_model import FittedModel
 from ..om.drivers.case_history import CaseHistory
 from .contents import Shape
 
 __all__ = [
     "Table",
+    "estimate_table",
     "fit_table",
     "flow_table",
     "height_table",
@@ -160,6 +162,19 @@ def flow_table(history: CaseHistory) -> Table | None:
     rows = [(flow or "flow", *(_change(values[name]) for name in shown)) for flow, values in of_flow.items()]
     columns = ("condition", *(f"{name} (°)" if name == "alpha" else name for name in shown))
     return Table("Coefficients", columns, rows, "At the first and the best evaluation.") if rows else None
+
+
+def estimate_table(estimates: Mapping[str, ErrorEstimate]) -> Table | None:
+    """Coefficients at the end, and on a finer grid; None where none is estimated."""
+    rows = [
+        (name, number(each.value), number(each.finer), number(each.remaining, 2)) for name, each in estimates.items()
+    ]
+    if not rows:
+        return None
+    factor = next(iter(estimates.values())).factor
+    columns = ("coefficient", "at the end", "on the finer grid", "which may be wrong by")
+    note = f"Estimated by the adjoint for a grid of {number(factor)} times the cells per direction, at the last design."
+    return Table("Errors of the grid", columns, rows, note)
 
 
 def _change(values: tuple[float, float] | None) -> str:

@@ -347,7 +347,8 @@ class _Script:
         yield "        print(after.table(before))"
         if study.output["report"]:
             title = _python(f"{study.source.stem}: {study.objective['of']}")
-            yield f'        bm.write_report(HERE / "report.html", HERE / "cases.sql", model, title={title})'
+            told = f"title={title}" + (", estimates=after.estimates" if self._is_estimated else "")
+            yield f'        bm.write_report(HERE / "report.html", HERE / "cases.sql", model, {told})'
 
     @property
     def _is_estimated(self) -> bool:

@@ -13,6 +13,7 @@ from report_cases import recorded_wing, small_model, twisted_wing
 from bspline_mdao import FittedModel, fit_grid, onera_m6_grid, optimality_of, write_report
 from bspline_mdao.cli.main import run
 from bspline_mdao.errors import InputError
+from bspline_mdao.flow.euler.error_estimate import ErrorEstimate
 from bspline_mdao.om.drivers.case_history import read_history
 from bspline_mdao.report import openmdao_report
 from bspline_mdao.report.walls import DrawnWalls, cut
@@ -264,3 +265,13 @@ def test_a_loaded_model_is_reported_as_the_one_in_memory(model, tmp_path):
         write_report(tmp_path / f"{name}.html", source, title="wing")
         pages.append(Page((tmp_path / f"{name}.html").read_text(encoding="utf-8")))
     assert pages[0].charts == pages[1].charts
+
+
+def test_a_page_tells_what_lift_and_drag_would_be_on_a_finer_grid(model, case_file, tmp_path):
+    estimates = {"CD": ErrorEstimate(0.02, 0.0125, 1.5, np.zeros(3), 0.00075)}
+    write_report(tmp_path / "with.html", case_file, model, estimates=estimates)
+    write_report(tmp_path / "without.html", case_file, model)
+    with_them, without = (Page((tmp_path / f"{name}.html").read_text()).text for name in ("with", "without"))
+    assert "Errors of the grid" not in without
+    assert "which may be wrong by CD 0.02 0.0125 0.00075" in with_them
+    assert "a grid of 1.5 times the cells per direction" in with_them
