@@ -158,7 +158,7 @@ def main(
 
     combinations = None
     if flow == "euler":
-        combinations = bm.even_pressures(pose(model, stations, flow, mach), model, "heights")
+        combinations = bm.even_pressures(pose(model, stations, flow, mach), model, "heights", linear_tolerance=1e-6)
 
     def make_problem(member: bm.FittedModel = model) -> om.Problem:
         return pose(member, stations, flow, mach, combinations)

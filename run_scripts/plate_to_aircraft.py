@@ -153,7 +153,7 @@ def main(
 
     combinations = None
     if flow == "euler":
-        combinations = bm.even_pressures(pose(model, stations, flow), model, "heights")
+        combinations = bm.even_pressures(pose(model, stations, flow), model, "heights", linear_tolerance=1e-6)
 
     def make_problem(member: bm.FittedModel = model) -> om.Problem:
         return pose(member, stations, flow, combinations)

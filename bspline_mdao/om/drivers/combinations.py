@@ -23,9 +23,6 @@ from ...names import GRID
 
 __all__ = ["combine", "even_combinations", "even_pressures"]
 
-SCALE_TOLERANCE = 1e-6
-"""Residual of the linear systems that scales are taken from: half the products of derivatives, and as good a scale."""
-
 
 def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray:
     """Find combinations of values that all change a response by one, and by vectors that are orthogonal.
@@ -66,7 +63,12 @@ def even_combinations(derivative: np.ndarray, least: float = 0.02) -> np.ndarray
 
 
 def even_pressures(
-    problem: om.Problem, model: FittedModel, variable: str, pressures: Iterable[str] = ("Cp",), grid: str = GRID
+    problem: om.Problem,
+    model: FittedModel,
+    variable: str,
+    pressures: Iterable[str] = ("Cp",),
+    grid: str = GRID,
+    linear_tolerance: float | None = None,
 ) -> np.ndarray:
     """Find combinations of a variable along which the pressures on the walls change evenly, in the mean over the walls.
 
@@ -74,7 +76,7 @@ def even_pressures(
     ----------
     problem : openmdao.api.Problem
         Chain from the variable to one flow or several, in which the variable is an input. It is set up in forward mode
-        and run; linear systems of its flows are solved to 1e-6.
+        and run.
     model : FittedModel
         The fitted grid of the flows.
     variable : str
@@ -83,6 +85,8 @@ def even_pressures(
         Names of the outputs of pressure coefficients, as `EulerFlow` gives them; all count alike.
     grid : str
         Name of the grid that the flows are solved on.
+    linear_tolerance : float, optional
+        Of the linear systems of the flows, by default their own; to 1e-6 they take half the products.
 
     Returns
     -------
@@ -108,8 +112,8 @@ def even_pressures(
     """
     problem.setup(mode="fwd")
     for component in problem.model.system_iter(recurse=True, typ=om.ImplicitComponent):
-        if "linear_tolerance" in component.options:
-            component.options["linear_tolerance"] = SCALE_TOLERANCE
+        if linear_tolerance is not None and "linear_tolerance" in component.options:
+            component.options["linear_tolerance"] = linear_tolerance
     names = list(pressures)
     with warnings.catch_warnings():  # there is a linear solve for every value because that is what is asked for
         for category in (DerivativeModeWarning, om.DerivativesWarning):
