@@ -69,7 +69,7 @@ def onera_m6_grid(shape=(45, 65, 33), spacing: Spacing | None = None, far_field:
     Grid(H-H wing grid: 12 blocks, 1,500 nodes, 4 patches)
     """
     wing = Wing(onera_m6_planform(), onera_d_section())
-    return hh_wing_grid(wing, shape, spacing or _coarsened(Spacing(), shape, (45, 65, 33)), far_field or FarField())
+    return hh_wing_grid(wing, shape, spacing, far_field)
 
 
 def flat_plate_grid(shape=(45, 45, 45), spacing: Spacing | None = None, far_field: FarField | None = None) -> Grid:
@@ -98,7 +98,7 @@ def flat_plate_grid(shape=(45, 45, 45), spacing: Spacing | None = None, far_fiel
     """
     wing = Wing(Planform(root_chord=1.0, semi_span=2.0), flat_section())
     paper = Spacing(off_wall=1e-3, leading=5e-3, trailing=5e-3, tip=5e-3)
-    return hh_wing_grid(wing, shape, spacing or _coarsened(paper, shape, (45, 45, 45)), far_field or FarField())
+    return hh_wing_grid(wing, shape, spacing or paper.coarsened(shape, (45, 45, 45)), far_field)
 
 
 def rectangular_wing() -> Wing:
@@ -155,9 +155,3 @@ def onera_m6_planform() -> Planform:
     (1.484, 3.8)
     """
     return Planform(root_chord=1.0, semi_span=1.4843, taper=0.562, leading_edge_sweep=30.0)
-
-
-def _coarsened(spacing, shape, paper_shape):
-    """Widen the paper's spacings in proportion where there are fewer nodes than in the paper."""
-    stream, normal, span = (max((m - 1) / max(np.min(n) - 1, 1), 1.0) for n, m in zip(shape, paper_shape))
-    return Spacing(spacing.off_wall * normal, spacing.leading * stream, spacing.trailing * stream, spacing.tip * span)

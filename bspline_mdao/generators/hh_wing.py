@@ -62,6 +62,9 @@ _REACH = 8.0
 _FAN = 2.5
 """Growth of that distance with height."""
 
+_ENOUGH = 45, 65, 33
+"""Nodes per block along the stream, away from the wing and along the span for the paper's intervals next to the M6."""
+
 _ROWS = (("upstream", "wing", "downstream"), ("below", "above"), ("inboard", "outboard"))
 
 
@@ -95,8 +98,28 @@ class Spacing(OneLine):
 
     def widened(self, factor: float) -> Spacing:
         """Make all intervals but the root's wider by a factor."""
-        off_wall, leading, trailing, tip = (factor * h for h in (self.off_wall, self.leading, self.trailing, self.tip))
-        return Spacing(off_wall, leading, trailing, tip, self.root)
+        return self._scaled(factor, factor, factor)
+
+    def coarsened(self, shape, enough) -> Spacing:
+        """Widen in proportion where a grid has fewer intervals in a direction than another, for which these are right.
+
+        Parameters
+        ----------
+        shape, enough : tuple
+            Nodes per block of the two grids, as in `hh_wing_grid`.
+
+        Examples
+        --------
+        >>> from bspline_mdao import Spacing
+        >>> Spacing(leading=1e-3).coarsened((12, 65, 33), (45, 65, 33)).widened(0.5)
+        Spacing(off_wall=0.0005, leading=0.002, trailing=0.002, tip=0.0005, root=None)
+        """
+        stream, normal, span = (max((m - 1) / max(np.min(n) - 1, 1), 1.0) for n, m in zip(shape, enough))
+        return self._scaled(normal, stream, span)
+
+    def _scaled(self, normal: float, stream: float, span: float) -> Spacing:
+        leading, trailing = stream * self.leading, stream * self.trailing
+        return Spacing(normal * self.off_wall, leading, trailing, span * self.tip, self.root)
 
 
 @dataclass(frozen=True)
@@ -137,9 +160,10 @@ def hh_wing_grid(
         Nodes per block along the stream, away from the wing and along the span. Each is one count for all blocks, or
         one for each of upstream, wing, downstream; below, above; inboard, outboard.
     spacing : Spacing, optional
-        Intervals next to the wing.
+        Intervals next to the wing. By default a thousandth of the root chord, as about the paper's M6 on 45 x 65 x 33
+        nodes per block; wider in proportion on coarser grids, where cells would grow too fast from there.
     far_field : FarField, optional
-        Outer boundary.
+        Outer boundary, 10 root chords away by default.
 
     Returns
     -------
@@ -159,7 +183,9 @@ def hh_wing_grid(
     1500
     """
     n_stream, n_normal, n_span = _counts(shape)
-    layout = _Layout(wing, n_stream, n_normal, n_span, spacing or Spacing(), far_field or FarField())
+    chord = wing.planform.root_chord
+    spacing = spacing or Spacing().widened(chord).coarsened(shape, _ENOUGH)
+    layout = _Layout(wing, n_stream, n_normal, n_span, spacing, far_field or FarField(10.0 * chord, 0.05 * chord))
     rows = {side: _base_patches(layout, side) for side in (-1, 1)}
     nodes = [
         _extrude(rows[side][n + 3 * outboard], side, layout.n_normal[side > 0], layout)
@@ -183,9 +209,9 @@ def infinite_wing_grid(
     shape : tuple
         Nodes per block along the stream and away from the wing, as in `hh_wing_grid`.
     spacing : Spacing, optional
-        Intervals next to the wing; those along the span do not matter.
+        Intervals next to the wing, by default those of `hh_wing_grid`; those along the span do not matter.
     far_field : FarField, optional
-        Outer boundary.
+        Outer boundary, 10 chords away by default.
 
     Returns
     -------

@@ -7,6 +7,7 @@ import pytest
 from bspline_mdao import (
     EulerFlow,
     InputError,
+    Spacing,
     design_summary,
     error_estimate,
     fit_grid,
@@ -35,7 +36,7 @@ def flown(model):
 
 @pytest.fixture(scope="module")
 def model():
-    return fit_grid(infinite_wing_grid(naca_section(0.12), (25, 17)), keep_residual=False)
+    return fit_grid(infinite_wing_grid(naca_section(0.12), (25, 17), Spacing()), keep_residual=False)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_drag_of_a_wing_is_estimated_where_prolonged_states_and_adjoints_alone_d
 
 
 def test_members_have_the_nodes_of_the_splines_where_interpolated_cells_would_be_inside_out():
-    model = fit_grid(hh_wing_grid(rectangular_wing(), (9, 13, 9)), keep_residual=False)
+    model = fit_grid(hh_wing_grid(rectangular_wing(), (9, 13, 9), Spacing()), keep_residual=False)
     nodes, finer = model.regenerate().to_vector().reshape(-1, 3), model.member(2.0).topology
     interpolated = NodeTransfer.of(model.topology, finer).prolong(nodes)
     with pytest.raises(InputError, match="cells have negative volumes"):

@@ -226,6 +226,25 @@ def test_default_spacings_are_the_papers_at_its_size_and_wider_on_coarser_grids(
     np.testing.assert_allclose(np.linalg.norm(coarse[6:, 1, 0] - coarse[6:, 0, 0], axis=-1), 4e-3, rtol=1e-1)
 
 
+@pytest.mark.parametrize("chord", [0.4, 12.0])
+def test_default_grids_scale_with_the_chord(chord):
+    one, wing = (Wing(Planform(c, 3.0 * c, 0.7, 20.0), naca_section(0.12)) for c in (1.0, chord))
+    unit = hh_wing_grid(one, (9, 13, 9)).to_vector()
+    np.testing.assert_allclose(hh_wing_grid(wing, (9, 13, 9)).to_vector(), chord * unit, atol=1e-9 * chord)
+
+
+@pytest.mark.parametrize("shape", [(13, 17, 13), (17, 25, 13)])
+def test_cells_of_coarse_default_grids_grow_less_than_with_the_spacings_of_the_papers_size(shape):
+    def growth(*spacing):
+        nodes = hh_wing_grid(Wing(Planform(1.0, 3.0), naca_section(0.12)), shape, *spacing).blocks[4].nodes
+        along, off = (np.linalg.norm(np.diff(x, axis=0), axis=1) for x in (nodes[:, 0, 0], nodes[0, :, 0]))
+        return [np.exp(np.abs(np.diff(np.log(steps))).max()) for steps in (along, off)]
+
+    default = np.array(growth())
+    assert (default < 2.8).all()
+    assert (default < np.subtract(growth(Spacing()), 0.05)).all()
+
+
 @pytest.mark.slow
 def test_surface_nodes_lie_on_the_wing(m6):
     surface = m6.blocks[4].nodes[:, 0]

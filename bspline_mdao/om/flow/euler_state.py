@@ -168,7 +168,7 @@ class EulerState(CheckedOnProcesses, om.ImplicitComponent):
                     return
         field = self._scheme(inputs), areas, stream
         told = f"{self.msginfo}: {_complaint(self._solution)}; {self._worst_cell(*field)}"
-        advice = "; at half the angle there is a flow: take a smaller angle, or a finer grid"
+        advice = "; at half the angle there is a flow: take a smaller angle, or a finer or more even grid"
         raise om.AnalysisError(told + advice * is_found_at_half)
 
     def linearize(self, inputs, outputs, jacobian):
