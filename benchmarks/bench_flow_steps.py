@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from bspline_mdao import EulerFlow, Spacing, fit_grid, hh_wing_grid, rectangular_wing
 
-SHAPES = {5_376: (9, 9, 8), 13_824: (13, 13, 9), 36_864: (17, 17, 13), 117_504: (25, 25, 18)}
+SHAPES = {5_376: (9, 9, 8), 13_824: (13, 13, 9), 36_864: (17, 17, 13), 117_504: (25, 25, 18), 1_020_000: (51, 51, 35)}
 """Nodes of each of the twelve blocks by the number of cells."""
 
 SPAN = 3.0
