@@ -24,7 +24,7 @@ import numpy as np
 from scipy.sparse import bsr_array, coo_array
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import Spacing, hh_wing_grid, rectangular_wing
+from bspline_mdao import FarField, Spacing, hh_wing_grid, rectangular_wing
 from bspline_mdao.flow.euler.block_factor import BlockFactor
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
@@ -108,7 +108,8 @@ def measure(n_cells: int) -> dict:
 
 
 def _run(shape, with_peer: bool, before: int = 0) -> dict:
-    grid = hh_wing_grid(rectangular_wing(), shape, Spacing(off_wall=5e-3, leading=5e-3, trailing=5e-3, tip=5e-3))
+    spacing = Spacing(off_wall=5e-3, leading=5e-3, trailing=5e-3, tip=5e-3)
+    grid = hh_wing_grid(rectangular_wing(), shape, spacing, FarField(10.0))
     topology, nodes = find_topology(grid), grid.to_vector().reshape(-1, 3)
     del grid
     flow = FlowGrid.of(topology, nodes)
@@ -121,7 +122,8 @@ def _run(shape, with_peer: bool, before: int = 0) -> dict:
 
     wall, cpu = {}, {}
     solution, wall["flow"], cpu["flow"] = timed(solve)
-    linearization, sizes = flow.discretization.linearize(solution.states, areas, stream), flow.sizes(nodes)[:, None]
+    linearization = flow.discretization.linearize(solution.states, areas, stream)
+    sizes = flow.discretization.sizes(areas)
     right = np.random.default_rng(0).standard_normal(solution.states.shape)
     (system, factor), wall["adjoint"], cpu["adjoint"] = timed(lambda: _adjoint(linearization, flow, sizes, right))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

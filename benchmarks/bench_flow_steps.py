@@ -20,7 +20,7 @@ import numpy as np
 import openmdao.api as om
 from threadpoolctl import threadpool_limits
 
-from bspline_mdao import EulerFlow, Spacing, fit_grid, hh_wing_grid, rectangular_wing
+from bspline_mdao import EulerFlow, FarField, Spacing, fit_grid, hh_wing_grid, rectangular_wing
 
 SHAPES = {5_376: (9, 9, 8), 13_824: (13, 13, 9), 36_864: (17, 17, 13), 117_504: (25, 25, 18), 1_020_000: (51, 51, 35)}
 """Nodes of each of the twelve blocks by the number of cells."""
@@ -57,7 +57,7 @@ def main(n_cells: int = 36_864) -> dict:
 
 def _measure(n_cells: int, results: dict) -> None:
     spacing = Spacing(off_wall=5e-3, leading=5e-3, trailing=5e-3, tip=5e-3)
-    model = fit_grid(hh_wing_grid(rectangular_wing(), SHAPES[n_cells], spacing))
+    model = fit_grid(hh_wing_grid(rectangular_wing(), SHAPES[n_cells], spacing, FarField(10.0)))
     before = _resident()
     _forget_peak()
     problem = _problem(model)

@@ -48,7 +48,7 @@ STYLES = {"initial": (GRAY, ":"), "SciPy SLSQP": (ORANGE, "-"), "NLopt LD_SLSQP"
 def make_model(paper: bool) -> tuple[bm.FittedModel, bm.CamberSurface]:
     """Fit the grid about the paper's rectangular wing, and lay a lattice of equal strips on its camber surface."""
     shape, n_control, spacing, n_span = SIZES[paper]
-    grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing))
+    grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing), bm.FarField(10.0))
     model = bm.fit_grid(grid, n_control=n_control)
     return model, bm.CamberSurface.of(bm.SurfaceGrid.of(model, "wing*"), 2, n_span)
 

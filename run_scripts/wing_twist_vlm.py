@@ -52,7 +52,7 @@ class Wing:
     def __init__(self, paper: bool):
         shape, n_control, spacing, self.lattice_shape, self.least_chord = SIZES[paper]
         planform = bm.rectangular_wing().planform
-        grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing))
+        grid = bm.hh_wing_grid(bm.rectangular_wing(), shape, bm.Spacing(*spacing), bm.FarField(10.0))
         self.model = bm.fit_grid(grid, n_control=n_control)
         self.mesh = bm.moving_mesh(self.model)
         self.lattice = bm.CamberSurface.of(bm.SurfaceGrid.of(self.model, "wing*"), *self.lattice_shape)
