@@ -144,16 +144,10 @@ def _run(shape, with_peer: bool, before: int = 0) -> dict:
 
 
 def _adjoint(linearization: Linearization, flow: FlowGrid, sizes: np.ndarray, right: np.ndarray):
-    """Solve with the transposed Jacobian, rows by the surfaces of the cells, to 1e-12."""
-    factor = compact_factor(linearization, flow.pattern, np.zeros((len(right), 5, 5), np.float32))
-    rough, single = linearization.jacobians.transposed_product, sizes.astype(np.float32)
-    system = solve_refined(
-        lambda x: linearization.state_vjp(x / sizes),
-        lambda x: rough(x / single),
-        lambda y: single * factor.solve_transposed(y),
-        right,
-        1e-12,
-    )
+    """Solve with the transposed Jacobian, unknowns by the surfaces of the cells, to 1e-12: solution and factor."""
+    factor = compact_factor(linearization, flow.pattern, np.zeros((len(right), 5, 5), np.float32)).transposed()
+    rough = linearization.jacobians.transposed_product
+    system = solve_refined(linearization.state_vjp, rough, factor.solve, right, 1e-12, scale=sizes)
     return system, factor
 
 
@@ -174,8 +168,8 @@ def product_seconds(linearization: Linearization, factor: BlockFactor, x: np.nda
     kernels = {
         "product": linearization.jacobians.product,
         "transposed_product": linearization.jacobians.transposed_product,
-        "sweeps": factor.solve,
-        "transposed_sweeps": factor.solve_transposed,
+        "sweeps": factor.transposed().solve,
+        "transposed_sweeps": factor.solve,
     }
     seconds = {name: fastest(partial(kernel, x)) for name, kernel in kernels.items()}
     exact = {"exact_product": linearization.state_jvp, "exact_transposed_product": linearization.state_vjp}

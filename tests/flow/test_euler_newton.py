@@ -116,7 +116,7 @@ def test_a_factor_with_all_fill_is_exact_to_the_halves_that_are_kept_of_its_numb
     rhs = np.random.default_rng(1).standard_normal((n, BLOCK))
     np.testing.assert_allclose(factor.solve(rhs).ravel(), np.linalg.solve(matrix, rhs.ravel()), atol=HALF)
     transposed = np.linalg.solve(matrix.T, rhs.ravel())
-    np.testing.assert_allclose(factor.solve_transposed(rhs).ravel(), transposed, atol=HALF)
+    np.testing.assert_allclose(factor.transposed().solve(rhs).ravel(), transposed, atol=HALF)
     refined = refined_by(factor, lambda x: (matrix @ x.ravel()).reshape(x.shape), rhs)
     np.testing.assert_allclose(refined.ravel(), np.linalg.solve(matrix, rhs.ravel()), atol=50 * SINGLE)
 
@@ -162,7 +162,7 @@ def test_fill_is_kept_where_the_factor_of_the_areas_is_large(smallest):
 def test_solves_with_a_factor_and_its_transpose_agree(smallest):
     factor = factor_of(*random_system(), smallest=smallest)
     a, b = np.random.default_rng(2).standard_normal((2, 23, BLOCK))
-    assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.solve_transposed(b)), abs=20.0 * SINGLE)
+    assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.transposed().solve(b)), abs=20.0 * SINGLE)
 
 
 def conserved_by_states(states):
@@ -275,7 +275,7 @@ def test_linear_systems_are_solved_forwards_and_transposed_with_one_factor(is_tr
     product = linearization.state_vjp if is_transposed else linearization.state_jvp
     jacobians = linearization.jacobians
     rough = jacobians.transposed_product if is_transposed else jacobians.product
-    precondition = factor.solve_transposed if is_transposed else factor.solve
+    precondition = (factor.transposed() if is_transposed else factor).solve
     right = np.random.default_rng(3).standard_normal((case.faces.n_cells, 5))
     solution = solve_refined(product, rough, precondition, right, 1e-10)
     assert solution.is_converged

@@ -218,7 +218,7 @@ def test_linear_systems_of_ranks_have_the_solution_of_one(is_transposed):
         product = linearization.state_vjp if is_transposed else linearization.state_jvp
         jacobians = linearization.jacobians
         rough = jacobians.transposed_product if is_transposed else jacobians.product
-        precondition = factor.solve_transposed if is_transposed else factor.solve
+        precondition = (factor.transposed() if is_transposed else factor).solve
         solution = solve_refined(product, rough, precondition, right[share.cells], 1e-12, comm=flow.comm)
         assert solution.is_converged
         return solution.x

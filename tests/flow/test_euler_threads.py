@@ -40,7 +40,7 @@ def on_threads(monkeypatch, n_threads):
         jacobians.transposed_product(bar),
         *(factor.lower, factor.upper, factor.pivots),
         factor.solve(bar),
-        factor.solve_transposed(bar),
+        factor.transposed().solve(bar),
     ]
 
 

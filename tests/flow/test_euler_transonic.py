@@ -132,7 +132,7 @@ def adjoint_gradients(case, states):
     by_stream = linearization.stream_jvp(free_stream_partials(MACH, angle, AXES)[1])
     for load, turned in zip(wall_load(case, MACH, DEGREES), (-drag, lift)):
         adjoint = solve_refined(
-            linearization.state_vjp, linearization.jacobians.transposed_product, factor.solve_transposed, load, 1e-12
+            linearization.state_vjp, linearization.jacobians.transposed_product, factor.transposed().solve, load, 1e-12
         )
         assert adjoint.is_converged
         yield np.radians(turned - np.vdot(adjoint.x, by_stream))

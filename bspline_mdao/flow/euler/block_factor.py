@@ -32,6 +32,7 @@ from ...numerics.fives import (
     store_halves,
     subtract_combined,
     subtract_scaled,
+    zero_halves,
     zeros,
 )
 from ...numerics.threads import run_tasks, thread_count
@@ -113,47 +114,71 @@ class Pattern(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class BlockFactor:
-    """Incomplete factor L U of a matrix of 5 x 5 blocks.
+    """Incomplete factor L U of a matrix of 5 x 5 blocks, or of its transpose.
+
+    The sweep through the rows upwards reads blocks by rows, the one downwards by columns. Each has its own in the order
+    in which it reads them: scattered blocks take more than twice the time. So a factor serves one of the matrix and its
+    transpose, and `transposed` makes that of the other, as fast as a solution.
 
     Parameters
     ----------
     pattern : Pattern
     lower, upper : ndarray of uint16, shape (n_blocks, 5, 5)
-        Blocks of L below its unit diagonal and of U above its diagonal, see `zero_halves`.
+        Blocks of L below its unit diagonal, by rows, and of U above its diagonal, by columns of the pattern, see
+        `zero_halves`; of the transpose L by columns and U by rows.
     pivots : ndarray of float32, shape (n, 5, 5)
         Inverses of the diagonal blocks of U.
+    is_transposed : bool
+        Whether it is the factor of the transpose.
     """
 
     pattern: Pattern
     lower: np.ndarray
     upper: np.ndarray
     pivots: np.ndarray
+    is_transposed: bool = False
 
     @classmethod
     def of(cls, pattern: Pattern, lower, upper, diagonal) -> BlockFactor:
-        """Factor a matrix in place, whose blocks off the diagonal are halves, at their entries, the others by rank."""
+        """Factor a matrix, whose blocks off the diagonal are halves, at their entries, the others by rank.
+
+        They are written over.
+        """
         schedule = pattern.schedule
         how, blocks = (schedule.ends, schedule.levels, counters(schedule.levels[-1])), (lower, upper, diagonal)
         _together(len(diagonal), lambda *part: _factorize(pattern.starts, pattern.columns, *how, *part, *blocks))
-        return cls(pattern, lower, upper, diagonal)
+        return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
+
+    def transposed(self) -> BlockFactor:
+        """Factor of the transpose."""
+        schedule = self.pattern.schedule
+        orders = (_by_rows, _by_columns) if self.is_transposed else (_by_columns, _by_rows)
+        lower, upper = (order(blocks, schedule) for order, blocks in zip(orders, (self.lower, self.upper)))
+        return BlockFactor(self.pattern, lower, upper, self.pivots, not self.is_transposed)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solve ``L U x = right``, shape (n, 5), in single precision."""
-        return self._sweep(_solve, right)
-
-    def solve_transposed(self, right: np.ndarray) -> np.ndarray:
-        """Solve ``U^T L^T x = right``, shape (n, 5), in single precision."""
-        return self._sweep(_solve_transposed, right)
-
-    def _sweep(self, kernel, right: np.ndarray) -> np.ndarray:
+        """Solve ``L U x = right``, or ``U^T L^T x = right``, shape (n, 5), in single precision."""
         pattern, schedule, single = self.pattern, self.pattern.schedule, np.ascontiguousarray(right, np.float32)
         x, out = np.empty_like(single), np.empty_like(single)
-        by_rows = pattern.order, pattern.starts, pattern.columns
-        by_columns = schedule.column_starts, schedule.column_entries, schedule.column_rows
+        by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
         factor, vectors = (self.lower, self.upper, self.pivots), (single, x, out)
-        how = schedule.ends, schedule.both, counters(schedule.both[-1])
-        _together(len(single), lambda *part: kernel(*by_rows, *by_columns, *how, *part, *factor, *vectors))
+        how, kernel = (schedule.ends, schedule.both), _solve_transposed if self.is_transposed else _solve
+        numbers = counters(schedule.both[-1])
+        _together(len(single), lambda *part: kernel(*by, *how, numbers, *part, *factor, *vectors))
         return out.astype(right.dtype, copy=False)
+
+
+def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
+    """Blocks by columns, of those by rows."""
+    out = zero_halves(blocks.shape)
+    return np.take(blocks, schedule.column_entries, axis=0, out=out, mode="clip")  # without it numpy copies once more
+
+
+def _by_rows(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
+    """Blocks by rows, of those by columns."""
+    out = zero_halves(blocks.shape)
+    out[schedule.column_entries] = blocks
+    return out
 
 
 def _together(n: int, work: Callable[[int, int], None]) -> None:
@@ -311,7 +336,7 @@ def _invert(block, inverse):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve(
-    order, starts, columns, column_starts, column_entries, column_rows, ends, levels, numbers, part, n_parts,
+    order, starts, columns, column_starts, column_rows, ends, levels, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with L, then with U."""
@@ -338,10 +363,9 @@ def _solve(
             back = n_chunks - 1 - chunk
             for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
                 a = b = c = d = e = zeros()
-                for place in range(column_starts[row], column_starts[row + 1]):
-                    z, at = load(x, 5 * column_rows[place]), 25 * column_entries[place]
-                    ahead = 25 * column_entries[max(place - AHEAD, 0)]
-                    prefetch(upper, ahead)
+                for place in range(column_starts[row + 1] - 1, column_starts[row] - 1, -1):
+                    z, at = load(x, 5 * column_rows[place]), 25 * place
+                    prefetch(upper, at - 25 * AHEAD)
                     a, b = add_product(a, load_halves(upper, at), z), add_product(b, load_halves(upper, at + 5), z)
                     c, d = (
                         add_product(c, load_halves(upper, at + 10), z),
@@ -358,7 +382,7 @@ def _solve(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve_transposed(
-    order, starts, columns, column_starts, column_entries, column_rows, ends, levels, numbers, part, n_parts,
+    order, starts, columns, column_starts, column_rows, ends, levels, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with the transpose of U, then with that of L."""
@@ -378,12 +402,9 @@ def _solve_transposed(
             back = n_chunks - 1 - chunk
             for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
                 z = load(x, 5 * row)
-                for place in range(column_starts[row], column_starts[row + 1]):
-                    ahead = 25 * column_entries[max(place - AHEAD, 0)]
-                    prefetch(lower, ahead)
-                    z = subtract_combined(
-                        z, load(x, 5 * column_rows[place]), _halves(lower, 25 * column_entries[place])
-                    )
+                for place in range(column_starts[row + 1] - 1, column_starts[row] - 1, -1):
+                    prefetch(lower, 25 * (place - AHEAD))
+                    z = subtract_combined(z, load(x, 5 * column_rows[place]), _halves(lower, 25 * place))
                 store(x, 5 * row, z)
                 store(out, 5 * order[row], z)
         finish(numbers)

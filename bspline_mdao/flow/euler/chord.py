@@ -12,6 +12,7 @@ import numpy as np
 from .discretization import Discretization
 from .krylov import solve_roughly
 from .newton import LARGEST_CFL, Field, FlowSolution, NewtonStep, advance
+from .preconditioner import by_surface
 from .tangent import FlowTangent
 
 __all__ = ["solve_nearby"]
@@ -59,17 +60,10 @@ def solve_nearby(
     norm = field.norm(residual)
     history = [NewtonStep(norm / scale, LARGEST_CFL, 0, 1.0)]
 
-    sizes = field.sizes.astype(np.float32)
-
-    def product(x):
-        return tangent.linearization.jacobians.product(x) / sizes
-
-    def precondition(y):
-        return tangent.factor.solve(sizes * y)
-
     while history[-1].residual > tolerance and len(history) <= max_steps:
         forcing = max(FORCING, 0.5 * tolerance * scale / norm)
-        solution = solve_roughly(product, precondition, -residual, forcing, MOST_PRODUCTS, discretization.halo.comm)
+        system = by_surface(tangent.linearization.jacobians.product, tangent.factor.solve, field.sizes)
+        solution = solve_roughly(*system, -residual, forcing, MOST_PRODUCTS, discretization.halo.comm)
         update = solution.x if solution.is_converged else None
         moved, after, length = advance(field, states, residual, update)
         is_better = length > 0.0 and field.norm(after) < norm

@@ -249,6 +249,7 @@ def solve_refined(
     tolerance: float,
     max_products: int = MOST_REFINED,
     comm=ONE,
+    scale: np.ndarray | float = 1.0,
 ) -> KrylovSolution:
     """Solve a linear system whose matrix is of the size of one, to a tolerance or to what rounding leaves.
 
@@ -266,6 +267,8 @@ def solve_refined(
         Product with a matrix that is the same up to rounding in single precision, and approximate solution with it.
     right, tolerance, max_products, comm
         See `solve_system`; products are those of both kinds.
+    scale : ndarray, shape (n_cells, 1), or float
+        What unknowns are multiplied by in the system whose matrix is of the size of one.
     """
     x, rest, n_products, before = np.zeros_like(right), right, 0, np.inf
     size = norm(right, comm)
@@ -273,7 +276,7 @@ def solve_refined(
     while True:
         left = norm(rest, comm)
         if left <= asked or left > 0.5 * before or n_products >= max_products:  # step 2
-            is_converged = bool(left <= max(asked, ROUNDING * norm(x, comm)))
+            is_converged = bool(left <= max(asked, ROUNDING * norm(scale * x, comm)))
             return KrylovSolution(x, n_products, is_converged, left / size if size else 0.0)
         part = max(0.5 * asked / left, LEAST)
         correction = solve_roughly(rough_product, precondition, rest, part, max_products - n_products, comm)  # step 3

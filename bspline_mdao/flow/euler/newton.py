@@ -17,7 +17,7 @@ from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .krylov import solve_roughly
 from .linearization import Linearization
-from .preconditioner import add_blocks, compact_factor, time_terms
+from .preconditioner import add_blocks, by_surface, compact_factor, time_terms
 
 __all__ = [
     "Field",
@@ -307,15 +307,12 @@ class _StepSystem:
 
     def solve(self, residual, part, most_left) -> tuple[np.ndarray | None, int]:
         """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
-        sizes, comm = self.field.sizes.astype(np.float32), self.field.discretization.halo.comm
 
         def product(x):
-            return add_blocks(self.diagonal, x, self.linearization.jacobians.product(x)) / sizes
+            return add_blocks(self.diagonal, x, self.linearization.jacobians.product(x))
 
-        def precondition(y):
-            return self.factor.solve(sizes * y)
-
-        solution = solve_roughly(product, precondition, -residual, part, LARGEST_SOLVE, comm, most_left)
+        system, comm = by_surface(product, self.factor.solve, self.field.sizes), self.field.discretization.halo.comm
+        solution = solve_roughly(*system, -residual, part, LARGEST_SOLVE, comm, most_left)
         is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
         return (solution.x if is_usable else None), solution.n_products
 

@@ -5,7 +5,7 @@ Theory: ``docs/theory/euler.rst``, "Derivatives".
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from .factor_pattern import FactorPattern
 from .gas import N_STATES
 from .krylov import KrylovSolution, solve_refined
 from .linearization import Linearization
-from .preconditioner import compact_factor
+from .preconditioner import by_surface, compact_factor
 
 __all__ = ["FlowTangent"]
 
@@ -52,9 +52,22 @@ class FlowTangent:
 
     @cached_property
     def factor(self) -> BlockFactor:
-        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
+        """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner.
+
+        It and that of the transpose make each other, and one of them is kept.
+        """
+        other = self.__dict__.pop("transposed_factor", None)
+        if other is not None:
+            return other.transposed()
         still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES), np.float32)
         return compact_factor(self.linearization, self.pattern, still)
+
+    @cached_property
+    def transposed_factor(self) -> BlockFactor:
+        """Factor of the transpose."""
+        factor = self.factor.transposed()
+        del self.__dict__["factor"]
+        return factor
 
     @property
     def comm(self):
@@ -63,25 +76,25 @@ class FlowTangent:
 
     def solve(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
         """Solve with the Jacobian with respect to the states."""
-        rough, sizes = self.linearization.jacobians.product, self.sizes.astype(np.float32)
         return solve_refined(
             lambda x: self.linearization.state_jvp(x) / self.sizes,
-            lambda x: rough(x) / sizes,
-            lambda y: self.factor.solve(sizes * y),
+            *by_surface(self.linearization.jacobians.product, self.factor.solve, self.sizes),
             right / self.sizes,
             tolerance,
             comm=self.comm,
         )
 
     def solve_transposed(self, right: np.ndarray, tolerance: float) -> KrylovSolution:
-        """Solve with the transpose of the Jacobian with respect to the states."""
-        rough, sizes = self.linearization.jacobians.transposed_product, self.sizes.astype(np.float32)
-        solution = solve_refined(
-            lambda x: self.linearization.state_vjp(x / self.sizes),
-            lambda x: rough(x / sizes),
-            lambda y: sizes * self.factor.solve_transposed(y),
+        """Solve with the transpose of the Jacobian with respect to the states.
+
+        Its unknowns are by the surfaces of their cells. Between the preconditioner and the product these cancel.
+        """
+        return solve_refined(
+            self.linearization.state_vjp,
+            self.linearization.jacobians.transposed_product,
+            self.transposed_factor.solve,
             right,
             tolerance,
             comm=self.comm,
+            scale=self.sizes,
         )
-        return replace(solution, x=solution.x / self.sizes)
