@@ -36,6 +36,7 @@ from ...numerics.fives import (
     zeros,
 )
 from ...numerics.threads import run_tasks, thread_count
+from .cell_sums import visit
 
 __all__ = ["BLOCK", "BlockFactor", "Schedule", "levels_of"]
 
@@ -171,14 +172,28 @@ class BlockFactor:
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
     """Blocks by columns, of those by rows."""
     out = zero_halves(blocks.shape)
-    return np.take(blocks, schedule.column_entries, axis=0, out=out, mode="clip")  # without it numpy copies once more
+    visit(len(blocks), lambda part: _gather(blocks, schedule.column_entries[part], out[part]))
+    return out
 
 
 def _by_rows(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
     """Blocks by rows, of those by columns."""
     out = zero_halves(blocks.shape)
-    out[schedule.column_entries] = blocks
+    visit(len(blocks), lambda part: _scatter(blocks[part], schedule.column_entries[part], out))
     return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _gather(blocks, entries, out):
+    for n in range(len(entries)):
+        prefetch(blocks, 25 * entries[min(n + AHEAD, len(entries) - 1)])
+        _write_halves(out, 25 * n, _halves(blocks, 25 * entries[n]))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _scatter(blocks, entries, out):
+    for n in range(len(entries)):
+        _write_halves(out, 25 * entries[n], _halves(blocks, 25 * n))
 
 
 def _together(n: int, work: Callable[[int, int], None]) -> None:

@@ -80,7 +80,8 @@ def solve_system(
 
     From the right, so that the residual that ends it is the true one. From the first vector of a cycle, the residual:
 
-    1. Multiply the last vector by preconditioner and matrix.
+    1. Multiply the last vector by preconditioner and matrix, and take it away: both products are nearly the vector, and
+       what is small beside it would be lost. The space is the same, and so is the triangle but for a one.
     2. Take its parts along all others away by classical Gram and Schmidt, in a second pass those that rounding left
        [2].
     3. Rotate the new column of the triangle; what is left of the residual is the least that these vectors allow.
@@ -141,8 +142,10 @@ def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
     triangle, rotations, reduced = np.zeros((most, most)), np.zeros((most, 2)), np.zeros(most + 1)
     basis[0], reduced[0], n = rest / beta, beta, 0
     while n < most and abs(reduced[n]) > target:
-        vector = apply(basis[n])  # step 1
+        vector = apply(basis[n])
+        vector -= basis[n]  # step 1
         column, length = _orthogonalize(basis[: n + 1], vector, comm)  # step 2
+        column[n] += 1.0
         if not np.isfinite(length):
             break
         for k, (cosine, sine) in enumerate(rotations[:n]):  # step 3

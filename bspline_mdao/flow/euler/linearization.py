@@ -237,7 +237,8 @@ class FaceJacobians:
         """Weights of the four cells in mean state and jump by the class of a face, shape (n_classes, 2, 4)."""
         stencil = self.discretization.stencil
         out = stencil.weights[:, [MEAN, FIRST]].astype(np.float32)
-        inner = np.unique(stencil.classes[stencil.roles == INNER])
+        inner = np.zeros(len(out), bool)
+        inner[stencil.classes[stencil.roles == INNER]] = True
         out[inner, 1] = self.discretization.dissipation * stencil.weights[inner, THIRD]
         return out
 
