@@ -45,8 +45,8 @@ BLOCK = 5
 ROWS, PER_THREAD = 16, 2
 """Rows of a chunk at least, a microsecond of work, and chunks of a level at most for each thread."""
 
-AHEAD = 32
-"""Blocks ahead of the one in work that are asked for from memory."""
+AHEAD, ROWS_AHEAD = 32, 16
+"""Blocks and rows ahead of the ones in work that are asked for from memory: without it half of a sweep is waiting."""
 
 ROWS_PER_THREAD = 2_000
 """Fewer rows than this are not worth a thread."""
@@ -324,6 +324,13 @@ def _times(left, right):
     )
 
 
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _ask_for_block(blocks, at):
+    """Ask for a block of single precision from memory: it lies in two lines, or three."""
+    prefetch(blocks, 25 * at)
+    prefetch(blocks, 25 * at + 16)
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def _invert(block, inverse):
     """Invert a block, which is overwritten, by Gauss and Jordan with exchanges of rows."""
@@ -362,6 +369,7 @@ def _solve(
             return
         if 2 * chunk < n_chunks:
             for row in range(ends[chunk], ends[chunk + 1]):
+                prefetch(right, 5 * order[min(row + ROWS_AHEAD, len(order) - 1)])
                 a = b = c = d = e = zeros()
                 for entry in range(starts[row], starts[row + 1]):
                     z, at = load(x, 5 * columns[entry]), 25 * entry
@@ -377,6 +385,8 @@ def _solve(
         else:
             back = n_chunks - 1 - chunk
             for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
+                prefetch(out, 5 * order[max(row - ROWS_AHEAD, 0)])
+                _ask_for_block(pivots, row - ROWS_AHEAD)
                 a = b = c = d = e = zeros()
                 for place in range(column_starts[row + 1] - 1, column_starts[row] - 1, -1):
                     z, at = load(x, 5 * column_rows[place]), 25 * place
@@ -408,6 +418,8 @@ def _solve_transposed(
             return
         if 2 * chunk < n_chunks:
             for row in range(ends[chunk], ends[chunk + 1]):
+                prefetch(right, 5 * order[min(row + ROWS_AHEAD, len(order) - 1)])
+                _ask_for_block(pivots, row + ROWS_AHEAD)
                 z = load(right, 5 * order[row])
                 for entry in range(starts[row], starts[row + 1]):
                     prefetch(upper, 25 * (entry + AHEAD))
@@ -416,6 +428,7 @@ def _solve_transposed(
         else:
             back = n_chunks - 1 - chunk
             for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
+                prefetch(out, 5 * order[max(row - ROWS_AHEAD, 0)])
                 z = load(x, 5 * row)
                 for place in range(column_starts[row + 1] - 1, column_starts[row] - 1, -1):
                     prefetch(lower, 25 * (place - AHEAD))

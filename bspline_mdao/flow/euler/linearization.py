@@ -210,20 +210,16 @@ class FaceJacobians:
         """Transposed product of `product`."""
         discretization, stencil, own = self.discretization, self.discretization.stencil, bar
         bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
-        bars, senses = np.empty((len(self.values), 2 * N_STATES), np.float32), np.zeros(len(self.shocks), np.float32)
+        shares, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, self.class_weights, bar)
 
         def fill(part):
-            index = stencil.cells[part], stencil.roles[part], self.values[part], self.shock_rows[part]
-            multiply_transposed(*index, self.shocks, bar, bars[part], senses)
+            index = stencil.cells[part], stencil.classes[part], stencil.roles[part]
+            multiply_transposed(*index, self.values[part], self.shock_rows[part], *rest, shares[part])
 
-        visit(len(bars), fill)
+        visit(len(shares), fill)
         sums, out = discretization.sums, np.empty_like(bar)
-        rest = self.shock_rows, self.shocks, self.class_weights, stencil.classes, bars, senses, out
-
-        def add(part):
-            add_bars(sums.stencil_starts, sums.stencil_entries, part.start, part.stop, *rest)
-
-        visit(len(out), add)
+        index = sums.stencil_starts, sums.stencil_entries
+        visit(len(out), lambda part: add_shares(*index, part.start, part.stop, shares, out))
         return self._with_circulation(discretization.halo.fold(out), self.circulation, self.of_circulation, own)
 
     def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -243,8 +239,8 @@ class FaceJacobians:
         return out
 
 
-AHEAD = 16
-"""Faces ahead of the one in work whose Jacobians are asked for from memory."""
+AHEAD, NEXT = 16, 24
+"""Faces ahead of the one in work whose Jacobians, and entries ahead whose faces' numbers, are asked for from memory."""
 
 _ZERO, _STILL = (0.0,) * 5, (0.0,) * 3
 
@@ -477,55 +473,57 @@ def multiply(cells, classes, values, shock_rows, shocks, weights, d_states, out)
 @njit(cache=True, error_model="numpy", nogil=True)
 def add_fluxes(starts, entries, first, end, flux, out):
     """Sum what flows out of cells of fluxes from left to right."""
+    last = len(entries) - 1
     for cell in range(first, end):
         total = zeros()
         if cell + 1 < len(starts):
             for at in range(starts[cell], starts[cell + 1]):
-                f = entries[at]
+                f, next_face = entries[at], entries[min(at + NEXT, last)]
+                prefetch(flux, 5 * (next_face if next_face >= 0 else -1 - next_face))
                 one = np.float32(1.0 if f >= 0 else -1.0)
                 total = add_scaled(total, one, load(flux, 5 * (f if f >= 0 else -1 - f)))
         store(out, 5 * cell, total)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def multiply_transposed(cells, roles, values, shock_rows, shocks, bar, out, senses):
-    """What mean state and jump of each face, shape (n_faces, 10), and the sensor get of rows of the residual."""
+def multiply_transposed(cells, classes, roles, values, shock_rows, shocks, weights, bar, out):
+    """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
     for f in range(len(cells)):
         b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if roles[f] == INNER else 0.0)
+        at = shock_rows[f] if len(shock_rows) > 0 else -1
         mean = jump = zeros()
         for line in range(4):
             prefetch(values, 50 * (f + AHEAD) + 16 * line)
+        sense = np.float32(0.0)
         for n in range(5):
             through, row = bar[b, n] - one * bar[c, n], 50 * f + 10 * n
             mean, jump = (
                 add_scaled(mean, through, load(values, row)),
                 add_scaled(jump, through, load(values, row + 5)),
             )
-        store(out, 10 * f, mean)
-        store(out, 10 * f + 5, jump)
-        at = shock_rows[f] if len(shock_rows) > 0 else -1
+            if at >= 0:
+                sense += shocks[at, 23 + n] * through
+        for k in range(4):
+            by_mean, by_jump = weights[classes[f], 0, k], weights[classes[f], 1, k]
+            if at >= 0:
+                by_mean, by_jump = shocks[at, 1 + k], shocks[at, 5 + k]
+            store(out, 20 * f + 5 * k, add_scaled(add_scaled(zeros(), by_mean, mean), by_jump, jump))
         if at >= 0:
-            senses[at] = 0.0
+            for k in range(4):
+                out[f, k, 4] += shocks[at, 9 + k] * sense
             for n in range(5):
-                senses[at] += shocks[at, 23 + n] * (bar[b, n] - one * bar[c, n])
+                out[f, 0, n] += shocks[at, 13 + n] * sense
+                out[f, 3, n] += shocks[at, 18 + n] * sense
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def add_bars(starts, entries, first, end, shock_rows, shocks, weights, classes, bars, senses, out):
-    """Add up what cells get of the mean states and jumps that they are in."""
+def add_shares(starts, entries, first, end, shares, out):
+    """Add up what cells get of the faces whose stencils they are in."""
+    last = len(entries) - 1
     for cell in range(first, end):
-        total, of_jumps, pressure = zeros(), zeros(), np.float32(0.0)
+        total = zeros()
         if cell + 1 < len(starts):
-            for entry in range(starts[cell], starts[cell + 1]):
-                f, k = entries[entry] >> 2, entries[entry] & 3
-                at = shock_rows[f] if len(shock_rows) > 0 else -1
-                by_mean, by_jump = weights[classes[f], 0, k], weights[classes[f], 1, k]
-                if at >= 0:
-                    by_mean, by_jump = shocks[at, 1 + k], shocks[at, 5 + k]
-                    pressure += shocks[at, 9 + k] * senses[at]
-                    if k == 0 or k == 3:
-                        total = add_scaled(total, senses[at], load(shocks, N_SHOCK * at + (13 if k == 0 else 18)))
-                total = add_scaled(total, by_mean, load(bars, 10 * f))
-                of_jumps = add_scaled(of_jumps, by_jump, load(bars, 10 * f + 5))
-        store(out, 5 * cell, add_scaled(total, np.float32(1.0), of_jumps))
-        out[cell, 4] += pressure
+            for at in range(starts[cell], starts[cell + 1]):
+                prefetch(shares, 5 * entries[min(at + NEXT, last)])
+                total = add_scaled(total, np.float32(1.0), load(shares, 5 * entries[at]))
+        store(out, 5 * cell, total)
