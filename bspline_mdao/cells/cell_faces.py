@@ -30,6 +30,9 @@ _ROUNDED = np.finfo(float).eps
 NONE = -1
 """In lists of cells: there is none."""
 
+NUMBER = np.int32
+"""Type of numbers of cells and nodes in lists of faces, which are a tenth of what a flow keeps of its grid."""
+
 
 @dataclass(frozen=True)
 class BoundaryFaces:
@@ -119,12 +122,12 @@ class CellFaces:
         beyond_left, entry = lines.across(left, left_slot)
         return cls(
             shapes=tuple(block.cells.shape for block in blocks),
-            corners=np.concatenate([quads, edge[0]]),
-            left=left,
-            right=right,
-            beyond_left=beyond_left,
-            beyond_right=beyond_right,
-            third=lines.across(beyond_left[len(quads) :], entry[len(quads) :])[0],
+            corners=np.concatenate([quads, edge[0]]).astype(NUMBER),
+            left=left.astype(NUMBER),
+            right=right.astype(NUMBER),
+            beyond_left=beyond_left.astype(NUMBER),
+            beyond_right=beyond_right.astype(NUMBER),
+            third=lines.across(beyond_left[len(quads) :], entry[len(quads) :])[0].astype(NUMBER),
             boundary=patches,
         )
 

@@ -26,7 +26,7 @@ from ..topology.holders import Holders, cell_shapes, indices_of
 from ..topology.index_space import Interface, Window
 from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
-from .cell_faces import NONE, BoundaryFaces, CellFaces, _Block, _signed_volume
+from .cell_faces import NONE, NUMBER, BoundaryFaces, CellFaces, _Block, _signed_volume
 
 __all__ = ["faces_of_share"]
 
@@ -73,12 +73,12 @@ def faces_of_share(topology: Topology, partition: Partition, comm, nodes: np.nda
     pieces = partition.pieces[comm.rank]
     faces = CellFaces(
         shapes=cell_shapes([piece.shape for piece in pieces]),
-        corners=places.reshape(-1, 4),
-        left=left,
-        right=right,
-        beyond_left=beyond_left,
-        beyond_right=beyond_right,
-        third=third,
+        corners=places.reshape(-1, 4).astype(NUMBER),
+        left=left.astype(NUMBER),
+        right=right.astype(NUMBER),
+        beyond_left=beyond_left.astype(NUMBER),
+        beyond_right=beyond_right.astype(NUMBER),
+        third=third.astype(NUMBER),
         boundary=patches,
         n_ghosts=cells.n_ghosts,
         pieces=pieces,
