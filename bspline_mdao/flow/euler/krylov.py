@@ -142,9 +142,7 @@ def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
     triangle, rotations, reduced = np.zeros((most, most)), np.zeros((most, 2)), np.zeros(most + 1)
     basis[0], reduced[0], n = rest / beta, beta, 0
     while n < most and abs(reduced[n]) > target:
-        vector = apply(basis[n])
-        vector -= basis[n]  # step 1
-        column, length = _orthogonalize(basis[: n + 1], vector, comm)  # step 2
+        column, length = _orthogonalize(basis[: n + 1], apply(basis[n]), comm, basis[n + 1])  # steps 1 and 2
         column[n] += 1.0
         if not np.isfinite(length):
             break
@@ -160,19 +158,23 @@ def _cycle(apply, basis, rest, beta, target, comm) -> tuple[np.ndarray, float]:
         n += 1
         if length == 0.0:
             break
-        np.divide(vector, length, out=basis[n])
     return solve_triangular(triangle[:n, :n], reduced[:n]), abs(reduced[n])
 
 
-def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm) -> tuple[np.ndarray, float]:
-    """Take the parts of a vector along orthonormal ones away, in place: these parts, and the length of what is left."""
-    parts, square, left = _parts(summed(comm, _products(basis, vector)))
-    if left >= _ENOUGH * square:
-        _subtract(basis, vector, parts)
-        return parts, float(np.sqrt(left))
-    rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, vector, parts)))
-    _subtract(basis, vector, rest)
-    return parts + rest, float(np.sqrt(max(left, 0.0)))
+def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm, out: np.ndarray) -> tuple[np.ndarray, float]:
+    """Take the last of orthonormal vectors away from a product, then its parts along all of them, and normalise it.
+
+    Returns these parts, and the length of what is left; the product is written over.
+    """
+    parts, square, left = _parts(summed(comm, _differences_and_products(basis, vector)))
+    if left < _ENOUGH * square:
+        rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, vector, parts)))
+        length = float(np.sqrt(max(left, 0.0)))
+        _subtract_and_divide(basis, vector, rest, length, out)
+        return parts + rest, length
+    length = float(np.sqrt(left))
+    _subtract_and_divide(basis, vector, parts, length, out)
+    return parts, length
 
 
 def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
@@ -181,13 +183,19 @@ def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
     return parts, square, square - float(parts @ parts)
 
 
-def _products(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Products of a vector with others and, last, with itself."""
-    return _by_pieces(vector, lambda piece: np.append(basis[:, piece] @ vector[piece], _square(vector[piece])))
+def _differences_and_products(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Take the last of others away from a vector, in place; its products with all of them and, last, with itself."""
+
+    def work(piece):
+        left = vector[piece]
+        left -= basis[-1, piece]
+        return np.append(basis[:, piece] @ left, _square(left))
+
+    return _by_pieces(vector, work)
 
 
 def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Take parts along others away, in place, and return `_products` of what is left: each piece is read once."""
+    """Take parts along others away, in place: products of what is left with them and, last, with itself."""
     parts = parts.astype(vector.dtype)
 
     def work(piece):
@@ -198,12 +206,12 @@ def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndar
     return _by_pieces(vector, work)
 
 
-def _subtract(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> None:
-    """Take parts along others away, in place."""
-    parts = parts.astype(vector.dtype)
+def _subtract_and_divide(basis, vector, parts: np.ndarray, length: float, out: np.ndarray) -> None:
+    """Write a vector without its parts along others, divided by the length of that, unless there is nothing left."""
+    parts, inverse = parts.astype(vector.dtype), vector.dtype.type(1.0 / length if 0.0 < length < np.inf else 0.0)
 
     def work(piece):
-        vector[piece] -= parts @ basis[:, piece]
+        np.multiply(vector[piece] - parts @ basis[:, piece], inverse, out=out[piece])
         return 0.0
 
     _by_pieces(vector, work)
