@@ -12,6 +12,7 @@ from bspline_mdao.flow.euler.chord import solve_nearby
 from bspline_mdao.flow.euler.discretization import Discretization
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.preconditioner import compact_factor
+from bspline_mdao.flow.euler.tangent import FlowTangent
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,17 @@ def test_a_design_nearby_is_solved_without_another_jacobian(known, monkeypatch):
     own = newton.solve_flow(case.discretization, areas, case.stream, pattern=case.pattern)
     np.testing.assert_allclose(nearby.states, own.states, atol=1e-9)
     assert sum(s.n_products for s in nearby.history) < 0.8 * sum(s.n_products for s in own.history)
+
+
+def test_a_tangent_keeps_one_factor_and_finds_the_other_from_it(known):
+    case, solution, _ = known
+    tangent = FlowTangent.of(case.discretization, solution.states, case.areas, case.stream, case.pattern)
+    right = np.random.default_rng(3).standard_normal(solution.states.shape)
+    first, transposed = tangent.factor.solve(right), tangent.transposed_factor.solve(right)
+    assert "factor" not in vars(tangent)
+    np.testing.assert_array_equal(tangent.factor.solve(right), first)
+    assert "transposed_factor" not in vars(tangent)
+    assert not np.allclose(first, transposed)
 
 
 def test_a_solution_takes_no_step_and_no_factor(known):

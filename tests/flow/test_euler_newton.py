@@ -165,6 +165,13 @@ def test_solves_with_a_factor_and_its_transpose_agree(smallest):
     assert np.vdot(factor.solve(a), b) == pytest.approx(np.vdot(a, factor.transposed().solve(b)), abs=20.0 * SINGLE)
 
 
+def test_the_transpose_of_a_transposed_factor_is_the_factor_to_the_last_bit():
+    factor = factor_of(*random_system(), smallest=0.05)
+    for ours, theirs in zip(vars(factor).values(), vars(factor.transposed().transposed()).values()):
+        np.testing.assert_array_equal(ours, theirs)
+    assert not np.array_equal(factor.transposed().lower, factor.lower)
+
+
 def conserved_by_states(states):
     """Derivatives of the conserved quantities, by complex steps, shape (n, 5, 5)."""
     moved = states[:, None, :] + 1e-30j * np.eye(BLOCK)
@@ -256,6 +263,21 @@ def test_a_linear_system_whose_cycles_do_not_get_on_is_given_up_after_the_first(
     stuck = solve_system(linearization.state_jvp, lambda x: x, right, 1e-10, max_products=500, most_left=0.1)
     assert not stuck.is_converged
     assert stuck.n_products <= RESTART + 1
+
+
+def test_vectors_stay_orthogonal_where_products_are_nearly_the_vectors():
+    rng = np.random.default_rng(5)
+    change, right = (1e-5 * rng.standard_normal((85, 85))).astype(np.float32), rng.standard_normal((17, 5))
+    products = []
+
+    def product(x):
+        products.append(x.ravel().copy())
+        return (x.ravel() + change @ x.ravel()).reshape(x.shape)
+
+    solution = solve_system(product, lambda x: x.copy(), right.astype(np.float32), 1e-9, max_products=8)
+    basis = np.stack(products[: solution.n_products])
+    assert len(basis) > 2
+    np.testing.assert_allclose(basis @ basis.T, np.eye(len(basis)), atol=1e-5)
 
 
 def test_cycles_that_do_not_get_on_are_followed_by_longer_ones():
