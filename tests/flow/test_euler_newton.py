@@ -11,7 +11,7 @@ from topology_cases import smooth_box
 from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_factor import BLOCK, BlockFactor
-from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD
+from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD, Discretization
 from bspline_mdao.flow.euler.factor_pattern import FactorPattern, factor_pattern
 from bspline_mdao.flow.euler.flux import ROUNDING
 from bspline_mdao.flow.euler.gas import GAMMA
@@ -312,6 +312,30 @@ def test_a_refined_solution_of_a_hard_system_may_take_more_products_than_a_flow(
     assert solution.is_converged
     assert solution.n_products > 2000
     np.testing.assert_allclose(diagonal * solution.x, right, atol=2e-14 * np.linalg.norm(right))
+
+
+def test_late_steps_have_jacobians_of_their_own_and_the_factor_of_the_one_before(monkeypatch):
+    made = {"factors": 0, "jacobians": 0}
+
+    def count(name, function):
+        def counted(*args):
+            made[name] += 1
+            return function(*args)
+
+        return counted
+
+    monkeypatch.setattr(newton, "compact_factor", count("factors", newton.compact_factor))
+    monkeypatch.setattr(Discretization, "linearize", count("jacobians", Discretization.linearize))
+    kept = sphere_case().solve()
+    assert kept.is_converged
+    assert made["factors"] < made["jacobians"]
+    n_kept = made["factors"]
+    monkeypatch.setattr(newton, "FACTOR_KEPT_FROM", 0.0)
+    made.update(factors=0, jacobians=0)
+    fresh = sphere_case().solve()
+    assert n_kept < made["factors"] == made["jacobians"]
+    np.testing.assert_allclose(kept.states, fresh.states, atol=1e-9)
+    assert sum(s.n_products for s in kept.history) < 1.2 * sum(s.n_products for s in fresh.history)
 
 
 def test_a_linear_system_that_is_given_up_says_so():

@@ -66,6 +66,10 @@ KEPT_FROM, KEPT_FALL = 1e-5, 0.05
 """Residual from which on a step is made with the Jacobian and factor of the one before, as long as that left less than
 this part."""
 
+FACTOR_KEPT_FROM, FACTOR_KEPT_CFL, FACTOR_KEPT_FALL = 1e-3, 1e3, 0.3
+"""Residual and CFL number from which on a step has the factor of the one before, as long as that left less than this
+part: states change by so little that the factor is as good, and takes as long as ten products."""
+
 WORTH, LARGEST_SOLVE, MOST_LEFT = 0.3, 300, 0.8
 """Part of its right-hand side that a linear solve has to leave less of for a step; the products after which it ends,
 and the part of its residual that a cycle may leave: a smaller CFL number is cheaper, but where Jacobians are kept, a
@@ -150,7 +154,7 @@ def solve_flow(
     With the volumes divided by the time steps T, until the residual R is small enough:
 
     1. Linearise, and add time terms to the diagonal: ``A = T / CFL + dR/dW``; near the end that of the last step stays.
-    2. Factor a compact neighbour of A for the preconditioner.
+    2. Factor a compact neighbour of A for the preconditioner; from a moderate residual on, that of the last step stays.
     3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
     5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
@@ -205,14 +209,16 @@ def solve_flow(
     cfl = _first_cfl(scale / norm, is_long) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     system: _StepSystem | None = None
+    factor: BlockFactor | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         is_stalled = _is_stalled(history, STALLED_LONG if is_long else STALLED)
         if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
             break
         part = _forcing(history, tolerance)
         if not _is_kept(history):
+            factor = system.factor if system and _is_factor_kept(history) else None
             system = None  # it makes room for the next
-        system = system or _StepSystem.of(field, pattern, states, cfl, is_long)  # steps 1 and 2
+        system = system or _StepSystem.of(field, pattern, states, cfl, is_long, factor)  # steps 1 and 2
         most_left = MOST_LEFT if history[-1].residual > KEPT_FROM else np.inf
         update, n_products = system.solve(residual, part, most_left)  # step 3
         states, residual, length = advance(field, states, residual, update)  # step 4
@@ -288,6 +294,14 @@ def _is_kept(history: list[NewtonStep]) -> bool:
     return history[-1].residual < KEPT_FALL * history[-2].residual
 
 
+def _is_factor_kept(history: list[NewtonStep]) -> bool:
+    """Whether the factor of the last step serves the next one too, with another Jacobian."""
+    if len(history) < 2 or history[-1].residual > FACTOR_KEPT_FROM or history[-1].length < 1.0:
+        return False
+    has_fallen = history[-1].residual < FACTOR_KEPT_FALL * history[-2].residual
+    return has_fallen and history[-1].cfl >= FACTOR_KEPT_CFL
+
+
 @dataclass(frozen=True, eq=False)
 class _StepSystem:
     """Linear system of a Newton step, with its preconditioner."""
@@ -298,12 +312,12 @@ class _StepSystem:
     factor: BlockFactor
 
     @classmethod
-    def of(cls, field: Field, pattern: FactorPattern, states, cfl, is_long) -> _StepSystem:
-        """Linearise, add time terms to the diagonal, and factor a compact neighbour."""
+    def of(cls, field: Field, pattern: FactorPattern, states, cfl, is_long, factor=None) -> _StepSystem:
+        """Linearise, add time terms to the diagonal, and factor a compact neighbour, unless there is a factor."""
         discretization = field.discretization
         linearization = discretization.linearize(states, field.areas, field.stream)
         diagonal = (time_terms(discretization, states, field.areas, is_long) / cfl).astype(np.float32)
-        return cls(field, linearization, diagonal, compact_factor(linearization, pattern, diagonal))
+        return cls(field, linearization, diagonal, factor or compact_factor(linearization, pattern, diagonal))
 
     def solve(self, residual, part, most_left) -> tuple[np.ndarray | None, int]:
         """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
