@@ -216,7 +216,7 @@ def solve_flow(
             break
         part = _forcing(history, tolerance)
         if not _is_kept(history):
-            factor = system.factor if system and _is_factor_kept(history) else None
+            factor = system.factor if system and _is_factor_kept(history, cfl) else None
             system = None  # it makes room for the next
         system = system or _StepSystem.of(field, pattern, states, cfl, is_long, factor)  # steps 1 and 2
         most_left = MOST_LEFT if history[-1].residual > KEPT_FROM else np.inf
@@ -294,12 +294,12 @@ def _is_kept(history: list[NewtonStep]) -> bool:
     return history[-1].residual < KEPT_FALL * history[-2].residual
 
 
-def _is_factor_kept(history: list[NewtonStep]) -> bool:
-    """Whether the factor of the last step serves the next one too, with another Jacobian."""
+def _is_factor_kept(history: list[NewtonStep], cfl: float) -> bool:
+    """Whether the factor of the last step serves one with a CFL number too, with another Jacobian."""
     if len(history) < 2 or history[-1].residual > FACTOR_KEPT_FROM or history[-1].length < 1.0:
         return False
     has_fallen = history[-1].residual < FACTOR_KEPT_FALL * history[-2].residual
-    return has_fallen and history[-1].cfl >= FACTOR_KEPT_CFL
+    return has_fallen and min(cfl, history[-1].cfl) >= FACTOR_KEPT_CFL
 
 
 @dataclass(frozen=True, eq=False)
