@@ -12,12 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from ...numerics.processes import largest
-from .block_factor import BlockFactor
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .krylov import solve_roughly
 from .linearization import Linearization
-from .preconditioner import add_blocks, compact_factor, time_terms
+from .preconditioner import Factor, add_blocks, compact_factor, time_terms
 
 __all__ = [
     "Field",
@@ -295,7 +294,7 @@ class _StepSystem:
     field: Field
     linearization: Linearization
     diagonal: np.ndarray
-    factor: BlockFactor
+    factor: Factor
 
     @classmethod
     def of(cls, field: Field, pattern: FactorPattern, states, cfl, is_long) -> _StepSystem:

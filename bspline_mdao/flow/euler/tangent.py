@@ -10,13 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from .block_factor import BlockFactor
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .gas import N_STATES
 from .krylov import KrylovSolution, solve_refined
 from .linearization import Linearization
-from .preconditioner import compact_factor
+from .preconditioner import Factor, compact_factor
 
 __all__ = ["FlowTangent"]
 
@@ -51,7 +50,7 @@ class FlowTangent:
         return cls(linearization, discretization.sizes(areas), pattern)
 
     @cached_property
-    def factor(self) -> BlockFactor:
+    def factor(self) -> Factor:
         """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner."""
         still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES), np.float32)
         return compact_factor(self.linearization, self.pattern, still)
