@@ -91,8 +91,10 @@ def make_model(path: Path, shape, n_control, factor: float) -> dict:
     return {"n_nodes": model.n_nodes, "n_control_points": model.mesh.n_control_points}
 
 
-def start_ranks(n: int, words: list[str]) -> list[dict]:
-    """Run this script on some ranks of MPI, each with one thread, and return what they measured.
+def start_ranks(n: int, words: list[str], script: str = __file__) -> list[dict]:
+    """Run a script on some ranks of MPI, each with one thread, and return what they measured.
+
+    It gets the name of the file for that behind ``--json``.
 
     Raises
     ------
@@ -108,8 +110,9 @@ def start_ranks(n: int, words: list[str]) -> list[dict]:
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "ranks.json"
-        command = [launcher, *options, "-n", str(n), sys.executable, __file__, *words, "--json", str(result)]
-        done = subprocess.run(command, env={**os.environ, **threads, "OPENMDAO_REPORTS": "0"}, timeout=LIMIT)
+        command = [launcher, *options, "-n", str(n), sys.executable, script, *words, "--json", str(result)]
+        idle = {"OMPI_MCA_mpi_yield_when_idle": "1"}  # a rank that waits leaves its core to others
+        done = subprocess.run(command, env={**os.environ, **threads, **idle, "OPENMDAO_REPORTS": "0"}, timeout=LIMIT)
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}")
         return json.loads(result.read_text())

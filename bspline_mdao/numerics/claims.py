@@ -26,9 +26,19 @@ PATIENCE = 2000
 """Looks at a counter after which a thread lets others have its core."""
 
 
-def counters(n_chunks: int) -> np.ndarray:
-    """Counters of a new piece of work: chunks that are done, and a mark for each that is claimed."""
-    return np.zeros(FIRST + n_chunks, np.int64)
+def counters(n_chunks: int, n_done: int = 0) -> np.ndarray:
+    """Counters of a new piece of work: chunks that are done, and a mark for each that is claimed.
+
+    Parameters
+    ----------
+    n_chunks : int
+        Number of the last chunk, plus one.
+    n_done : int
+        Number of the first one: those before it are done.
+    """
+    numbers = np.zeros(FIRST + n_chunks, np.int64)
+    numbers[DONE] = n_done
+    return numbers
 
 
 def _element(context, builder, array_type, array, place):

@@ -76,6 +76,13 @@ class Halo:
         sent = tuple((rank, numbers) for rank, numbers in enumerate(asked) if len(numbers))
         return cls(comm, n_own, len(at), sent, received), places
 
+    def owners(self) -> np.ndarray:
+        """Process that holds each row of extended arrays."""
+        out = np.full(self.n_own + self.n_ghosts, self.comm.rank)
+        for rank, part in self.received:
+            out[part] = rank
+        return out
+
     def extend(self, own: np.ndarray) -> np.ndarray:
         """Put the rows of others behind those of this process: shape (n_own + n_ghosts, ...).
 

@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import InputError
 from ..shown import OneLine
 from .index_space import Window, window_rows
+from .short_cuts import with_short_cuts
 from .topology import Topology
 
 __all__ = ["Partition", "Share"]
@@ -176,7 +177,7 @@ class Partition(OneLine):
         """Deal blocks out to processes, the largest first, each to the one that has the fewest nodes.
 
         Blocks that are larger than a share may be, and the largest ones of a process that would have too much, are cut
-        along their longest direction.
+        along their longest direction. At last pieces are exchanged until there are few faces between processes.
 
         Parameters
         ----------
@@ -212,6 +213,7 @@ class Partition(OneLine):
             too_large = {_largest(share) for share in dealt if sum(map(_size, share)) > most}
             halves = {piece: _cut(piece, 2) for piece in too_large}
             if all(len(parts) == 1 for parts in halves.values()):
+                dealt = with_short_cuts(topology, dealt)
                 order = (sorted(share, key=lambda piece: (piece.block, piece.lo)) for share in dealt)
                 return cls(tuple(map(tuple, topology.shapes)), tuple(map(tuple, order)))
             pieces = [part for piece in pieces for part in halves.get(piece, [piece])]

@@ -1,5 +1,6 @@
 """The Euler solver on ranks that are threads: what each makes of its cells is what one makes of all."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -8,7 +9,9 @@ import pytest
 from euler_cases import AXES, GRIDS, section_grid, sphere_quarters, with_guessed_patches
 from rank_cases import on_ranks
 
-from bspline_mdao import InputError, onera_m6_grid
+from bspline_mdao import FarField, InputError, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
+from bspline_mdao.flow.euler import factor_pattern
+from bspline_mdao.flow.euler.factor_pattern import FactorPattern
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
@@ -16,6 +19,7 @@ from bspline_mdao.flow.euler.krylov import solve_refined
 from bspline_mdao.flow.euler.newton import solve_flow
 from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse
+from bspline_mdao.flow.euler.tangent import FlowTangent
 from bspline_mdao.flow.euler.wall_forces import WallForces
 from bspline_mdao.numerics.halo import Halo
 from bspline_mdao.topology.detection import find_topology
@@ -24,6 +28,9 @@ from bspline_mdao.topology.partition import Partition
 
 STREAM = free_stream(0.3, 0.07, AXES)
 KINDS = ("wall", "farfield", "symmetry")
+
+for kind, name in ((FlowGrid, "pattern"), (FlowTangent, "factor"), (FlowTangent, "transposed_factor")):
+    vars(kind)[name].lock = nullcontext()  # before Python 3.12 one rank has it while it waits for the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +233,72 @@ def test_linear_systems_of_ranks_have_the_solution_of_one(is_transposed):
     (theirs,), _ = parts.on(1, task)
     results, shares = parts.on(3, task)
     assert_same(of_cells(results, shares, parts.n_cells), theirs, 1e-9)
+
+
+def preconditioned(parts, n, rows, diagonal):
+    """Solutions with the preconditioner, and with its transpose, of rows of all cells on some ranks."""
+    (noise,) = parts.random((parts.n_cells, 5), seed=2)
+    states = STREAM * (1.0 + 0.03 * noise)
+
+    def task(flow, share):
+        linearization = flow.discretization.linearize(states[share.cells], flow.areas(parts.nodes[share.rows]), STREAM)
+        terms = time_terms(flow.discretization, states[share.cells], linearization.areas)
+        factor = compact_factor(linearization, flow.pattern, diagonal * terms)
+        return factor.solve(rows[share.cells]), factor.transposed().solve(rows[share.cells])
+
+    results, shares = parts.on(n, task)
+    return [of_cells(of_ranks, shares, parts.n_cells) for of_ranks in zip(*results)]
+
+
+@pytest.mark.parametrize("name", [*GRIDS, "section"])
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_the_preconditioner_of_ranks_and_its_transpose_agree(name, n):
+    parts = parts_of(name)
+    a, b = parts.random(*2 * [(parts.n_cells, 5)], seed=3)
+    forward, back = preconditioned(parts, n, a, 0.3)[0], preconditioned(parts, n, b, 0.3)[1]
+    size = np.linalg.norm(forward) * np.linalg.norm(b)
+    assert np.vdot(forward, b) == pytest.approx(np.vdot(a, back), abs=1e-5 * size)
+
+
+def test_with_all_fill_the_preconditioner_of_two_ranks_is_that_of_one(monkeypatch):
+    parts = sphere()
+    monkeypatch.setattr(factor_pattern, "SMALLEST_AT_BORDER", 0.0)
+    found = FactorPattern._with_last
+    monkeypatch.setattr(FactorPattern, "_with_last", lambda *matrix: found(*matrix[:5], smallest=0.0))
+    (rows,) = parts.random((parts.n_cells, 5), seed=3)
+    for ours, theirs in zip(preconditioned(parts, 2, rows, 0.01), preconditioned(parts, 1, rows, 0.01)):
+        assert np.linalg.norm(ours - theirs) < 0.02 * np.linalg.norm(theirs)  # numbers are kept to 8 bits
+
+
+@cache
+def refined_wing():
+    """A half wing in twelve blocks, 5,376 cells."""
+    spacing = Spacing(off_wall=5e-3, leading=5e-3, trailing=5e-3, tip=5e-3)
+    return Parts.of(hh_wing_grid(rectangular_wing(), (9, 9, 8), spacing, FarField(10.0)))
+
+
+@cache
+def products_on(n):
+    """Products that a flow and an adjoint take on some ranks."""
+    parts = refined_wing()
+    (right,) = parts.random((parts.n_cells, 5), seed=4)
+
+    def task(flow, share):
+        areas = flow.areas(parts.nodes[share.rows])
+        solution = solve_flow(flow.discretization, areas, STREAM, pattern=flow.pattern)
+        tangent = FlowTangent.of(flow.discretization, solution.states, areas, STREAM, flow.pattern)
+        system = tangent.solve_transposed(right[share.cells], 1e-10)
+        assert solution.is_converged
+        assert system.is_converged
+        return sum(step.n_products for step in solution.history), system.n_products
+
+    return parts.on(n, task)[0][0]
+
+
+@pytest.mark.parametrize(("n", "most"), [(2, 1.2), (4, 1.4)])
+def test_flows_and_adjoints_take_few_more_products_on_ranks_than_on_one(n, most):
+    for ours, theirs in zip(products_on(n), products_on(1)):
+        assert ours <= most * theirs
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])

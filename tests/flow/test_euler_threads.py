@@ -41,6 +41,8 @@ def on_threads(monkeypatch, n_threads):
         *(factor.lower, factor.upper, factor.pivots),
         factor.solve(bar),
         factor.transposed().solve(bar),
+        factor.downwards(factor.upwards(bar)),
+        factor.transposed().downwards(factor.transposed().upwards(bar)),
     ]
 
 
@@ -48,6 +50,16 @@ def on_threads(monkeypatch, n_threads):
 def test_residual_products_factor_and_sweeps_have_the_same_bits_on_any_number_of_threads(monkeypatch, n_threads):
     for ours, theirs in zip(on_threads(monkeypatch, n_threads), on_threads(monkeypatch, 1)):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_two_halves_of_a_solve_are_the_solve():
+    factor = compact_factor(case().linearization, case().pattern, np.zeros((case().faces.n_cells, 5, 5)))
+    right = np.random.default_rng(3).standard_normal(case().states.shape).astype(np.float32)
+    np.testing.assert_array_equal(factor.downwards(factor.upwards(right)), factor.solve(right))
+    transposed = factor.transposed()
+    ours = transposed.downwards(transposed.upwards(right))
+    np.testing.assert_array_equal(ours, transposed.solve(right))
+    assert not np.array_equal(ours, factor.solve(right))
 
 
 def test_rows_of_a_level_are_next_to_each_other_and_need_none_of_their_own():

@@ -75,6 +75,16 @@ class Schedule:
     column_entries: np.ndarray
     column_rows: np.ndarray
 
+    @property
+    def upwards(self) -> np.ndarray:
+        """The first half of ``both``."""
+        return self.both[: len(self.levels)]
+
+    @property
+    def downwards(self) -> np.ndarray:
+        """The second half of ``both``."""
+        return self.both[len(self.levels) - 1 :]
+
     @classmethod
     def of(cls, starts: np.ndarray, columns: np.ndarray) -> Schedule:
         """Cut the rows of a pattern into chunks; rows of a level are best next to each other."""
@@ -159,14 +169,33 @@ class BlockFactor:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve ``L U x = right``, or ``U^T L^T x = right``, shape (n, 5), in single precision."""
-        pattern, schedule, single = self.pattern, self.pattern.schedule, np.ascontiguousarray(right, np.float32)
+        both, single = self.pattern.schedule.both, np.ascontiguousarray(right, np.float32)
         x, out = np.empty_like(single), np.empty_like(single)
-        by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
-        factor, vectors = (self.lower, self.upper, self.pivots), (single, x, out)
-        how, kernel = (schedule.ends, schedule.both), _solve_transposed if self.is_transposed else _solve
-        numbers = counters(schedule.both[-1])
-        _together(len(single), lambda *part: kernel(*by, *how, numbers, *part, *factor, *vectors))
+        self._sweep(both, len(both) // 2, single, x, out)
         return out.astype(right.dtype, copy=False)
+
+    def upwards(self, right: np.ndarray) -> np.ndarray:
+        """Do the first half of a solve: the solution with L, or with ``U^T``, shape (n, 5), float32, by rows."""
+        levels, single = self.pattern.schedule.upwards, np.ascontiguousarray(right, np.float32)
+        x = np.empty_like(single)
+        self._sweep(levels, len(levels), single, x, x)
+        return x
+
+    def downwards(self, x: np.ndarray) -> np.ndarray:
+        """Do the second half of a solve, from what `upwards` gave, which it overwrites: shape (n, 5), float32."""
+        out = np.empty_like(x)
+        self._sweep(self.pattern.schedule.downwards, 0, x, x, out)
+        return out
+
+    def _sweep(self, levels: np.ndarray, turn: int, right, x, out) -> None:
+        """Do the chunks of some levels, from ``turn`` on downwards."""
+        pattern, schedule, kernel = self.pattern, self.pattern.schedule, _solve
+        if self.is_transposed:
+            kernel = _solve_transposed
+        by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
+        factor, vectors = (self.lower, self.upper, self.pivots), (right, x, out)
+        how = schedule.ends, levels, turn, counters(levels[-1], levels[0])
+        _together(len(right), lambda *part: kernel(*by, *how, *part, *factor, *vectors))
 
 
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
@@ -358,16 +387,16 @@ def _invert(block, inverse):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve(
-    order, starts, columns, column_starts, column_rows, ends, levels, numbers, part, n_parts,
+    order, starts, columns, column_starts, column_rows, ends, levels, turn, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with L, then with U."""
-    n_chunks, turn, level, n_tried = levels[-1], len(levels) // 2, 0, 0
+    n_chunks, level, n_tried = levels[-1], 0, 0
     while True:
         chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)
         if chunk < 0:
             return
-        if 2 * chunk < n_chunks:
+        if level < turn:
             for row in range(ends[chunk], ends[chunk + 1]):
                 prefetch(right, 5 * order[min(row + ROWS_AHEAD, len(order) - 1)])
                 a = b = c = d = e = zeros()
@@ -407,16 +436,16 @@ def _solve(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve_transposed(
-    order, starts, columns, column_starts, column_rows, ends, levels, numbers, part, n_parts,
+    order, starts, columns, column_starts, column_rows, ends, levels, turn, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with the transpose of U, then with that of L."""
-    n_chunks, turn, level, n_tried = levels[-1], len(levels) // 2, 0, 0
+    n_chunks, level, n_tried = levels[-1], 0, 0
     while True:
         chunk, level, n_tried = claim(numbers, levels, turn, part, n_parts, level, n_tried)
         if chunk < 0:
             return
-        if 2 * chunk < n_chunks:
+        if level < turn:
             for row in range(ends[chunk], ends[chunk + 1]):
                 prefetch(right, 5 * order[min(row + ROWS_AHEAD, len(order) - 1)])
                 _ask_for_block(pivots, row + ROWS_AHEAD)

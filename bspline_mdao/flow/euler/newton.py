@@ -12,12 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from ...numerics.processes import largest
-from .block_factor import BlockFactor
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .krylov import solve_roughly
 from .linearization import Linearization
-from .preconditioner import add_blocks, by_surface, compact_factor, time_terms
+from .preconditioner import Factor, add_blocks, by_surface, compact_factor, time_terms
 
 __all__ = [
     "Field",
@@ -209,7 +208,7 @@ def solve_flow(
     cfl = _first_cfl(scale / norm, is_long) if norm else LARGEST_CFL
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     system: _StepSystem | None = None
-    factor: BlockFactor | None = None
+    factor: Factor | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         is_stalled = _is_stalled(history, STALLED_LONG if is_long else STALLED)
         if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
@@ -309,7 +308,7 @@ class _StepSystem:
     field: Field
     linearization: Linearization
     diagonal: np.ndarray
-    factor: BlockFactor
+    factor: Factor
 
     @classmethod
     def of(cls, field: Field, pattern: FactorPattern, states, cfl, is_long, factor=None) -> _StepSystem:

@@ -4,7 +4,7 @@ The compact neighbour sees the two cells at a face alone: the mean state is half
 difference is dissipated: all of it at shocks, where the Jacobian itself is as compact. Time steps are on its diagonal.
 Pressures on walls are extrapolated from the first two cells, which takes a tenth fewer products than one.
 
-Each of several processes factors the part of its own cells: additive Schwarz without overlap.
+Several processes solve for the cells next to those of others together, see `.border`.
 
 Blocks are 5 x 5, and the pattern is symmetric. See `.factor_pattern` for it, `.block_factor` for the factor.
 
@@ -29,6 +29,7 @@ from ...numerics.fives import (
     zero_halves,
 )
 from .block_factor import BlockFactor
+from .border import BorderedFactor
 from .cell_sums import visit
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
@@ -45,9 +46,12 @@ FLAT, FLAT_ROUNDING = 20.0, 0.03
 """Areas of faces of flat cells relative to the middle one of their cells, from which on the speed with which the flow
 carries entropy and vorticity through them is rounded off by less than in the flux, and by how much less at last."""
 
+Factor = BlockFactor | BorderedFactor
+"""What solves, and solves transposed, with an approximation of the Jacobian."""
 
-def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> BlockFactor:
-    """Factor the compact neighbour of a Jacobian.
+
+def compact_factor(linearization: Linearization, pattern: FactorPattern, diagonal: np.ndarray) -> Factor:
+    """Factor the compact neighbour of a Jacobian: all processes call it together.
 
     Parameters
     ----------
@@ -57,7 +61,7 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
         What is added to the blocks on the diagonal.
     """
     stencil = linearization.discretization.stencil
-    lower, upper = (zero_halves((len(pattern.columns), *diagonal.shape[1:])) for _ in range(2))
+    lower, upper = (zero_halves((pattern.n_entries, *diagonal.shape[1:])) for _ in range(2))
     placed = np.empty(diagonal.shape, np.float32)
     placed[pattern.rank] = diagonal
     index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
@@ -70,6 +74,8 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     visit(len(placed), lambda part: _place(sums.starts, sums.entries, part.start, part.stop, *index, *rest))
     edge = linearization.discretization.faces.n_inner
     _place_behind(edge, *index[:3], jacobians.values, pattern.rank, pattern.places, lower, upper)
+    if pattern.border and pattern.outer:
+        return BorderedFactor.of(pattern, pattern.border, pattern.outer, lower, upper, placed)
     return BlockFactor.of(pattern, lower, upper, placed)
 
 
@@ -80,7 +86,7 @@ def _place(
 ):  # fmt: skip
     """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is.
 
-    Those between own cells and others have none off the diagonal.
+    Own cells are later than those of other processes.
     """
     n_own, half, carried = len(rank), np.float32(0.5), np.zeros((5, 5), np.float32)
     for cell in range(first, end):
@@ -100,7 +106,7 @@ def _place(
                 part += shocks[shock_rows[f], 0] * (np.float32(1.0) - dissipation)
             sign = np.float32(1.0 if faces[at] >= 0 else -1.0)  # rows of the right cell get the negative
             other = cells[f, 2] if faces[at] >= 0 else cells[f, 1]
-            is_later = other < n_own and rank[other] < row
+            is_later = places[f] >= 0 and (other >= n_own or rank[other] < row)
             place = 25 * places[f]
             if excess[f] > 0.0:
                 _half_way(states[cells[f, 1]], states[cells[f, 2]], carried)

@@ -10,13 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from .block_factor import BlockFactor
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
 from .gas import N_STATES
 from .krylov import KrylovSolution, solve_refined
 from .linearization import Linearization
-from .preconditioner import by_surface, compact_factor
+from .preconditioner import Factor, by_surface, compact_factor
 
 __all__ = ["FlowTangent"]
 
@@ -51,7 +50,7 @@ class FlowTangent:
         return cls(linearization, discretization.sizes(areas), pattern)
 
     @cached_property
-    def factor(self) -> BlockFactor:
+    def factor(self) -> Factor:
         """Factor of a compact neighbour of the Jacobian with respect to the states: the preconditioner.
 
         It and that of the transpose make each other, and one of them is kept.
@@ -63,7 +62,7 @@ class FlowTangent:
         return compact_factor(self.linearization, self.pattern, still)
 
     @cached_property
-    def transposed_factor(self) -> BlockFactor:
+    def transposed_factor(self) -> Factor:
         """Factor of the transpose."""
         factor = self.factor.transposed()
         del self.__dict__["factor"]
