@@ -1,17 +1,20 @@
 """Runs that hover: their residual is low and goes up and down, but there is no flow where they are.
 
-As a shock moves over the cells, steady states end one after the other, where two of them meet, and a run comes past places
-where the last one has just ended. The residual has a minimum there that is not zero, and the Jacobian is singular.
-On the far side a part of the states moves away at a rate mu in pseudo-time. A step with a time step h takes that part
+As a shock moves over the cells, steady states end one after the other, each where it meets an unstable one: at a fold.
+A run comes past places where the last one has just ended. There the residual has a minimum that is not zero, and the
+Jacobian is singular. On the far side a part of the states moves away at a rate mu in pseudo-time. A step with a time
+step h takes that part by
 
-    (1/h - mu) dW = -R / T
+    (1/h - mu) T dW = -R ,
 
-which is forward, and a growth by 1/(1 - h mu), as long as h mu < 1. With h mu = 1 it has no end, and with more it goes *backward*, to the near side,
-from where the next long step leads to the far side again: the run goes to and fro for ever.
+which is forward, and the residual grows by 1/(1 - h mu), as long as h mu < 1. With h mu = 1 it has no bound, and with
+more it goes *backward*, to the near side, from where the next long step leads to the far side again: the run goes to
+and fro for ever.
 
-What a step is made of moves away by `growth` = h mu, the Rayleigh quotient of the Jacobian in the metric of the time terms. It is
-known from the step and its residual. A run that hovers goes back to short time steps, and lets them grow only as far as `growth` allows: so it is carried past,
-while the residual rises by orders of magnitude, to where there is a flow.
+By how much what a step is made of moves away, its `growth` h mu, is known from the step and its residual: it is the
+Rayleigh quotient of the Jacobian in the metric of the time terms. A run that hovers goes back to short time steps, and
+lets them grow only as far as `growth` allows. So it is carried past the fold, while the residual rises by orders of
+magnitude, to where there is a flow.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -29,7 +32,7 @@ from ...numerics.processes import summed
 if TYPE_CHECKING:
     from .newton import NewtonStep
 
-__all__ = ["Course", "begins_to_hover", "course_of", "hovering_cfl", "lowest_before"]
+__all__ = ["UNKNOWN", "Course", "begins_to_hover", "course_of", "hovering_cfl", "lowest_before"]
 
 HOVERING, HOVERING_FROM, BACK = 8, 1e-3, -0.5
 """Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number, and
@@ -42,10 +45,12 @@ OVER = 0.1
 """Part of the lowest residual before it hovered below which a run hovers no more."""
 
 GROWTH = 0.4
-"""What `growth` is led to: the residual then rises by 1/(1 - 0.4) a step. From 0.6 on it would be halved or more by rounding down steps."""
+"""What `growth` is led to. The residual then rises by 1/(1 - 0.4) a step; from 0.5 on it would double, and parts of
+steps would be taken."""
 
 LARGEST_RISE, LEAST_RISE = 10.0, 1.5
-"""Most and least growth of the CFL number, but for that bound: where the run is carried past, the residual tells nothing."""
+"""Most and least growth of the CFL number, but for that bound: while the run is carried past, a residual that rises is
+no sign against it."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,15 @@ class Course:
 
     turn: float = 1.0
     growth: float = -np.inf
+
+    @property
+    def is_backward(self) -> bool:
+        """Whether what grows is taken back by a time step that is too long for it, and the update before with it."""
+        return self.growth >= 1.0 and self.turn < BACK
+
+
+UNKNOWN = Course()
+"""Of a start, or where there was no update."""
 
 
 def course_of(update, last, residual, held, comm) -> Course:
@@ -96,7 +110,7 @@ def begins_to_hover(history: Sequence[NewtonStep]) -> bool:
 
 
 def lowest_before(history: Sequence[NewtonStep]) -> float:
-    """Lowest residual before a run began to hover, of one that hovers still; zero of others. The last step has none yet."""
+    """Lowest residual before a run began to hover, zero of one that does not; that of its last step is not set yet."""
     before = history[-2].hovers_from if len(history) > 1 else 0.0
     if before:
         return before if history[-1].residual > OVER * before else 0.0

@@ -15,7 +15,7 @@ from ...numerics.processes import largest
 from .block_factor import BlockFactor
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
-from .hovering import Course, course_of, hovering_cfl, lowest_before
+from .hovering import UNKNOWN, Course, course_of, hovering_cfl, lowest_before
 from .krylov import solve_roughly
 from .linearization import Linearization
 from .preconditioner import add_blocks, compact_factor, time_terms
@@ -97,7 +97,7 @@ class NewtonStep:
     cfl: float
     n_products: int
     length: float
-    course: Course = Course()
+    course: Course = UNKNOWN
     hovers_from: float = 0.0
 
 
@@ -157,7 +157,7 @@ def solve_flow(
     3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
     5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
-       linear solve failed, the step was shortened much or the residual rose.
+       linear solve failed, the step was shortened much or the residual rose; see `.hovering` for runs that hover.
 
     Parameters
     ----------
@@ -210,7 +210,8 @@ def solve_flow(
     system: _StepSystem | None = None
     last: np.ndarray | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
-        is_stalled = _is_stalled(_since_it_hovers(history), STALLED_LONG if is_long else STALLED)
+        n_stalled = STALLED_LONG if is_long or history[-1].hovers_from else STALLED
+        is_stalled = _is_stalled(_since_it_hovers(history), n_stalled)
         if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
             break
         part = _forcing(history, tolerance)
@@ -220,8 +221,11 @@ def solve_flow(
         most_left = MOST_LEFT if history[-1].residual > KEPT_FROM else np.inf
         update, n_products = system.solve(residual, part, most_left)  # step 3
         course = system.course(update, last, residual)
+        if history[-1].hovers_from and course.is_backward:
+            update = None  # it would lead back to where the run came from, and the next one here again
         states, residual, length = advance(field, states, residual, update)  # step 4
-        before, norm, last = norm, field.norm(residual), update
+        before, norm = norm, field.norm(residual)
+        last = last if update is None else update
         history.append(NewtonStep(norm / scale, cfl, n_products, length, course))
         history[-1] = replace(history[-1], hovers_from=lowest_before(history))
         if progress:
@@ -277,11 +281,11 @@ def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
 
 
 def _since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
-    """Steps from the one on with which a run began to hover, all of one that does not: past a fold residuals rise."""
-    n_hovering = 0
-    while history[-1 - n_hovering].hovers_from:
-        n_hovering += 1
-    return history[-1 - n_hovering :] if n_hovering else history
+    """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
+    first = len(history)
+    while history[first - 1].hovers_from:
+        first -= 1
+    return history[first:] or history
 
 
 def _is_spent(history: list[NewtonStep], most: int) -> bool:
@@ -331,9 +335,9 @@ class _StepSystem:
     def course(self, update, last, residual) -> Course:
         """Where an update leads, after the one before."""
         if update is None:
-            return Course()
-        held = add_blocks(self.diagonal, update.astype(np.float32), np.zeros(update.shape, np.float32)) / self.field.sizes
-        return course_of(update, last, residual, held, self.field.discretization.halo.comm)
+            return UNKNOWN
+        held = add_blocks(self.diagonal, update.astype(np.float32), np.zeros(update.shape, np.float32))
+        return course_of(update, last, residual, held / self.field.sizes, self.field.discretization.halo.comm)
 
 
 def advance(field: Field, states, residual, update):
@@ -374,10 +378,7 @@ def _first_cfl(fall: float, is_long: bool) -> float:
 
 
 def _next_cfl(history: list[NewtonStep], before: float, after: float, is_long: bool) -> float:
-    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual.
-
-    A run that hovers goes back to short time steps.
-    """
+    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual."""
     cfl, length = history[-1].cfl, history[-1].length
     if history[-1].hovers_from:
         return hovering_cfl(history, is_long)
