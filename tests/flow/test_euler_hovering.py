@@ -81,7 +81,8 @@ def test_a_run_that_begins_to_hover_goes_back_to_short_time_steps(is_long, rest)
         (3e-4, -1.0, 1.0, 1.5),  # the residual rises, but nothing that a longer step could reverse
         (1e-4, -1.0, 1.0, 2.0),  # as it falls
         (1e-6, -1.0, 1.0, 10.0),
-        (1e-4, -1.0, 0.5, 1.5),
+        (1e-4, -1.0, 0.5, 0.75),  # never after a part of a step
+        (1e-4, -1.0, 0.0, 0.2),
         (1e-4, 0.1, 1.0, 2.0),
         (1e-4, 0.4, 1.0, 1.0),
         (3e-4, 0.8, 1.0, 0.5),

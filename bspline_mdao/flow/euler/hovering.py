@@ -123,5 +123,5 @@ def hovering_cfl(history: Sequence[NewtonStep], is_long: bool) -> float:
     if not history[-2].hovers_from:
         return min(cfl, LONG_REST_CFL if is_long else REST_CFL)
     fall = history[-2].residual / max(history[-1].residual, np.finfo(float).tiny)
-    factor = min(LARGEST_RISE, max(LEAST_RISE, fall)) * min(1.0, max(0.2, 1.5 * length))
+    factor = min(LARGEST_RISE, max(LEAST_RISE, fall)) if length == 1.0 else min(1.0, max(0.2, 1.5 * length))
     return cfl * (min(factor, GROWTH / growth) if growth > 0.0 else factor)
