@@ -1,6 +1,5 @@
 """Where Newton's steps start from: coarser members of the grid, and flows at half the angle."""
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -171,16 +170,3 @@ def test_linear_solves_are_rough_where_the_last_step_left_much():
     assert forcing(1e-5) == forcing(1e-5, 1e-7) == newton.FORCING
     assert forcing(1e-6, 1e-9) == pytest.approx(0.05)
     assert forcing(1e-7, 1.2e-10) == newton.ROUGH < newton.WORTH  # else steps that leave enough do not count
-
-
-@pytest.mark.parametrize(("hovering", "n_ways"), [((True, True), 2), ((True, False), 3), ((False, True), 3)])
-def test_no_third_way_is_tried_where_two_have_hovered_to_their_end(wing, monkeypatch, hovering, n_ways):
-    ends = iter((*hovering, True))
-
-    def ends_so(*arguments, tolerance, **options):
-        solution = solve_flow(*arguments, tolerance=tolerance, **options)
-        last = replace(solution.history[-1], hovers_from=1e-4 * (tolerance < cold_start.ROUGH and next(ends)))
-        return replace(solution, history=(*solution.history[:-1], last))
-
-    monkeypatch.setattr(cold_start, "solve_flow", ends_so)
-    assert len(cold_runs(wing)) == n_ways

@@ -35,10 +35,6 @@ ROUGH = 1e-6
 MOST_PRODUCTS_OF_ALL = 2400
 """Products with the Jacobian after which no other way is tried."""
 
-MOST_HOVERED = 2
-"""Ways that have ended in a run that hovers after which no other is tried: carried past a fold from two sides, it has
-come to rest nowhere."""
-
 
 def cold_solutions(
     flow: FlowGrid,
@@ -58,7 +54,7 @@ def cold_solutions(
     2. From the flow at half the angle, found from coarser members, with long time steps.
     3. From coarser members with the other kind of time steps.
 
-    All share the products with the Jacobian. Where the first two have ended in runs that hover, there is no third.
+    All share the products with the Jacobian.
 
     Parameters
     ----------
@@ -92,14 +88,11 @@ def cold_solutions(
     ways: list[Callable] = [partial(by_members, is_long), by_angle, partial(by_members, not is_long)]
     if np.array_equal(half, stream):
         ways.remove(by_angle)
-    n_left, n_hovered = MOST_PRODUCTS_OF_ALL, 0
+    n_left = MOST_PRODUCTS_OF_ALL
     for way in ways:
         solution = way(n_left)
         yield solution
         n_left = max(0, n_left - _n_products(solution))
-        n_hovered += solution.history[-1].hovers_from > 0.0
-        if n_hovered == MOST_HOVERED:
-            return
 
 
 def _at_half_the_angle(stream: np.ndarray, axes: np.ndarray) -> np.ndarray:
