@@ -84,7 +84,7 @@ def course_of(update, last, residual, held, comm) -> Course:
     Parameters
     ----------
     update, last : ndarray, shape (n_cells, 5)
-        The update and the one before; either may be missing.
+        The update and the one before, which may be missing.
     residual : ndarray, shape (n_cells, 5)
         Before the step.
     held : ndarray, shape (n_cells, 5)
