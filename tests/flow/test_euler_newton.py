@@ -501,16 +501,3 @@ def test_the_cfl_number_grows_with_care_after_a_shortened_step():
     assert following(0.5) == 6.0
     assert following(0.5, 1.0) == following(0.5, 1.0, 1.0, 1.0) == 24.0
     assert following(0.5, 1.0, 1.0, 1.0, 1.0) == following(1.0) == 80.0
-
-
-@pytest.mark.parametrize(("is_long", "rest"), [(False, 20.0), (True, 5.0)])
-def test_a_run_that_hovers_goes_back_to_short_time_steps_and_follows_the_residual(is_long, rest):
-    def following(lowest, n_above, *, before=2.0, after=2.0):
-        history = [newton.NewtonStep(residual, 800.0, 1, 1.0) for residual in [lowest] + n_above * [2.0 * lowest]]
-        return newton._next_cfl(history, before, after, is_long)
-
-    assert following(1e-4, 7) == 1200.0
-    assert following(1e-4, 8) == rest
-    assert following(1e-4, 9, before=1.0, after=2.0) == 400.0
-    assert following(1e-4, 9, before=3.0, after=2.0) == 1200.0
-    assert following(2e-3, 8) == following(2e-3, 20) == 1200.0  # where shocks travel

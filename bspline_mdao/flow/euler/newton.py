@@ -6,7 +6,7 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ...numerics.processes import largest
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
+from .hovering import UNKNOWN, Course, course_of, hovering_cfl, lowest_before
 from .krylov import solve_roughly
 from .linearization import Linearization
 from .preconditioner import Factor, add_blocks, by_surface, compact_factor, time_terms
@@ -38,10 +39,6 @@ falls, and the most in a step."""
 CAREFUL, GROWTH_AFTER_CUTS = 4, 3.0
 """Steps after a shortened one in which the CFL number grows by so much at most: late in a run each step that is
 too long costs a hundred products."""
-
-HOVERING, HOVERING_FROM, REST_CFL, LONG_REST_CFL = 8, 1e-3, 20.0, 5.0
-"""Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number, and
-the CFL numbers, of usual and long time steps, that it goes back to."""
 
 NEAR = 1e3
 """A start whose residual is smaller by more than this is near a solution and needs still less of the time terms."""
@@ -93,12 +90,18 @@ class NewtonStep:
         Products with the Jacobian.
     length : float
         Part of the step that was taken; 0 where none was.
+    course : Course
+        Where it leads.
+    hovers_from : float
+        Lowest residual before the run began to hover; 0 where it does not hover.
     """
 
     residual: float
     cfl: float
     n_products: int
     length: float
+    course: Course = UNKNOWN
+    hovers_from: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +160,7 @@ def solve_flow(
     3. Solve ``A dW = -R`` inexactly [1] [4] by GMRES.
     4. Take as much of the step as keeps densities, pressures and the residual within bounds.
     5. Let the CFL number grow as the residual falls, switched evolution relaxation [2] [3], or cut it where the
-       linear solve failed, the step was shortened much or the residual rose.
+       linear solve failed, the step was shortened much or the residual rose; see `.hovering` for runs that hover.
 
     Parameters
     ----------
@@ -209,8 +212,10 @@ def solve_flow(
     history = [NewtonStep(norm / scale, cfl, 0, 1.0)]
     system: _StepSystem | None = None
     factor: Factor | None = None
+    last: np.ndarray | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
-        is_stalled = _is_stalled(history, STALLED_LONG if is_long else STALLED)
+        n_stalled = STALLED_LONG if is_long or history[-1].hovers_from else STALLED
+        is_stalled = _is_stalled(_since_it_hovers(history), n_stalled)
         if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
             break
         part = _forcing(history, tolerance)
@@ -220,9 +225,14 @@ def solve_flow(
         system = system or _StepSystem.of(field, pattern, states, cfl, is_long, factor)  # steps 1 and 2
         most_left = MOST_LEFT if history[-1].residual > KEPT_FROM else np.inf
         update, n_products = system.solve(residual, part, most_left)  # step 3
+        course = system.course(update, last, residual)
+        if history[-1].hovers_from and course.is_backward:
+            update = None  # it would lead back to where the run came from, and the next one here again
         states, residual, length = advance(field, states, residual, update)  # step 4
         before, norm = norm, field.norm(residual)
-        history.append(NewtonStep(norm / scale, cfl, n_products, length))
+        last = last if update is None else update
+        history.append(NewtonStep(norm / scale, cfl, n_products, length, course))
+        history[-1] = replace(history[-1], hovers_from=lowest_before(history))
         if progress:
             progress(history[-1], states)
         cfl = _next_cfl(history, before, norm, is_long)  # step 5
@@ -275,9 +285,12 @@ def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
     return bool(before) and min(lately) > part * min(before)
 
 
-def _is_hovering(history: list[NewtonStep]) -> bool:
-    """Whether residuals are low but no new lowest one was among them lately; while shocks travel they are higher."""
-    return max(step.residual for step in history[-HOVERING:]) < HOVERING_FROM and _is_stalled(history, HOVERING, 1.0)
+def _since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
+    """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
+    first = len(history)
+    while history[first - 1].hovers_from:
+        first -= 1
+    return history[first:] or history
 
 
 def _is_spent(history: list[NewtonStep], most: int) -> bool:
@@ -329,6 +342,13 @@ class _StepSystem:
         is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
         return (solution.x if is_usable else None), solution.n_products
 
+    def course(self, update, last, residual) -> Course:
+        """Where an update leads, after the one before."""
+        if update is None:
+            return UNKNOWN
+        held = add_blocks(self.diagonal, update.astype(np.float32), np.zeros(update.shape, np.float32))
+        return course_of(update, last, residual, held / self.field.sizes, self.field.discretization.halo.comm)
+
 
 def advance(field: Field, states, residual, update):
     """Take as much of a step as keeps the states physical and the residual bounded."""
@@ -368,16 +388,10 @@ def _first_cfl(fall: float, is_long: bool) -> float:
 
 
 def _next_cfl(history: list[NewtonStep], before: float, after: float, is_long: bool) -> float:
-    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual.
-
-    A run that hovers goes back to short time steps; from there the number follows the inverse residual down and up.
-    """
+    """CFL number of the next step, from those and the lengths of the last ones and the norms of the residual."""
     cfl, length = history[-1].cfl, history[-1].length
-    if _is_hovering(history):  # steps that fall allow for longer ones, those for a rise, and so on for ever
-        if not _is_hovering(history[:-1]):
-            return min(cfl, LONG_REST_CFL if is_long else REST_CFL)
-        fall = before / max(after, np.finfo(float).tiny)
-        return cfl * min(LARGEST_GROWTH, fall) * min(1.0, max(0.2, 1.5 * length))
+    if history[-1].hovers_from:
+        return hovering_cfl(history, is_long)
     if length < 1.0:  # while shocks travel, shorter time steps get further than parts of long ones
         return cfl * min(1.0, max(0.2, 1.5 * length))
     if after > 1.5 * before:
