@@ -26,6 +26,7 @@ def on_threads(monkeypatch, n_threads):
     monkeypatch.setattr(block_factor, "thread_count", lambda n: n_threads)
     monkeypatch.setattr(cell_sums, "PER_TASK", 100)
     monkeypatch.setattr(block_factor, "ROWS_PER_THREAD", 1)
+    monkeypatch.setattr(block_factor, "ROWS_OF_LEVEL", 0.1)
     one, bar = case(), np.random.default_rng(3).standard_normal(case().states.shape)
     linearization = one.discretization.linearize(one.states, one.areas, one.stream)
     diagonal = time_terms(one.discretization, one.states, one.areas)

@@ -48,8 +48,9 @@ ROWS, PER_THREAD = 16, 2
 AHEAD, ROWS_AHEAD = 32, 16
 """Blocks and rows ahead of the ones in work that are asked for from memory: without it half of a sweep is waiting."""
 
-ROWS_PER_THREAD = 2_000
-"""Fewer rows than this are not worth a thread."""
+ROWS_PER_THREAD, ROWS_OF_LEVEL = 2_000, 150
+"""Fewer rows than this are not worth a thread, nor are sweeps with fewer rows of a level in the mean: there a thread
+waits for the numbers of the others for as long as it works."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +158,8 @@ class BlockFactor:
         """
         schedule = pattern.schedule
         how, blocks = (schedule.ends, schedule.levels, counters(schedule.levels[-1])), (lower, upper, diagonal)
-        _together(len(diagonal), lambda *part: _factorize(pattern.starts, pattern.columns, *how, *part, *blocks))
+        n_most = len(diagonal) // ROWS_PER_THREAD
+        _together(n_most, lambda *part: _factorize(pattern.starts, pattern.columns, *how, *part, *blocks))
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
     def transposed(self) -> BlockFactor:
@@ -195,7 +197,9 @@ class BlockFactor:
         by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
         factor, vectors = (self.lower, self.upper, self.pivots), (right, x, out)
         how = schedule.ends, levels, turn, counters(levels[-1], levels[0])
-        _together(len(right), lambda *part: kernel(*by, *how, *part, *factor, *vectors))
+        rows_of_level = len(right) / max(1, len(schedule.levels) - 1)
+        n_most = min(len(right) // ROWS_PER_THREAD, int(rows_of_level / ROWS_OF_LEVEL))
+        _together(n_most, lambda *part: kernel(*by, *how, *part, *factor, *vectors))
 
 
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
@@ -225,9 +229,9 @@ def _scatter(blocks, entries, out):
         _write_halves(out, 25 * entries[n], _halves(blocks, 25 * n))
 
 
-def _together(n: int, work: Callable[[int, int], None]) -> None:
-    """Call a function whose chunks threads claim on as many as are worth it, with the part of each and their number."""
-    n_threads = max(1, min(thread_count(None), n // ROWS_PER_THREAD))
+def _together(n_most: int, work: Callable[[int, int], None]) -> None:
+    """Call a function whose chunks threads claim on so many at most, with the part of each and their number."""
+    n_threads = max(1, min(thread_count(None), n_most))
     run_tasks(lambda part: work(part, n_threads), n_threads, n_threads)
 
 
