@@ -9,7 +9,8 @@ from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.hovering import Course, begins_to_hover, course_of, hovering_cfl, lowest_before
+from bspline_mdao.flow.euler.hovering import begins_to_hover, course_of, hovering_cfl, lowest_before
+from bspline_mdao.flow.euler.newton_step import Course, NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
 from bspline_mdao.io.files import read_grid
 from bspline_mdao.io.patch_guess import with_guessed_patches
@@ -45,7 +46,7 @@ def run(*residuals, turn=0.0, growth=-1.0, cfl=800.0, length=1.0):
     """Steps with these residuals and one course, as `solve_flow` records them."""
     history = []
     for residual in residuals:
-        history.append(newton.NewtonStep(residual, cfl, 1, length, Course(turn, growth)))
+        history.append(NewtonStep(residual, cfl, 1, length, Course(turn, growth)))
         history[-1] = replace(history[-1], hovers_from=lowest_before(history))
     return history
 

@@ -17,6 +17,7 @@ from bspline_mdao.flow.euler.flux import ROUNDING
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.krylov import RESTART, solve_refined, solve_roughly, solve_system
 from bspline_mdao.flow.euler.newton import relative_residual
+from bspline_mdao.flow.euler.newton_step import NewtonStep
 from bspline_mdao.flow.euler.preconditioner import (
     COMPACT_DISSIPATION,
     FLAT,
@@ -450,7 +451,7 @@ def test_a_flow_with_long_time_steps_is_the_same():
 
 def test_a_run_ends_after_its_products():
     def run(residual, *n_products):
-        return [newton.NewtonStep(residual, 1.0, n, 1.0) for n in n_products]
+        return [NewtonStep(residual, 1.0, n, 1.0) for n in n_products]
 
     assert not newton._is_spent(run(1e-3, 40, 50), 100)
     assert newton._is_spent(run(1e-3, 40, 60), 100)
@@ -460,7 +461,7 @@ def test_a_run_ends_after_its_products():
 
 def test_a_run_that_converges_may_take_more_products():
     def run(*residuals):
-        return [newton.NewtonStep(residual, 1.0, 60, 1.0) for residual in residuals]
+        return [NewtonStep(residual, 1.0, 60, 1.0) for residual in residuals]
 
     assert not newton._is_spent(run(1e-5, 1e-6), 100)
     assert newton._is_spent(run(1e-5, 4e-6), 100)
@@ -496,7 +497,7 @@ def test_random_flows_about_random_sections_converge(seed):
 
 def test_the_cfl_number_grows_with_care_after_a_shortened_step():
     def following(*lengths):
-        return newton._next_cfl([newton.NewtonStep(1.0, 8.0, 1, length) for length in lengths], 1.0, 0.1, False)
+        return newton._next_cfl([NewtonStep(1.0, 8.0, 1, length) for length in lengths], 1.0, 0.1, False)
 
     assert following(0.5) == 6.0
     assert following(0.5, 1.0) == following(0.5, 1.0, 1.0, 1.0) == 24.0

@@ -12,6 +12,7 @@ from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
 from bspline_mdao.flow.euler.newton import relative_residual, solve_flow
+from bspline_mdao.flow.euler.newton_step import NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, states_from_coarse, useful_levels
 from bspline_mdao.generators.hh_wing import Spacing, infinite_wing_grid
 from bspline_mdao.generators.wing import naca_section
@@ -163,7 +164,7 @@ def test_members_are_coarser_down_to_250_cells_also_where_a_grid_is_one_cell_dee
 
 def test_linear_solves_are_rough_where_the_last_step_left_much():
     def forcing(*residuals):
-        return newton._forcing([newton.NewtonStep(residual, 1.0, 1, 1.0) for residual in residuals], 1e-10)
+        return newton._forcing([NewtonStep(residual, 1.0, 1, 1.0) for residual in residuals], 1e-10)
 
     assert forcing(1e-1) == forcing(1e-5, 2e-4) == forcing(1e-5, 9e-6) == newton.ROUGH
     assert forcing(1e-5, 2e-6) == pytest.approx(0.04)

@@ -11,7 +11,8 @@ import numpy as np
 
 from .discretization import Discretization
 from .krylov import solve_roughly
-from .newton import LARGEST_CFL, Field, FlowSolution, NewtonStep, advance
+from .newton import LARGEST_CFL, Field, FlowSolution, advance
+from .newton_step import NewtonStep
 from .preconditioner import by_surface
 from .tangent import FlowTangent
 

@@ -22,21 +22,17 @@ Theory: ``docs/theory/euler.rst``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...numerics.processes import summed
+from .newton_step import BACK, Course, NewtonStep
 
-if TYPE_CHECKING:
-    from .newton import NewtonStep
+__all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before"]
 
-__all__ = ["UNKNOWN", "Course", "begins_to_hover", "course_of", "hovering_cfl", "lowest_before"]
-
-HOVERING, HOVERING_FROM, BACK = 8, 1e-3, -0.5
-"""Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number, and
-the cosine of two updates below which the second goes back: one such step is enough where the residual rises."""
+HOVERING, HOVERING_FROM = 8, 1e-3
+"""Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number. One
+that goes back is enough where the residual rises."""
 
 REST_CFL, LONG_REST_CFL = 20.0, 5.0
 """CFL numbers, of usual and long time steps, that a run which hovers goes back to."""
@@ -51,31 +47,6 @@ steps would be taken."""
 LARGEST_RISE, LEAST_RISE = 10.0, 1.5
 """Most and least growth of the CFL number, but for that bound: while the run is carried past, a residual that rises is
 no sign against it."""
-
-
-@dataclass(frozen=True)
-class Course:
-    """Where an update leads.
-
-    Parameters
-    ----------
-    turn : float
-        Cosine of the angle to the update before.
-    growth : float
-        CFL number times the rate at which what it is made of grows in pseudo-time, negative where that decays.
-    """
-
-    turn: float = 1.0
-    growth: float = -np.inf
-
-    @property
-    def is_backward(self) -> bool:
-        """Whether what grows is taken back by a time step that is too long for it, and the update before with it."""
-        return self.growth >= 1.0 and self.turn < BACK
-
-
-UNKNOWN = Course()
-"""Of a start, or where there was no update."""
 
 
 def course_of(update, last, residual, held, comm) -> Course:

@@ -14,15 +14,15 @@ import numpy as np
 from ...numerics.processes import largest
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
-from .hovering import UNKNOWN, Course, course_of, hovering_cfl, lowest_before
+from .hovering import course_of, hovering_cfl, lowest_before
 from .krylov import solve_roughly
 from .linearization import Linearization
+from .newton_step import UNKNOWN, Course, NewtonStep
 from .preconditioner import Factor, add_blocks, by_surface, compact_factor, time_terms
 
 __all__ = [
     "Field",
     "FlowSolution",
-    "NewtonStep",
     "advance",
     "relative_residual",
     "solve_flow",
@@ -74,34 +74,6 @@ cut gives Newton's convergence away, and longer cycles do it."""
 MOST_PRODUCTS = 1200
 """Products with the Jacobian after which a run has failed: a fourth more than the flow about any grid of others
 takes, and a third more than that about a flat plate at 4 degrees."""
-
-
-@dataclass(frozen=True)
-class NewtonStep:
-    """Record of a Newton step.
-
-    Parameters
-    ----------
-    residual : float
-        Norm of the residual after it, relative to that of the uniform stream.
-    cfl : float
-        CFL number.
-    n_products : int
-        Products with the Jacobian.
-    length : float
-        Part of the step that was taken; 0 where none was.
-    course : Course
-        Where it leads.
-    hovers_from : float
-        Lowest residual before the run began to hover; 0 where it does not hover.
-    """
-
-    residual: float
-    cfl: float
-    n_products: int
-    length: float
-    course: Course = UNKNOWN
-    hovers_from: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...flow.euler.forces import FlowForces
-from ...flow.euler.newton import NewtonStep
+from ...flow.euler.newton_step import NewtonStep
 
 __all__ = ["ResidualLog"]
 

@@ -12,7 +12,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...flow.euler.gas import N_STATES
-from ...flow.euler.newton import NewtonStep
+from ...flow.euler.newton_step import NewtonStep
 from ...flow.stream import RADIAN
 from ...names import GRID
 from ..component import add_bar, direction_in, finite_values

@@ -1,0 +1,68 @@
+"""Records of Newton steps: what they left, what they took, and where they led.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["BACK", "UNKNOWN", "Course", "NewtonStep"]
+
+BACK = -0.5
+"""Cosine of two updates below which the second one goes back."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where an update leads.
+
+    Parameters
+    ----------
+    turn : float
+        Cosine of the angle to the update before.
+    growth : float
+        CFL number times the rate at which what it is made of grows in pseudo-time, negative where that decays.
+    """
+
+    turn: float = 1.0
+    growth: float = -np.inf
+
+    @property
+    def is_backward(self) -> bool:
+        """Whether what grows is taken back by a time step that is too long for it, and the update before with it."""
+        return self.growth >= 1.0 and self.turn < BACK
+
+
+UNKNOWN = Course()
+"""Of a start, or where there was no update."""
+
+
+@dataclass(frozen=True)
+class NewtonStep:
+    """Record of a Newton step.
+
+    Parameters
+    ----------
+    residual : float
+        Norm of the residual after it, relative to that of the uniform stream.
+    cfl : float
+        CFL number.
+    n_products : int
+        Products with the Jacobian.
+    length : float
+        Part of the step that was taken; 0 where none was.
+    course : Course
+        Where it leads.
+    hovers_from : float
+        Lowest residual before the run began to hover; 0 where it does not hover.
+    """
+
+    residual: float
+    cfl: float
+    n_products: int
+    length: float
+    course: Course = UNKNOWN
+    hovers_from: float = 0.0
