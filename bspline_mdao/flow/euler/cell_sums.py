@@ -18,7 +18,7 @@ from ...numerics.threads import run_tasks, thread_count
 
 __all__ = ["CellSums", "visit"]
 
-PER_TASK = 16_384
+PER_TASK = 8_192
 """Faces or cells of a task; fewer are not worth the start of a thread."""
 
 
