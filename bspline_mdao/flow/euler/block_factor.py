@@ -191,9 +191,8 @@ class BlockFactor:
 
     def _sweep(self, levels: np.ndarray, turn: int, right, x, out) -> None:
         """Do the chunks of some levels, from ``turn`` on downwards."""
-        pattern, schedule, kernel = self.pattern, self.pattern.schedule, _solve
-        if self.is_transposed:
-            kernel = _solve_transposed
+        pattern, schedule = self.pattern, self.pattern.schedule
+        kernel = _solve_transposed if self.is_transposed else _solve
         by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
         factor, vectors = (self.lower, self.upper, self.pivots), (right, x, out)
         how = schedule.ends, levels, turn, counters(levels[-1], levels[0])

@@ -14,12 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ...numerics.fives import add_scaled, load, prefetch, store, zeros
 from ...numerics.threads import run_tasks, thread_count
 
 __all__ = ["CellSums", "visit"]
 
 PER_TASK = 8_192
 """Faces or cells of a task; fewer are not worth the start of a thread."""
+
+AHEAD = 24
+"""Entries ahead of the one in work whose numbers are asked for from memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +63,15 @@ class CellSums:
     def of_faces(self, flux: np.ndarray, n_cells: int) -> np.ndarray:
         """Sum what flows out of cells, shape (n_cells, 5), of fluxes from left to right, shape (n_faces, 5)."""
         out = np.empty((n_cells, flux.shape[1]), flux.dtype)
-        visit(n_cells, lambda part: _sum_faces(self.starts, self.entries, flux, part.start, part.stop, out))
+        kernel = _sum_single_faces if flux.dtype == np.float32 else _sum_faces
+        visit(n_cells, lambda part: kernel(self.starts, self.entries, flux, part.start, part.stop, out))
         return out
 
     def of_stencils(self, shares: np.ndarray, n_cells: int) -> np.ndarray:
         """Sum numbers, shape (n_faces, 4, 5), of the four cells of every stencil: shape (n_cells, 5)."""
         out, index = np.empty((n_cells, shares.shape[2]), shares.dtype), (self.stencil_starts, self.stencil_entries)
-        visit(n_cells, lambda part: _sum_stencils(*index, shares, part.start, part.stop, out))
+        kernel = _sum_single_stencils if shares.dtype == np.float32 else _sum_stencils
+        visit(n_cells, lambda part: kernel(*index, shares, part.start, part.stop, out))
         return out
 
 
@@ -134,3 +140,31 @@ def _sum_stencils(starts, entries, shares, first, end, out):
             f, k = entries[at] >> 2, entries[at] & 3
             for n in range(5):
                 out[c, n] += shares[f, k, n]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _sum_single_faces(starts, entries, flux, first, end, out):
+    """Do what `_sum_faces` does in single precision, in vectors of five."""
+    last = len(entries) - 1
+    for cell in range(first, end):
+        total = zeros()
+        if cell + 1 < len(starts):
+            for at in range(starts[cell], starts[cell + 1]):
+                f, next_face = entries[at], entries[min(at + AHEAD, last)]
+                prefetch(flux, 5 * (next_face if next_face >= 0 else -1 - next_face))
+                one = np.float32(1.0 if f >= 0 else -1.0)
+                total = add_scaled(total, one, load(flux, 5 * (f if f >= 0 else -1 - f)))
+        store(out, 5 * cell, total)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _sum_single_stencils(starts, entries, shares, first, end, out):
+    """Do what `_sum_stencils` does in single precision, in vectors of five."""
+    last = len(entries) - 1
+    for cell in range(first, end):
+        total = zeros()
+        if cell + 1 < len(starts):
+            for at in range(starts[cell], starts[cell + 1]):
+                prefetch(shares, 5 * entries[min(at + AHEAD, last)])
+                total = add_scaled(total, np.float32(1.0), load(shares, 5 * entries[at]))
+        store(out, 5 * cell, total)

@@ -202,8 +202,7 @@ class FaceJacobians:
             multiply(*index, self.values[part], self.shock_rows[part], *rest, flux[part])
 
         visit(len(flux), fill)
-        sums, out = discretization.sums, np.empty((discretization.faces.n_cells, N_STATES), np.float32)
-        visit(len(out), lambda part: add_fluxes(sums.starts, sums.entries, part.start, part.stop, flux, out))
+        out = discretization.sums.of_faces(flux, discretization.faces.n_cells)
         return self._with_circulation(out, self.of_circulation, self.circulation, own)
 
     def transposed_product(self, bar: np.ndarray) -> np.ndarray:
@@ -217,10 +216,8 @@ class FaceJacobians:
             multiply_transposed(*index, self.values[part], self.shock_rows[part], *rest, shares[part])
 
         visit(len(shares), fill)
-        sums, out = discretization.sums, np.empty_like(bar)
-        index = sums.stencil_starts, sums.stencil_entries
-        visit(len(out), lambda part: add_shares(*index, part.start, part.stop, shares, out))
-        return self._with_circulation(discretization.halo.fold(out), self.circulation, self.of_circulation, own)
+        out = discretization.halo.fold(discretization.sums.of_stencils(shares, len(bar)))
+        return self._with_circulation(out, self.circulation, self.of_circulation, own)
 
     def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Add the part of a product that goes through the circulation of a section, if there is one."""
@@ -239,8 +236,8 @@ class FaceJacobians:
         return out
 
 
-AHEAD, NEXT = 16, 24
-"""Faces ahead of the one in work whose Jacobians, and entries ahead whose faces' numbers, are asked for from memory."""
+AHEAD = 16
+"""Faces ahead of the one in work whose Jacobians are asked for from memory."""
 
 _ZERO, _STILL = (0.0,) * 5, (0.0,) * 3
 
@@ -471,21 +468,6 @@ def multiply(cells, classes, values, shock_rows, shocks, weights, d_states, out)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def add_fluxes(starts, entries, first, end, flux, out):
-    """Sum what flows out of cells of fluxes from left to right."""
-    last = len(entries) - 1
-    for cell in range(first, end):
-        total = zeros()
-        if cell + 1 < len(starts):
-            for at in range(starts[cell], starts[cell + 1]):
-                f, next_face = entries[at], entries[min(at + NEXT, last)]
-                prefetch(flux, 5 * (next_face if next_face >= 0 else -1 - next_face))
-                one = np.float32(1.0 if f >= 0 else -1.0)
-                total = add_scaled(total, one, load(flux, 5 * (f if f >= 0 else -1 - f)))
-        store(out, 5 * cell, total)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def multiply_transposed(cells, classes, roles, values, shock_rows, shocks, weights, bar, out):
     """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
     for f in range(len(cells)):
@@ -514,16 +496,3 @@ def multiply_transposed(cells, classes, roles, values, shock_rows, shocks, weigh
             for n in range(5):
                 out[f, 0, n] += shocks[at, 13 + n] * sense
                 out[f, 3, n] += shocks[at, 18 + n] * sense
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def add_shares(starts, entries, first, end, shares, out):
-    """Add up what cells get of the faces whose stencils they are in."""
-    last = len(entries) - 1
-    for cell in range(first, end):
-        total = zeros()
-        if cell + 1 < len(starts):
-            for at in range(starts[cell], starts[cell + 1]):
-                prefetch(shares, 5 * entries[min(at + NEXT, last)])
-                total = add_scaled(total, np.float32(1.0), load(shares, 5 * entries[at]))
-        store(out, 5 * cell, total)
