@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
+from numba import njit
 from scipy.linalg import solve_triangular
 
 from ...numerics.processes import ONE, norm, summed
@@ -42,8 +42,8 @@ takes 2,450. Where corrections gain nothing it ends long before."""
 _ENOUGH = 0.5
 """Part of the square of a vector that the first pass has to leave; below, rounding of what it took away shows."""
 
-PIECE = 16_384
-"""Numbers of a vector at a time: as much of all of a basis as fits into a cache."""
+PIECE = 2_048
+"""Numbers of a vector at a time, which stay in the nearest cache while those of the basis pass by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,14 +166,17 @@ def _orthogonalize(basis: np.ndarray, vector: np.ndarray, comm, out: np.ndarray)
 
     Returns these parts, and the length of what is left; the product is written over.
     """
-    parts, square, left = _parts(summed(comm, _differences_and_products(basis, vector)))
+    last = np.zeros(len(basis), vector.dtype)
+    last[-1] = 1.0
+    parts, square, left = _parts(summed(comm, _subtract_and_multiply(basis, last, vector)))
     if left < _ENOUGH * square:
-        rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, vector, parts)))
-        length = float(np.sqrt(max(left, 0.0)))
-        _subtract_and_divide(basis, vector, rest, length, out)
-        return parts + rest, length
-    length = float(np.sqrt(left))
-    _subtract_and_divide(basis, vector, parts, length, out)
+        rest, _, left = _parts(summed(comm, _subtract_and_multiply(basis, parts.astype(vector.dtype), vector)))
+        parts, away = parts + rest, rest
+    else:
+        away = parts
+    length = float(np.sqrt(max(left, 0.0)))
+    inverse, away = vector.dtype.type(1.0 / length if 0.0 < length < np.inf else 0.0), away.astype(vector.dtype)
+    _by_pieces(len(vector), lambda first, end: _subtract_and_scale(basis, away, vector, inverse, first, end, out))
     return parts, length
 
 
@@ -183,54 +186,66 @@ def _parts(products: np.ndarray) -> tuple[np.ndarray, float, float]:
     return parts, square, square - float(parts @ parts)
 
 
-def _differences_and_products(basis: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Take the last of others away from a vector, in place; its products with all of them and, last, with itself."""
-
-    def work(piece):
-        left = vector[piece]
-        left -= basis[-1, piece]
-        return np.append(basis[:, piece] @ left, _square(left))
-
-    return _by_pieces(vector, work)
-
-
-def _subtract_and_multiply(basis: np.ndarray, vector: np.ndarray, parts: np.ndarray) -> np.ndarray:
+def _subtract_and_multiply(basis: np.ndarray, parts: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Take parts along others away, in place: products of what is left with them and, last, with itself."""
-    parts = parts.astype(vector.dtype)
-
-    def work(piece):
-        near, left = basis[:, piece], vector[piece]
-        left -= parts @ near
-        return np.append(near @ left, _square(left))
-
-    return _by_pieces(vector, work)
+    found = np.empty((-(-len(vector) // PIECE), len(basis) + 1), vector.dtype)
+    _by_pieces(len(vector), lambda first, end: _multiply(basis, parts, vector, first, end, found))
+    return found.sum(axis=0, dtype=float)  # in the order of the pieces: the same bits on any number of threads
 
 
-def _subtract_and_divide(basis, vector, parts: np.ndarray, length: float, out: np.ndarray) -> None:
-    """Write a vector without its parts along others, divided by the length of that, unless there is nothing left."""
-    parts, inverse = parts.astype(vector.dtype), vector.dtype.type(1.0 / length if 0.0 < length < np.inf else 0.0)
-
-    def work(piece):
-        np.multiply(vector[piece] - parts @ basis[:, piece], inverse, out=out[piece])
-        return 0.0
-
-    _by_pieces(vector, work)
+def _by_pieces(n: int, work: Callable[[int, int], None]) -> None:
+    """Have threads visit ranges of the pieces of a vector."""
+    n_pieces, n_threads = -(-n // PIECE), thread_count(None)
+    n_tasks = min(n_threads, n_pieces)
+    run_tasks(lambda k: work(k * n_pieces // n_tasks, (k + 1) * n_pieces // n_tasks), n_tasks, n_threads)
 
 
-def _square(vector: np.ndarray) -> float:
-    return float(vector @ vector)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
+def _multiply(basis, parts, vector, first, end, found):
+    n = len(basis)
+    for piece in range(first, end):
+        at = slice(piece * PIECE, min(len(vector), (piece + 1) * PIECE))
+        left = vector[at]
+        _subtract(basis, parts, at, left)
+        for row in range(n):
+            found[piece, row] = _product(basis[row, at], left)
+        found[piece, n] = _product(left, left)
 
 
-def _by_pieces(vector: np.ndarray, work: Callable[[slice], Any]) -> Any:
-    """Sum what a function gives for each piece of a vector, in their order: the same bits on any number of threads."""
-    n = max(1, -(-len(vector) // PIECE))
-    found: list[Any] = [None] * n
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
+def _subtract_and_scale(basis, parts, vector, factor, first, end, out):
+    for piece in range(first, end):
+        at = slice(piece * PIECE, min(len(vector), (piece + 1) * PIECE))
+        left = vector[at]
+        _subtract(basis, parts, at, left)
+        for k in range(len(left)):
+            out[at.start + k] = left[k] * factor
 
-    def task(k):
-        found[k] = work(slice(k * PIECE, (k + 1) * PIECE))
 
-    run_tasks(task, n, thread_count(None))
-    return np.sum(found, axis=0, dtype=float)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
+def _product(u, v):
+    total = u.dtype.type(0.0)
+    for k in range(len(u)):
+        total += u[k] * v[k]
+    return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
+def _subtract(basis, parts, at, left):
+    """Take parts along the vectors away in a piece, four vectors at a time but for those whose part is nought."""
+    first = 0
+    while first < len(parts) and parts[first] == 0.0:
+        first += 1
+    while first + 4 <= len(parts):
+        a, b, c, d = parts[first], parts[first + 1], parts[first + 2], parts[first + 3]
+        t, u, v, w = basis[first, at], basis[first + 1, at], basis[first + 2, at], basis[first + 3, at]
+        for k in range(len(left)):
+            left[k] -= a * t[k] + b * u[k] + c * v[k] + d * w[k]
+        first += 4
+    for row in range(first, len(parts)):
+        a, t = parts[row], basis[row, at]
+        for k in range(len(left)):
+            left[k] -= a * t[k]
 
 
 def solve_roughly(
