@@ -10,6 +10,7 @@ from topology_cases import grid_of, smooth_box, split
 
 from bspline_mdao.flow.euler import block_factor, cell_sums
 from bspline_mdao.flow.euler.block_factor import levels_of
+from bspline_mdao.flow.euler.factor_pattern import FactorPattern
 from bspline_mdao.flow.euler.preconditioner import compact_factor, time_terms
 from bspline_mdao.numerics.claims import claim, counters, finish
 from bspline_mdao.numerics.threads import run_tasks
@@ -63,14 +64,53 @@ def test_two_halves_of_a_solve_are_the_solve():
     assert not np.array_equal(ours, factor.solve(right))
 
 
-def test_rows_of_a_level_are_next_to_each_other_and_need_none_of_their_own():
-    pattern = case().pattern
-    levels, schedule = levels_of(pattern.starts, pattern.columns), pattern.schedule
-    assert (np.diff(levels) >= 0).all()
-    for first, end in zip(schedule.ends, schedule.ends[1:]):
-        assert len(set(levels[first:end])) == 1
-    rows = np.repeat(np.arange(len(levels)), np.diff(pattern.starts))
+def pattern_with_last(share):
+    """Pattern of a box of cells, some of which, at random, are its last rows."""
+    faces, rng = case().faces, np.random.default_rng(8)
+    sizes = rng.random(faces.n_inner) + 0.5
+    left, right = faces.left[: faces.n_inner], faces.right
+    diagonal = np.bincount(np.append(left, right), np.append(sizes, sizes), faces.n_cells)
+    return FactorPattern._with_last(left, right, sizes, diagonal, rng.random(faces.n_cells) < share)[0]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_two_halves_need_nothing_of_each_other_and_rows_of_a_level_are_next_to_each_other(share):
+    pattern = pattern_with_last(share)
+    part = np.repeat(np.arange(4), np.diff(pattern.parts))
+    rows = np.repeat(np.arange(len(part)), np.diff(pattern.starts))
+    needed, levels = part[pattern.columns], levels_of(pattern.starts, pattern.columns)
+    assert not (needed[part[rows] == 1] == 0).any()
+    assert set(needed[part[rows] == 2]) == {0, 1, 2}
+    assert (needed < 3).all()
+    first, second, separator, last = np.diff(pattern.parts)
+    assert 0.8 * second < first <= second
+    assert 0 < separator < 0.15 * len(part)
+    assert (last > 0) == (share > 0.0)
+    for lo, hi in zip(pattern.parts, pattern.parts[1:]):
+        assert (np.diff(levels[lo:hi]) >= 0).all()
     assert (levels[rows] > levels[pattern.columns]).all()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+@pytest.mark.parametrize(("n_threads", "rows_of_level"), [(1, 1), (2, 1), (5, 1), (5, 1000)])
+def test_each_row_is_in_one_chunk_that_needs_chunks_of_earlier_levels_and_its_own_earlier_rows(
+    monkeypatch, share, n_threads, rows_of_level
+):
+    monkeypatch.setattr(block_factor, "thread_count", lambda n: n_threads)
+    monkeypatch.setattr(block_factor, "ROWS_OF_LEVEL", rows_of_level)
+    pattern = pattern_with_last(share)
+    schedule, n = pattern.schedule, len(pattern.order)
+    chunk, level_of_chunk = np.full(n, -1), np.repeat(np.arange(len(schedule.levels) - 1), np.diff(schedule.levels))
+    for k, (first, end) in enumerate(zip(schedule.firsts, schedule.ends)):
+        assert (chunk[first:end] == -1).all()
+        chunk[first:end] = k
+    assert (chunk >= 0).all()
+    assert len(level_of_chunk) == len(schedule.firsts)
+    needing, needed = chunk[np.repeat(np.arange(n), np.diff(pattern.starts))], chunk[pattern.columns]
+    assert ((needing == needed) | (level_of_chunk[needing] > level_of_chunk[needed])).all()
+    is_by_level = n_threads == 5 and rows_of_level == 1
+    assert (len(schedule.firsts) > 100 and schedule.n_threads > 2) == is_by_level
+    assert is_by_level or np.diff(schedule.levels).tolist() == [2, 1] + [1] * (share > 0.0)
     np.testing.assert_array_equal(pattern.columns[schedule.column_entries], np.sort(pattern.columns))
 
 

@@ -4,8 +4,9 @@ It is made in single precision; of L and U the upper half of every number is kep
 incomplete factor leaves out is far more, and the sweeps read half as much.
 
 The pattern is symmetric. Entry ``(row, column)`` of the strict lower triangle holds the block of L there and the block
-of U at ``(column, row)``. Rows of a level need rows of lower levels only: threads share the rows of one level after
-another, each the same part of all of them first, and every number is the same on any number of threads.
+of U at ``(column, row)``. Two threads take a half of the rows each and wait for each other once. More of them share
+the rows of one level after another, which need rows of lower levels only, each the same part of all of them first.
+Every number is the same on any number of threads.
 
 Theory: ``docs/theory/euler.rst``.
 """
@@ -49,8 +50,8 @@ AHEAD, ROWS_AHEAD = 32, 16
 """Blocks and rows ahead of the ones in work that are asked for from memory: without it half of a sweep is waiting."""
 
 ROWS_PER_THREAD, ROWS_OF_LEVEL = 2_000, 150
-"""Fewer rows than this are not worth a thread, nor are sweeps with fewer rows of a level in the mean: there a thread
-waits for the numbers of the others for as long as it works."""
+"""Fewer rows than this are not worth a thread, nor are levels with fewer rows for each in the mean worth more than two:
+there a thread waits for the numbers of the others for as long as it works."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,19 +60,23 @@ class Schedule:
 
     Parameters
     ----------
-    ends : ndarray of int64, shape (n_chunks + 1,)
-        Rows between which each chunk lies, all of one level.
+    firsts, ends : ndarray of int64, shape (n_chunks,)
+        Rows between which each chunk lies.
     levels, both : ndarray of int64, shapes (n_levels + 1,) and (2 n_levels + 1,)
         Chunks with which the levels start, for the rows upwards once, and upwards and then downwards.
+    n_threads : int
+        How many threads the levels can feed.
     column_starts : ndarray of int64, shape (n + 1,)
         Where each column of the strict lower triangle starts.
     column_entries, column_rows : ndarray of int32, shape (n_blocks,)
         Entries of the columns, and their rows.
     """
 
+    firsts: np.ndarray
     ends: np.ndarray
     levels: np.ndarray
     both: np.ndarray
+    n_threads: int
     column_starts: np.ndarray
     column_entries: np.ndarray
     column_rows: np.ndarray
@@ -87,21 +92,47 @@ class Schedule:
         return self.both[len(self.levels) - 1 :]
 
     @classmethod
-    def of(cls, starts: np.ndarray, columns: np.ndarray) -> Schedule:
-        """Cut the rows of a pattern into chunks; rows of a level are best next to each other."""
-        n = len(starts) - 1
-        edges = np.flatnonzero(np.diff(levels_of(starts, columns))) + 1
-        level_ends = np.concatenate([[0], edges, [n]]) if n else np.zeros(1, int)
-        n_chunks = np.clip(np.diff(level_ends) // ROWS, 1, PER_THREAD * thread_count(None))
-        parts = [lo + (hi - lo) * np.arange(m) // m for lo, hi, m in zip(level_ends, level_ends[1:], n_chunks)]
-        ends = np.append(np.concatenate([*parts, np.zeros(0, int)]), n).astype(np.int64)
-        levels = np.concatenate([[0], np.cumsum(n_chunks)]).astype(np.int64)
+    def of(cls, starts: np.ndarray, columns: np.ndarray, parts: np.ndarray) -> Schedule:
+        """Cut the rows of a pattern into chunks, one for each part, or more where levels feed more than two threads.
+
+        Parameters
+        ----------
+        starts, columns : ndarray
+            See `Pattern`; rows of a level are best next to each other.
+        parts : ndarray of int64, shape (n_parts + 1,)
+            Rows between which the parts lie. The first two need nothing of each other, each later one all before it.
+        """
+        n, wanted, level = len(starts) - 1, thread_count(None), levels_of(starts, columns)
+        stage = np.repeat(np.maximum(np.arange(len(parts) - 1), 1), np.diff(parts))
+        level += (stage - 1) * (int(level.max(initial=0)) + 1)
+        n_fed = int(n / ROWS_OF_LEVEL / max(1, len(np.unique(level))))
+        is_by_level = min(wanted, n_fed) > 2
+        chunks = _chunks(level, parts, PER_THREAD * wanted) if is_by_level else _chunks(stage, parts, 1)
+        levels = chunks[2]
         both = np.concatenate([levels, 2 * levels[-1] - levels[-2::-1]])
         rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts))
         entries = np.argsort(columns, kind="stable").astype(np.int32)
         column_starts = np.zeros(n + 1, np.int64)
         np.cumsum(np.bincount(columns, minlength=n), out=column_starts[1:])
-        return cls(ends, levels, both, column_starts, entries, rows[entries])
+        return cls(*chunks, both, n_fed if is_by_level else 2, column_starts, entries, rows[entries])
+
+
+def _chunks(level: np.ndarray, parts: np.ndarray, n_most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First and last rows of chunks, level by level, and the chunks with which the levels start.
+
+    Rows of a level that are next to each other in a part are cut into so many chunks at most.
+    """
+    n = len(level)
+    if not n:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(1, np.int64)
+    is_first = np.diff(level, prepend=-1) != 0
+    is_first[parts[parts < n]] = True
+    edges = np.append(np.flatnonzero(is_first), n)
+    n_chunks = np.clip(np.diff(edges) // ROWS, 1, n_most)
+    firsts = np.concatenate([lo + (hi - lo) * np.arange(m) // m for lo, hi, m in zip(edges, edges[1:], n_chunks)])
+    order, ends = np.argsort(level[firsts], kind="stable"), np.append(firsts[1:], n)
+    sizes = np.unique(level[firsts], return_counts=True)[1]
+    return firsts[order], ends[order], np.append(0, np.cumsum(sizes))
 
 
 class Pattern(Protocol):
@@ -157,9 +188,9 @@ class BlockFactor:
         They are written over.
         """
         schedule = pattern.schedule
-        how, blocks = (schedule.ends, schedule.levels, counters(schedule.levels[-1])), (lower, upper, diagonal)
-        n_most = len(diagonal) // ROWS_PER_THREAD
-        _together(n_most, lambda *part: _factorize(pattern.starts, pattern.columns, *how, *part, *blocks))
+        rows, chunks = (pattern.starts, pattern.columns), (schedule.firsts, schedule.ends, schedule.levels)
+        how, blocks = (*chunks, counters(schedule.levels[-1])), (lower, upper, diagonal)
+        _together(_n_threads(schedule, len(diagonal)), lambda *part: _factorize(*rows, *how, *part, *blocks))
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
     def transposed(self) -> BlockFactor:
@@ -195,10 +226,8 @@ class BlockFactor:
         kernel = _solve_transposed if self.is_transposed else _solve
         by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
         factor, vectors = (self.lower, self.upper, self.pivots), (right, x, out)
-        how = schedule.ends, levels, turn, counters(levels[-1], levels[0])
-        rows_of_level = len(right) / max(1, len(schedule.levels) - 1)
-        n_most = min(len(right) // ROWS_PER_THREAD, int(rows_of_level / ROWS_OF_LEVEL))
-        _together(n_most, lambda *part: kernel(*by, *how, *part, *factor, *vectors))
+        how = schedule.firsts, schedule.ends, levels, turn, counters(levels[-1], levels[0])
+        _together(_n_threads(schedule, len(right)), lambda *part: kernel(*by, *how, *part, *factor, *vectors))
 
 
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
@@ -228,9 +257,13 @@ def _scatter(blocks, entries, out):
         _write_halves(out, 25 * entries[n], _halves(blocks, 25 * n))
 
 
-def _together(n_most: int, work: Callable[[int, int], None]) -> None:
-    """Call a function whose chunks threads claim on so many at most, with the part of each and their number."""
-    n_threads = max(1, min(thread_count(None), n_most))
+def _n_threads(schedule: Schedule, n_rows: int) -> int:
+    """Threads that are worth it."""
+    return max(1, min(thread_count(None), schedule.n_threads, n_rows // ROWS_PER_THREAD))
+
+
+def _together(n_threads: int, work: Callable[[int, int], None]) -> None:
+    """Call a function whose chunks threads claim on several, with the part of each and their number."""
     run_tasks(lambda part: work(part, n_threads), n_threads, n_threads)
 
 
@@ -245,7 +278,7 @@ def levels_of(starts, columns):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _factorize(starts, columns, ends, levels, numbers, part, n_parts, lower, upper, diagonal):
+def _factorize(starts, columns, firsts, ends, levels, numbers, part, n_parts, lower, upper, diagonal):
     """Factor row by row in place, the diagonal blocks into their inverses.
 
     For every entry j of row i of the pattern, ascending; fill outside of the pattern is dropped:
@@ -260,7 +293,7 @@ def _factorize(starts, columns, ends, levels, numbers, part, n_parts, lower, upp
         chunk, level, n_tried = claim(numbers, levels, len(levels), part, n_parts, level, n_tried)
         if chunk < 0:
             return
-        for row in range(ends[chunk], ends[chunk + 1]):
+        for row in range(firsts[chunk], ends[chunk]):
             first, pivot = starts[row], _rows(diagonal, row)
             for entry in range(first, starts[row + 1]):
                 column = columns[entry]
@@ -390,7 +423,7 @@ def _invert(block, inverse):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve(
-    order, starts, columns, column_starts, column_rows, ends, levels, turn, numbers, part, n_parts,
+    order, starts, columns, column_starts, column_rows, firsts, ends, levels, turn, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with L, then with U."""
@@ -400,7 +433,7 @@ def _solve(
         if chunk < 0:
             return
         if level < turn:
-            for row in range(ends[chunk], ends[chunk + 1]):
+            for row in range(firsts[chunk], ends[chunk]):
                 prefetch(right, 5 * order[min(row + ROWS_AHEAD, len(order) - 1)])
                 a = b = c = d = e = zeros()
                 for entry in range(starts[row], starts[row + 1]):
@@ -416,7 +449,7 @@ def _solve(
                 store(x, 5 * row, subtract_scaled(known, np.float32(1.0), lane_sums(a, b, c, d, e)))
         else:
             back = n_chunks - 1 - chunk
-            for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
+            for row in range(ends[back] - 1, firsts[back] - 1, -1):
                 prefetch(out, 5 * order[max(row - ROWS_AHEAD, 0)])
                 _ask_for_block(pivots, row - ROWS_AHEAD)
                 a = b = c = d = e = zeros()
@@ -439,7 +472,7 @@ def _solve(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _solve_transposed(
-    order, starts, columns, column_starts, column_rows, ends, levels, turn, numbers, part, n_parts,
+    order, starts, columns, column_starts, column_rows, firsts, ends, levels, turn, numbers, part, n_parts,
     lower, upper, pivots, right, x, out,
 ):  # fmt: skip
     """Solve with the transpose of U, then with that of L."""
@@ -449,7 +482,7 @@ def _solve_transposed(
         if chunk < 0:
             return
         if level < turn:
-            for row in range(ends[chunk], ends[chunk + 1]):
+            for row in range(firsts[chunk], ends[chunk]):
                 prefetch(right, 5 * order[min(row + ROWS_AHEAD, len(order) - 1)])
                 _ask_for_block(pivots, row + ROWS_AHEAD)
                 z = load(right, 5 * order[row])
@@ -459,7 +492,7 @@ def _solve_transposed(
                 store(x, 5 * row, combined(z, _rows(pivots, row)))
         else:
             back = n_chunks - 1 - chunk
-            for row in range(ends[back + 1] - 1, ends[back] - 1, -1):
+            for row in range(ends[back] - 1, firsts[back] - 1, -1):
                 prefetch(out, 5 * order[max(row - ROWS_AHEAD, 0)])
                 z = load(x, 5 * row)
                 for place in range(column_starts[row + 1] - 1, column_starts[row] - 1, -1):

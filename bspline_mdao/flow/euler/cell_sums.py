@@ -19,8 +19,8 @@ from ...numerics.threads import run_tasks, thread_count
 
 __all__ = ["CellSums", "visit"]
 
-PER_TASK = 8_192
-"""Faces or cells of a task; fewer are not worth the start of a thread."""
+PER_TASK, TASKS_PER_THREAD = 8_192, 4
+"""Faces or cells of a task at least, fewer are not worth the start of a thread, and tasks for each thread at most."""
 
 AHEAD = 24
 """Entries ahead of the one in work whose numbers are asked for from memory."""
@@ -76,7 +76,7 @@ class CellSums:
 
 
 def visit(n: int, task: Callable[[slice], None]) -> None:
-    """Call ``task(range)`` for ranges of `PER_TASK` of ``n`` numbers, on several threads.
+    """Call ``task(range)`` for ranges of ``n`` numbers, on several threads.
 
     Parameters
     ----------
@@ -84,8 +84,10 @@ def visit(n: int, task: Callable[[slice], None]) -> None:
     task : callable
         Must not depend on the order of the calls, and release the interpreter lock.
     """
-    n_tasks = -(-n // PER_TASK)
-    run_tasks(lambda k: task(slice(k * PER_TASK, min(n, (k + 1) * PER_TASK))), n_tasks, thread_count(None))
+    n_threads = thread_count(None)
+    per_task = max(PER_TASK, -(-n // (TASKS_PER_THREAD * n_threads)))
+    n_tasks = -(-n // per_task)
+    run_tasks(lambda k: task(slice(k * per_task, min(n, (k + 1) * per_task))), n_tasks, n_threads)
 
 
 @njit(cache=True, error_model="numpy")
