@@ -189,7 +189,7 @@ def jacobian_of_scipy(linearization: Linearization) -> bsr_array:
     discretization, jacobians = linearization.discretization, linearization.jacobians
     stencil, n = discretization.stencil, 5 * discretization.faces.n_cells
     inner, matrix = stencil.roles == INNER, coo_array((n, n)).tocsr()
-    weights = jacobians.class_weights[stencil.classes]
+    weights = np.stack([stencil.means[stencil.classes], jacobians.jump_weights[stencil.lines]], axis=1)
     for k in range(4):
         by_mean, by_jump = (
             weights[:, m, k, None, None] * jacobians.values[..., 5 * m : 5 * m + 5].astype(float) for m in range(2)

@@ -25,7 +25,7 @@ from bspline_mdao.flow.euler.far_vortex import FarVortex
 from bspline_mdao.flow.euler.flow_grid import area_vectors
 from bspline_mdao.flow.euler.gas import GAMMA, free_stream
 from bspline_mdao.flow.euler.newton import solve_flow
-from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, MEAN, OPEN, SHUT, SLIP
+from bspline_mdao.flow.euler.reconstruction import FARFIELD, FIRST, OPEN, SHUT, SLIP
 from bspline_mdao.io.patch_guess import guess_patches
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.grid import Grid
@@ -107,7 +107,7 @@ class Case:
     def pressure_coefficients(self, states):
         """Numbers of the wall faces, and the pressure coefficients there."""
         walls, stencil = self.faces.faces_of("wall"), self.discretization.stencil
-        weights = stencil.weights[stencil.classes[walls], MEAN]
+        weights = stencil.means[stencil.classes[walls]]
         pressure = np.sum(weights * states[stencil.cells[walls], 4], axis=1)
         return walls, (pressure - self.stream[4]) / (0.5 * self.stream[1:4] @ self.stream[1:4])
 
@@ -238,10 +238,10 @@ class OpenEnds(Discretization):
     def around(cls, faces, ends):
         """Take the states, shape (n_faces, 5), where the far field's faces are."""
         plain = Discretization.of(faces)
-        weights = plain.stencil.weights.copy()
-        (far,) = np.unique(plain.stencil.classes[plain.stencil.roles == FARFIELD])
-        weights[far, MEAN, :2], weights[far, FIRST, :2] = (-0.25, 0.75), (0.5, -1.5)
-        return cls(faces, replace(plain.stencil, weights=weights), ends=ends)
+        means, differences = plain.stencil.means.copy(), plain.stencil.differences.copy()
+        (far,) = np.unique(plain.stencil.lines[plain.stencil.roles == FARFIELD])
+        means[far, :2], differences[far, FIRST, :2] = (-0.25, 0.75), (0.5, -1.5)
+        return cls(faces, replace(plain.stencil, means=means, differences=differences), ends=ends)
 
     def outside(self, states, areas, stream):
         return self.ends

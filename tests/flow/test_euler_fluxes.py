@@ -8,7 +8,7 @@ from topology_cases import box, grid_of, smooth_box
 from bspline_mdao.errors import InputError
 from bspline_mdao.flow.euler.flux import ROUNDING, face_flux
 from bspline_mdao.flow.euler.gas import GAMMA
-from bspline_mdao.flow.euler.reconstruction import FARFIELD, MEAN, THIRD, Stencil, shock_sensor
+from bspline_mdao.flow.euler.reconstruction import FARFIELD, Stencil, shock_sensor
 
 STEP = 1e-30
 
@@ -24,11 +24,11 @@ def weights_between(is_end_left, is_end_right):
     n = 4 - is_end_left - is_end_right
     stencil = Stencil.of(faces_of(grid_of(box(np.arange(n + 1.0), [0.0, 1.0], [0.0, 1.0])), "farfield"))
     face = 1 - is_end_left
-    return stencil.cells[face], stencil.weights[stencil.classes[face]]
+    return stencil.cells[face], stencil.means[stencil.classes[face]], stencil.differences[stencil.lines[face]]
 
 
 def test_the_mean_is_of_fourth_order_and_the_third_difference_sees_cubics_alone():
-    cells, (mean, first, third) = weights_between(0, 0)
+    cells, mean, (first, third) = weights_between(0, 0)
     np.testing.assert_array_equal(cells, [0, 1, 2, 3])
     np.testing.assert_allclose([mean @ averages(k) for k in range(4)], [1.0, 0.0, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose([first @ averages(k) for k in range(2)], [0.0, 1.0], atol=1e-15)
@@ -37,10 +37,10 @@ def test_the_mean_is_of_fourth_order_and_the_third_difference_sees_cubics_alone(
 
 @pytest.mark.parametrize("ends", [(1, 0), (0, 1), (1, 1)])
 def test_next_to_the_ends_of_lines_the_mean_is_of_second_order(ends):
-    cells, weights = weights_between(*ends)
-    x = np.where(weights[MEAN] != 0.0, cells - cells[1] - 0.5, 0.0)
-    np.testing.assert_allclose([weights[MEAN].sum(), weights[MEAN] @ x], [1.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose([weights[THIRD].sum(), weights[THIRD] @ x], [0.0, 0.0], atol=1e-14)
+    cells, mean, (_, third) = weights_between(*ends)
+    x = np.where(mean != 0.0, cells - cells[1] - 0.5, 0.0)
+    np.testing.assert_allclose([mean.sum(), mean @ x], [1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose([third.sum(), third @ x], [0.0, 0.0], atol=1e-14)
 
 
 def row(kind, n):
@@ -56,7 +56,7 @@ def pressure_at_end(kind, n, power):
     states[:, 4] = (np.arange(n) + 0.5) ** power
     end = slip_faces(case)[0]
     stencil = case.discretization.stencil
-    return stencil.weights[stencil.classes[end], MEAN] @ states[stencil.cells[end], 4]
+    return stencil.means[stencil.classes[end]] @ states[stencil.cells[end], 4]
 
 
 @pytest.mark.parametrize("kind", ["wall", "symmetry"])

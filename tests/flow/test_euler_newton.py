@@ -26,7 +26,7 @@ from bspline_mdao.flow.euler.preconditioner import (
     compact_factor,
     time_terms,
 )
-from bspline_mdao.flow.euler.reconstruction import FIRST, INNER, MEAN
+from bspline_mdao.flow.euler.reconstruction import FIRST, INNER
 from bspline_mdao.generators.wing import cambered_section
 from bspline_mdao.numerics.fives import zero_halves
 
@@ -215,9 +215,9 @@ def compact_jacobian(case, dissipation):
     from_left = 0.5 * mean[inner] - dissipation * jump[inner]
     from_right = 0.5 * mean[inner] + dissipation * jump[inner]
     edge = slice(faces.n_inner, None)
-    weights = stencil.weights[stencil.classes[edge]]
-    at_edge = weights[:, MEAN, 1, None, None] * mean[edge] + weights[:, FIRST, 1, None, None] * jump[edge]
-    behind = weights[:, MEAN, [0, 2]].sum(axis=1)[:, None, None] * mean[edge]
+    means, differences = stencil.means[stencil.classes[edge]], stencil.differences[stencil.lines[edge]]
+    at_edge = means[:, 1, None, None] * mean[edge] + differences[:, FIRST, 1, None, None] * jump[edge]
+    behind = means[:, [0, 2]].sum(axis=1)[:, None, None] * mean[edge]
     blocks = np.concatenate([from_left, from_right, -from_left, -from_right, at_edge, behind])
     rows = np.concatenate([left, left, right, right, faces.left[edge], faces.left[edge]])
     columns = np.concatenate([left, right, left, right, faces.left[edge], stencil.cells[edge, 0]])

@@ -12,7 +12,6 @@ from bspline_mdao import FarField, Spacing, flat_plate_grid, infinite_wing_grid,
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import GAMMA
 from bspline_mdao.flow.euler.kinks import Kinks
-from bspline_mdao.flow.euler.reconstruction import MEAN
 from bspline_mdao.flow.stream import stream_axes
 from bspline_mdao.numerics.halo import ALONE
 from bspline_mdao.topology.detection import find_topology
@@ -132,7 +131,7 @@ def weighed(nodes):
     kinked = Kinks.of(plain, faces, case.nodes, ALONE).stencil(case.nodes)
     inner = slice(0, faces.n_inner)
     centres = case.nodes[faces.corners[inner]].mean(axis=1)
-    return [one.weights[one.classes[inner], MEAN] for one in (plain, kinked)], plain.cells[inner], centres
+    return [one.means[one.classes[inner]] for one in (plain, kinked)], plain.cells[inner], centres
 
 
 def test_weights_of_even_grids_are_those_of_smooth_lines():

@@ -52,7 +52,7 @@ def wall_load(case, mach, degrees):
     """Gradient of lift and drag coefficients in the states, two arrays of shape (n_cells, 5)."""
     wall, stencil = case.faces.faces_of("wall"), case.discretization.stencil
     drag, lift = stream_axes(np.radians(degrees), AXES)
-    weights, loads = stencil.weights[stencil.classes[wall], 0], []
+    weights, loads = stencil.means[stencil.classes[wall]], []
     for axis in (lift, drag):
         by_pressure = case.areas[wall] @ axis / (0.5 * mach**2)
         gradient = np.zeros((case.faces.n_cells, 5))

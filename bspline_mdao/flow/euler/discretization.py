@@ -108,7 +108,7 @@ class Discretization:
         ndarray, shape (n_cells, 5)
             Mass, momentum and energy per time.
         """
-        dtype = np.result_type(states, areas, stream, self.stencil.weights)
+        dtype = np.result_type(states, areas, stream, self.stencil.means)
         states, areas, stream = (np.ascontiguousarray(array, dtype) for array in (states, areas, stream))
         states, stencil = self.halo.extend(states), self.stencil.cast(dtype)
         outside, rest = self.outside(states, areas, stream), (self.dissipation, self.shock_threshold)
@@ -150,7 +150,7 @@ class Discretization:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def fluxes(cells, weights, classes, roles, areas, states, outside, dissipation, threshold, out):
+def fluxes(cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, out):
     """Fluxes through all faces out of the cells on their left, shape (n_faces, 5), which are zero before.
 
     Faces without area, as on a collapsed edge, have no flux; the sensor and the speeds would divide by it.
@@ -159,11 +159,11 @@ def fluxes(cells, weights, classes, roles, areas, states, outside, dissipation, 
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
-        near, role, w = cells[f], roles[f], weights[classes[f]]
+        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
         sigma = 0.0 * states[0, 4]
         if role == INNER and threshold > 0.0:
             sigma = shock_sensor(states, near, threshold)[0]
-        mean, jump, _, _ = face_state(states, near, w, role, outside[f], dissipation, sigma)
+        mean, jump, _, _ = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
         if role == SLIP:
             for n in range(3):
                 out[f, 1 + n] = mean[4] * s[n]

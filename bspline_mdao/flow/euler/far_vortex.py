@@ -30,7 +30,7 @@ from ...cells.quads import area_vectors
 from ...numerics.halo import Halo
 from ...numerics.processes import largest, summed, summed_number
 from .gas import GAMMA, N_STATES
-from .reconstruction import MEAN, Stencil
+from .reconstruction import Stencil
 
 __all__ = ["FarVortex", "VortexTangent"]
 
@@ -106,7 +106,7 @@ class FarVortex:
         quarter = np.array([0.75 * low[0] + 0.25 * high[0], 0.0, 0.5 * (low[2] + high[2])])
         offsets = nodes[faces.corners[far]].mean(axis=1) - quarter @ axes
         turn = np.outer(axes[2], axes[0]) - np.outer(axes[0], axes[2])
-        weights = stencil.weights[stencil.classes[walls], MEAN]
+        weights = stencil.means[stencil.classes[walls]]
         return cls(far, offsets, walls, stencil.cells[walls], weights, turn, float(top[0] - bottom[0]), halo)
 
     def outside(self, states: np.ndarray, areas: np.ndarray, stream: np.ndarray) -> np.ndarray:

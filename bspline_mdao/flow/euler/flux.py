@@ -140,6 +140,44 @@ def face_flux_jvp(w, j, s, shock, dw, dj, ds, dshock):
     )
 
 
+ZERO, STILL = (0.0,) * 5, (0.0,) * 3
+"""No change of a state, nor of an area vector."""
+
+_UNIT = tuple(tuple(float(n == m) for n in range(5)) for m in range(5))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def state_jacobian(mean, jump, s, sigma, jacobian):
+    """Fill in the derivatives of the flux with respect to mean state and jump, shape (5, 10).
+
+    One after the other, and written out: what is multiplied by zero is not compiled.
+    """
+    _put(jacobian, 0, face_flux_jvp(mean, jump, s, sigma, _UNIT[0], ZERO, STILL, 0.0))
+    _put(jacobian, 1, face_flux_jvp(mean, jump, s, sigma, _UNIT[1], ZERO, STILL, 0.0))
+    _put(jacobian, 2, face_flux_jvp(mean, jump, s, sigma, _UNIT[2], ZERO, STILL, 0.0))
+    _put(jacobian, 3, face_flux_jvp(mean, jump, s, sigma, _UNIT[3], ZERO, STILL, 0.0))
+    _put(jacobian, 4, face_flux_jvp(mean, jump, s, sigma, _UNIT[4], ZERO, STILL, 0.0))
+    _put(jacobian, 5, face_flux_jvp(mean, jump, s, sigma, ZERO, _UNIT[0], STILL, 0.0))
+    _put(jacobian, 6, face_flux_jvp(mean, jump, s, sigma, ZERO, _UNIT[1], STILL, 0.0))
+    _put(jacobian, 7, face_flux_jvp(mean, jump, s, sigma, ZERO, _UNIT[2], STILL, 0.0))
+    _put(jacobian, 8, face_flux_jvp(mean, jump, s, sigma, ZERO, _UNIT[3], STILL, 0.0))
+    _put(jacobian, 9, face_flux_jvp(mean, jump, s, sigma, ZERO, _UNIT[4], STILL, 0.0))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def area_jacobian(mean, jump, s, sigma, jacobian):
+    """Fill in the derivatives of the flux with respect to the area vector, shape (5, 3)."""
+    _put(jacobian, 0, face_flux_jvp(mean, jump, s, sigma, ZERO, ZERO, _UNIT[0][:3], 0.0))
+    _put(jacobian, 1, face_flux_jvp(mean, jump, s, sigma, ZERO, ZERO, _UNIT[1][:3], 0.0))
+    _put(jacobian, 2, face_flux_jvp(mean, jump, s, sigma, ZERO, ZERO, _UNIT[2][:3], 0.0))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _put(jacobian, m, column):
+    for n in range(5):
+        jacobian[n, m] = column[n]
+
+
 @njit(cache=True, error_model="numpy", inline="always")
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

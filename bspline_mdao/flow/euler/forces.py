@@ -23,7 +23,6 @@ from ..span_strips import SpanStrips
 from .discretization import Discretization
 from .flow_grid import FlowGrid, area_vectors, area_vectors_jvp, area_vectors_vjp
 from .gas import GAMMA
-from .reconstruction import MEAN
 from .walls import Walls
 
 __all__ = ["EntropyDrag", "FlowForces", "WallPressure", "entropy_scale", "relative_entropy"]
@@ -205,7 +204,7 @@ class WallPressure:
     def of(cls, flow: FlowGrid) -> WallPressure:
         """Take cells and weights from the stencils of the walls."""
         stencil, wall = flow.discretization.stencil, flow.faces.faces_of("wall")
-        weights = stencil.weights[stencil.classes[wall], MEAN]
+        weights = stencil.means[stencil.classes[wall]]
         return cls(stencil.cells[wall, :3], weights[:, :3], flow.discretization.halo, flow.walls)
 
     def evaluate(self, states: np.ndarray, mach) -> np.ndarray:

@@ -35,7 +35,7 @@ from .cell_shapes import (
     face_centres_jvp,
     face_centres_vjp,
 )
-from .reconstruction import MEAN, Stencil
+from .reconstruction import Stencil
 
 __all__ = ["Kinks"]
 
@@ -109,11 +109,10 @@ class Kinks:
         """Cells and weights of all faces on a grid, shape (n_nodes, 3), in metres; real or complex."""
         if not self.n_of_grid:
             return self.plain
-        own = self.plain.weights[self.plain.classes[self.ids]].astype(nodes.dtype)
-        own[:, MEAN] += self.changes(nodes)
+        own = self.plain.means[self.plain.classes[self.ids]] + self.changes(nodes)
         classes = self.plain.classes.astype(np.int32)
-        classes[self.ids] = len(self.plain.weights) + np.arange(len(self.ids))
-        return replace(self.plain, weights=np.concatenate([self.plain.weights, own]), classes=classes)
+        classes[self.ids] = len(self.plain.means) + np.arange(len(self.ids))
+        return replace(self.plain, means=np.concatenate([self.plain.means, own]), classes=classes)
 
     def changes(self, nodes: np.ndarray) -> np.ndarray:
         """Changes of the weights in the mean states of the faces, shape (n_kinked, 4); real or complex."""
@@ -141,7 +140,7 @@ class Kinks:
     @property
     def _index(self):
         """Cells and plain weights of the faces."""
-        return self.plain.cells[self.ids], self.plain.weights[self.plain.classes[self.ids], MEAN]
+        return self.plain.cells[self.ids], self.plain.means[self.plain.classes[self.ids]]
 
     @property
     def _sides(self):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .flux import face_flux_jvp
+from .flux import STILL, ZERO, face_flux_jvp
 from .gas import N_STATES
 from .linearization import Linearization
 from .reconstruction import face_state, shock_sensor
@@ -46,19 +46,19 @@ def _at(tangent: Linearization, ids: np.ndarray) -> tuple:
     """What the kernels take."""
     discretization, stencil = tangent.discretization, tangent.discretization.stencil
     settings = discretization.dissipation, discretization.shock_threshold
-    index = stencil.cells[ids], stencil.weights, stencil.classes[ids], stencil.roles[ids]
-    return *index, tangent.areas[ids], tangent.states, *settings
+    return *stencil.part(ids), tangent.areas[ids], tangent.states, *settings
 
 
 @njit(cache=True, error_model="numpy")
-def mean_changes(cells, weights, classes, roles, areas, states, dissipation, threshold, d_weights):
+def mean_changes(cells, means, classes, differences, lines, roles, areas, states, dissipation, threshold, d_weights):
     """Change of the fluxes of inner faces, shape (n, 5), with the weights of their mean states, shape (n, 4)."""
     out = np.zeros((len(cells), 5))
     for f in range(len(cells)):
         s = (areas[f, 0], areas[f, 1], areas[f, 2])
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
-        mean, jump, sigma = _states(states, cells[f], weights[classes[f]], roles[f], dissipation, threshold)
+        weights = means[classes[f]], differences[lines[f]]
+        mean, jump, sigma = _states(states, cells[f], *weights, roles[f], dissipation, threshold)
         d_mean = (
             _along(states, cells[f], d_weights[f], sigma, 0),
             _along(states, cells[f], d_weights[f], sigma, 1),
@@ -66,14 +66,14 @@ def mean_changes(cells, weights, classes, roles, areas, states, dissipation, thr
             _along(states, cells[f], d_weights[f], sigma, 3),
             _along(states, cells[f], d_weights[f], sigma, 4),
         )
-        flux = face_flux_jvp(mean, jump, s, sigma, d_mean, _ZERO, _STILL, 0.0)
+        flux = face_flux_jvp(mean, jump, s, sigma, d_mean, ZERO, STILL, 0.0)
         for n in range(5):
             out[f, n] = flux[n]
     return out
 
 
 @njit(cache=True, error_model="numpy")
-def mean_bars(cells, weights, classes, roles, areas, states, dissipation, threshold, bar):
+def mean_bars(cells, means, classes, differences, lines, roles, areas, states, dissipation, threshold, bar):
     """What the weights of the mean states of inner faces, shape (n, 4), get of rows of the residual."""
     out = np.zeros((len(cells), 4))
     for f in range(len(cells)):
@@ -81,7 +81,8 @@ def mean_bars(cells, weights, classes, roles, areas, states, dissipation, thresh
         if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
             continue
         near = cells[f]
-        mean, jump, sigma = _states(states, near, weights[classes[f]], roles[f], dissipation, threshold)
+        weights = means[classes[f]], differences[lines[f]]
+        mean, jump, sigma = _states(states, near, *weights, roles[f], dissipation, threshold)
         for k in range(4):
             own = (
                 (1.0 - sigma) * states[near[k], 0],
@@ -90,20 +91,17 @@ def mean_bars(cells, weights, classes, roles, areas, states, dissipation, thresh
                 (1.0 - sigma) * states[near[k], 3],
                 (1.0 - sigma) * states[near[k], 4],
             )
-            flux = face_flux_jvp(mean, jump, s, sigma, own, _ZERO, _STILL, 0.0)
+            flux = face_flux_jvp(mean, jump, s, sigma, own, ZERO, STILL, 0.0)
             for n in range(5):
                 out[f, k] += flux[n] * (bar[near[1], n] - bar[near[2], n])
     return out
 
 
-_ZERO, _STILL = (0.0,) * 5, (0.0,) * 3
-
-
 @njit(cache=True, error_model="numpy")
-def _states(states, cells, weights, role, dissipation, threshold):
+def _states(states, cells, means, differences, role, dissipation, threshold):
     """Mean state, jump and sensor of an inner face."""
     sigma = shock_sensor(states, cells, threshold)[0] if threshold > 0.0 else 0.0
-    mean, jump, _, _ = face_state(states, cells, weights, role, _ZERO, dissipation, sigma)
+    mean, jump, _, _ = face_state(states, cells, means, differences, role, ZERO, dissipation, sigma)
     return mean, jump, sigma
 
 

@@ -305,11 +305,8 @@ class _StepSystem:
 
     def solve(self, residual, part, most_left) -> tuple[np.ndarray | None, int]:
         """Newton update, or none where the linear solve fails, and its number of products with the Jacobian."""
-
-        def product(x):
-            return add_blocks(self.diagonal, x, self.linearization.jacobians.product(x))
-
-        system, comm = by_surface(product, self.factor.solve, self.field.sizes), self.field.discretization.halo.comm
+        product, comm = self.linearization.jacobians.product, self.field.discretization.halo.comm
+        system = by_surface(product, self.factor.solve, self.field.sizes, self.diagonal)
         solution = solve_roughly(*system, -residual, part, LARGEST_SOLVE, comm, most_left)
         is_usable = largest(comm, float(not np.isfinite(solution.x).all())) == 0.0 and solution.left < WORTH
         return (solution.x if is_usable else None), solution.n_products
@@ -318,8 +315,9 @@ class _StepSystem:
         """Where an update leads, after the one before."""
         if update is None:
             return UNKNOWN
-        held = add_blocks(self.diagonal, update.astype(np.float32), np.zeros(update.shape, np.float32))
-        return course_of(update, last, residual, held / self.field.sizes, self.field.discretization.halo.comm)
+        inverse = (1.0 / self.field.sizes.ravel()).astype(np.float32)
+        held = add_blocks(self.diagonal, update.astype(np.float32), inverse, np.zeros(update.shape, np.float32))
+        return course_of(update, last, residual, held, self.field.discretization.halo.comm)
 
 
 def advance(field: Field, states, residual, update):

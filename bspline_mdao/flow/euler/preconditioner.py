@@ -27,6 +27,7 @@ from ...numerics.fives import (
     store_halves,
     subtract_scaled,
     zero_halves,
+    zeros,
 )
 from .block_factor import BlockFactor
 from .border import BorderedFactor
@@ -36,7 +37,7 @@ from .factor_pattern import FactorPattern
 from .flux import ROUNDING
 from .gas import GAMMA
 from .linearization import Linearization
-from .reconstruction import FIRST, INNER, MEAN
+from .reconstruction import FARFIELD, INNER
 
 COMPACT_DISSIPATION = 0.75
 """Part of the first difference, at least, that is dissipated in place of the third: with half of it the factor is
@@ -64,7 +65,7 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
     lower, upper = (zero_halves((pattern.n_entries, *diagonal.shape[1:])) for _ in range(2))
     placed = np.empty(diagonal.shape, np.float32)
     placed[pattern.rank] = diagonal
-    index = stencil.cells, stencil.weights, stencil.classes, stencil.roles
+    index = stencil.cells, stencil.means, stencil.classes, stencil.roles
     dissipation = np.float32(max(COMPACT_DISSIPATION, 1.5 * linearization.discretization.dissipation))
     jacobians = linearization.jacobians
     at_shocks = jacobians.shock_rows, jacobians.shocks
@@ -81,7 +82,7 @@ def compact_factor(linearization: Linearization, pattern: FactorPattern, diagona
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _place(
-    face_starts, faces, first, end, cells, weights, classes, roles, jacobians, dissipation, shock_rows, shocks,
+    face_starts, faces, first, end, cells, means, classes, roles, jacobians, dissipation, shock_rows, shocks,
     states, excess, rank, places, lower, upper, diagonal,
 ):  # fmt: skip
     """Add the blocks of all faces of a range of cells; a block between two cells is added where the later row is.
@@ -94,9 +95,9 @@ def _place(
         for at in range(face_starts[cell], face_starts[cell + 1]):
             f = faces[at] if faces[at] >= 0 else -1 - faces[at]
             if roles[f] != INNER:
-                w = weights[classes[f]]
-                behind = w[MEAN, 0] + w[MEAN, 2] if places[f] < 0 else 0.0
-                mean, jump = np.float32(w[MEAN, 1] + behind), np.float32(w[FIRST, 1])
+                w = means[classes[f]]
+                behind = w[0] + w[2] if places[f] < 0 else 0.0
+                mean, jump = np.float32(w[1] + behind), np.float32(-1.0 if roles[f] == FARFIELD else 0.0)
                 for n in range(5):
                     block = add_scaled(load(diagonal, 25 * row + 5 * n), mean, load(jacobians, 50 * f + 10 * n))
                     store(diagonal, 25 * row + 5 * n, add_scaled(block, jump, load(jacobians, 50 * f + 10 * n + 5)))
@@ -126,7 +127,7 @@ def _place(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _place_behind(first, cells, weights, classes, jacobians, rank, places, lower, upper):
+def _place_behind(first, cells, means, classes, jacobians, rank, places, lower, upper):
     """Add the blocks of boundary faces at the second cells inwards, which have what the third ones have too.
 
     Apart from the others: a block may be where another row, and another thread, adds too.
@@ -134,8 +135,8 @@ def _place_behind(first, cells, weights, classes, jacobians, rank, places, lower
     for f in range(first, len(cells)):
         if places[f] < 0:
             continue
-        w, blocks = weights[classes[f]], lower if rank[cells[f, 0]] < rank[cells[f, 1]] else upper
-        behind = np.float32(w[MEAN, 0] + w[MEAN, 2])
+        w, blocks = means[classes[f]], lower if rank[cells[f, 0]] < rank[cells[f, 1]] else upper
+        behind = np.float32(w[0] + w[2])
         for n in range(5):
             at = 25 * places[f] + 5 * n
             store_halves(blocks, at, add_scaled(load_halves(blocks, at), behind, load(jacobians, 50 * f + 10 * n)))
@@ -203,7 +204,9 @@ def time_terms(
     return out
 
 
-def by_surface(product: Callable, solve: Callable, sizes: np.ndarray) -> tuple[Callable, Callable]:
+def by_surface(
+    product: Callable, solve: Callable, sizes: np.ndarray, blocks: np.ndarray | None = None
+) -> tuple[Callable, Callable]:
     """Product with a matrix and approximate solution with it, of float32, for rows divided by the surfaces of cells.
 
     Parameters
@@ -212,13 +215,15 @@ def by_surface(product: Callable, solve: Callable, sizes: np.ndarray) -> tuple[C
         Of arrays of shape (n_cells, 5); what the product returns is written over.
     sizes : ndarray, shape (n_cells, 1)
         Surfaces of the cells (m^2), see `Discretization.sizes`.
+    blocks : ndarray of float32, shape (n_cells, 5, 5), optional
+        Blocks on the diagonal, which the product leaves out.
     """
     single = sizes.ravel().astype(np.float32)
     inverse = 1.0 / single
 
     def divided(x):
         change = product(x)
-        return _scaled_rows(inverse, change, change)
+        return _scaled_rows(inverse, change, change) if blocks is None else add_blocks(blocks, x, inverse, change)
 
     return divided, lambda y: solve(_scaled_rows(single, y, np.empty_like(y)))
 
@@ -236,20 +241,21 @@ def _scale(factors, rows, out):
             out[c, n] = factors[c] * rows[c, n]
 
 
-def add_blocks(blocks: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Add the products of the blocks of all cells, shape (n_cells, 5, 5), with their states to an array, and return it.
+def add_blocks(blocks: np.ndarray, x: np.ndarray, factors: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Add products of blocks, shape (n_cells, 5, 5), with states to an array, and multiply its rows by a factor each.
 
-    All are of float32.
+    The array is written over and returned; all are of float32.
     """
-    visit(len(x), lambda part: _add_blocks(blocks[part], x[part], out[part]))
+    visit(len(x), lambda part: _add_blocks(blocks[part], x[part], factors[part], out[part]))
     return out
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _add_blocks(blocks, x, out):
+def _add_blocks(blocks, x, factors, out):
     for c in range(len(x)):
         product = block_product(blocks, 25 * c, load(x, 5 * c))
-        store(out, 5 * c, add_scaled(product, np.float32(1.0), load(out, 5 * c)))
+        total = add_scaled(product, np.float32(1.0), load(out, 5 * c))
+        store(out, 5 * c, add_scaled(zeros(), factors[c], total))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -24,8 +24,8 @@ from ...errors import InputError
 from .cell_sums import CellSums
 from .gas import GAMMA
 
-MEAN, FIRST, THIRD = 0, 1, 2
-"""Rows of the weights of a face: of its mean state, its first and its third difference."""
+FIRST, THIRD = 0, 1
+"""Rows of the weights in the differences of a face: the first and the third."""
 
 INNER, FARFIELD, SLIP = 0, 1, 2
 """Roles of a face: cells on both sides, the free stream outside, or no flow through it."""
@@ -50,10 +50,14 @@ class Stencil:
     ----------
     cells : ndarray of int, shape (n_faces, 4)
         Cells a, b, c, d; where there is none, b or c with weight 0. At boundary faces c is the third cell inwards.
-    weights : ndarray, shape (n_classes, 3, 4)
-        Weights of mean, first and third difference by the class of a face.
-    classes : ndarray of int8, shape (n_faces,)
-        Class of each face.
+    means : ndarray, shape (n_classes, 4)
+        Weights in the mean state by the class of a face.
+    classes : ndarray of int, shape (n_faces,)
+        Class of each face; where grid lines turn faces have classes of their own, see `.kinks`.
+    differences : ndarray, shape (n_lines, 2, 4)
+        Weights in the first and the third difference by what the line through a face is like.
+    lines : ndarray of int8, shape (n_faces,)
+        What the line through each face is like.
     roles : ndarray of int8, shape (n_faces,)
         `INNER`, `FARFIELD` or `SLIP`.
     sums : CellSums
@@ -61,8 +65,10 @@ class Stencil:
     """
 
     cells: np.ndarray
-    weights: np.ndarray
+    means: np.ndarray
     classes: np.ndarray
+    differences: np.ndarray
+    lines: np.ndarray
     roles: np.ndarray
     sums: CellSums
 
@@ -80,7 +86,7 @@ class Stencil:
         a, d = faces.beyond_left, np.append(faces.beyond_right, edge)
         no_a, no_d = a == NONE, d == NONE
         roles = np.full(faces.n_faces, INNER, dtype=np.int8)
-        classes = (no_a + 2 * no_d).astype(np.int8)
+        lines = (no_a + 2 * no_d).astype(np.int8)
         depths = 2 - no_a - np.append(np.zeros(faces.n_inner, int), faces.third == NONE)
         for patch in faces.boundary:
             if patch.kind not in KINDS:
@@ -91,21 +97,24 @@ class Stencil:
                 )
             part = slice(patch.start, patch.stop)
             roles[part] = KINDS[patch.kind]
-            classes[part] = _BOUNDARY_CLASSES[KINDS[patch.kind]] + depths[part]
+            lines[part] = _BOUNDARY_LINES[KINDS[patch.kind]] + depths[part]
         cells = np.stack([np.where(no_a, b, a), b, c, np.where(no_d, c, d)], axis=1).astype(np.int32)
-        return cls(cells, _WEIGHTS, classes, roles, CellSums.of(cells, roles == INNER))
+        return cls(cells, _MEANS, lines, _DIFFERENCES, lines, roles, CellSums.of(cells, roles == INNER))
 
     def cast(self, dtype) -> Stencil:
         """With weights of a type: complex ones for complex states."""
-        return self if self.weights.dtype == dtype else replace(self, weights=self.weights.astype(dtype))
+        if self.means.dtype == dtype:
+            return self
+        return replace(self, means=self.means.astype(dtype), differences=self.differences.astype(dtype))
 
     def part(self, faces: slice) -> tuple[np.ndarray, ...]:
-        """Cells, weights, classes and roles of a range of faces, as the kernels take them."""
-        return self.cells[faces], self.weights, self.classes[faces], self.roles[faces]
+        """Cells, weights and roles of a range or list of faces, as the kernels take them."""
+        by_class = self.means, self.classes[faces], self.differences, self.lines[faces]
+        return self.cells[faces], *by_class, self.roles[faces]
 
 
 def _folded(no_a: bool, no_d: bool) -> np.ndarray:
-    """Weights where the cells at the ends of a line are extrapolated: a = 2 b - c, d = 2 c - b."""
+    """Weights in mean and differences where cells at the ends of a line are extrapolated: a = 2 b - c, d = 2 c - b."""
     fold = np.eye(4)
     if no_a:
         fold[0] = [0, 2, -1, 0]
@@ -118,8 +127,8 @@ def _boundary(*means: tuple[float, ...], first: float = 0.0) -> list[np.ndarray]
     """Weights of a boundary face by the number of cells there are inwards: those of cells b, a and the third, at c."""
     weights = np.zeros((len(means), 3, 4))
     for row, mean in zip(weights, means):
-        row[MEAN, [1, 0, 2][: len(mean)]] = mean
-        row[FIRST, 1] = first
+        row[0, [1, 0, 2][: len(mean)]] = mean
+        row[1 + FIRST, 1] = first
     return list(weights)
 
 
@@ -131,30 +140,32 @@ _WEIGHTS = np.stack(
     ]
 )
 
-_BOUNDARY_CLASSES = {SLIP: 4, FARFIELD: 7}
+_MEANS, _DIFFERENCES = np.ascontiguousarray(_WEIGHTS[:, 0]), np.ascontiguousarray(_WEIGHTS[:, 1:])
+
+_BOUNDARY_LINES = {SLIP: 4, FARFIELD: 7}
 
 
 @njit(cache=True, error_model="numpy")
-def face_state(states, cells, weights, role, stream, dissipation, sigma):
+def face_state(states, cells, means, differences, role, stream, dissipation, sigma):
     """Mean state and jump, and the derivatives of both with respect to the sensor."""
-    mean = _combine(weights[MEAN], states, cells)
-    first = _combine(weights[FIRST], states, cells)
+    mean = _combine(means, states, cells)
+    first = _combine(differences[FIRST], states, cells)
     if role != INNER:
         outside = 1.0 if role == FARFIELD else 0.0
         return _add(mean, 0.5 * outside, stream), _add(first, outside, stream), first, first
     mean, mean_slope = _blend(mean, _combine(COMPACT_MEAN, states, cells), sigma)
-    third = _scale(dissipation, _combine(weights[THIRD], states, cells))
+    third = _scale(dissipation, _combine(differences[THIRD], states, cells))
     jump, jump_slope = _blend(third, first, sigma)
     return mean, jump, mean_slope, jump_slope
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def face_weights(weights, role, dissipation, sigma, out):
+def face_weights(means, differences, role, dissipation, sigma, out):
     """Weights of the four cells in mean state and jump, shape (2, 4), with the sensor as it is."""
     for k in range(4):
-        out[0, k], out[1, k] = weights[MEAN, k], weights[FIRST, k]
+        out[0, k], out[1, k] = means[k], differences[FIRST, k]
         if role == INNER:
-            third = dissipation * weights[THIRD, k]
+            third = dissipation * differences[THIRD, k]
             out[0, k] += sigma * (COMPACT_MEAN[k] - out[0, k])
             out[1, k] = third + sigma * (out[1, k] - third)
 

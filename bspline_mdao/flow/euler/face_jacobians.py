@@ -1,0 +1,242 @@
+"""Jacobians of the fluxes of all faces in single precision, of which Krylov methods take products by the hundred.
+
+They are of the flux of a face with respect to its mean state and its jump. What they leave of a linear system is known
+exactly, see `.linearization`, so that its solution can be refined to what rounding in double precision leaves.
+
+Theory: ``docs/theory/euler.rst``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ...numerics.fives import add_product, add_scaled, lane_sums, load, prefetch, store, zeros
+from ...numerics.processes import summed_number
+from .cell_sums import visit
+from .flux import STILL, face_flux_jvp, state_jacobian
+from .gas import N_STATES
+from .reconstruction import FIRST, INNER, SLIP, THIRD, face_state, face_weights, shock_sensor
+
+__all__ = ["FaceJacobians"]
+
+N_SHOCK = 28
+"""Numbers of a face at a shock: the sensor, weights of mean and jump, derivatives of the sensor by the four pressures
+and the two outer states, and of the flux by the sensor."""
+
+AHEAD = 16
+"""Faces ahead of the one in work whose Jacobians are asked for from memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class FaceJacobians:
+    """Jacobians of the fluxes of all faces in single precision, and products with that of the residual.
+
+    Parameters
+    ----------
+    discretization : Discretization
+    values : ndarray of float32, shape (n_faces, 5, 10)
+        Derivatives of the fluxes with respect to the mean state and to the jump.
+    shock_rows : ndarray of int32, shape (n_faces,)
+        Row in ``shocks`` of each face; -1 where the sensor is shut. No faces where it is shut at all of them.
+    shocks : ndarray of float32, shape (n_shocks, 23)
+        See `N_SHOCK`.
+    of_circulation, circulation : ndarray of float32, shape (n_cells, 5)
+        Derivatives of the residual with respect to the circulation of a section, and of that with respect to the
+        states; no cells where the far field has no vortex.
+    """
+
+    discretization: Any  # a type of its own would have the two files import each other
+    values: np.ndarray
+    shock_rows: np.ndarray
+    shocks: np.ndarray
+    of_circulation: np.ndarray
+    circulation: np.ndarray
+
+    @classmethod
+    def of(cls, linearization: Any) -> FaceJacobians:
+        """Differentiate the fluxes of all faces."""
+        discretization, n = linearization.discretization, len(linearization.areas)
+        values = np.zeros((n, N_STATES, 2 * N_STATES), np.float32)
+        rows = np.zeros(0, np.int32)
+        if discretization.shock_threshold > 0.0:
+            rows = np.full(n, -1, np.int32)
+            visit(n, lambda part: find_shocks(*linearization._at(part), rows[part]))
+            at_shock = rows >= 0
+            rows[at_shock] = np.arange(np.count_nonzero(at_shock))
+            rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs what it costs without a sensor
+        shocks = np.zeros((int(rows.max(initial=-1)) + 1, N_SHOCK), np.float32)
+
+        def fill(part):
+            face_jacobians(*linearization._at(part), values[part], rows[part], shocks)
+
+        visit(n, fill)
+        vortex = linearization.vortex
+        terms = (linearization.of_circulation(vortex), vortex.by_state) if vortex else 2 * (np.zeros((0, N_STATES)),)
+        return cls(discretization, values, rows, shocks, *(term.astype(np.float32) for term in terms))
+
+    def product(self, d_states: np.ndarray) -> np.ndarray:
+        """Change of the residual with the states, both of float32 and shape (n_cells, 5)."""
+        discretization, stencil, own = self.discretization, self.discretization.stencil, d_states
+        d_states = discretization.halo.extend(np.ascontiguousarray(d_states, np.float32))
+        flux, rest = np.empty((len(self.values), N_STATES), np.float32), (self.shocks, d_states)
+
+        def fill(part):
+            index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
+            multiply(*index, self.values[part], self.shock_rows[part], *rest, flux[part])
+
+        visit(len(flux), fill)
+        out = discretization.sums.of_faces(flux, discretization.faces.n_cells)
+        return self._with_circulation(out, self.of_circulation, self.circulation, own)
+
+    def transposed_product(self, bar: np.ndarray) -> np.ndarray:
+        """Transposed product of `product`."""
+        discretization, stencil, own = self.discretization, self.discretization.stencil, bar
+        bar = discretization.halo.pad(np.ascontiguousarray(bar, np.float32))
+        shares, rest = np.empty((len(self.values), 4, N_STATES), np.float32), (self.shocks, bar)
+
+        def fill(part):
+            index = stencil.cells[part], stencil.means, stencil.classes[part], self.jump_weights, stencil.lines[part]
+            multiply_transposed(
+                *index, stencil.roles[part], self.values[part], self.shock_rows[part], *rest, shares[part]
+            )
+
+        visit(len(shares), fill)
+        out = discretization.halo.fold(discretization.sums.of_stencils(shares, len(bar)))
+        return self._with_circulation(out, self.circulation, self.of_circulation, own)
+
+    def _with_circulation(self, out, column: np.ndarray, row: np.ndarray, vector: np.ndarray) -> np.ndarray:
+        """Add the part of a product that goes through the circulation of a section, if there is one."""
+        if self.discretization.vortex:
+            out += column * np.float32(summed_number(self.discretization.halo.comm, float(np.vdot(row, vector))))
+        return out
+
+    @cached_property
+    def jump_weights(self) -> np.ndarray:
+        """Weights of the four cells in the jump where there is no shock, shape (n_lines, 4), float32."""
+        first, third = (self.discretization.stencil.differences[:, row] for row in (FIRST, THIRD))
+        has_third = third.any(axis=1, keepdims=True)  # of inner faces alone
+        return np.where(has_third, self.discretization.dissipation * third, first).astype(np.float32)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def find_shocks(cells, means, classes, differences, lines, roles, areas, states, outside, dissipation, threshold, out):
+    """Write a zero for each face where the sensor is not shut."""
+    for f in range(len(cells)):
+        if roles[f] == INNER and shock_sensor(states, cells[f], threshold)[0] > 0.0:
+            out[f] = 0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def face_jacobians(
+    cells,
+    means,
+    classes,
+    differences,
+    lines,
+    roles,
+    areas,
+    states,
+    outside,
+    dissipation,
+    threshold,
+    values,
+    shock_rows,
+    shocks,
+):
+    """Differentiate the fluxes of all faces; the last arguments are filled, see `FaceJacobians`."""
+    face_weight = np.zeros((2, 4))
+    for f in range(len(cells)):
+        s = (areas[f, 0], areas[f, 1], areas[f, 2])
+        if s[0] * s[0] + s[1] * s[1] + s[2] * s[2] == 0.0:
+            if len(shock_rows) > 0 and shock_rows[f] >= 0:
+                face_weights(means[classes[f]], differences[lines[f]], roles[f], dissipation, 0.0, face_weight)
+                shocks[shock_rows[f], 1:9] = face_weight.ravel()
+            continue
+        near, role, w, d = cells[f], roles[f], means[classes[f]], differences[lines[f]]
+        at = shock_rows[f] if len(shock_rows) > 0 else -1
+        sigma = 0.0
+        if at >= 0:
+            sigma, by_pressure, by_first, by_last = shock_sensor(states, near, threshold)
+        mean, jump, mean_slope, jump_slope = face_state(states, near, w, d, role, outside[f], dissipation, sigma)
+        if role == SLIP:
+            for n in range(3):
+                values[f, 1 + n, 4] = s[n]
+            continue
+        state_jacobian(mean, jump, s, sigma, values[f])
+        if at >= 0:
+            face_weights(w, d, role, dissipation, sigma, face_weight)
+            column = face_flux_jvp(mean, jump, s, sigma, mean_slope, jump_slope, STILL, 1.0)
+            row = shocks[at]
+            row[0] = sigma
+            for k in range(4):
+                row[1 + k], row[5 + k], row[9 + k] = face_weight[0, k], face_weight[1, k], by_pressure[k]
+            for n in range(5):
+                row[13 + n], row[18 + n], row[23 + n] = by_first[n], by_last[n], column[n]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def multiply(cells, means, classes, jumps, lines, values, shock_rows, shocks, d_states, out):
+    """Change of the fluxes of all faces with the states, shape (n_faces, 5)."""
+    for f in range(len(cells)):
+        at = shock_rows[f] if len(shock_rows) > 0 else -1
+        mean = jump = nothing = zeros()
+        for k in range(4):
+            by_mean, by_jump = np.float32(means[classes[f], k]), jumps[lines[f], k]
+            if at >= 0:
+                by_mean, by_jump = shocks[at, 1 + k], shocks[at, 5 + k]
+            state = load(d_states, 5 * cells[f, k])
+            mean, jump = add_scaled(mean, by_mean, state), add_scaled(jump, by_jump, state)
+        row = 50 * f
+        for line in range(4):
+            prefetch(values, row + 50 * AHEAD + 16 * line)
+        flux = lane_sums(
+            add_product(add_product(nothing, load(values, row), mean), load(values, row + 5), jump),
+            add_product(add_product(nothing, load(values, row + 10), mean), load(values, row + 15), jump),
+            add_product(add_product(nothing, load(values, row + 20), mean), load(values, row + 25), jump),
+            add_product(add_product(nothing, load(values, row + 30), mean), load(values, row + 35), jump),
+            add_product(add_product(nothing, load(values, row + 40), mean), load(values, row + 45), jump),
+        )
+        if at >= 0:
+            change = np.float32(0.0)
+            for k in range(4):
+                change += shocks[at, 9 + k] * d_states[cells[f, k], 4]
+            for n in range(5):
+                change += shocks[at, 13 + n] * d_states[cells[f, 0], n] + shocks[at, 18 + n] * d_states[cells[f, 3], n]
+            flux = add_scaled(flux, change, load(shocks, N_SHOCK * at + 23))
+        store(out, 5 * f, flux)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def multiply_transposed(cells, means, classes, jumps, lines, roles, values, shock_rows, shocks, bar, out):
+    """What the four cells at each face, shape (n_faces, 4, 5), get of rows of the residual."""
+    for f in range(len(cells)):
+        b, c, one = cells[f, 1], cells[f, 2], np.float32(1.0 if roles[f] == INNER else 0.0)
+        at = shock_rows[f] if len(shock_rows) > 0 else -1
+        mean = jump = zeros()
+        for line in range(4):
+            prefetch(values, 50 * (f + AHEAD) + 16 * line)
+        sense = np.float32(0.0)
+        for n in range(5):
+            through, row = bar[b, n] - one * bar[c, n], 50 * f + 10 * n
+            mean, jump = (
+                add_scaled(mean, through, load(values, row)),
+                add_scaled(jump, through, load(values, row + 5)),
+            )
+            if at >= 0:
+                sense += shocks[at, 23 + n] * through
+        for k in range(4):
+            by_mean, by_jump = np.float32(means[classes[f], k]), jumps[lines[f], k]
+            if at >= 0:
+                by_mean, by_jump = shocks[at, 1 + k], shocks[at, 5 + k]
+            store(out, 20 * f + 5 * k, add_scaled(add_scaled(zeros(), by_mean, mean), by_jump, jump))
+        if at >= 0:
+            for k in range(4):
+                out[f, k, 4] += shocks[at, 9 + k] * sense
+            for n in range(5):
+                out[f, 0, n] += shocks[at, 13 + n] * sense
+                out[f, 3, n] += shocks[at, 18 + n] * sense
