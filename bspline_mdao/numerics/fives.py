@@ -1,4 +1,4 @@
-"""Vectors of five numbers of single precision, as values in kernels: states and columns of 5 x 5 blocks.
+"""Vectors of five numbers of single precision, as values in kernels: states and rows of 5 x 5 blocks.
 
 LLVM does not find vector code for blocks of five by itself. Here they are the first five of eight lanes; the others are
 zero when they are loaded, but for those of halves, and not stored. Products and sums are marked as contractible and
@@ -21,10 +21,16 @@ __all__ = [
     "block_product",
     "combined",
     "lane_sums",
+    "less_product",
     "load",
+    "load_block",
+    "load_half_block",
     "load_halves",
     "prefetch",
+    "product_of_blocks",
     "store",
+    "store_block",
+    "store_half_block",
     "store_halves",
     "subtract_combined",
     "subtract_scaled",
@@ -280,4 +286,72 @@ def block_product(blocks, at, z):
         add_product(nothing, load(blocks, at + 10), z),
         add_product(nothing, load(blocks, at + 15), z),
         add_product(nothing, load(blocks, at + 20), z),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def load_block(blocks, at):
+    """Rows of a block from an offset into the data of an array."""
+    return (
+        load(blocks, at),
+        load(blocks, at + 5),
+        load(blocks, at + 10),
+        load(blocks, at + 15),
+        load(blocks, at + 20),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def load_half_block(blocks, at):
+    """Rows of a block of halves from an offset into the data of an array."""
+    return (
+        load_halves(blocks, at),
+        load_halves(blocks, at + 5),
+        load_halves(blocks, at + 10),
+        load_halves(blocks, at + 15),
+        load_halves(blocks, at + 20),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def store_block(blocks, at, rows):
+    """Write the rows of a block from an offset into the data of an array on."""
+    store(blocks, at, rows[0])
+    store(blocks, at + 5, rows[1])
+    store(blocks, at + 10, rows[2])
+    store(blocks, at + 15, rows[3])
+    store(blocks, at + 20, rows[4])
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def store_half_block(blocks, at, rows):
+    """Write the rows of a block of halves from an offset into the data of an array on."""
+    store_halves(blocks, at, rows[0])
+    store_halves(blocks, at + 5, rows[1])
+    store_halves(blocks, at + 10, rows[2])
+    store_halves(blocks, at + 15, rows[3])
+    store_halves(blocks, at + 20, rows[4])
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def less_product(block, left, right):
+    """Rows of a block less the product of two others."""
+    return (
+        subtract_combined(block[0], left[0], right),
+        subtract_combined(block[1], left[1], right),
+        subtract_combined(block[2], left[2], right),
+        subtract_combined(block[3], left[3], right),
+        subtract_combined(block[4], left[4], right),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def product_of_blocks(left, right):
+    """Rows of the product of two blocks."""
+    return (
+        combined(left[0], right),
+        combined(left[1], right),
+        combined(left[2], right),
+        combined(left[3], right),
+        combined(left[4], right),
     )

@@ -26,11 +26,16 @@ from ...numerics.fives import (
     block_product,
     combined,
     lane_sums,
+    less_product,
     load,
+    load_block,
+    load_half_block,
     load_halves,
     prefetch,
+    product_of_blocks,
     store,
-    store_halves,
+    store_block,
+    store_half_block,
     subtract_combined,
     subtract_scaled,
     zero_halves,
@@ -248,13 +253,13 @@ def _by_rows(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
 def _gather(blocks, entries, out):
     for n in range(len(entries)):
         prefetch(blocks, 25 * entries[min(n + AHEAD, len(entries) - 1)])
-        _write_halves(out, 25 * n, _halves(blocks, 25 * entries[n]))
+        store_half_block(out, 25 * n, load_half_block(blocks, 25 * entries[n]))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _scatter(blocks, entries, out):
     for n in range(len(entries)):
-        _write_halves(out, 25 * entries[n], _halves(blocks, 25 * n))
+        store_half_block(out, 25 * entries[n], load_half_block(blocks, 25 * n))
 
 
 def _n_threads(schedule: Schedule, n_rows: int) -> int:
@@ -294,21 +299,21 @@ def _factorize(starts, columns, firsts, ends, levels, numbers, part, n_parts, lo
         if chunk < 0:
             return
         for row in range(firsts[chunk], ends[chunk]):
-            first, pivot = starts[row], _rows(diagonal, row)
+            first, pivot = starts[row], load_block(diagonal, 25 * row)
             for entry in range(first, starts[row + 1]):
                 column = columns[entry]
-                place, low, up = first, _halves(lower, 25 * entry), _halves(upper, 25 * entry)
+                place, low, up = first, load_half_block(lower, 25 * entry), load_half_block(upper, 25 * entry)
                 for other in range(starts[column], starts[column + 1]):
                     while place < entry and columns[place] < columns[other]:
                         place += 1
                     if place < entry and columns[place] == columns[other]:  # step 1
-                        low = _less(low, _halves(lower, 25 * place), _halves(upper, 25 * other))
-                        up = _less(up, _halves(lower, 25 * other), _halves(upper, 25 * place))
-                low = _times(low, _rows(diagonal, column))  # step 2
-                pivot = _less(pivot, low, up)  # step 3
-                _write_halves(lower, 25 * entry, low)
-                _write_halves(upper, 25 * entry, up)
-            _write(diagonal, row, pivot)
+                        low = less_product(low, load_half_block(lower, 25 * place), load_half_block(upper, 25 * other))
+                        up = less_product(up, load_half_block(lower, 25 * other), load_half_block(upper, 25 * place))
+                low = product_of_blocks(low, load_block(diagonal, 25 * column))  # step 2
+                pivot = less_product(pivot, low, up)  # step 3
+                store_half_block(lower, 25 * entry, low)
+                store_half_block(upper, 25 * entry, up)
+            store_block(diagonal, 25 * row, pivot)
             for a in range(BLOCK):
                 for b in range(BLOCK):
                     block[a, b] = diagonal[row, a, b]
@@ -317,76 +322,6 @@ def _factorize(starts, columns, firsts, ends, levels, numbers, part, n_parts, lo
                 for b in range(BLOCK):
                     diagonal[row, a, b] = inverse[a, b]
         finish(numbers)
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _rows(blocks, at):
-    """Rows of a block."""
-    first = 25 * at
-    return (
-        load(blocks, first),
-        load(blocks, first + 5),
-        load(blocks, first + 10),
-        load(blocks, first + 15),
-        load(blocks, first + 20),
-    )
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _halves(blocks, at):
-    """Rows of a block of halves from an offset into the data of an array."""
-    return (
-        load_halves(blocks, at),
-        load_halves(blocks, at + 5),
-        load_halves(blocks, at + 10),
-        load_halves(blocks, at + 15),
-        load_halves(blocks, at + 20),
-    )
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _write(blocks, at, rows):
-    """Write a block."""
-    first = 25 * at
-    store(blocks, first, rows[0])
-    store(blocks, first + 5, rows[1])
-    store(blocks, first + 10, rows[2])
-    store(blocks, first + 15, rows[3])
-    store(blocks, first + 20, rows[4])
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _write_halves(blocks, at, rows):
-    """Write a block of halves from an offset into the data of an array."""
-    store_halves(blocks, at, rows[0])
-    store_halves(blocks, at + 5, rows[1])
-    store_halves(blocks, at + 10, rows[2])
-    store_halves(blocks, at + 15, rows[3])
-    store_halves(blocks, at + 20, rows[4])
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _less(block, left, right):
-    """Block less the product of two others."""
-    return (
-        subtract_combined(block[0], left[0], right),
-        subtract_combined(block[1], left[1], right),
-        subtract_combined(block[2], left[2], right),
-        subtract_combined(block[3], left[3], right),
-        subtract_combined(block[4], left[4], right),
-    )
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _times(left, right):
-    """Product of two blocks."""
-    return (
-        combined(left[0], right),
-        combined(left[1], right),
-        combined(left[2], right),
-        combined(left[3], right),
-        combined(left[4], right),
-    )
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -488,8 +423,8 @@ def _solve_transposed(
                 z = load(right, 5 * order[row])
                 for entry in range(starts[row], starts[row + 1]):
                     prefetch(upper, 25 * (entry + AHEAD))
-                    z = subtract_combined(z, load(x, 5 * columns[entry]), _halves(upper, 25 * entry))
-                store(x, 5 * row, combined(z, _rows(pivots, row)))
+                    z = subtract_combined(z, load(x, 5 * columns[entry]), load_half_block(upper, 25 * entry))
+                store(x, 5 * row, combined(z, load_block(pivots, 25 * row)))
         else:
             back = n_chunks - 1 - chunk
             for row in range(ends[back] - 1, firsts[back] - 1, -1):
@@ -497,7 +432,7 @@ def _solve_transposed(
                 z = load(x, 5 * row)
                 for place in range(column_starts[row + 1] - 1, column_starts[row] - 1, -1):
                     prefetch(lower, 25 * (place - AHEAD))
-                    z = subtract_combined(z, load(x, 5 * column_rows[place]), _halves(lower, 25 * place))
+                    z = subtract_combined(z, load(x, 5 * column_rows[place]), load_half_block(lower, 25 * place))
                 store(x, 5 * row, z)
                 store(out, 5 * order[row], z)
         finish(numbers)

@@ -17,9 +17,19 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ...numerics.fives import add_scaled, load_halves, store_halves, zero_halves
+from ...numerics.fives import (
+    add_scaled,
+    less_product,
+    load_block,
+    load_half_block,
+    load_halves,
+    store_block,
+    store_half_block,
+    store_halves,
+    zero_halves,
+)
 from ...numerics.halo import Halo
-from .block_factor import BLOCK, BlockFactor, Pattern, _halves, _less, _rows, _write, _write_halves
+from .block_factor import BLOCK, BlockFactor, Pattern
 from .cell_sums import visit
 
 __all__ = ["Border", "BorderedFactor"]
@@ -166,10 +176,10 @@ class BorderedFactor:
 def _eliminate_diagonal(starts, columns, lower, upper, first, end, diagonal):
     """Take from the diagonal blocks of border rows what elimination of the inner cells takes: ``A_ii - L_ik U_ki``."""
     for row in range(first, end):
-        block = _rows(diagonal, row)
+        block = load_block(diagonal, 25 * row)
         for entry in range(starts[row], starts[row + 1]):
-            block = _less(block, _halves(lower, 25 * entry), _halves(upper, 25 * entry))
-        _write(diagonal, row, block)
+            block = less_product(block, load_half_block(lower, 25 * entry), load_half_block(upper, 25 * entry))
+        store_block(diagonal, 25 * row, block)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -180,16 +190,16 @@ def _eliminate(starts, columns, lower, upper, left, right, first, end, at_left, 
     """
     for pair in range(first, end):
         i, j = left[pair], right[pair]
-        low, up = _halves(at_left, 25 * pair), _halves(at_right, 25 * pair)
+        low, up = load_half_block(at_left, 25 * pair), load_half_block(at_right, 25 * pair)
         place = starts[i]
         for other in range(starts[j], starts[j + 1]):
             while place < starts[i + 1] and columns[place] < columns[other]:
                 place += 1
             if place < starts[i + 1] and columns[place] == columns[other]:
-                low = _less(low, _halves(lower, 25 * place), _halves(upper, 25 * other))
-                up = _less(up, _halves(lower, 25 * other), _halves(upper, 25 * place))
-        _write_halves(at_left, 25 * pair, low)
-        _write_halves(at_right, 25 * pair, up)
+                low = less_product(low, load_half_block(lower, 25 * place), load_half_block(upper, 25 * other))
+                up = less_product(up, load_half_block(lower, 25 * other), load_half_block(upper, 25 * place))
+        store_half_block(at_left, 25 * pair, low)
+        store_half_block(at_right, 25 * pair, up)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
