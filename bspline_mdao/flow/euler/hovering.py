@@ -28,7 +28,7 @@ import numpy as np
 from ...numerics.processes import summed
 from .newton_step import BACK, Course, NewtonStep
 
-__all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before"]
+__all__ = ["begins_to_hover", "course_of", "hovering_cfl", "lowest_before", "since_it_hovers"]
 
 HOVERING, HOVERING_FROM = 8, 1e-3
 """Steps without a new lowest residual after which a run hovers, where all of theirs are below the second number. One
@@ -96,3 +96,11 @@ def hovering_cfl(history: Sequence[NewtonStep], is_long: bool) -> float:
     fall = history[-2].residual / max(history[-1].residual, np.finfo(float).tiny)
     factor = min(LARGEST_RISE, max(LEAST_RISE, fall)) if length == 1.0 else min(1.0, max(0.2, 1.5 * length))
     return cfl * (min(factor, GROWTH / growth) if growth > 0.0 else factor)
+
+
+def since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
+    """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
+    first = len(history)
+    while history[first - 1].hovers_from:
+        first -= 1
+    return history[first:] or history

@@ -14,7 +14,7 @@ import numpy as np
 from ...numerics.processes import largest
 from .discretization import Discretization
 from .factor_pattern import FactorPattern
-from .hovering import course_of, hovering_cfl, lowest_before
+from .hovering import course_of, hovering_cfl, lowest_before, since_it_hovers
 from .krylov import solve_roughly
 from .linearization import Linearization
 from .newton_step import UNKNOWN, Course, NewtonStep
@@ -187,7 +187,7 @@ def solve_flow(
     last: np.ndarray | None = None
     while history[-1].residual > tolerance and len(history) <= max_steps and cfl > SMALLEST_CFL:
         n_stalled = STALLED_LONG if is_long or history[-1].hovers_from else STALLED
-        is_stalled = _is_stalled(_since_it_hovers(history), n_stalled)
+        is_stalled = _is_stalled(since_it_hovers(history), n_stalled)
         if is_stalled or _is_rounded(history) or _is_spent(history, max_products):
             break
         part = _forcing(history, tolerance)
@@ -255,14 +255,6 @@ def _is_stalled(history: list[NewtonStep], n: int, part: float = 0.5) -> bool:
     """Whether the last n steps have brought the lowest residual to no less than a part of it."""
     before, lately = ([step.residual for step in part] for part in (history[:-n], history[-n:]))
     return bool(before) and min(lately) > part * min(before)
-
-
-def _since_it_hovers(history: list[NewtonStep]) -> list[NewtonStep]:
-    """Steps of a run that hovers, from the first one that did on; all of another. Past a fold residuals rise."""
-    first = len(history)
-    while history[first - 1].hovers_from:
-        first -= 1
-    return history[first:] or history
 
 
 def _is_spent(history: list[NewtonStep], most: int) -> bool:
