@@ -254,23 +254,25 @@ def _large_entries(starts, columns, couplings, diagonal, n_first, smallest, smal
             waiting[n_waiting] = columns[at]
             n_waiting += 1
         while n_waiting > 0:  # step 1
-            next_one = np.argmin(waiting[:n_waiting])
-            k, n_waiting = waiting[next_one], n_waiting - 1
-            waiting[next_one] = waiting[n_waiting]
+            n_waiting -= 1
+            for other in range(n_waiting):  # the least one goes to the end
+                if waiting[other] < waiting[n_waiting]:
+                    waiting[other], waiting[n_waiting] = waiting[n_waiting], waiting[other]
+            k = waiting[n_waiting]
             value = values[k]
             if coupled[k] != i and abs(value) <= small * min(diagonal[i], pivots[k]):
                 continue
-            at = heads[k] if k < n_first else -1
+            at, part = (heads[k] if k < n_first else -1), value / pivots[k]
             while at >= 0:  # step 2
                 j = row_of[at]
                 if seen[j] != i:
                     values[j], seen[j] = 0.0, i
                     waiting[n_waiting] = j
                     n_waiting += 1
-                values[j] -= value * entries[at] / pivots[k]
+                values[j] -= part * entries[at]
                 at = later[at]
             if k < n_first:
-                pivots[i] = max(pivots[i] - value * value / pivots[k], 1e-12 * diagonal[i])
+                pivots[i] = max(pivots[i] - part * value, 1e-12 * diagonal[i])
             if total == len(found):
                 found, row_of = np.concatenate((found, found)), np.concatenate((row_of, row_of))
                 entries, later = np.concatenate((entries, entries)), np.concatenate((later, later))
