@@ -9,7 +9,7 @@ from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.cold_start import cold_solutions
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.gas import free_stream
-from bspline_mdao.flow.euler.hovering import begins_to_hover, course_of, hovering_cfl, lowest_before
+from bspline_mdao.flow.euler.hovering import begins_to_hover, course_of, hovering_cfl, lowest_before, since_it_hovers
 from bspline_mdao.flow.euler.newton_step import Course, NewtonStep
 from bspline_mdao.flow.euler.sequencing import coarse_levels, useful_levels
 from bspline_mdao.io.files import read_grid
@@ -97,8 +97,8 @@ def test_time_steps_of_a_run_that_hovers_grow_as_far_as_growth_allows(after, gro
 
 def test_a_run_may_take_its_steps_anew_from_where_it_began_to_hover():
     history = run(1e-4, *8 * [2e-4], 3e-3, 2e-4)
-    assert newton._since_it_hovers(history) == history[8:]
-    assert newton._since_it_hovers(history[:8]) == history[:8]
+    assert since_it_hovers(history) == history[8:]
+    assert since_it_hovers(history[:8]) == history[:8]
 
 
 GAP = 1e-5

@@ -85,8 +85,9 @@ def visit(n: int, task: Callable[[slice], None]) -> None:
         Must not depend on the order of the calls, and release the interpreter lock.
     """
     n_threads = thread_count(None)
-    per_task = max(PER_TASK, -(-n // (TASKS_PER_THREAD * n_threads)))
-    n_tasks = -(-n // per_task)
+    n_tasks = max(1, min(TASKS_PER_THREAD * n_threads, n // PER_TASK))
+    n_tasks -= n_tasks % n_threads if n_tasks > n_threads else 0  # as many for each
+    per_task = -(-n // n_tasks)
     run_tasks(lambda k: task(slice(k * per_task, min(n, (k + 1) * per_task))), n_tasks, n_threads)
 
 
