@@ -264,7 +264,7 @@ def test_with_all_fill_the_preconditioner_of_two_ranks_is_that_of_one(monkeypatc
     parts = sphere()
     monkeypatch.setattr(factor_pattern, "SMALLEST_AT_BORDER", 0.0)
     found = FactorPattern._with_last
-    monkeypatch.setattr(FactorPattern, "_with_last", lambda *matrix: found(*matrix[:5], smallest=0.0))
+    monkeypatch.setattr(FactorPattern, "_with_last", lambda *matrix: found(*matrix[:6], smallest=0.0))
     (rows,) = parts.random((parts.n_cells, 5), seed=3)
     for ours, theirs in zip(preconditioned(parts, 2, rows, 0.01), preconditioned(parts, 1, rows, 0.01)):
         assert np.linalg.norm(ours - theirs) < 0.02 * np.linalg.norm(theirs)  # numbers are kept to 8 bits

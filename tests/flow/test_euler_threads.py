@@ -64,13 +64,13 @@ def test_two_halves_of_a_solve_are_the_solve():
     assert not np.array_equal(ours, factor.solve(right))
 
 
-def pattern_with_last(share):
+def pattern_with_last(share, has_turn=True):
     """Pattern of a box of cells, some of which, at random, are its last rows."""
     faces, rng = case().faces, np.random.default_rng(8)
     sizes = rng.random(faces.n_inner) + 0.5
     left, right = faces.left[: faces.n_inner], faces.right
     diagonal = np.bincount(np.append(left, right), np.append(sizes, sizes), faces.n_cells)
-    return FactorPattern._with_last(left, right, sizes, diagonal, rng.random(faces.n_cells) < share)[0]
+    return FactorPattern._with_last(left, right, sizes, diagonal, rng.random(faces.n_cells) < share, has_turn)[0]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05])
@@ -91,14 +91,15 @@ def test_two_halves_need_nothing_of_each_other_and_rows_of_a_level_are_next_to_e
     assert (levels[rows] > levels[pattern.columns]).all()
 
 
+@pytest.mark.parametrize("has_turn", [True, False])
 @pytest.mark.parametrize("share", [0.0, 0.05])
 @pytest.mark.parametrize(("n_threads", "rows_of_level"), [(1, 1), (2, 1), (5, 1), (5, 1000)])
 def test_each_row_is_in_one_chunk_that_needs_chunks_of_earlier_levels_and_its_own_earlier_rows(
-    monkeypatch, share, n_threads, rows_of_level
+    monkeypatch, has_turn, share, n_threads, rows_of_level
 ):
     monkeypatch.setattr(block_factor, "thread_count", lambda n: n_threads)
     monkeypatch.setattr(block_factor, "ROWS_OF_LEVEL", rows_of_level)
-    pattern = pattern_with_last(share)
+    pattern = pattern_with_last(share, has_turn)
     schedule, n = pattern.schedule, len(pattern.order)
     chunk, level_of_chunk = np.full(n, -1), np.repeat(np.arange(len(schedule.levels) - 1), np.diff(schedule.levels))
     for k, (first, end) in enumerate(zip(schedule.firsts, schedule.ends)):
@@ -108,9 +109,10 @@ def test_each_row_is_in_one_chunk_that_needs_chunks_of_earlier_levels_and_its_ow
     assert len(level_of_chunk) == len(schedule.firsts)
     needing, needed = chunk[np.repeat(np.arange(n), np.diff(pattern.starts))], chunk[pattern.columns]
     assert ((needing == needed) | (level_of_chunk[needing] > level_of_chunk[needed])).all()
-    is_by_level = n_threads == 5 and rows_of_level == 1
+    is_by_level = rows_of_level == 1 and n_threads > 1 + has_turn
     assert (len(schedule.firsts) > 100 and schedule.n_threads > 2) == is_by_level
-    assert is_by_level or np.diff(schedule.levels).tolist() == [2, 1] + [1] * (share > 0.0)
+    expected = ([2, 1] if has_turn else [1]) + [1] * (share > 0.0)
+    assert is_by_level or np.diff(schedule.levels).tolist() == expected
     np.testing.assert_array_equal(pattern.columns[schedule.column_entries], np.sort(pattern.columns))
 
 

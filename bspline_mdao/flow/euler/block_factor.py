@@ -98,7 +98,7 @@ class Schedule:
 
     @classmethod
     def of(cls, starts: np.ndarray, columns: np.ndarray, parts: np.ndarray) -> Schedule:
-        """Cut the rows of a pattern into chunks, one for each part, or more where levels feed more than two threads.
+        """Cut the rows of a pattern into chunks, one for each part, or more where levels feed more threads.
 
         Parameters
         ----------
@@ -111,7 +111,8 @@ class Schedule:
         stage = np.repeat(np.maximum(np.arange(len(parts) - 1), 1), np.diff(parts))
         level += (stage - 1) * (int(level.max(initial=0)) + 1)
         n_fed = int(n / ROWS_OF_LEVEL / max(1, len(np.unique(level))))
-        is_by_level = min(wanted, n_fed) > 2
+        n_halves = max(1, int(np.count_nonzero(np.diff(parts[:3]))))
+        is_by_level = min(wanted, n_fed) > n_halves
         chunks = _chunks(level, parts, PER_THREAD * wanted) if is_by_level else _chunks(stage, parts, 1)
         levels = chunks[2]
         both = np.concatenate([levels, 2 * levels[-1] - levels[-2::-1]])
@@ -119,7 +120,7 @@ class Schedule:
         entries = np.argsort(columns, kind="stable").astype(np.int32)
         column_starts = np.zeros(n + 1, np.int64)
         np.cumsum(np.bincount(columns, minlength=n), out=column_starts[1:])
-        return cls(*chunks, both, n_fed if is_by_level else 2, column_starts, entries, rows[entries])
+        return cls(*chunks, both, n_fed if is_by_level else n_halves, column_starts, entries, rows[entries])
 
 
 def _chunks(level: np.ndarray, parts: np.ndarray, n_most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
