@@ -203,6 +203,7 @@ def _by_pieces(n: int, work: Callable[[int, int], None]) -> None:
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
 def _multiply(basis, parts, vector, first, end, found):
+    """Do what `_subtract_and_multiply` does in a range of pieces, and write the sums of each."""
     n = len(basis)
     for piece in range(first, end):
         at = slice(piece * PIECE, min(len(vector), (piece + 1) * PIECE))
@@ -215,6 +216,7 @@ def _multiply(basis, parts, vector, first, end, found):
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
 def _subtract_and_scale(basis, parts, vector, factor, first, end, out):
+    """Take parts along the vectors away in a range of pieces, in place, and write what is left times a factor."""
     for piece in range(first, end):
         at = slice(piece * PIECE, min(len(vector), (piece + 1) * PIECE))
         left = vector[at]
