@@ -196,7 +196,7 @@ class BlockFactor:
         schedule = pattern.schedule
         rows, chunks = (pattern.starts, pattern.columns), (schedule.firsts, schedule.ends, schedule.levels)
         how, blocks = (*chunks, counters(schedule.levels[-1])), (lower, upper, diagonal)
-        _together(_n_threads(schedule, len(diagonal)), lambda *part: _factorize(*rows, *how, *part, *blocks))
+        _together(schedule, len(diagonal), lambda *part: _factorize(*rows, *how, *part, *blocks))
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
     def transposed(self) -> BlockFactor:
@@ -233,7 +233,7 @@ class BlockFactor:
         by = pattern.order, pattern.starts, pattern.columns, schedule.column_starts, schedule.column_rows
         factor, vectors = (self.lower, self.upper, self.pivots), (right, x, out)
         how = schedule.firsts, schedule.ends, levels, turn, counters(levels[-1], levels[0])
-        _together(_n_threads(schedule, len(right)), lambda *part: kernel(*by, *how, *part, *factor, *vectors))
+        _together(schedule, len(right), lambda *part: kernel(*by, *how, *part, *factor, *vectors))
 
 
 def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
@@ -263,13 +263,9 @@ def _scatter(blocks, entries, out):
         store_half_block(out, 25 * entries[n], load_half_block(blocks, 25 * n))
 
 
-def _n_threads(schedule: Schedule, n_rows: int) -> int:
-    """Threads that are worth it."""
-    return max(1, min(thread_count(None), schedule.n_threads, n_rows // ROWS_PER_THREAD))
-
-
-def _together(n_threads: int, work: Callable[[int, int], None]) -> None:
-    """Call a function whose chunks threads claim on several, with the part of each and their number."""
+def _together(schedule: Schedule, n_rows: int, work: Callable[[int, int], None]) -> None:
+    """Call a function whose chunks threads claim on as many as are worth it, with the part of each and their number."""
+    n_threads = max(1, min(thread_count(None), schedule.n_threads, n_rows // ROWS_PER_THREAD))
     run_tasks(lambda part: work(part, n_threads), n_threads, n_threads)
 
 

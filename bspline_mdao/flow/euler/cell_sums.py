@@ -75,7 +75,7 @@ class CellSums:
         return out
 
 
-def visit(n: int, task: Callable[[slice], None]) -> None:
+def visit(n: int, task: Callable[[slice], None], per_task: int | None = None) -> None:
     """Call ``task(range)`` for ranges of ``n`` numbers, on several threads.
 
     Parameters
@@ -83,12 +83,13 @@ def visit(n: int, task: Callable[[slice], None]) -> None:
     n : int
     task : callable
         Must not depend on the order of the calls, and release the interpreter lock.
+    per_task : int, optional
+        Numbers of a range at least; by default `PER_TASK`.
     """
     n_threads = thread_count(None)
-    n_tasks = max(1, min(TASKS_PER_THREAD * n_threads, n // PER_TASK))
+    n_tasks = max(1, min(TASKS_PER_THREAD * n_threads, n // (per_task or PER_TASK)))
     n_tasks -= n_tasks % n_threads if n_tasks > n_threads else 0  # as many for each
-    per_task = -(-n // n_tasks)
-    run_tasks(lambda k: task(slice(k * per_task, min(n, (k + 1) * per_task))), n_tasks, n_threads)
+    run_tasks(lambda k: task(slice(k * n // n_tasks, (k + 1) * n // n_tasks)), n_tasks, n_threads)
 
 
 @njit(cache=True, error_model="numpy")

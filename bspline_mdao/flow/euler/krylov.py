@@ -17,8 +17,8 @@ from numba import njit
 from scipy.linalg import solve_triangular
 
 from ...numerics.processes import ONE, norm, summed
-from ...numerics.threads import one_blas_thread, run_tasks, thread_count
-from .cell_sums import TASKS_PER_THREAD
+from ...numerics.threads import one_blas_thread
+from .cell_sums import visit
 
 __all__ = ["KrylovSolution", "solve_refined", "solve_roughly", "solve_system"]
 
@@ -196,9 +196,7 @@ def _subtract_and_multiply(basis: np.ndarray, parts: np.ndarray, vector: np.ndar
 
 def _by_pieces(n: int, work: Callable[[int, int], None]) -> None:
     """Have threads visit ranges of the pieces of a vector."""
-    n_pieces, n_threads = -(-n // PIECE), thread_count(None)
-    n_tasks = min(TASKS_PER_THREAD * n_threads, n_pieces)
-    run_tasks(lambda k: work(k * n_pieces // n_tasks, (k + 1) * n_pieces // n_tasks), n_tasks, n_threads)
+    visit(-(-n // PIECE), lambda part: work(part.start, part.stop), 1)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz", "reassoc"})
