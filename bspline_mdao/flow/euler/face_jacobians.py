@@ -43,7 +43,7 @@ class FaceJacobians:
         Derivatives of the fluxes with respect to the mean state and to the jump.
     shock_rows : ndarray of int32, shape (n_faces,)
         Row in ``shocks`` of each face; -1 where the sensor is shut. No faces where it is shut at all of them.
-    shocks : ndarray of float32, shape (n_shocks, 23)
+    shocks : ndarray of float32, shape (n_shocks, N_SHOCK)
         See `N_SHOCK`.
     of_circulation, circulation : ndarray of float32, shape (n_cells, 5)
         Derivatives of the residual with respect to the circulation of a section, and of that with respect to the
@@ -65,14 +65,14 @@ class FaceJacobians:
         rows = np.zeros(0, np.int32)
         if discretization.shock_threshold > 0.0:
             rows = np.full(n, -1, np.int32)
-            visit(n, lambda part: find_shocks(*linearization._at(part), rows[part]))
+            visit(n, lambda part: find_shocks(*linearization.at(part), rows[part]))
             at_shock = rows >= 0
             rows[at_shock] = np.arange(np.count_nonzero(at_shock))
             rows = rows if at_shock.any() else rows[:0]  # in slow flow a product costs what it costs without a sensor
         shocks = np.zeros((int(rows.max(initial=-1)) + 1, N_SHOCK), np.float32)
 
         def fill(part):
-            face_jacobians(*linearization._at(part), values[part], rows[part], shocks)
+            face_jacobians(*linearization.at(part), values[part], rows[part], shocks)
 
         visit(n, fill)
         vortex = linearization.vortex

@@ -73,7 +73,7 @@ class Linearization:
         shares = np.zeros((len(self.areas), 4, N_STATES))
 
         def fill(part):
-            state_shares(*self._at(part), bar, shares[part])
+            state_shares(*self.at(part), bar, shares[part])
 
         visit(len(shares), fill)
         change = discretization.halo.fold(discretization.sums.of_stencils(shares, len(self.states)))
@@ -84,7 +84,7 @@ class Linearization:
     def area_vjp(self, bar: np.ndarray) -> np.ndarray:
         """Transposed product of `area_jvp`."""
         bar, out = self._seen(bar), np.zeros_like(self.areas)
-        visit(len(out), lambda part: area_bars(*self._at(part), bar, out[part]))
+        visit(len(out), lambda part: area_bars(*self.at(part), bar, out[part]))
         if self.vortex:
             out[self.vortex.vortex.walls] += self.vortex.by_area * self.vortex.circulation_vjp(self._outside_bars(bar))
         return out
@@ -112,7 +112,7 @@ class Linearization:
         flux = np.zeros((len(d_areas), N_STATES), dtype)
 
         def fill(part):
-            flux_changes(*self._at(part), d_states, d_areas[part], d_outside[part], flux[part])
+            flux_changes(*self.at(part), d_states, d_areas[part], d_outside[part], flux[part])
 
         visit(len(flux), fill)
         return self.discretization.sums.of_faces(flux, self.discretization.faces.n_cells)
@@ -122,14 +122,14 @@ class Linearization:
         vortex = self.discretization.vortex
         far = vortex.faces if vortex else np.flatnonzero(self.discretization.stencil.roles == FARFIELD)
         out = np.zeros((len(far), N_STATES))
-        outside_bars(*self._at(far), bar, out)
+        outside_bars(*self.at(far), bar, out)
         return out
 
     def _seen(self, bar: np.ndarray) -> np.ndarray:
         """Rows of the cells of this process, with none at those of others."""
         return np.ascontiguousarray(self.discretization.halo.pad(bar))
 
-    def _at(self, part) -> tuple:
+    def at(self, part) -> tuple:
         """What the kernels take, of a range or list of faces."""
         discretization, stencil = self.discretization, self.discretization.stencil
         settings = discretization.dissipation, discretization.shock_threshold
