@@ -144,6 +144,13 @@ def every_kind(shock_threshold=0.0):
 
 
 @cache
+def two_cells_across(shock_threshold=0.0):
+    """A block of two cells in one direction: along it third differences are zero."""
+    grid = one_of_each_kind(smooth_box(6, 5, 3))
+    return case_of(grid, mach=mach_of_cases(shock_threshold), shock_threshold=shock_threshold)
+
+
+@cache
 def turned_blocks(shock_threshold=0.0):
     """Three blocks that are permuted, one of them two cells deep, and the far field around."""
     left, middle, right = split(smooth_box(8, 4, 5), [2, 5], [], [])

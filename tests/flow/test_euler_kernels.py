@@ -4,7 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from euler_cases import AXES, GRIDS, case_of, every_kind, faces_of, lifting_section, mach_of_cases, turned_blocks
+from euler_cases import (
+    AXES,
+    GRIDS,
+    case_of,
+    every_kind,
+    faces_of,
+    lifting_section,
+    mach_of_cases,
+    turned_blocks,
+    two_cells_across,
+)
 from topology_cases import box, grid_of, smooth_box, turned_and_shuffled
 
 from bspline_mdao import ball_grid, brick_grid, flat_plate_grid, hh_wing_grid, onera_m6_grid, rectangular_wing
@@ -80,7 +90,7 @@ def test_the_free_stream_is_preserved_on_grids_of_other_projects(real_grids, nam
     assert uniform_residual(grid) < 1.0
 
 
-CASES = pytest.mark.parametrize("case", [every_kind, turned_blocks, lifting_section])
+CASES = pytest.mark.parametrize("case", [every_kind, two_cells_across, turned_blocks, lifting_section])
 SENSORS = pytest.mark.parametrize("threshold", [0.0, 0.15])
 STEP = 1e-30
 

@@ -20,7 +20,7 @@ from ...numerics.processes import summed_number
 from .cell_sums import visit
 from .flux import STILL, face_flux_jvp, state_jacobian
 from .gas import N_STATES
-from .reconstruction import FIRST, INNER, SLIP, THIRD, face_state, face_weights, shock_sensor
+from .reconstruction import INNER, SLIP, face_state, face_weights, shock_sensor
 
 __all__ = ["FaceJacobians"]
 
@@ -118,9 +118,7 @@ class FaceJacobians:
     @cached_property
     def jump_weights(self) -> np.ndarray:
         """Weights of the four cells in the jump where there is no shock, shape (n_lines, 4), float32."""
-        first, third = (self.discretization.stencil.differences[:, row] for row in (FIRST, THIRD))
-        has_third = third.any(axis=1, keepdims=True)  # of inner faces alone
-        return np.where(has_third, self.discretization.dissipation * third, first).astype(np.float32)
+        return self.discretization.stencil.smooth_jumps(self.discretization.dissipation).astype(np.float32)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

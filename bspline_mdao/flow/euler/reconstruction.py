@@ -112,6 +112,15 @@ class Stencil:
         by_class = self.means, self.classes[faces], self.differences, self.lines[faces]
         return self.cells[faces], *by_class, self.roles[faces]
 
+    def smooth_jumps(self, dissipation: float) -> np.ndarray:
+        """Weights in the jump by what the line is like, shape (n_lines, 4), where there is no shock.
+
+        Of a line of two cells they are zero.
+        """
+        jumps = self.differences[:, FIRST].copy()
+        jumps[:_N_INNER_LINES] = dissipation * self.differences[:_N_INNER_LINES, THIRD]
+        return jumps
+
 
 def _folded(no_a: bool, no_d: bool) -> np.ndarray:
     """Weights in mean and differences where cells at the ends of a line are extrapolated: a = 2 b - c, d = 2 c - b."""
@@ -142,7 +151,10 @@ _WEIGHTS = np.stack(
 
 _MEANS, _DIFFERENCES = np.ascontiguousarray(_WEIGHTS[:, 0]), np.ascontiguousarray(_WEIGHTS[:, 1:])
 
-_BOUNDARY_LINES = {SLIP: 4, FARFIELD: 7}
+_N_INNER_LINES = 4
+"""Rows of inner faces come first."""
+
+_BOUNDARY_LINES = {SLIP: _N_INNER_LINES, FARFIELD: _N_INNER_LINES + 3}
 
 
 @njit(cache=True, error_model="numpy")
