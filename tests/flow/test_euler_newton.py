@@ -9,6 +9,7 @@ from euler_cases import case_of, one_of_each_kind, sphere_quarters
 from topology_cases import smooth_box
 
 from bspline_mdao import Spacing, flat_plate_grid, infinite_wing_grid
+from bspline_mdao.flow.euler import factor_pattern as pattern_module
 from bspline_mdao.flow.euler import newton
 from bspline_mdao.flow.euler.block_factor import BLOCK, BlockFactor
 from bspline_mdao.flow.euler.discretization import SHOCK_THRESHOLD, Discretization
@@ -22,6 +23,7 @@ from bspline_mdao.flow.euler.preconditioner import (
     COMPACT_DISSIPATION,
     FLAT,
     FLAT_ROUNDING,
+    by_surface,
     carried_excess,
     compact_factor,
     time_terms,
@@ -89,7 +91,7 @@ def halves_of(numbers):
 
 def factor_of(left, right, at_right, at_left, diagonal, smallest):
     """Factor of the matrix with ``at_right`` in the left rows and ``at_left`` in the right rows."""
-    pattern = FactorPattern.of(left, right, *couplings_of(left, right, len(diagonal)), smallest)
+    pattern = FactorPattern.of(left, right, *couplings_of(left, right, len(diagonal)), smallest=smallest)
     lower, upper = np.zeros((2, len(pattern.columns), BLOCK, BLOCK))
     is_low = pattern.rank[left] > pattern.rank[right]
     lower[pattern.places] = np.where(is_low[:, None, None], at_right, at_left)
@@ -152,11 +154,11 @@ def test_fill_is_kept_where_the_factor_of_the_areas_is_large(smallest):
     couplings, sums = couplings_of(left, right, len(diagonal))
     matrix = np.diag(sums)
     matrix[left, right] = matrix[right, left] = -couplings
-    found = FactorPattern.of(left, right, couplings, sums, smallest)
+    found = FactorPattern.of(left, right, couplings, sums, smallest=smallest)
     rows = np.repeat(found.order, np.diff(found.starts))
     expected = large_entries(matrix, found.order, smallest)
     assert {frozenset(pair) for pair in zip(rows, found.order[found.columns])} == expected
-    assert len(left) < len(expected) < len(FactorPattern.of(left, right, couplings, sums, 0.0).columns)
+    assert len(left) < len(expected) < len(FactorPattern.of(left, right, couplings, sums, smallest=0.0).columns)
 
 
 @pytest.mark.parametrize("smallest", [np.inf, 0.05, 0.0])
@@ -230,6 +232,24 @@ def test_what_flat_faces_carry_is_rounded_off_by_less_in_the_preconditioner_and_
     expected = excess_of(flat_case())
     assert 0 < np.count_nonzero(expected) < len(expected)
     np.testing.assert_allclose(carried_excess(flat_case().linearization), expected, rtol=1e-5, atol=1e-12)
+
+
+def test_on_large_grids_the_factor_has_more_fill_and_systems_take_fewer_products(monkeypatch):
+    case = sphere_case()
+    linearization = case.discretization.linearize(sphere_flow().states, case.areas, case.stream)
+    right = np.random.default_rng(3).standard_normal((case.faces.n_cells, 5)).astype(np.float32)
+
+    def blocks_and_products():
+        pattern = factor_pattern(case.discretization, np.linalg.norm(case.areas, axis=1))
+        factor = compact_factor(linearization, pattern, np.zeros((len(right), 5, 5)))
+        system = by_surface(linearization.jacobians.product, factor.solve, case.discretization.sizes(case.areas))
+        return len(pattern.columns), solve_system(*system, right, 1e-4).n_products
+
+    plain = blocks_and_products()
+    monkeypatch.setattr(pattern_module, "LARGE", case.faces.n_cells // 3)
+    more = blocks_and_products()
+    assert more[0] > 1.2 * plain[0]
+    assert more[1] < plain[1]
 
 
 @pytest.mark.parametrize("case_name", ["box_case", "flat_case"])

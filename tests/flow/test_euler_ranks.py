@@ -11,7 +11,6 @@ from rank_cases import on_ranks
 
 from bspline_mdao import FarField, InputError, Spacing, hh_wing_grid, onera_m6_grid, rectangular_wing
 from bspline_mdao.flow.euler import factor_pattern
-from bspline_mdao.flow.euler.factor_pattern import FactorPattern
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
@@ -262,12 +261,18 @@ def test_the_preconditioner_of_ranks_and_its_transpose_agree(name, n):
 
 def test_with_all_fill_the_preconditioner_of_two_ranks_is_that_of_one(monkeypatch):
     parts = sphere()
-    monkeypatch.setattr(factor_pattern, "SMALLEST_AT_BORDER", 0.0)
-    found = FactorPattern._with_last
-    monkeypatch.setattr(FactorPattern, "_with_last", lambda *matrix: found(*matrix[:6], smallest=0.0))
+    monkeypatch.setattr(factor_pattern, "smallest_entry", lambda n_cells: 0.0)
     (rows,) = parts.random((parts.n_cells, 5), seed=3)
     for ours, theirs in zip(preconditioned(parts, 2, rows, 0.01), preconditioned(parts, 1, rows, 0.01)):
         assert np.linalg.norm(ours - theirs) < 0.02 * np.linalg.norm(theirs)  # numbers are kept to 8 bits
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_fill_is_by_the_cells_of_all_ranks(monkeypatch, n):
+    parts, sizes = sphere(), []
+    monkeypatch.setattr(factor_pattern, "smallest_entry", lambda n_cells: sizes.append(n_cells) or 0.01)
+    parts.on(n, lambda flow, share: flow.pattern)
+    assert sizes == n * [parts.n_cells]
 
 
 @cache

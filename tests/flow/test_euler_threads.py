@@ -70,7 +70,8 @@ def pattern_with_last(share, has_turn=True):
     sizes = rng.random(faces.n_inner) + 0.5
     left, right = faces.left[: faces.n_inner], faces.right
     diagonal = np.bincount(np.append(left, right), np.append(sizes, sizes), faces.n_cells)
-    return FactorPattern._with_last(left, right, sizes, diagonal, rng.random(faces.n_cells) < share, has_turn)[0]
+    is_last = rng.random(faces.n_cells) < share
+    return FactorPattern._with_last(left, right, sizes, diagonal, is_last, has_turn, 0.01)[0]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05])

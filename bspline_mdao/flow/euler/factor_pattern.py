@@ -17,6 +17,7 @@ from numba import njit
 from scipy.sparse import csr_array
 
 from ...cells.cell_faces import NONE
+from ...numerics.processes import summed_number
 from ...sparse.blocks import Graph
 from ...sparse.incomplete import IncompletePattern, narrow_order
 from .block_factor import Schedule, levels_of
@@ -29,9 +30,12 @@ __all__ = ["FactorPattern", "factor_pattern"]
 SMALLEST = 0.01
 """Size, relative to the pivots of its row and its column, from which on an entry of the factor of areas is kept."""
 
-SMALLEST_AT_BORDER = 0.003
-"""The same in the rows of border cells, of which there are few: they come last, whatever the order of the others, and
-more is filled in there. It takes 2 to 4 % of the products on two processes, and 3 to 8 % on four."""
+LARGE, SMALLEST_OF_LARGE = 200_000, 0.003
+"""Cells of a grid beyond which more is kept, and the size from which on: products grow with the grid, and twice the
+fill takes a third of them. On smaller grids sweeps take longer by as much, with 0.002 they do on these.
+
+In rows of border cells, of which there are few, it is that on any grid: they come last, whatever the order of the
+others, and more is filled in there. It takes 2 to 4 % of the products on two processes, and 3 to 8 % on four."""
 
 
 def factor_pattern(discretization: Discretization, face_sizes: np.ndarray) -> FactorPattern:
@@ -50,10 +54,22 @@ def factor_pattern(discretization: Discretization, face_sizes: np.ndarray) -> Fa
     coupled[faces.n_inner :] = 0.0  # the first two cells inwards are neighbours, but not through this face
     passed[faces.n_inner :][~is_far[faces.n_inner :]] = 0.0
     matrix = faces.left, others, coupled, faces.sum_over_cells(passed, 1.0)
+    smallest = smallest_entry(int(summed_number(discretization.halo.comm, faces.n_cells)))
     if discretization.halo.comm.size == 1:
-        return FactorPattern.of(*matrix)
+        return FactorPattern.of(*matrix, smallest=smallest)
     is_cut = np.maximum(faces.left[: faces.n_inner], faces.right) >= faces.n_cells
-    return FactorPattern.of_share(*matrix, np.flatnonzero(is_cut), discretization.halo)
+    return FactorPattern.of_share(*matrix, np.flatnonzero(is_cut), discretization.halo, smallest)
+
+
+def smallest_entry(n_cells: int) -> float:
+    """Size of the smallest entries that the factor of a grid of so many cells has.
+
+    Examples
+    --------
+    >>> smallest_entry(40_000), smallest_entry(1_000_000)
+    (0.01, 0.003)
+    """
+    return SMALLEST if n_cells <= LARGE else SMALLEST_OF_LARGE
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +115,7 @@ class FactorPattern(IncompletePattern):
         right: np.ndarray,
         couplings: np.ndarray,
         diagonal: np.ndarray,
+        *,
         smallest: float = SMALLEST,
         has_turn: bool = True,
     ) -> FactorPattern:
@@ -113,7 +130,7 @@ class FactorPattern(IncompletePattern):
         diagonal : ndarray, shape (n,)
             Its diagonal: for every cell no less than the sum of its couplings.
         smallest : float
-            See `SMALLEST`; 0 for all fill. Neighbours are kept.
+            See `smallest_entry`; 0 for all fill. Neighbours are kept.
         has_turn : bool
             Whether cells are eliminated from both ends to the middle, for two threads.
         """
@@ -122,7 +139,14 @@ class FactorPattern(IncompletePattern):
 
     @classmethod
     def of_share(
-        cls, left: np.ndarray, right: np.ndarray, couplings: np.ndarray, diagonal: np.ndarray, cut: np.ndarray, halo
+        cls,
+        left: np.ndarray,
+        right: np.ndarray,
+        couplings: np.ndarray,
+        diagonal: np.ndarray,
+        cut: np.ndarray,
+        halo,
+        smallest: float = SMALLEST,
     ) -> FactorPattern:
         """Find the pattern for the cells of one process, its border cells last: all processes call it together.
 
@@ -136,22 +160,25 @@ class FactorPattern(IncompletePattern):
             Pairs of an own cell and one of another process at a face.
         halo : Halo
             Exchange of cells.
+        smallest : float
+            See `of`.
         """
         n, ends = len(diagonal), np.stack([left[cut], right[cut]])
         own, others = ends.min(axis=0), ends.max(axis=0)
         is_border = np.zeros(n, bool)
         is_border[own] = True
-        pattern, inside, values, pivots = cls._with_last(left, right, couplings, diagonal, is_border, False)
+        pattern, inside, values, pivots = cls._with_last(left, right, couplings, diagonal, is_border, False, smallest)
         pattern.places[cut] = len(pattern.columns) + len(values) + np.arange(len(cut))
         numbers = np.where(is_border, pattern.rank - (n - len(pivots)), -1)
         names = numbers[own], halo.extend(numbers)[others], halo.owners()[others]
         border = Border.of(halo.comm, len(pivots), inside, *names)
         sums = border.pairs.extend(np.append(values, couplings[cut]))
-        outer = cls.of(border.left, border.right, sums, border.cells.extend(pivots), has_turn=False)
+        matrix = border.left, border.right, sums, border.cells.extend(pivots)
+        outer = cls.of(*matrix, smallest=smallest, has_turn=False)
         return replace(pattern, border=border, outer=outer)
 
     @classmethod
-    def _with_last(cls, left, right, couplings, diagonal, is_last: np.ndarray, has_turn: bool, smallest=SMALLEST):
+    def _with_last(cls, left, right, couplings, diagonal, is_last: np.ndarray, has_turn: bool, smallest: float):
         """Pattern with some cells as its last rows, between which it has no entries.
 
         Returns
@@ -171,7 +198,7 @@ class FactorPattern(IncompletePattern):
         lower = _lower_rows(rank[left], rank[right], couplings[is_own], n)
         pivots = np.maximum(diagonal, np.finfo(np.float32).tiny)[order]
         matrix = lower.indptr, lower.indices, lower.data, pivots
-        starts, columns, values, pivots = _large_entries(*matrix, n_first, smallest, SMALLEST_AT_BORDER)
+        starts, columns, values, pivots = _large_entries(*matrix, n_first, smallest, min(smallest, SMALLEST_OF_LARGE))
         rows, is_rest = np.repeat(np.arange(n, dtype=np.int32), np.diff(starts)), columns >= n_first
         rest = rows[is_rest], columns[is_rest], values[is_rest[starts[n_first] :]]
         rows, columns = rows[~is_rest], columns[~is_rest]
