@@ -8,6 +8,7 @@ import pytest
 from euler_cases import case_of, sphere_quarters
 
 from bspline_mdao.flow.euler import newton
+from bspline_mdao.flow.euler.block_factor import BlockFactor
 from bspline_mdao.flow.euler.chord import solve_nearby
 from bspline_mdao.flow.euler.discretization import Discretization
 from bspline_mdao.flow.euler.flow_grid import area_vectors
@@ -70,6 +71,21 @@ def test_a_tangent_keeps_one_factor_and_finds_the_other_from_it(known):
     np.testing.assert_array_equal(tangent.factor.solve(right), first)
     assert "transposed_factor" not in vars(tangent)
     assert not np.allclose(first, transposed)
+
+
+@pytest.mark.parametrize("names", [("factor", "transposed_factor"), ("transposed_factor", "factor")])
+def test_a_factor_whose_transposition_was_interrupted_is_not_kept(known, monkeypatch, names):
+    case, solution, _ = known
+    tangent = FlowTangent.of(case.discretization, solution.states, case.areas, case.stream, case.pattern)
+    getattr(tangent, names[0])
+
+    def interrupt(factor):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(BlockFactor, "into_transposed", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        getattr(tangent, names[1])
+    assert not {"factor", "transposed_factor"} & set(vars(tangent))
 
 
 def test_a_solution_takes_no_step_and_no_factor(known):

@@ -224,7 +224,7 @@ def test_linear_systems_of_ranks_have_the_solution_of_one(is_transposed):
         product = linearization.state_vjp if is_transposed else linearization.state_jvp
         jacobians = linearization.jacobians
         rough = jacobians.transposed_product if is_transposed else jacobians.product
-        precondition = (factor.transposed() if is_transposed else factor).solve
+        precondition = (factor.into_transposed() if is_transposed else factor).solve
         solution = solve_refined(product, rough, precondition, right[share.cells], 1e-12, comm=flow.comm)
         assert solution.is_converged
         return solution.x
@@ -243,7 +243,7 @@ def preconditioned(parts, n, rows, diagonal):
         linearization = flow.discretization.linearize(states[share.cells], flow.areas(parts.nodes[share.rows]), STREAM)
         terms = time_terms(flow.discretization, states[share.cells], linearization.areas)
         factor = compact_factor(linearization, flow.pattern, diagonal * terms)
-        return factor.solve(rows[share.cells]), factor.transposed().solve(rows[share.cells])
+        return factor.solve(rows[share.cells]), factor.into_transposed().solve(rows[share.cells])
 
     results, shares = parts.on(n, task)
     return [of_cells(of_ranks, shares, parts.n_cells) for of_ranks in zip(*results)]

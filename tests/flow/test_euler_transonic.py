@@ -127,13 +127,12 @@ def adjoint_gradients(case, states):
     stream, angle = free_stream(MACH, np.radians(DEGREES), AXES), np.radians(DEGREES)
     linearization = case.discretization.linearize(states, case.areas, stream)
     blocks = np.zeros((len(states), 5, 5))
-    factor = compact_factor(linearization, case.pattern, blocks)
+    factor = compact_factor(linearization, case.pattern, blocks).into_transposed()
+    rough = linearization.jacobians.transposed_product
     lift, drag = coefficients(case, states, MACH, DEGREES)
     by_stream = linearization.stream_jvp(free_stream_partials(MACH, angle, AXES)[1])
     for load, turned in zip(wall_load(case, MACH, DEGREES), (-drag, lift)):
-        adjoint = solve_refined(
-            linearization.state_vjp, linearization.jacobians.transposed_product, factor.transposed().solve, load, 1e-12
-        )
+        adjoint = solve_refined(linearization.state_vjp, rough, factor.solve, load, 1e-12)
         assert adjoint.is_converged
         yield np.radians(turned - np.vdot(adjoint.x, by_stream))
 

@@ -167,7 +167,7 @@ class BlockFactor:
 
     The sweep through the rows upwards reads blocks by rows, the one downwards by columns. Each has its own in the order
     in which it reads them: scattered blocks take more than twice the time. So a factor serves one of the matrix and its
-    transpose, and `transposed` makes that of the other, as fast as a solution.
+    transpose, and `into_transposed` makes that of the other out of it, in the same memory and as fast as a solution.
 
     Parameters
     ----------
@@ -199,12 +199,15 @@ class BlockFactor:
         _together(schedule, len(diagonal), lambda *part: _factorize(*rows, *how, *part, *blocks))
         return cls(pattern, lower, _by_columns(upper, schedule), diagonal)
 
-    def transposed(self) -> BlockFactor:
-        """Factor of the transpose."""
-        schedule = self.pattern.schedule
-        orders = (_by_rows, _by_columns) if self.is_transposed else (_by_columns, _by_rows)
-        lower, upper = (order(blocks, schedule) for order, blocks in zip(orders, (self.lower, self.upper)))
-        return BlockFactor(self.pattern, lower, upper, self.pivots, not self.is_transposed)
+    def into_transposed(self) -> BlockFactor:
+        """Factor of the transpose, in the memory of this one, which is none any more.
+
+        Blocks that are by rows are to be by columns, and those by columns by rows: block by block they change places.
+        """
+        entries = self.pattern.schedule.column_entries
+        by_rows, by_columns = (self.upper, self.lower) if self.is_transposed else (self.lower, self.upper)
+        visit(len(entries), lambda part: _swap(by_rows, entries[part], by_columns[part]))
+        return BlockFactor(self.pattern, self.upper, self.lower, self.pivots, not self.is_transposed)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve ``L U x = right``, or ``U^T L^T x = right``, shape (n, 5), in single precision."""
@@ -243,13 +246,6 @@ def _by_columns(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
     return out
 
 
-def _by_rows(blocks: np.ndarray, schedule: Schedule) -> np.ndarray:
-    """Blocks by rows, of those by columns."""
-    out = zero_halves(blocks.shape)
-    visit(len(blocks), lambda part: _scatter(blocks[part], schedule.column_entries[part], out))
-    return out
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
 def _gather(blocks, entries, out):
     for n in range(len(entries)):
@@ -258,9 +254,12 @@ def _gather(blocks, entries, out):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _scatter(blocks, entries, out):
+def _swap(by_rows, entries, by_columns):
     for n in range(len(entries)):
-        store_half_block(out, 25 * entries[n], load_half_block(blocks, 25 * n))
+        prefetch(by_rows, 25 * entries[min(n + AHEAD, len(entries) - 1)])
+        block = load_half_block(by_rows, 25 * entries[n])
+        store_half_block(by_rows, 25 * entries[n], load_half_block(by_columns, 25 * n))
+        store_half_block(by_columns, 25 * n, block)
 
 
 def _together(schedule: Schedule, n_rows: int, work: Callable[[int, int], None]) -> None:

@@ -157,9 +157,9 @@ class BorderedFactor:
         _place(outer_pattern.places, is_low, at_left, at_right, below, above)
         return cls(inner, BlockFactor.of(outer_pattern, below, above, placed), border.cells)
 
-    def transposed(self) -> BorderedFactor:
-        """Factor of the transpose."""
-        return BorderedFactor(self.inner.transposed(), self.outer.transposed(), self.cells)
+    def into_transposed(self) -> BorderedFactor:
+        """Factor of the transpose, in the memory of this one, which is none any more."""
+        return BorderedFactor(self.inner.into_transposed(), self.outer.into_transposed(), self.cells)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solve approximately, shape (n, 5), in single precision: all processes call it together."""

@@ -57,16 +57,16 @@ class FlowTangent:
         """
         other = self.__dict__.pop("transposed_factor", None)
         if other is not None:
-            return other.transposed()
+            return other.into_transposed()
         still = np.zeros((self.linearization.discretization.faces.n_cells, N_STATES, N_STATES), np.float32)
         return compact_factor(self.linearization, self.pattern, still)
 
     @cached_property
     def transposed_factor(self) -> Factor:
         """Factor of the transpose."""
-        factor = self.factor.transposed()
+        other = self.factor
         del self.__dict__["factor"]
-        return factor
+        return other.into_transposed()
 
     @property
     def comm(self):
