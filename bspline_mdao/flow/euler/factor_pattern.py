@@ -116,7 +116,7 @@ class FactorPattern(IncompletePattern):
         couplings: np.ndarray,
         diagonal: np.ndarray,
         *,
-        smallest: float = SMALLEST,
+        smallest: float,
         has_turn: bool = True,
     ) -> FactorPattern:
         """Order the cells, and find the fill.
@@ -146,7 +146,7 @@ class FactorPattern(IncompletePattern):
         diagonal: np.ndarray,
         cut: np.ndarray,
         halo,
-        smallest: float = SMALLEST,
+        smallest: float,
     ) -> FactorPattern:
         """Find the pattern for the cells of one process, its border cells last: all processes call it together.
 
