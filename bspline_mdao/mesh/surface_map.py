@@ -94,8 +94,9 @@ class SurfaceMap:
         is_surface[surface_ids] = True
         constant = matrix @ np.where(is_surface[:, None], 0.0, model.control_points)
         turned, residual = None, model.residual_at(rows)
-        if residual is not None and model.settings.wall_layer:
-            turning = Turning.of(held, model.mesh, parameters, model.control_points, evaluator)
+        if residual is not None and model.residual_lengths is not None:
+            points, lengths = model.control_points, model.residual_lengths
+            turning = Turning.of(held, model.mesh, parameters, points, lengths, evaluator)
             face_nodes = turning.rows(np.arange(len(rows)))
             require(turning.corners.matrix()[turning.seen_by(face_nodes)], True)
             turning = turning.of_rows(face_nodes)

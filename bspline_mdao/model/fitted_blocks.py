@@ -20,6 +20,7 @@ from ..splines.mesh import BSplineMesh
 from ..topology.held_nodes import HeldNodes
 from ..topology.partition import Partition, Share
 from ..topology.topology import Topology
+from ..walls.residual_lengths import residual_lengths
 from .model_parts import write_by_turns
 from .model_share import ModelShare, rows_of_share
 from .records import FitReport, FitSettings, GridHeader
@@ -64,6 +65,12 @@ class FittedBlocks(OneLine):
         """Blocks of this process."""
         return tuple(block for block, rank in enumerate(self.homes) if rank == self.comm.rank)
 
+    def residual_lengths(self) -> np.ndarray | None:
+        """As `bspline_mdao.FittedModel.residual_lengths`; all processes call this."""
+        if self.residual is None or not self.settings.wall_layer:
+            return None
+        return residual_lengths(self.topology, self.mesh, self.parameters, self.residual, self.comm)
+
     def share(self, share: Share | None = None) -> ModelShare:
         """Get what this process evaluates from those that hold it; all processes call this.
 
@@ -98,6 +105,7 @@ class FittedBlocks(OneLine):
             report=self.report,
             settings=self.settings,
             candidate_weights=self.candidate_weights,
+            residual_lengths=self.residual_lengths(),
         )
 
     def save(self, path, compress: bool = True) -> None:
@@ -119,7 +127,8 @@ class FittedBlocks(OneLine):
         parts |= {f"residual/{block}": array for block, array in (self.residual or {}).items()}
         iblanks = {f"iblank/{block}": self.header.iblanks[block] for block in self.blocks}
         parts |= {name: iblank for name, iblank in iblanks.items() if iblank is not None}
-        write_by_turns(path, self.comm, {f.name: getattr(self, f.name) for f in fields(self)}, parts, compress)
+        own = {f.name: getattr(self, f.name) for f in fields(self)} | {"residual_lengths": self.residual_lengths()}
+        write_by_turns(path, self.comm, own, parts, compress)
 
     def _parameters_of(self, held: HeldNodes) -> dict[int, np.ndarray]:
         """Parameters of the nodes that each segment evaluates."""

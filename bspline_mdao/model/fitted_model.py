@@ -22,6 +22,7 @@ from ..topology.topology import Topology
 from ..walls.body_points import Body
 from ..walls.embedded_points import EmbeddedPoints
 from ..walls.grid_map import GridMap
+from ..walls.residual_lengths import residual_lengths
 from .model_file import arrays_of, checksum_of, document_of, read_model, write_model
 from .model_share import ModelShare
 from .records import FitReport, FitSettings, GridHeader
@@ -95,6 +96,18 @@ class FittedModel(Shown):
         """Nodes of all blocks of the grid."""
         return self.topology.n_nodes
 
+    @cached_property
+    def residual_lengths(self) -> np.ndarray | None:
+        """How long the residual is around every corner of the spans (m), shape (n_corners,); None if it does not turn.
+
+        See `bspline_mdao.walls.residual_lengths`.
+        """
+        if self.residual is None or not self.settings.wall_layer:
+            return None
+        ends = np.cumsum([int(np.prod(shape)) for shape in self.topology.shapes])[:-1]
+        residuals = dict(enumerate(np.split(self.residual, ends)))
+        return residual_lengths(self.topology, self.mesh, self.parameters, residuals)
+
     def evaluator(self) -> Evaluator:
         """Operator from the control points to the nodes of the grid, Eq. (3), made once and not pickled."""
         return self._evaluator
@@ -109,8 +122,9 @@ class FittedModel(Shown):
 
     @cached_property
     def _grid_map(self) -> GridMap:
-        places = self.topology, self.mesh, self.parameters
-        return GridMap.of(*places, self.control_points, self.residual, self.settings.wall_layer, self.evaluator())
+        places = self.topology, self.mesh, self.parameters, self.control_points
+        residual = self.residual, self.residual_lengths
+        return GridMap.of(*places, *residual, self.settings.wall_layer, self.evaluator())
 
     def parameters_of(self, held: HeldNodes) -> list[np.ndarray]:
         """Parameters of the nodes that each segment evaluates, ``held.numbers``, each of shape (n_v, 3)."""
@@ -133,7 +147,7 @@ class FittedModel(Shown):
         InputError
             If the share is that of another grid.
         """
-        names = ("mesh", "control_points", "header", "report", "settings", "candidate_weights")
+        names = ("mesh", "control_points", "header", "report", "settings", "candidate_weights", "residual_lengths")
         others = {name: getattr(self, name) for name in names}
         flat = [x.reshape(-1, 3) for x in self.parameters]
         residual = None if self.residual is None else self.residual.__getitem__
@@ -231,7 +245,8 @@ class FittedModel(Shown):
         return model
 
     def _fields(self) -> dict[str, object]:
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {**own, "residual_lengths": self.residual_lengths}
 
     def _note_file(self, path) -> None:
         object.__setattr__(self, "_file", Path(path).absolute())

@@ -1,12 +1,13 @@
 """One HDF5 file for a fitted model, written from its fields and read back into them.
 
-Layout, version 3 (in version 2 the settings had a smoothing instead of a method; in version 1 there was no
-parametrization either, and the report had no memory of a factor)::
+Layout, version 4 (in version 3 there were no lengths of the residual; in version 2 the settings had a smoothing instead
+of a method; in version 1 there was no parametrization either, and the report had no memory of a factor)::
 
     /                       attributes: format, version, checksum, seconds of the fit
     /document               JSON (UTF-8): topology, grid header, report, settings, orders
     /control_points         (n_control_points, 3)
     /residual               (n_nodes, 3), where it is kept
+    /residual_lengths       (n_corners,), where it turns: for processes that read a part of it
     /control_ids/<s>        ids of the control points of segment s
     /parameters/<s>         parameters of its nodes
     /knots/<s>/<d>          (N + p,) constant or (2, 2, N + p) bilinear knots of direction d
@@ -52,7 +53,7 @@ from .records import (
     WorstNode,
 )
 
-VERSION = 3
+VERSION = 4
 
 CHECKED_BYTES = 2**24
 """Bytes of a dataset that are read at a time for the checksum, about."""
@@ -161,6 +162,7 @@ def read_fields(path: str | os.PathLike) -> dict[str, object]:
         for s in range(len(document["orders"])):
             check_parameters(document["topology"], s, arrays[f"parameters/{s}"].shape)
         has_residual = "residual" in arrays
+        found["residual_lengths"] = _checked_lengths(path, held, has_residual and document["settings"].wall_layer)
         if has_residual and arrays["residual"].shape != (document["topology"].n_nodes, 3):
             raise ValueError("residual")
         return found | {"has_residual": has_residual}
@@ -270,9 +272,12 @@ def dataset_options(compress: bool) -> dict[str, object]:
     return {"compression": "gzip", "compression_opts": 1, "shuffle": True} if compress else {}
 
 
-def arrays_of(mesh, parameters, control_points, residual, header, candidate_weights, **_) -> dict[str, np.ndarray]:
+def arrays_of(
+    mesh, parameters, control_points, residual, header, candidate_weights, residual_lengths, **_
+) -> dict[str, np.ndarray]:
     """Arrays of a model's fields by their names in the file."""
     arrays = {"control_points": control_points, "residual": residual, "shares": candidate_weights}
+    arrays["residual_lengths"] = residual_lengths
     for s, (volume, ids, x) in enumerate(zip(mesh.volumes, mesh.control_ids, parameters)):
         arrays[f"control_ids/{s}"], arrays[f"parameters/{s}"] = ids, x
         arrays.update({f"knots/{s}/{d}": knots_to_array(knots) for d, knots in enumerate(volume.knots)})
@@ -336,6 +341,19 @@ def _checked_weights(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
         if not (np.abs(weights.sum(axis=1) - 1.0) <= 1e-9).all():
             raise ValueError("weights")
     return weights
+
+
+def _checked_lengths(path, arrays: dict[str, np.ndarray], is_turned: bool) -> np.ndarray | None:
+    """Lengths of the residual around corners of spans; ValueError unless these are lengths."""
+    lengths = arrays.get("residual_lengths")
+    if lengths is None and is_turned:
+        raise InputError(
+            f"{path}: is of a version before 4, which one process alone can read; fit the grid again, or write the "
+            f"file anew by FittedModel.load(path).save(path)"
+        )
+    if lengths is not None and (lengths.ndim != 1 or not (lengths >= 0.0).all()):
+        raise ValueError("lengths")
+    return lengths
 
 
 def _check_topology(topology: Topology, header: GridHeader) -> None:

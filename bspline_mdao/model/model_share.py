@@ -93,7 +93,7 @@ class ModelShare(OneLine):
     ----------
     share : Share
         Nodes of the process.
-    topology, mesh, control_points, header, report, settings, candidate_weights
+    topology, mesh, control_points, header, report, settings, candidate_weights, residual_lengths
         Those of the whole model, see `bspline_mdao.model.fitted_model.FittedModel`.
     rows : ndarray of int, shape (n,), ascending
         Rows of the nodes that it knows, see `rows_of_share`.
@@ -114,6 +114,7 @@ class ModelShare(OneLine):
     report: FitReport
     settings: FitSettings
     candidate_weights: np.ndarray | None = None
+    residual_lengths: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -269,7 +270,7 @@ class ModelShare(OneLine):
         held = HeldNodes.of(self.topology, self.share.rows, [*needed, *(() if walls is None else walls.needed)])
         parameters, residual = model.parameters_of(held), model.residual_at(held.rows)
         evaluator = Evaluator.of_nodes(held, self.mesh, parameters)
-        places = held, self.mesh, parameters, self.control_points, residual
+        places = held, self.mesh, parameters, self.control_points, residual, self.residual_lengths
         return GridMap.of_nodes(*places, self.settings.wall_layer, walls, evaluator)
 
     def __getstate__(self) -> dict:

@@ -77,6 +77,7 @@ class GridMap(OneLine):
         parameters: Sequence[np.ndarray],
         control_points: np.ndarray,
         residual: np.ndarray | None,
+        residual_lengths: np.ndarray | None,
         wall_layer: bool,
         evaluator: Evaluator,
     ) -> GridMap:
@@ -94,6 +95,8 @@ class GridMap(OneLine):
             Fitted control points (m).
         residual : ndarray, shape (n_nodes, 3), or None
             Baseline minus fitted points (m).
+        residual_lengths : ndarray, shape (n_corners,), or None
+            How long it is around every corner of the spans (m), see `.residual_lengths`.
         wall_layer : bool
             Whether nodes follow walls and the residual turns; without, the map is ``A b + r``.
         evaluator : Evaluator
@@ -107,7 +110,7 @@ class GridMap(OneLine):
         walls = GridWalls.of(topology, nodes, evaluator.n_threads) if wall_layer else None
         held = HeldNodes.of_grid(topology)
         own = [x.reshape(-1, 3)[places] for x, places in zip(parameters, held.places)]
-        return cls.of_nodes(held, mesh, own, control_points, residual, wall_layer, walls, evaluator)
+        return cls.of_nodes(held, mesh, own, control_points, residual, residual_lengths, wall_layer, walls, evaluator)
 
     @classmethod
     def of_nodes(
@@ -117,6 +120,7 @@ class GridMap(OneLine):
         parameters: Sequence[np.ndarray],
         control_points: np.ndarray,
         residual: np.ndarray | None,
+        residual_lengths: np.ndarray | None,
         wall_layer: bool,
         walls: GridWalls | None,
         evaluator: Evaluator,
@@ -131,7 +135,7 @@ class GridMap(OneLine):
             One volume per segment.
         parameters : sequence of ndarray, each of shape (n_v, 3)
             Parameters of the nodes that each segment evaluates.
-        control_points, residual, wall_layer
+        control_points, residual, residual_lengths, wall_layer
             As of `of`, the residual of the nodes alone, shape (n, 3).
         walls : GridWalls or None
             The walls of the grid; None where there are none, or nothing follows them.
@@ -145,8 +149,8 @@ class GridMap(OneLine):
         nodes = _baseline(evaluator, control_points, residual)
         turning, layer = None, None
         vectors: Vectors | np.ndarray | None = residual
-        if wall_layer and residual is not None:
-            turning = Turning.of(held, mesh, parameters, control_points, evaluator)
+        if wall_layer and residual is not None and residual_lengths is not None:
+            turning = Turning.of(held, mesh, parameters, control_points, residual_lengths, evaluator)
             vectors = turning.vectors(residual)
         rows = plane_rows = np.zeros(0, dtype=int)
         planes: tuple[PlaneNormal, ...] = ()

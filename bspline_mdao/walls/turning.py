@@ -3,11 +3,13 @@
 A vector that stays as it is while the grid turns about it shears the cells there; after a rigid motion it points the
 wrong way. So it is multiplied by a rotation: `LocalRotations` of the corners of the spans, which are points of the
 mapping itself, interpolated trilinearly within every span. The weights are positive and sum to one, so that a
-rigid motion of the control points turns every vector by its own rotation, to round-off.
+rigid motion of the control points turns every vector by its own rotation, to round-off. Where vectors are long beside
+the spans, the rotations are smoothed over their length first (`.rotation_filter`): else they would fold cells there.
 
 - Corners on walls see the wall alone, so that vectors on it depend on the control points of the surface only. Corners
   on other boundary faces see these alone, so that nothing turns where they are fixed; corners in planes of symmetry,
-  and in planes that walls end on, which slide as these do, see the plane. All others see their neighbours.
+  and in planes that walls end on, which slide as these do, see the plane. All others see their neighbours. Smoothing
+  joins corners of one kind, and takes rotations of walls into planes, and those of all faces inside, as given.
 - On planar boundary faces that are no walls, the part of a vector along the normal follows the face's mean normal, and
   the rest stays in the plane: nodes do not leave a plane whose control points do not. Where corners see the plane alone
   that is so anyway; where they see a wall or another face as well, the part along the normal is put in its place.
@@ -27,14 +29,14 @@ from numba import njit
 from scipy.sparse import coo_array, csr_array, eye_array
 
 from ..evaluation.evaluator import Evaluator
-from ..splines.greville import span_corners
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import quads_in_turn
 from ..topology.held_nodes import HeldNodes, face_rows
 from ..topology.sharing import boundary_sides
-from ..topology.topology import shared_ids
 from .node_vectors import FaceNodes, SpanNodes, Vectors, transposed
 from .planes import PlaneNormal
+from .residual_lengths import corner_numbers
+from .rotation_filter import RotationFilter
 from .rotations import LocalRotations, Rotations
 
 __all__ = ["Turn", "Turning"]
@@ -45,15 +47,17 @@ PLANAR = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Corners that see each other: their numbers, and which of them take their rotation from here."""
+    """Corners that see each other: their numbers, and which of them take their rotation from here, smoothed or not."""
 
     ids: np.ndarray
     own: np.ndarray
     rotations: LocalRotations
     in_sight: csr_array
+    filter: RotationFilter | None
 
     @classmethod
-    def of(cls, points: np.ndarray, ids, own, edges=None, quads=None) -> _Group:
+    def of(cls, points: np.ndarray, lengths: np.ndarray, ids, own, is_apart: bool, edges=None, quads=None) -> _Group:
+        """Gather a group; one that is apart is not smoothed towards the corners of others."""
         place = np.full(len(points), -1)
         place[ids] = np.arange(len(ids))
         edges, quads = (None if numbers is None else place[numbers] for numbers in (edges, quads))
@@ -64,7 +68,10 @@ class _Group:
         first, second = np.concatenate(pairs, axis=1)
         in_sight = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
         in_sight = csr_array(in_sight + in_sight.T)
-        return cls(ids, own, rotations, in_sight if rotations.mix is None else csr_array(in_sight @ in_sight))
+        scales = rotations.scales * own[rotations.neighbours] if is_apart else rotations.scales
+        smoothing = RotationFilter.of(rotations.starts, rotations.neighbours, scales, lengths[ids], own)
+        in_sight = in_sight if rotations.mix is None else csr_array(in_sight @ in_sight)
+        return cls(ids, own, rotations, in_sight, smoothing)
 
     def at(self, initial: np.ndarray, moved: np.ndarray, matrices: np.ndarray) -> Rotations:
         """Write the rotations of a move; exactly the identity where nothing in sight has moved."""
@@ -72,11 +79,44 @@ class _Group:
         is_still = self.in_sight @ (initial != moved).any(axis=1)[self.ids].astype(float) == 0.0
         own = np.where(is_still[:, None, None], np.eye(3), rotations.matrices)[self.own]
         matrices[self.ids[self.own]] = own.reshape(-1, 9)
+        self._smooth(matrices, np.eye(3).ravel())
         return rotations
 
-    def own_bar(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives with respect to the rotations of the group, from those with respect to all."""
+    def jvp(self, rotations: Rotations, d_initial: np.ndarray | None, d_moved: np.ndarray, d_matrices: np.ndarray):
+        """Write the change of the rotations, with changes of all corners at first, or None, and now."""
+        ids = self.ids
+        change = rotations.jvp(None if d_initial is None else d_initial[ids], d_moved[ids])
+        d_matrices[ids[self.own]] = change[self.own].reshape(-1, 9)
+        self._smooth(d_matrices, np.zeros(9))
+
+    def _smooth(self, matrices: np.ndarray, rest: np.ndarray) -> None:
+        """Smooth rotations, or changes of them, in place; those at rest stay exactly."""
+        if self.filter is not None:
+            free, given = self.ids[self.filter.free], self.ids[self.filter.given]
+            matrices[free] = rest + self.filter.forward(matrices[free] - rest, matrices[given] - rest)
+
+    def pull(self, bar: np.ndarray) -> np.ndarray:
+        """Derivatives with respect to the rotations of the group before smoothing, from those with respect to all.
+
+        Parameters
+        ----------
+        bar : ndarray, shape (n_corners, 9)
+            Groups come in reverse order; what smoothing hands on to corners of groups before this is added.
+        """
+        if self.filter is not None:
+            free, given = self.ids[self.filter.free], self.ids[self.filter.given]
+            bar[free], given_bar = self.filter.transpose(bar[free])
+            bar[given] += given_bar
         return np.where(self.own[:, None], bar[self.ids], 0.0).reshape(-1, 3, 3)
+
+    def add_dependencies(self, needed: np.ndarray) -> np.ndarray:
+        """Add to a mask of corners those that smoothing joins with them; return the corners that all these see."""
+        wanted = self.own & needed[self.ids]
+        if self.filter is not None and wanted.any():
+            free, given = self.filter.joined(wanted)
+            wanted[free] = True
+            needed[self.ids[given]] = True
+        return self.ids[self.in_sight[np.flatnonzero(wanted)].indices]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +165,7 @@ class Turning:
         mesh: BSplineMesh,
         parameters: Sequence[np.ndarray],
         control_points: np.ndarray,
+        lengths: np.ndarray,
         evaluator: Evaluator,
     ) -> Turning:
         """Find the corners, groups and planes that the vectors of nodes turn with.
@@ -139,16 +180,16 @@ class Turning:
             Parameters of the nodes that each segment evaluates.
         control_points : ndarray, shape (n_control_points, 3)
             Control points of the baseline (m).
+        lengths : ndarray, shape (n_corners,)
+            Largest vector around every corner (m), by `.residual_lengths.residual_lengths`.
         evaluator : Evaluator
             Evaluation of the nodes, by `Evaluator.of_nodes`.
         """
-        topology = held.topology
-        places = [span_corners(volume) for volume in mesh.volumes]
-        ids = shared_ids([x.shape[:3] for x in places], topology.links, topology.collapses, topology.segment_names)
+        places, ids = corner_numbers(held.topology, mesh)
         corners = _corner_evaluator(mesh, places, ids, evaluator.n_threads)
         points = corners.forward(control_points)
         faces = _boundary_faces(held, ids, points)
-        groups, plane = _groups(faces, ids, points)
+        groups, plane = _groups(faces, ids, points, lengths)
         planes = [face for face in faces if face.plane is not None]
         quads = [
             np.concatenate([f.quads for f in planes if f.plane == k]) for k in range(len({f.plane for f in planes}))
@@ -191,14 +232,19 @@ class Turning:
 
     def of_rows(self, rows: FaceNodes) -> Turning:
         """Return the part of the map that the rotations of these nodes need."""
-        seen = rows.corners[rows.weights > 0.0]
-        return replace(self, groups=tuple(g for g in self.groups if np.isin(g.ids[g.own], seen).any()))
+        needed, _ = self._dependencies(rows)
+        return replace(self, groups=tuple(g for g in self.groups if needed[g.ids[g.own]].any()))
 
     def seen_by(self, rows: FaceNodes) -> np.ndarray:
         """Corners that the rotations of these nodes depend on."""
-        seen = rows.corners[rows.weights > 0.0]
-        parts = [g.ids[g.in_sight[np.flatnonzero(g.own & np.isin(g.ids, seen))].indices] for g in self.groups]
-        return np.unique(np.concatenate(parts))
+        return self._dependencies(rows)[1]
+
+    def _dependencies(self, rows: FaceNodes) -> tuple[np.ndarray, np.ndarray]:
+        """Corners whose rotations these nodes need, as a mask, and the corners that these see."""
+        needed = np.zeros(len(self.points), dtype=bool)
+        needed[rows.corners[rows.weights > 0.0]] = True
+        seen = [group.add_dependencies(needed) for group in reversed(self.groups)]
+        return needed, np.unique(np.concatenate(seen))
 
     def rows(self, rows: np.ndarray) -> FaceNodes:
         """Weights and planes of nodes on boundary faces by their rows, which are evaluated ones in ascending order."""
@@ -243,9 +289,7 @@ class Turn:
         d_first = None if d_initial is None else self.of.corners.forward(d_initial)
         d_matrices = np.zeros_like(self.matrices)
         for group, rotations in zip(self.of.groups, self.rotations):
-            ids = group.ids
-            change = rotations.jvp(None if d_first is None else d_first[ids], d_moved[ids])
-            d_matrices[ids[group.own]] = change[group.own].reshape(-1, 9)
+            group.jvp(rotations, d_first, d_moved, d_matrices)
         d_normals = np.zeros_like(self.normals)
         for k, faces in enumerate(self.of.planes):
             d_normals[0, k] = faces.normal_jvp(self.moved, d_moved)
@@ -294,8 +338,8 @@ class Turn:
         vectors_bar = self._forward(zero, transposed(self.matrices), bars, none)
         vectors_bar[self.of.flat.rows] = flat_bar
         moved_bar, initial_bar = np.zeros_like(self.moved), np.zeros_like(self.initial)
-        for group, rotations in zip(self.of.groups, self.rotations):
-            before, after = rotations.vjp(group.own_bar(matrices_bar))
+        for group, rotations in self._reversed():
+            before, after = rotations.vjp(group.pull(matrices_bar))
             initial_bar[group.ids] += before
             moved_bar[group.ids] += after
         for faces, now, first in zip(self.of.planes, *normals_bar):
@@ -318,10 +362,14 @@ class Turn:
         self._add_corner_bars(matrices_bar, normals_bar, moved_bar)
         return self.of.corners.adjoint(moved_bar)
 
+    def _reversed(self):
+        """Groups with their rotations, the last first: each is smoothed towards those before it."""
+        return zip(reversed(self.of.groups), reversed(self.rotations))
+
     def _add_corner_bars(self, matrices_bar, normals_bar, moved_bar) -> None:
-        """Add the derivatives with respect to the corners now, from those of rotations and normals."""
-        for group, rotations in zip(self.of.groups, self.rotations):
-            moved_bar[group.ids] += rotations.moved_vjp(group.own_bar(matrices_bar))
+        """Add the derivatives with respect to the corners now; those with respect to the rotations are used up."""
+        for group, rotations in self._reversed():
+            moved_bar[group.ids] += rotations.moved_vjp(group.pull(matrices_bar))
         for faces, now in zip(self.of.planes, normals_bar[0]):
             faces.add_normal_vjp(self.moved, now, moved_bar)
 
@@ -416,7 +464,9 @@ def _face_nodes(
     return FaceNodes(rows, corners, weights, planes)
 
 
-def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[_Group, ...], np.ndarray]:
+def _groups(
+    faces: list[_BoundaryFace], ids, points: np.ndarray, lengths: np.ndarray
+) -> tuple[tuple[_Group, ...], np.ndarray]:
     """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
     pairs = [
         np.stack([n.take(range(n.shape[d] - 1), d), n.take(range(1, n.shape[d]), d)]) for n in ids for d in range(3)
@@ -432,9 +482,12 @@ def _groups(faces: list[_BoundaryFace], ids, points: np.ndarray) -> tuple[tuple[
     for k in range(3):
         quads = [face.quads for face in faces if face.rank == k]
         if quads:
-            members = np.unique(np.concatenate(quads))
-            groups.append(_Group.of(points, members, rank[members] == k, quads=np.concatenate(quads)))
-    groups.append(_Group.of(points, np.arange(len(points)), rank == 3, edges=edges))
+            members, corners = np.unique(np.concatenate(quads)), np.concatenate(quads)
+            group = _Group.of(points, lengths, members, rank[members] == k, is_apart=k < 2, quads=corners)
+            if group.filter is not None:  # smoothed corners see those of other planes and walls as well
+                plane[members[group.filter.free]] = -1
+            groups.append(group)
+    groups.append(_Group.of(points, lengths, np.arange(len(points)), rank == 3, is_apart=False, edges=edges))
     return tuple(groups), plane
 
 

@@ -15,6 +15,7 @@ from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.io.plot3d_dialect import Plot3dDialect
 from bspline_mdao.model import model_file
 from bspline_mdao.model.fitted_model import FittedModel
+from bspline_mdao.model.model_share import ModelShare
 from bspline_mdao.splines.knots import FunctionKnots
 from bspline_mdao.topology.grid import Block, Grid, Patch
 from bspline_mdao.topology.index_space import Window
@@ -103,7 +104,7 @@ def test_a_foreign_file_is_refused(tmp_path):
 def test_a_newer_version_is_refused(saved):
     with h5py.File(saved, "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(InputError, match="is of version 99, newer than 3"):
+    with pytest.raises(InputError, match="is of version 99, newer than 4"):
         FittedModel.load(saved)
 
 
@@ -148,6 +149,19 @@ def test_a_file_of_version_2_is_read_if_its_fit_is_still_known(saved):
     as_version(saved, 2, lambda document: document["settings"].update(smoothing=0.1))
     with pytest.raises(InputError, match=r"model\.h5: the fitted model is smoothed, which is no longer known; fit"):
         FittedModel.load(saved)
+
+
+def test_a_file_of_version_3_is_read_by_one_process_and_refused_by_several(saved):
+    model = FittedModel.load(saved)
+    with h5py.File(saved, "a") as file:
+        del file["residual_lengths"]
+    as_version(saved, 3, lambda document: None)
+    again = FittedModel.load(saved)
+    np.testing.assert_array_equal(again.residual_lengths, model.residual_lengths)
+    with pytest.raises(InputError, match=r"model\.h5: is of a version before 4, .* FittedModel\.load\(path\)\.save"):
+        ModelShare.load(saved)
+    again.save(saved)
+    np.testing.assert_array_equal(ModelShare.load(saved).residual_lengths, model.residual_lengths)
 
 
 @pytest.mark.slow

@@ -22,8 +22,8 @@ from bspline_mdao.walls.wall_correction import WallCorrection
 def map_of(model, wall_layer=True, n_threads=None):
     """Map of a model, with all that is known of its walls or without."""
     evaluator = model.evaluator().with_threads(n_threads)
-    arguments = model.topology, model.mesh, model.parameters, model.control_points, model.residual
-    return GridMap.of(*arguments, wall_layer, evaluator)
+    arguments = model.topology, model.mesh, model.parameters, model.control_points
+    return GridMap.of(*arguments, model.residual, model.residual_lengths, wall_layer, evaluator)
 
 
 def without_kinds(model):
