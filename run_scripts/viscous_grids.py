@@ -24,6 +24,7 @@ import bspline_mdao as bm
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import judge_move
+from bspline_mdao.fit.surface_fit import SurfaceFitOperator
 from bspline_mdao.io.patch_guess import with_guessed_patches
 from bspline_mdao.movement.wall_inverse_distance import move_nodes
 from bspline_mdao.plotting import draw_first_heights, draw_wall_cells
@@ -104,11 +105,12 @@ class Splines:
         """
         model, points = self.model, self.model.control_points
         asked = bm.parse_deformation(deformation, model, self.mesh)
-        moved = bm.LinearElasticity(self.mesh).move(points, asked.apply(points[self.mesh.surface_ids])).points
+        surface, grid_map, mover = bm.SurfaceGrid.of(model), model.grid_map(), bm.LinearElasticity(self.mesh)
         if not model.settings.wall_layer:
+            moved = mover.move(points, asked.apply(points[self.mesh.surface_ids])).points
             return model.regenerate(moved).to_vector().reshape(-1, 3)
-        surface, grid_map = bm.SurfaceGrid.of(model), model.grid_map()
         wall = asked.apply_to_nodes(surface.points, surface.on_planes(model))
+        moved = mover.move(points, SurfaceFitOperator.of(model, self.mesh, surface).at(wall)).points
         return grid_map.at(moved, WallCorrection.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
 
     def off_rigid(self) -> float:

@@ -22,7 +22,7 @@ from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_q
 from ..design.deformation import Deformation
 from ..design.named_deformations import PrescribedPoints, parse_deformation
 from ..errors import InputError, MovementError
-from ..fit.surface_fit import SurfaceMiss
+from ..fit.surface_fit import SurfaceFitOperator, SurfaceMiss
 from ..io.disk import replaced_file
 from ..io.files import check_grid_name, write_grid
 from ..mesh.boundary import moving_mesh
@@ -193,9 +193,25 @@ def moved_control_mesh(
     mover = options.mover.make(mesh)
     initial = model.control_points
     deformation = parse_deformation(options.deform, model, mesh)
-    surface = deformation.apply(initial[mesh.surface_ids])
+    surface = _surface_points(model, mesh, deformation, options.design)
     with within(0.1, 0.7):
         return mesh, deformation, surface, mover.move(initial, surface)
+
+
+def _surface_points(
+    model: FittedModel, mesh: MovingMesh, deformation: Deformation, patches: tuple[str, ...]
+) -> np.ndarray:
+    """Control points of the deformed surface: fitted to its nodes, as by components, or those that are given."""
+    if _is_given(deformation):
+        return deformation.apply(model.control_points[mesh.surface_ids])
+    surface = SurfaceGrid.of(model, patches or None)
+    wall = deformation.apply_to_nodes(surface.points, surface.on_planes(model))
+    return SurfaceFitOperator.of(model, mesh, surface).at(wall)
+
+
+def _is_given(deformation: Deformation) -> bool:
+    """Whether control points come from a file, so that nothing is asked of nodes."""
+    return any(isinstance(point_map, PrescribedPoints) for point_map in deformation.maps)
 
 
 def _move(model: FittedModel, model_file: Path, options: MoveOptions, progress) -> Moved:
@@ -220,7 +236,7 @@ def _grid(
         How far the control points alone would have missed that; None where these come from a file, and nothing is
         asked of nodes.
     """
-    if any(isinstance(point_map, PrescribedPoints) for point_map in deformation.maps):
+    if _is_given(deformation):
         return model.regenerate(points), None
     surface, topology = SurfaceGrid.of(model, options.design or None), model.topology
     nodes = baseline.to_vector().reshape(-1, 3)

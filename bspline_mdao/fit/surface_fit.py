@@ -1,43 +1,37 @@
 """Surface control points of a fitted model for given surface nodes, where the nodes are those of no spline as well.
 
-With ``x(s)`` the nodes of surface control points s (`bspline_mdao.mesh.surface_map`) and w the given nodes, both ways
-here are steps
+What the nodes w have moved is fitted as the grid was (section II.D: corners, edges and faces in turn, with the model's
+own parameters, knots and candidates), and added to the control points:
 
-    s <- s + L (w - x(s))
+    s = s0 + L (w - w0).
 
-and differ in the linear map L from nodes to control points:
-
-- `fit_surface` takes one step from the baseline, with the L of the fit itself (section II.D: corners, edges and faces
-  in turn, the model's own candidates). It keeps control points whose nodes have not moved, and follows motions and
-  stretches of the whole surface exactly. It is what sets up the moves of section IV.
-- `SurfaceLeastSquares` repeats steps with the pseudo-inverse of dx/ds until the difference is orthogonal to all that
-  control points can do: the surface nearest to the nodes, with its exact derivative.
+L is linear and fixed. It keeps control points whose nodes have not moved, and follows motions and stretches of the
+whole surface exactly, since L w0 = s0. What control points cannot represent of w is left to who places the nodes
+(`bspline_mdao.walls.wall_correction`): control points that chased it would fold the mesh at kinks.
 
 Theory: ``docs/theory/fit.rst``.
-
-References
-----------
-A. Bjorck, "Numerical Methods for Least Squares Problems", SIAM, 1996: normal equations, their iterative refinement, and
-Gauss-Newton steps.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import csr_array, eye_array
 
-from ..errors import InputError, MovementError
+from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from ..mesh.surface_map import SurfaceMap, SurfaceState
+from ..mesh.surface import SurfaceGrid
+from ..mesh.surface_map import SurfaceMap
 from ..model.fitted_model import FittedModel
 from ..shown import OneLine
+from ..sparse.spring_network import SpringNetwork
 from ..topology.index_space import Window, block_rows
+from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
+from .least_squares import FitOperator
 from .problem import problem_of_mesh
 
 LOGGER = logging.getLogger(__name__)
@@ -45,16 +39,6 @@ LOGGER = logging.getLogger(__name__)
 
 NOTABLE_MISS = 1e-3
 """A surface that misses its target by more than this fraction of its size is a warning in the log."""
-
-
-_SMALLEST_PIVOT = 1e-13
-"""Pivot, relative to the largest, below which nodes do not determine the control points."""
-
-_MOST_STEPS = 60
-"""Steps after which nodes count as such that no control points are nearest to."""
-
-_ROUND_OFF = 1e-15
-"""A step is the last one where it is shorter than this part of what it changes."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +160,18 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
     """
     if nodes.shape != (model.n_nodes, 3):
         raise InputError(f"{model.header.source}: nodes of shape {nodes.shape}; give shape ({model.n_nodes}, 3)")
+    operator, rows = _fit_of_surface(model, surface_ids)
+    moves = nodes - model.regenerate().to_vector().reshape(-1, 3)
+    control_points = model.control_points[surface_ids] + operator.forward(moves)[surface_ids]
+    fitted = SurfaceMap.of_rows(model, surface_ids, rows).apply(control_points)
+    source = node_sharing(model.topology).source_rows()
+    miss = SurfaceMiss.of(model.topology, source, rows, fitted, nodes[rows])
+    miss.log(f"{model.header.source}: ")
+    return SurfaceFit(control_points, miss)
+
+
+def _fit_of_surface(model: FittedModel, surface_ids: np.ndarray) -> tuple[FitOperator, np.ndarray]:
+    """Fit of the control points of whole faces, and the rows of their nodes, of nodes that are one the first."""
     problem = problem_of_mesh(model.topology, model.mesh)
     is_surface = np.zeros(model.mesh.n_control_points, dtype=bool)
     is_surface[surface_ids] = True
@@ -187,93 +183,103 @@ def fit_surface(model: FittedModel, surface_ids: np.ndarray, nodes: np.ndarray) 
             f"{model.header.source}: control point {missing + 1} belongs to no face of the surface; give whole faces"
         )
     operator = problem.operator(model.parameters, model.candidate_weights, entities)
-    moves = nodes - model.regenerate().to_vector().reshape(-1, 3)
-    control_points = model.control_points[surface_ids] + operator.forward(moves)[surface_ids]
-    rows = np.unique(np.concatenate([entity.rows for entity in entities]))
-    fitted = SurfaceMap.of_rows(model, surface_ids, rows).apply(control_points)
-    miss = SurfaceMiss.of(model.topology, problem.sharing.source_rows(), rows, fitted, nodes[rows])
-    miss.log(f"{model.header.source}: ")
-    return SurfaceFit(control_points, miss)
+    return operator, np.unique(np.concatenate([entity.rows for entity in entities]))
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceLeastSquares:
-    """Least squares for control points s, whose nodes ``x(s) = A s + T(s) r + c`` shall be closest to given ones, w.
-
-    With ``A+`` the pseudo-inverse of A, by its normal equations, the steps ``s <- s + P A+ (w - x(s))`` end where
-    the difference is orthogonal to all that control points can do. Where no residual turns the second one is a step of
-    refinement. P keeps control points in planes of symmetry, which least squares alone would leave where the nodes
-    are those of no spline. Nodes of a spline surface give back its control points to round-off.
+class SurfaceFitOperator:
+    """The linear map from moves of surface nodes to those of surface control points. Made by `SurfaceFitOperator.of`.
 
     Parameters
     ----------
-    surface_map : SurfaceMap
-        From control points to nodes.
-    numbers : ndarray of int, shape (n,)
-        Which of the nodes are given, in which order.
+    operator : FitOperator
+        Fit of the control points of the surface.
     mesh : MovingMesh
-        Its surface points are those that are looked for.
-    matrix : csr_array, shape (n, n_surface)
-        A.
-    factor : SuperLU
-        Of the transpose of A times A.
+        Its surface points are those that are fitted; those in planes of symmetry stay in them.
+    baseline : ndarray, shape (n, 3)
+        The nodes that are given, on the baseline (m).
+    means : csr_array, shape (n_points, n)
+        Nodes of the surface from those that are given: the mean where one is given more than once.
+    springs : SpringNetwork or None
+        Moves of nodes that are not given, between those of their neighbours; None where all are.
+    rows, numbers : ndarray of int, shape (n_rows,)
+        Rows in the grid vector of the surface's nodes, copies included, and the node of the surface that each is.
     """
 
-    surface_map: SurfaceMap
-    numbers: np.ndarray
+    operator: FitOperator
     mesh: MovingMesh
-    matrix: csr_array
-    factor: SuperLU
-
-    def __reduce__(self):
-        """Take the factor along as what it is made of: SuperLU cannot be pickled."""
-        return SurfaceLeastSquares.of, (self.surface_map, self.mesh, self.numbers)
+    baseline: np.ndarray
+    means: csr_array
+    springs: SpringNetwork | None
+    rows: np.ndarray
+    numbers: np.ndarray
 
     @classmethod
-    def of(cls, surface_map: SurfaceMap, mesh: MovingMesh, numbers: np.ndarray | None = None) -> SurfaceLeastSquares:
-        """Invert the map of a surface.
+    def of(
+        cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray | None = None
+    ) -> SurfaceFitOperator:
+        """Prepare the fit of a surface.
 
         Parameters
         ----------
-        surface_map : SurfaceMap
-            From control points to nodes.
+        model : FittedModel
+            The fitted grid.
         mesh : MovingMesh
-            The mesh that it was made for.
+            Its control mesh; the design surface is made of whole faces.
+        surface : SurfaceGrid
+            The nodes of the design surface.
         numbers : ndarray of int, shape (n,), optional
             Which nodes are given, in which order; all of the surface in its own by default.
 
         Raises
         ------
         InputError
-            If the nodes do not determine all surface control points.
+            If fewer nodes are given than there are control points, or none of some patch, or the control points are not those of whole faces.
         """
-        numbers = np.arange(surface_map.matrix.shape[0]) if numbers is None else numbers
-        matrix = csr_array(surface_map.matrix[numbers])
-        return cls(surface_map, numbers, mesh, matrix, _factor(matrix))
+        n = surface.n_points
+        numbers = np.arange(n) if numbers is None else np.asarray(numbers)
+        counts = np.bincount(numbers, minlength=n)
+        if np.count_nonzero(counts) < len(mesh.surface_ids):
+            raise InputError(
+                f"surface: its {np.count_nonzero(counts)} nodes do not determine the {len(mesh.surface_ids)} control "
+                f"points of the design surface; give the nodes of all its patches"
+            )
+        for name, ids in zip(surface.names, surface.faces):
+            if not counts[ids].any():
+                raise InputError(f"surface: none of the nodes of {name} is given; give nodes of all its patches")
+        means = csr_array((1.0 / counts[numbers], (numbers, np.arange(len(numbers)))), shape=(n, len(numbers)))
+        place = np.full(model.n_nodes, -1)
+        place[surface.rows] = np.arange(n)
+        place = place[node_sharing(model.topology).source_rows()]
+        rows = np.flatnonzero(place >= 0)
+        springs = None if counts.all() else _springs(surface, np.flatnonzero(counts))
+        operator, _ = _fit_of_surface(model, mesh.surface_ids)
+        return cls(operator, mesh, surface.points[numbers], means, springs, rows, place[rows])
 
-    def at(self, nodes: np.ndarray) -> FittedSurface:
-        """Control points and their derivative at nodes, shape (n, 3), in metres.
+    def at(self, nodes: np.ndarray) -> np.ndarray:
+        """Control points of the surface, shape (n_surface, 3), at nodes, shape (n, 3), in metres."""
+        return self.mesh.points[self.mesh.surface_ids] + self.forward(nodes - self.baseline)
 
-        Raises
-        ------
-        MovementError
-            If the steps do not end.
-        """
-        initial = self.mesh.points[self.mesh.surface_ids]
+    def forward(self, moves: np.ndarray) -> np.ndarray:
+        """Moves of the control points, shape (n_surface, 3), for those of the nodes, shape (n, 3)."""
+        at_points = self.means @ moves
+        if self.springs is not None:
+            given = np.flatnonzero(np.diff(self.means.indptr))
+            at_points[self.springs.ids] = self.springs.dot(at_points[given])
+        of_grid = np.zeros((self.operator.n_nodes, 3))
+        of_grid[self.rows] = at_points[self.numbers]
+        return self._slide(self.operator.forward(of_grid)[self.mesh.surface_ids])
 
-        def step(control_points: np.ndarray) -> np.ndarray:
-            state = self.surface_map.at(control_points)
-            return self._slide(self._fit(nodes - state.nodes[self.numbers]))
-
-        control_points = _refined(step, initial.copy())
-        return FittedSurface(self, control_points, self.surface_map.at(control_points))
-
-    def _fit(self, change: np.ndarray) -> np.ndarray:
-        """A+ times a change of nodes."""
-        return self.factor.solve(self.matrix.T @ change)
-
-    def _fit_transpose(self, bar: np.ndarray) -> np.ndarray:
-        return self.matrix @ self.factor.solve(bar, "T")
+    def transpose(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `forward`: (n_surface, 3) to (n, 3)."""
+        control_bar = np.zeros((self.operator.n_control_points, 3))
+        control_bar[self.mesh.surface_ids] = self._slide(bar)
+        at_points = np.zeros((self.means.shape[0], 3))
+        np.add.at(at_points, self.numbers, self.operator.adjoint(control_bar)[self.rows])
+        if self.springs is not None:
+            given = np.flatnonzero(np.diff(self.means.indptr))
+            at_points[given] += self.springs.transpose_dot(at_points[self.springs.ids])
+        return self.means.T @ at_points
 
     def _slide(self, change: np.ndarray) -> np.ndarray:
         """Take what would leave planes of symmetry off a change of control points; its own transpose."""
@@ -282,87 +288,13 @@ class SurfaceLeastSquares:
         return slid
 
 
-@dataclass(frozen=True, eq=False)
-class FittedSurface:
-    """Control points that were fitted to nodes, and their derivative.
-
-    Parameters
-    ----------
-    of : SurfaceLeastSquares
-        What fitted them.
-    control_points : ndarray, shape (n_surface, 3)
-        The surface control points (m).
-    state : SurfaceState
-        The nodes of these control points.
-    """
-
-    of: SurfaceLeastSquares
-    control_points: np.ndarray
-    state: SurfaceState
-
-    @property
-    def nodes(self) -> np.ndarray:
-        """Nodes of these control points, those that were given, shape (n, 3), in metres."""
-        return self.state.nodes[self.of.numbers]
-
-    def jvp(self, change: np.ndarray) -> np.ndarray:
-        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
-        of = self.of
-
-        def step(found: np.ndarray) -> np.ndarray:
-            return of._slide(of._fit(change - self.state.jvp(found)[of.numbers]))
-
-        return _refined(step, np.zeros_like(self.control_points))
-
-    def vjp(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `jvp`, shape (n, 3), of ``bar``, shape (n_surface, 3)."""
-        of, slid = self.of, self.of._slide(bar)
-
-        def step(found: np.ndarray) -> np.ndarray:
-            nodes_bar = np.zeros_like(self.state.nodes)
-            np.add.at(nodes_bar, of.numbers, of._fit_transpose(found))
-            return of._slide(slid - self.state.vjp(nodes_bar))
-
-        return of._fit_transpose(_refined(step, np.zeros_like(slid)))
-
-
-def _refined(step: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
-    """Add steps to values until these stay as they are, or round-off alone keeps the steps from getting shorter.
-
-    Raises
-    ------
-    MovementError
-        If they do not.
-    """
-    before = np.inf
-    for number in range(_MOST_STEPS):
-        change = step(values)
-        values = values + change
-        size, length = np.abs(values).max(), np.abs(change).max()
-        # steps shrink by a large factor each; one of 1e-12 that does not even halve the one before is made of round-off
-        if length <= _ROUND_OFF * size or (number > 1 and before <= 1e-12 * size and length > 0.5 * before):
-            return values
-        before = length
-    raise MovementError(
-        f"surface: no control points are found for these nodes in {_MOST_STEPS} steps, the last of {length:.3g} m; "
-        f"take a smaller deformation"
-    )
-
-
-def _factor(matrix: csr_array) -> SuperLU:
-    """Factor of the normal equations."""
-    undetermined = InputError(
-        f"surface: its {matrix.shape[0]} nodes do not determine the {matrix.shape[1]} control points of the design "
-        f"surface; give the nodes of all its patches"
-    )
-    try:
-        factor = splu((matrix.T @ matrix).tocsc())
-    except RuntimeError as error:  # SuperLU met a zero pivot
-        raise undetermined from error
-    pivots = np.abs(factor.U.diagonal())
-    if pivots.min() < _SMALLEST_PIVOT * pivots.max():
-        raise undetermined
-    return factor
+def _springs(surface: SurfaceGrid, given: np.ndarray) -> SpringNetwork:
+    """Springs along the sides of the surface's quads, between the nodes that are given."""
+    sides = np.unique(np.sort(np.concatenate([surface.quads[:, [k, (k + 1) % 4]] for k in range(4)]), axis=1), axis=0)
+    lengths = np.linalg.norm(surface.points[sides[:, 0]] - surface.points[sides[:, 1]], axis=1)
+    of_pair = {(i, j): length for (i, j), length in zip(sides.tolist(), lengths.tolist()) if length > 0.0}
+    nothing = np.zeros(0, dtype=int)
+    return SpringNetwork.of(surface.n_points, of_pair, given, nothing, lambda ids: eye_array(3 * len(ids)).tocsr())
 
 
 def replace_nodes(topology: Topology, nodes: np.ndarray, pieces: Sequence[tuple[Window, np.ndarray]]) -> np.ndarray:

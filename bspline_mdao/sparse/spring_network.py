@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 __all__ = ["SpringNetwork"]
 
@@ -29,14 +30,14 @@ class SpringNetwork:
         Force on each of them for a unit displacement of each prescribed point.
     directions : scipy.sparse.csr_array, shape (3 n_free, n_directions)
         Orthonormal columns: their allowed directions.
-    solve : callable
-        Inverse of the network's stiffness in these directions, symmetric.
+    stiffness : scipy.sparse.csc_array, shape (n_directions, n_directions)
+        Stiffness of the network in these directions, symmetric.
     """
 
     ids: np.ndarray
     pull: sparse.csr_array
     directions: sparse.csr_array
-    solve: Callable[[np.ndarray], np.ndarray]
+    stiffness: sparse.csc_array
 
     @classmethod
     def of(
@@ -78,9 +79,16 @@ class SpringNetwork:
         is_anchored = np.isin(labels, labels[points[is_prescribed[points]]])
         ids = points[(is_anchored & ~is_prescribed)[points]]
         rows, allowed = laplacian[ids], directions(ids)
-        stiffness = allowed.T @ sparse.kron(rows[:, ids], sparse.eye_array(3)) @ allowed
-        solve = splu(sparse.csc_array(stiffness)).solve if stiffness.size else np.zeros_like
-        return cls(ids, -rows[:, prescribed_ids], allowed, solve)
+        of_directions = allowed.T @ sparse.kron(rows[:, ids], sparse.eye_array(3)) @ allowed
+        return cls(ids, -rows[:, prescribed_ids], allowed, sparse.csc_array(of_directions))
+
+    @cached_property
+    def _factor(self) -> SuperLU:
+        return splu(self.stiffness)
+
+    def __getstate__(self) -> dict:
+        """Leave the factor behind: SuperLU cannot be pickled."""
+        return {name: value for name, value in self.__dict__.items() if name != "_factor"}
 
     def dot(self, displacement: np.ndarray) -> np.ndarray:
         """Displacements of the points, (n_free, 3), for those of the prescribed ones, (n_prescribed, 3)."""
@@ -92,4 +100,6 @@ class SpringNetwork:
 
     def _displacement_under(self, force: np.ndarray) -> np.ndarray:
         """Equilibrium displacement under forces on the points, both of shape (n_free, 3)."""
-        return (self.directions @ self.solve(self.directions.T @ force.ravel())).reshape(-1, 3)
+        if not self.stiffness.size:
+            return np.zeros_like(force)
+        return (self.directions @ self._factor.solve(self.directions.T @ force.ravel())).reshape(-1, 3)

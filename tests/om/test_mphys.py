@@ -39,6 +39,8 @@ from bspline_mdao.om.mphys.builders import (  # noqa: E402
 )
 from bspline_mdao.om.mphys.geometry import SurfaceGeometry  # noqa: E402
 from bspline_mdao.om.mphys.warper import VolumeWarper  # noqa: E402
+from bspline_mdao.om.surface_control import SurfaceControl  # noqa: E402
+from bspline_mdao.om.surface_evaluate import SurfaceEvaluate  # noqa: E402
 
 DESIGN = {"twist": [1.0, -2.0, 3.0], "span": [1.1]}
 CONDITIONS = {"angle_of_attack": 3.0, "mach_number": 0.4}
@@ -138,9 +140,15 @@ def cruise(wing, mode="auto", builder=None, **geometry):
 
 
 def direct_chain(wing):
-    """The same study without MPhys."""
+    """The same study without MPhys: nodes of the deformed surface, and the grid that meets them."""
     problem = om.Problem(reports=False)
-    movement = GridMovement(model=wing.model, parametrization=wing.parametrization, mover=wing.mover, fit=False)
+    geometry = problem.model.add_subsystem(
+        "geometry", om.Group(), promotes_inputs=[*DESIGN], promotes_outputs=["surface"]
+    )
+    geometry.add_subsystem("control", SurfaceControl(parametrization=wing.parametrization), promotes=["*"])
+    nodes = SurfaceEvaluate(model=wing.model, mesh=wing.mover.mesh, surface=wing.surface)
+    geometry.add_subsystem("nodes", nodes, promotes=["*"])
+    movement = GridMovement(model=wing.model, mover=wing.mover, surface=wing.surface, fit=False)
     problem.model.add_subsystem("movement", movement, promotes=["*"])
     problem.model.add_subsystem("flow", fake_flow(wing), promotes=["*"])
     return run(problem, **DESIGN, alpha=CONDITIONS["angle_of_attack"], Mach_number=CONDITIONS["mach_number"])

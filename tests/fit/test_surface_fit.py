@@ -1,0 +1,128 @@
+"""Surface control points follow surface nodes by a linear map: the fit of the grid itself."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bspline_mdao import InputError, Spacing, fit_grid, fit_surface, moving_mesh, onera_m6_grid
+from bspline_mdao.fit.surface_fit import SurfaceFitOperator
+from bspline_mdao.mesh.surface import SurfaceGrid
+from bspline_mdao.topology.sharing import node_sharing
+
+
+@pytest.fixture(scope="module", params=["least squares", "candidates"])
+def wing(request):
+    """A wing, of which least squares are valid or not, and its mesh and surface."""
+    method = "least_squares" if request.param == "least squares" else "valid"
+    model = fit_grid(onera_m6_grid((11, 10, 9), Spacing(off_wall=1e-5)), n_control=6, method=method)
+    assert (model.candidate_weights is None) == (request.param == "least squares")
+    return model, moving_mesh(model), SurfaceGrid.of(model)
+
+
+def numbers_in_disorder(surface):
+    """All nodes, some of them twice."""
+    rng, n = np.random.default_rng(2), surface.n_points
+    return rng.permutation(np.concatenate([np.arange(n), rng.integers(0, n, n // 3)]))
+
+
+def some_numbers(surface):
+    """Nine of ten nodes."""
+    return np.random.default_rng(8).permutation(surface.n_points)[surface.n_points // 10 :]
+
+
+NUMBERS = {"all": lambda surface: None, "in disorder": numbers_in_disorder, "some": some_numbers}
+
+
+@pytest.mark.slow
+def test_nodes_at_rest_keep_the_control_points_to_the_bit(wing):
+    model, mesh, surface = wing
+    found = SurfaceFitOperator.of(model, mesh, surface).at(surface.points)
+    np.testing.assert_array_equal(found, mesh.points[mesh.surface_ids])
+
+
+@pytest.mark.slow
+def test_a_surface_that_is_turned_and_stretched_takes_its_control_points_along(wing):
+    model, mesh, surface = wing
+    (axis,) = {int(np.argmax(np.abs(normal))) for normal in mesh.in_plane_normals}
+    turn = Rotation.from_rotvec(2.5 * np.eye(3)[axis]).as_matrix() @ np.diag([1.3, 0.8, 1.1])
+    shift = np.array([3.0, -2.0, 1.0]) * (np.arange(3) != axis)
+    found = SurfaceFitOperator.of(model, mesh, surface).at(surface.points @ turn.T + shift)
+    expected = mesh.points[mesh.surface_ids] @ turn.T + shift
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_it_is_the_fit_of_the_grid(wing):
+    model, mesh, surface = wing
+    rng = np.random.default_rng(3)
+    moves = 0.01 * np.sin(surface.points @ rng.normal(size=(3, 3)))
+    moves[:, 2] = 0.0
+    nodes = model.regenerate().to_vector().reshape(-1, 3)
+    nodes[surface.rows] += moves
+    nodes = nodes[node_sharing(model.topology).source_rows()]
+    expected = fit_surface(model, mesh.surface_ids, nodes).control_points
+    found = SurfaceFitOperator.of(model, mesh, surface).at(surface.points + moves)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    assert np.abs(found - mesh.points[mesh.surface_ids]).max() > 5e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("numbers", NUMBERS.values(), ids=NUMBERS)
+def test_the_transpose_is_the_transpose(wing, numbers):
+    model, mesh, surface = wing
+    operator, rng = SurfaceFitOperator.of(model, mesh, surface, numbers(surface)), np.random.default_rng(4)
+    change = rng.normal(size=operator.baseline.shape)
+    forward = operator.forward(change)
+    bar = rng.normal(size=forward.shape)
+    terms = bar * forward
+    assert abs(terms.sum() - np.vdot(operator.transpose(bar), change)) < 1e-13 * np.abs(terms).sum()
+
+
+@pytest.mark.slow
+def test_of_nodes_that_are_given_twice_the_mean_counts(wing):
+    model, mesh, surface = wing
+    rng, numbers = np.random.default_rng(5), numbers_in_disorder(surface)
+    moves, noise = rng.normal(size=(surface.n_points, 3)), rng.normal(size=(surface.n_points, 3))
+    expected = SurfaceFitOperator.of(model, mesh, surface).forward(moves)
+    counts, seen = np.bincount(numbers), np.zeros(surface.n_points, dtype=int)
+    given = np.empty((len(numbers), 3))
+    for place, number in enumerate(numbers):  # what one has too much, the other has too little
+        sign = 0.0 if counts[number] % 2 or seen[number] >= 2 * (counts[number] // 2) else (-1.0) ** seen[number]
+        given[place] = moves[number] + sign * noise[number]
+        seen[number] += 1
+    found = SurfaceFitOperator.of(model, mesh, surface, numbers).forward(given)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_nodes_that_are_not_given_go_between_their_neighbours(wing):
+    model, mesh, surface = wing
+    shift, numbers = np.array([0.3, -0.2, 0.0]), some_numbers(surface)
+    found = SurfaceFitOperator.of(model, mesh, surface, numbers).at(surface.points[numbers] + shift)
+    np.testing.assert_allclose(found, mesh.points[mesh.surface_ids] + shift, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_control_points_stay_in_planes_of_symmetry_whatever_the_nodes_above_them_do(wing):
+    model, mesh, surface = wing
+    nodes = surface.points + 0.02 * np.random.default_rng(6).normal(size=surface.points.shape)
+    found = SurfaceFitOperator.of(model, mesh, surface).at(nodes)
+    off = (found - mesh.points[mesh.surface_ids])[mesh.in_plane_rows]
+    assert len(off)
+    assert np.abs(np.sum(off * mesh.in_plane_normals, axis=1)).max() < 1e-15
+
+
+@pytest.mark.slow
+def test_fewer_nodes_than_control_points_are_refused(wing):
+    model, mesh, surface = wing
+    n = len(mesh.surface_ids) - 1
+    with pytest.raises(InputError, match=f"its {n} nodes do not determine the {n + 1} control points"):
+        SurfaceFitOperator.of(model, mesh, surface, np.arange(n))
+
+
+@pytest.mark.slow
+def test_a_patch_without_any_node_is_refused(wing):
+    model, mesh, surface = wing
+    with pytest.raises(InputError, match=r"none of the nodes of .* is given; give nodes of all its patches") as error:
+        SurfaceFitOperator.of(model, mesh, surface, np.setdiff1d(np.arange(surface.n_points), surface.faces[0]))
+    assert "\n" not in str(error.value)
