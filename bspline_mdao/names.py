@@ -1,6 +1,6 @@
 """Names of all variables that cross a component boundary.
 
-Each but the last is a flat vector of length ``3 n``, x, y and z interleaved, in metres, as in MPhys, ADflow and
+Each but the last two is a flat vector of length ``3 n``, x, y and z interleaved, in metres, as in MPhys, ADflow and
 DAFoam.
 """
 
@@ -25,5 +25,17 @@ SURFACE = "surface"
 N_INCREMENTS = "n_increments"
 """Increments in which the control mesh was moved, a whole number."""
 
-ALL_NAMES = (GRID_INITIAL, GRID, CONTROL_POINTS_INITIAL, CONTROL_POINTS, SURFACE_CONTROL_POINTS, SURFACE, N_INCREMENTS)
+CONTROL_CORNER_KS = "control_corner_ks"
+"""Smooth lower bound of the corner triple products of the control mesh after movement, a number."""
+
+ALL_NAMES = (
+    GRID_INITIAL,
+    GRID,
+    CONTROL_POINTS_INITIAL,
+    CONTROL_POINTS,
+    SURFACE_CONTROL_POINTS,
+    SURFACE,
+    N_INCREMENTS,
+    CONTROL_CORNER_KS,
+)
 """All names above; design variables and measures have names of their own."""

@@ -88,7 +88,7 @@ class Turn:
         self.mover = bm.LinearElasticity(mesh, n_increments=n_increments)
 
     def problem(self, is_constrained: bool) -> om.Problem:
-        """Least distance, not set up; a tangled control mesh is no error."""
+        """Least distance, not set up; inverted cells on the way are no error."""
         problem = om.Problem(reports=None)
         chain = {"parametrization": self.parametrization, "measures": [self.measure], "mover": self.mover}
         movement = bm.GridMovement(model=self.model, require_valid=False, quality=False, **chain)

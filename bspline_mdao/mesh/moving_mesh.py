@@ -148,10 +148,15 @@ class MovingMesh(OneLine):
         signs = [np.full(quality.q.size, quality.handedness, dtype=np.int8) for quality in self._baseline_quality]
         return np.concatenate(signs)
 
+    @cached_property
+    def is_valid(self) -> np.ndarray:
+        """Whether each element is valid on the baseline, shape (n_elements,)."""
+        return np.concatenate([quality.is_valid.ravel() for quality in self._baseline_quality])
+
     @property
     def n_invalid(self) -> int:
         """Number of elements that are invalid on the baseline."""
-        return sum(int(np.count_nonzero(~quality.is_valid)) for quality in self._baseline_quality)
+        return int(np.count_nonzero(~self.is_valid))
 
     def stranded_blocks(self) -> tuple[str, ...]:
         """Names of the blocks that no chain of shared points joins to the design surface: nothing moves them."""

@@ -171,38 +171,24 @@ class MovementReport(OneLine):
         tangled = ((n, report) for n, report in enumerate(self.increments, start=1) if report.n_tangled)
         return next(tangled, None)
 
-    def require_valid(self) -> None:
-        """Refuse a mesh that is tangled at the end.
+    @property
+    def tangling(self) -> str:
+        """What tangles; empty where the mesh is not tangled at the end.
 
-        Raises
-        ------
-        MovementError
-            If it is: names the increment where that began and the worst element there.
+        It names the increment where that began and the worst element there, and elements that were invalid before.
         """
         tangled = self.first_tangled()
         if tangled is None or not self.increments[-1].n_tangled:
-            return
-        number, first = tangled
-        raise MovementError(
-            f"movement: increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
-            f"{first.min_corner:.2g}); {counted(self.increments[-1].n_tangled, 'element')} newly "
-            f"invalid at the end; {self.advice}"
-        )
-
-    @property
-    def advice(self) -> str:
-        """What helps a tangled mesh: a valid one to begin with; else a smaller step, or increments that were not tried.
-
-        In ``run_scripts/robustness_table.py`` nothing else did: no mover manages what elasticity does not, but for
-        torsional springs now and then.
-        """
+            return ""
+        (number, first), cause = tangled, ""
         if self.n_invalid:
             others = f"{self.n_invalid:,} {'other is' if self.n_invalid == 1 else 'others are'}"
-            return f"{others} invalid before the move, which is the likely cause: {MEND}"
-        if self.tried:
-            numbers = ", ".join(str(trial.n_increments) for trial in self.tried)
-            return f"take a smaller step (tried with {numbers} increments)"
-        return "take a smaller step, or more increments"
+            cause = f"; {others} invalid before the move, which is the likely cause: {MEND}"
+        return (
+            f"increment {number} of {self.n_increments} inverts {first.place} (corner triple product "
+            f"{first.min_corner:.2g}); {counted(self.increments[-1].n_tangled, 'element')} newly "
+            f"invalid at the end{cause}"
+        )
 
 
 class Movement(Protocol):

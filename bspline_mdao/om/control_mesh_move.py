@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import openmdao.api as om
 
 from ..errors import InputError
+from ..mesh.element_corners import ElementCorners
 from ..mesh.moving_mesh import MovingMesh
 from ..model.certify import require_valid_splines
 from ..model.fitted_model import FittedModel
@@ -17,15 +19,23 @@ from ..model.model_share import ModelShare
 from ..movement.increments import AUTO, NUMBERS
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
 from ..movement.shared import WAYS, shared_mover
-from ..names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
+from ..names import (
+    CONTROL_CORNER_KS,
+    CONTROL_POINTS,
+    CONTROL_POINTS_INITIAL,
+    N_INCREMENTS,
+    SURFACE_CONTROL_POINTS,
+)
 from ..numerics.processes import on_first
 from .component import (
     SAME,
     CheckedOnProcesses,
     add_product,
     as_analysis_errors,
+    by_parts,
     check_along_directions,
     difference_step,
+    direction_in,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
@@ -33,6 +43,7 @@ from .component import (
 )
 
 INPUTS = (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
+OUTPUTS = (CONTROL_POINTS, CONTROL_CORNER_KS)
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -43,6 +54,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     The mover is an object: one of `bspline_mdao.movement`, or the user's own, see `bspline_mdao.movement.mover.Mover`.
     Surface control points end where they are asked for, those on symmetry planes slide in them, fixed ones stay.
 
+    A control mesh may tangle while all cells of the grid stay valid, next to viscous walls above all, so that it is
+    nothing to refuse a design for: the log warns of it, and ``control_corner_ks > 0`` as a constraint keeps it from
+    tangling. Cells of the grid are judged by `Quality`.
+
     ==========================  ======  ====================  =====  ===============================================
     name                        role    shape                 units  meaning
     ==========================  ======  ====================  =====  ===============================================
@@ -50,6 +65,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     ``surface_control_points``  input   (3 n_surface)         m      those on the design surface after the move, in
                                                                      the order of the mesh's ``surface_ids``
     ``control_points``          output  (3 n_control_points)  m      control points after the move
+    ``control_corner_ks``       output  (1,)                         lower bound of the corner triple products of unit
+                                                                     edges, over the elements of the control mesh that
+                                                                     are valid on the baseline, see `Quality`
     ``n_increments``            output  discrete                     increments of the move
     ==========================  ======  ====================  =====  ===============================================
 
@@ -59,8 +77,9 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         Its mesh says what is moved and what each point may do; `bspline_mdao.moving_mesh` makes it from a fitted model.
         Factors are kept for derivatives where the mover does not say otherwise (``keep_factors``), but not in a problem
         that is set up with ``derivatives=False``.
-    require_valid : bool
-        Refuse a control mesh with elements that are inverted now and were not on the baseline.
+    rho : float
+        Sharpness of ``control_corner_ks``: it is below the smallest corner triple product of n elements by at most
+        ln(8 n) / rho.
     certified : FittedModel or ModelShare, optional
         Model that the mesh belongs to: refuse moves with which more elements of its splines are proved invalid, between
         their control points as well, see `bspline_mdao.certify`.
@@ -76,10 +95,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     Raises
     ------
     InputError
-        In ``setup``, if the mover is none; in a run, under complex step.
+        In ``setup``, if the mover is none, or rho not positive; in a run, under complex step.
     om.AnalysisError
-        In a run or a product, if a number is not finite, if the mover cannot go on, or if the control mesh tangles
-        or, with ``certified``, its splines do.
+        In a run or a product, if a number is not finite, if the mover cannot go on, or, with ``certified``, if the
+        splines fold.
         Inputs that can be followed give the same control mesh afterwards as if nothing had happened.
 
     Notes
@@ -115,7 +134,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     def initialize(self):
         """Declare the options."""
         self.options.declare("mover", recordable=False, desc="moves the control mesh behind its surface")
-        self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
         types, desc = (FittedModel, ModelShare, type(None)), "the model, where its splines are to be proved"
         self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
@@ -124,6 +143,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self._start: Any = None
         self._shared: Any = None
         self._n_increments: int | None = None
+        self._is_tangled = False
 
     @property
     def report(self) -> MovementReport | None:
@@ -136,30 +156,44 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         mesh = mesh_of(self.options["mover"], self.msginfo)
         self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
         self._last = self._start = self._shared = self._n_increments = None
+        self._is_tangled = False
+        try:
+            self._corners = ElementCorners.of(mesh, self.options["rho"])
+        except InputError as error:
+            raise InputError(f"{self.msginfo}: {error}") from error
         self.add_input(CONTROL_POINTS_INITIAL, val=mesh.points.ravel(), units="m")
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
+        self.add_output(CONTROL_CORNER_KS, desc="bound of the corner triple products of the control mesh")
         self.add_discrete_output(N_INCREMENTS, val=0, desc="increments of the move")
-        check_along_directions(self, difference_step(mesh.points[ids] for ids in mesh.blocks))
+        # rounding of the points and curvature of the bound weigh about the same then
+        step = difference_step((mesh.points[ids] for ids in mesh.blocks), self.options["rho"])
+        check_along_directions(self, step)
 
     def compute(self, inputs, outputs, discrete_inputs=None, discrete_outputs=None):
         """Move the control mesh, unless that was done for these inputs."""
-        movement = self._movement_at(inputs)
-        outputs[CONTROL_POINTS] = movement.points.ravel()
+        last = self._move_at(inputs)
+        outputs[CONTROL_POINTS] = last.movement.points.ravel()
+        outputs[CONTROL_CORNER_KS] = last.corners.value(last.movement.points)
         if discrete_outputs is not None:
-            discrete_outputs[N_INCREMENTS] = movement.report.n_increments
+            discrete_outputs[N_INCREMENTS] = last.movement.report.n_increments
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
-        if CONTROL_POINTS not in d_outputs:
+        if not any(name in d_outputs for name in OUTPUTS) or not any(name in d_inputs for name in INPUTS):
             return
-        movement = self._movement_at(inputs)
+        last = self._move_at(inputs)
         with as_analysis_errors(self):
-            products = {"jvp": movement.jvp, "vjp": movement.vjp}
-            add_product(inputs, d_inputs, d_outputs, mode, **products, of=CONTROL_POINTS, wrt=INPUTS)
+            if mode == "fwd":
+                directions = (direction_in(d_inputs, inputs, name) for name in INPUTS)
+                last.add_change(d_outputs, by_parts(last.movement.jvp, *directions))
+            else:
+                bar = {CONTROL_POINTS: last.points_bar(d_outputs)}
+                products = {"jvp": last.movement.jvp, "vjp": last.movement.vjp}
+                add_product(inputs, d_inputs, bar, mode, **products, of=CONTROL_POINTS, wrt=INPUTS)
 
-    def _movement_at(self, inputs) -> Movement:
-        """Movement for these inputs: the last one if it was made for them."""
+    def _move_at(self, inputs) -> _Move:
+        """Move for these inputs: the last one if it was made for them."""
         with failures_as_analysis_errors(self):
             refuse_complex_step(self)
             initial, surface = (finite_points(inputs[name], name, self.msginfo) for name in INPUTS)
@@ -170,15 +204,14 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 self._last = last = None  # its factors make room for those of the next
                 movement = self._move(initial, surface)
                 self._start = getattr(movement, "start", None)
-                self._last = last = _Move(initial.copy(), surface.copy(), movement)
-            if self.options["require_valid"]:
-                last.movement.report.require_valid()
+                self._last = last = _Move(initial.copy(), surface.copy(), movement, self._corners)
             if self.options["certified"] is not None and not is_there:
                 self._last = None  # a design that is refused is moved again where it is asked for again
                 require_valid_splines(self.options["certified"], last.movement.points)
                 self._last = last
         self._count(last.movement.report)
-        return last.movement
+        self._warn(last.movement.report)
+        return last
 
     def _move(self, initial: np.ndarray, surface: np.ndarray) -> Movement:
         """Move, by whichever processes are to."""
@@ -215,6 +248,19 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 tried,
             )
 
+    def _warn(self, report: MovementReport) -> None:
+        """Tell of a control mesh that tangles, where that of the design before did not."""
+        was_tangled, tangling = self._is_tangled, report.tangling
+        self._is_tangled = bool(tangling)
+        if tangling and not was_tangled and self.comm.rank == 0:
+            _LOGGER.warning(
+                "%s: the control mesh tangles: %s; designs are judged by the cells of the grid, and '%s' > 0 as a "
+                "constraint keeps the control mesh from it",
+                self.msginfo,
+                tangling,
+                CONTROL_CORNER_KS,
+            )
+
 
 def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
     """Mesh of a mover; `InputError` where it is none."""
@@ -226,11 +272,31 @@ def mesh_of(mover: Mover, pathname: str) -> MovingMesh:
 
 @dataclass(frozen=True, eq=False)
 class _Move:
-    """A movement and the inputs that it was made for."""
+    """A movement, the inputs that it was made for, and the bound of the corners of its control mesh."""
 
     initial: np.ndarray
     surface: np.ndarray
     movement: Movement
+    corners: ElementCorners
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """Derivative of the bound with respect to the moved points, shape (n_points, 3)."""
+        return self.corners.gradient(self.movement.points)
 
     def is_for(self, initial: np.ndarray, surface: np.ndarray) -> bool:
         return np.array_equal(initial, self.initial) and np.array_equal(surface, self.surface)
+
+    def add_change(self, d_outputs, d_points: np.ndarray) -> None:
+        """Add the changes of the outputs with that of the moved points, shape (n_points, 3)."""
+        if CONTROL_POINTS in d_outputs:
+            d_outputs[CONTROL_POINTS] += d_points.ravel()
+        if CONTROL_CORNER_KS in d_outputs:
+            d_outputs[CONTROL_CORNER_KS] += (self.gradient * d_points).sum()
+
+    def points_bar(self, d_outputs) -> np.ndarray:
+        """Derivative with respect to the moved points, flat, from those with respect to the outputs."""
+        bar = d_outputs[CONTROL_POINTS] if CONTROL_POINTS in d_outputs else np.zeros(self.movement.points.size)
+        if CONTROL_CORNER_KS in d_outputs and d_outputs[CONTROL_CORNER_KS].any():
+            bar = bar + d_outputs[CONTROL_CORNER_KS] * self.gradient.ravel()
+        return bar

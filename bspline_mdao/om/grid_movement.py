@@ -25,7 +25,7 @@ from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
 from .model_option import declare_model
 from .quality import Quality
-from .shares import declare_partition
+from .shares import declare_partition, share_of
 from .surface_control import SurfaceControl
 from .surface_control_fit import SurfaceControlFit
 from .surface_evaluate import SurfaceEvaluate
@@ -45,7 +45,8 @@ class GridMovement(om.Group):
     ``measure_...``    `SurfaceMeasure`: ``surface`` -> the measure, by its name          one for each of ``measures``
     move               `ControlMeshMove`: -> ``control_points``                           always
     evaluate           `GridEvaluate`, or `LiveGridEvaluate`: -> ``grid``                 always
-    quality            `Quality`: ``grid`` -> its outputs                                 unless ``quality=False``
+    quality            `Quality`: ``grid`` -> its outputs                                 with ``quality``, or with
+                                                                                          ``require_valid`` for that
     =================  =================================================================  ============================
 
     All inputs start at the values of the model, so that the first run gives the baseline grid. Without a
@@ -68,8 +69,12 @@ class GridMovement(om.Group):
         Surface whose nodes are given: ``surface`` is an input.
     numbers : sequence of int, optional
         Which of these nodes are given; all by default.
-    require_valid, keep_increments : bool
-        Refuse a tangled control mesh; never take fewer increments than before; see `ControlMeshMove`.
+    require_valid : bool
+        Refuse designs that invert cells of the grid which were valid on the baseline, whether or not there are bounds
+        of the quality, see `Quality`. Of a partition that is made of rows nobody knows the cells, and nothing is
+        refused. What the control mesh does is no reason, see `ControlMeshMove`.
+    keep_increments : bool
+        Never take fewer increments than before, see `ControlMeshMove`.
     certify : bool
         Refuse designs with which more elements of the splines are proved invalid than on the baseline, between control
         points as well, see `bspline_mdao.certify`.
@@ -117,7 +122,7 @@ class GridMovement(om.Group):
         self.options.declare("mover", default=None, recordable=False, desc="moves the control mesh of the model")
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
-        self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
         self.options.declare("certify", types=bool, default=False, desc="refuse splines that are proved invalid")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
@@ -153,14 +158,20 @@ class GridMovement(om.Group):
             self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
         if self.options["measures"]:
             self._add_measures(mover.mesh)
-        settings = {name: self.options[name] for name in ("require_valid", "keep_increments", "processes")}
+        settings = {name: self.options[name] for name in ("keep_increments", "processes")}
         certified = model if self.options["certify"] else None
         self._add("move", ControlMeshMove(mover=mover, certified=certified, **settings))
         held = {"model": model, "partition": self.options["partition"]}
         self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))
-        quality = self.options["quality"]
-        if quality:
-            self._add("quality", Quality(**held, **({} if quality is True else {"aggregates": quality})))
+        quality, is_judged = self.options["quality"], self.options["require_valid"] and self._has_cells()
+        if quality or is_judged:
+            bounds = {} if quality is True else {"aggregates": quality or ()}
+            self._add("quality", Quality(**held, **bounds, require_valid=is_judged))
+
+    def _has_cells(self) -> bool:
+        """Whether processes have cells of the grid: shares that are made of rows have nodes alone."""
+        share = share_of(self)
+        return share is None or share.windows is not None
 
     def _require_alone(self, surface: SurfaceGrid) -> None:
         """Refuse what does not go together with nodes of a surface that are given."""

@@ -1,5 +1,6 @@
 """The number of increments that a move chooses: by what it needs, always the same, and in the report."""
 
+import re
 from dataclasses import dataclass
 from functools import cache
 
@@ -93,18 +94,14 @@ def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
     assert [trial.n_increments for trial in report.tried] == list(ratios)
     assert max(ratios.values()) < GOOD_RATIO
     assert report.increments[-1].corner_ratio == max(ratios.values())
-    with pytest.raises(MovementError, match=r"take a smaller step \(tried with 1, 2, 5, 10 increments\)"):
-        report.require_valid()
+    assert report.tangling
 
 
 def test_elements_that_were_folded_before_the_move_are_named_as_the_likely_cause():
     tangled = IncrementReport(None, 3, "element (1, 2, 3) of block 4", -0.1, -2.0, 5)
-    with pytest.raises(
-        MovementError, match=r"3 elements .* at the end; 7 others are .* before the move.*--method valid"
-    ):
-        MovementReport((tangled,), 0.1, n_invalid=7).require_valid()
-    with pytest.raises(MovementError, match="take a smaller step, or more increments"):
-        MovementReport((tangled,), 0.1).require_valid()
+    told = MovementReport((tangled,), 0.1, n_invalid=7).tangling
+    assert re.search(r"3 elements .* at the end; 7 others are .* before the move.*--method valid", told)
+    assert MovementReport((tangled,), 0.1).tangling.endswith("3 elements newly invalid at the end")
 
 
 @dataclass(frozen=True)
@@ -209,16 +206,6 @@ def test_the_number_of_a_problem_only_grows_and_earlier_designs_follow(caplog):
     assert "'move' <class ControlMeshMove>: 2 increments from this design on, 1 before it" in messages[0]
     problem.setup()
     assert run_at(problem, 30)[1] == 1
-
-
-def test_designs_that_are_refused_do_not_make_the_number_grow():
-    problem = problem_of()
-    points, _ = run_at(problem, 60)
-    with pytest.raises(om.AnalysisError, match="tried with 1, 2, 5, 10 increments"):
-        run_at(problem, 170)
-    again, number = run_at(problem, 60)
-    assert number == 1
-    np.testing.assert_array_equal(again, points)
 
 
 def test_designs_decide_for_themselves_where_that_is_wanted(caplog):

@@ -88,7 +88,7 @@ def test_what_one_point_may_do_is_bounded_in_the_component(factor, is_refused):
     line = np.linspace(0.0, 1.0, 5)
     mesh = mesh_of(grid_of(box(line, line, line), patches=[patch("wall", Window(0, (0, 0, 0), (4, 4, 0)))]))
     problem = om.Problem(reports=False)
-    move = ControlMeshMove(mover=Runaway(mesh, factor), require_valid=False)
+    move = ControlMeshMove(mover=Runaway(mesh, factor))
     problem.model.add_subsystem("move", move, promotes=["*"])
     problem.setup()
     problem.set_val(SURFACE_CONTROL_POINTS, (mesh.points[mesh.surface_ids] + [0.0, 0.0, 0.01]).ravel())

@@ -1,23 +1,28 @@
-"""The movement of the control mesh in a problem: made once, refused when it tangles, and right again afterwards."""
+"""The movement of the control mesh in a problem: made once, followed where it tangles, right again after failures."""
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import openmdao.api as om
 import pytest
 from component_cases import Shear, movable_model
+from topology_cases import grid_of
 
-from bspline_mdao import flat_plate_grid
+from bspline_mdao import NLoptDriver, flat_plate_grid
+from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.fit.fitting import fit_grid
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.fixed_interior import FixedInterior
-from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
+from bspline_mdao.names import CONTROL_CORNER_KS, CONTROL_POINTS, CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
+from bspline_mdao.om.grid_movement import GridMovement
 from bspline_mdao.sparse import conjugate_gradient
 from bspline_mdao.sparse.cholesky import Cholesky
 from bspline_mdao.sparse.conjugate_gradient import ConjugateGradients
+from bspline_mdao.testing import central_difference
 
 BOTH = [CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS]
 
@@ -126,32 +131,110 @@ def test_the_report_tells_of_every_increment(mesh):
     assert report.increments[-1].min_corner > 0.0
 
 
-def test_tangling_is_an_analysis_error_with_its_place(mesh):
+def warnings_of(caplog):
+    return [record.getMessage() for record in caplog.records if record.name == "bspline_mdao.om.control_mesh_move"]
+
+
+def test_a_mesh_that_tangles_is_followed_and_the_log_names_the_worst_element_once(mesh, caplog):
     problem = problem_of(FixedInterior(mesh, n_increments=4))
-    expected = r"'move'.*increment \d of 4 inverts element \(\d+, \d+, 1\) of block \d .*smaller step"
-    with pytest.raises(om.AnalysisError, match=expected) as caught:
-        move_to(problem, lifted(mesh, 0.6))
-    assert "\n" not in str(caught.value)
-    number, first = problem.model.move.report.first_tangled()
-    assert number > 1
-    assert f"increment {number} of 4 inverts {first.place}" in str(caught.value)
-
-
-def test_a_tangled_mesh_is_passed_on_where_that_is_wanted(mesh):
-    problem = problem_of(FixedInterior(mesh), require_valid=False)
     moved = move_to(problem, lifted(mesh, 0.6))
     assert mesh.tangled(moved.reshape(-1, 3)).n_tangled > 0
-    assert problem.model.move.report.increments[-1].n_tangled > 0
+    number, first = problem.model.move.report.first_tangled()
+    assert number > 1
+    (warning,) = warnings_of(caplog)
+    assert re.search(
+        r"'move'.*increment \d of 4 inverts element \(\d+, \d+, 1\) of block \d .*control_corner_ks", warning
+    )
+    assert f"increment {number} of 4 inverts {first.place}" in warning
+    assert "\n" not in warning
+    move_to(problem, lifted(mesh, 0.7))
+    assert len(warnings_of(caplog)) == 1
+    move_to(problem, lifted(mesh, 0.05))
+    move_to(problem, lifted(mesh, 0.6))
+    assert len(warnings_of(caplog)) == 2
 
 
-def test_derivatives_at_a_tangled_mesh_are_refused(mesh):
-    component = problem_of(FixedInterior(mesh)).model.move
-    inputs = {CONTROL_POINTS_INITIAL: mesh.points.ravel(), SURFACE_CONTROL_POINTS: lifted(mesh, 0.6)}
-    bar = {CONTROL_POINTS: np.ones(mesh.points.size)}
-    with pytest.raises(om.AnalysisError, match="inverts element"):
-        component.compute_jacvec_product(
-            inputs, {SURFACE_CONTROL_POINTS: np.zeros(bar[CONTROL_POINTS].size)}, bar, "rev"
-        )
+def test_a_mesh_that_does_not_tangle_is_no_warning(mesh, caplog):
+    move_to(problem_of(FixedInterior(mesh)), lifted(mesh, 0.05))
+    assert not warnings_of(caplog)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.05, 0.4, 0.9])
+@pytest.mark.parametrize("rho", [20.0, 300.0])
+def test_the_bound_is_below_the_worst_corner_of_the_control_mesh_by_no_more_than_its_sharpness_says(mesh, height, rho):
+    problem = problem_of(FixedInterior(mesh), rho=rho)
+    moved = move_to(problem, lifted(mesh, height)).reshape(-1, 3)
+    least, bound = mesh.tangled(moved).min_corner, problem.get_val(CONTROL_CORNER_KS).item()
+    assert least - np.log(8 * len(mesh.elements)) / rho <= bound < least
+
+
+def test_elements_that_are_invalid_on_the_baseline_do_not_count(mesh):
+    points = mesh.points.copy()
+    inner = mesh.blocks[0][2, 2, 2]
+    points[inner] = points[mesh.blocks[0][3, 3, 3]]
+    points[inner] += 0.5 * (points[inner] - mesh.points[inner])
+    folded = replace(mesh, points=points)
+    assert 0 < folded.n_invalid < len(folded.elements)
+    problem = problem_of(FixedInterior(folded))
+    problem.run_model()
+    least = folded.tangled(points).min_corner
+    assert 0.0 < least < 1.0
+    assert least - np.log(8 * len(folded.elements)) / 100.0 <= problem.get_val(CONTROL_CORNER_KS).item() <= least
+
+
+def test_the_bound_is_that_of_the_same_mesh_as_a_grid(mesh):
+    """Where all elements are valid, it is `corner_ks` of a grid of the control points."""
+    quality = GridQuality.of_baseline(grid_of(*(mesh.points[ids] for ids in mesh.blocks)))
+    problem = problem_of(FixedInterior(mesh))
+    moved = move_to(problem, lifted(mesh, 0.3)).reshape(-1, 3)
+    nodes = np.concatenate([moved[ids].reshape(-1, 3) for ids in mesh.blocks])
+    expected = quality.evaluate(nodes, ["corner_ks"]).aggregates["corner_ks"]
+    assert problem.get_val(CONTROL_CORNER_KS).item() == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_sharpness_that_is_not_positive_is_refused(mesh):
+    with pytest.raises(InputError, match=r"'move'.*rho is -1.0; give a positive number"):
+        problem_of(FixedInterior(mesh), rho=-1.0)
+
+
+@pytest.mark.parametrize("kind", [FixedInterior, Shear, LinearElasticity])
+@pytest.mark.parametrize("height", [0.05, 0.6])
+def test_forward_and_reverse_derivatives_of_the_bound_are_transposes_and_those_of_differences(mesh, kind, height):
+    """On tangled control meshes too: a constraint has to lead back from there."""
+    problem, rng = problem_of(kind(mesh, n_increments=2), rho=30.0), np.random.default_rng(7)
+    points = {
+        CONTROL_POINTS_INITIAL: mesh.points.ravel() + 1e-3 * rng.standard_normal(mesh.points.size),
+        SURFACE_CONTROL_POINTS: lifted(mesh, height) + 1e-3 * rng.standard_normal(3 * len(mesh.surface_ids)),
+    }
+    directions = {name: rng.standard_normal(values.size) for name, values in points.items()}
+
+    def bound(step):
+        for name, values in points.items():
+            problem.set_val(name, values + step * directions[name])
+        problem.run_model()
+        return problem.get_val(CONTROL_CORNER_KS).copy()
+
+    expected = central_difference(bound, 2e-4, levels=4)
+    bound(0.0)
+    forward = problem.compute_jacvec_product([CONTROL_CORNER_KS], BOTH, "fwd", directions)[CONTROL_CORNER_KS].item()
+    np.testing.assert_allclose(forward, expected, rtol=1e-6)
+    bars = problem.compute_jacvec_product([CONTROL_CORNER_KS], BOTH, "rev", {CONTROL_CORNER_KS: np.ones(1)})
+    terms = [bars[name] @ directions[name] for name in BOTH]
+    assert abs(sum(terms) - forward) < 1e-12 * sum(
+        np.linalg.norm(bars[n]) * np.linalg.norm(directions[n]) for n in BOTH
+    )
+    assert min(map(abs, terms)) > 0.0
+
+
+def test_a_bound_as_a_constraint_keeps_the_control_mesh_from_tangling(mesh):
+    problem = height_problem(mesh, NLoptDriver(optimizer="LD_SLSQP"), upper=5.0)
+    problem.model.add_constraint(CONTROL_CORNER_KS, lower=0.05)
+    problem.setup()
+    problem.set_val("h", 0.01)
+    problem.run_driver()
+    assert problem.get_val(CONTROL_CORNER_KS).item() == pytest.approx(0.05, abs=1e-5)
+    assert problem.get_val("h").item() > 0.02
+    assert mesh.tangled(problem.get_val(CONTROL_POINTS).reshape(-1, 3)).min_corner > 0.05
 
 
 def test_a_mover_that_gives_up_is_an_analysis_error(mesh):
@@ -195,22 +278,23 @@ def test_random_products_by_conjugate_gradients_at_their_defaults_are_those_of_a
 @pytest.mark.parametrize("mover", [FixedInterior, Shear])
 def test_a_problem_recovers_from_an_infeasible_request(mesh, mover):
     problem, good = problem_of(mover(mesh)), lifted(mesh, 0.05)
-    for bad in (lifted(mesh, 5.0), np.full(good.size, np.nan)):
-        with pytest.raises(om.AnalysisError):
-            move_to(problem, bad)
-        after, fresh = move_to(problem, good), problem_of(mover(mesh))
-        np.testing.assert_array_equal(after, move_to(fresh, good))
-        totals = [p.compute_totals([CONTROL_POINTS], [SURFACE_CONTROL_POINTS]) for p in (problem, fresh)]
-        np.testing.assert_array_equal(*(total[CONTROL_POINTS, SURFACE_CONTROL_POINTS] for total in totals))
+    with pytest.raises(om.AnalysisError):
+        move_to(problem, np.full(good.size, np.nan))
+    move_to(problem, lifted(mesh, 5.0))
+    after, fresh = move_to(problem, good), problem_of(mover(mesh))
+    np.testing.assert_array_equal(after, move_to(fresh, good))
+    totals = [p.compute_totals([CONTROL_POINTS], [SURFACE_CONTROL_POINTS]) for p in (problem, fresh)]
+    np.testing.assert_array_equal(*(total[CONTROL_POINTS, SURFACE_CONTROL_POINTS] for total in totals))
 
 
 def height_problem(mesh, driver, upper) -> om.Problem:
-    """Raise the surface by one number as high as the driver dares."""
+    """Raise the surface by one number as high as the driver dares; cells of the grid must not turn inside out."""
     problem = om.Problem(driver=driver, reports=False)
     start = lifted(mesh, 0.0)
     raised = om.ExecComp("s = s0 + h * d", s={"shape": start.size, "units": "m"}, s0=start, d=lifted(mesh, 1.0) - start)
     problem.model.add_subsystem("raise", raised, promotes=["h", ("s", SURFACE_CONTROL_POINTS)])
-    problem.model.add_subsystem("move", ControlMeshMove(mover=FixedInterior(mesh)), promotes=["*"])
+    movement = GridMovement(model=movable_model(), mover=FixedInterior(mesh), fit=False, quality=False)
+    problem.model.add_subsystem("movement", movement, promotes=["*"])
     size = {"shape": mesh.points.size, "units": "m"}
     problem.model.add_subsystem("fall", om.ExecComp("f = -sum(b[2::3])", b=size), promotes=[("b", CONTROL_POINTS), "f"])
     problem.model.add_design_var("h", lower=0.0, upper=upper)
@@ -223,10 +307,10 @@ def height_problem(mesh, driver, upper) -> om.Problem:
 @pytest.mark.slow
 def test_an_optimizer_stops_with_the_error_and_the_problem_goes_on(mesh):
     """SLSQP of SciPy cannot back off, and OpenMDAO raises what a run raised when SLSQP is done."""
-    problem = height_problem(mesh, om.ScipyOptimizeDriver(optimizer="SLSQP", disp=False), upper=5.0)
-    with pytest.raises(om.AnalysisError, match="inverts element"):
+    problem = height_problem(mesh, om.ScipyOptimizeDriver(optimizer="SLSQP", disp=False), upper=0.6)
+    with pytest.raises(om.AnalysisError, match=r"cell \(\d, \d, \d\) of block \d is inverted, .*smaller step"):
         problem.run_driver()
-    fresh = height_problem(mesh, om.ScipyOptimizeDriver(optimizer="SLSQP", disp=False), upper=5.0)
+    fresh = height_problem(mesh, om.ScipyOptimizeDriver(optimizer="SLSQP", disp=False), upper=0.6)
     for p in (problem, fresh):
         p.set_val("h", 0.05)
         p.run_model()

@@ -5,8 +5,18 @@ import openmdao.api as om
 import pytest
 from component_cases import Heights, Shear, Swirl, movable_model, small_model
 
-from bspline_mdao import fit_grid, flat_plate_grid
+from bspline_mdao import (
+    DesignSurface,
+    NLoptDriver,
+    Spacing,
+    Twist,
+    fit_grid,
+    flat_plate_grid,
+    infinite_wing_grid,
+    naca_section,
+)
 from bspline_mdao.cells.grid_quality import GridQuality
+from bspline_mdao.cells.report import judge_move
 from bspline_mdao.design.parametrization import Parametrization
 from bspline_mdao.errors import InputError
 from bspline_mdao.mesh.boundary import moving_mesh
@@ -14,6 +24,7 @@ from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.inverse_distance import InverseDistance
 from bspline_mdao.names import (
+    CONTROL_CORNER_KS,
     CONTROL_POINTS,
     CONTROL_POINTS_INITIAL,
     GRID,
@@ -233,16 +244,77 @@ def test_forward_and_reverse_totals_are_transposes(live):
     assert abs(left - right) < 1e-11 * scale
 
 
-@pytest.mark.slow
-def test_the_chain_recovers_from_an_infeasible_surface(plate):
-    problem, fresh = problem_of(plate), problem_of(plate)
+@pytest.mark.parametrize("quality", [True, False, ("volume_ks",)])
+def test_cells_that_turn_inside_out_are_refused_by_name_and_the_chain_goes_on(plate, quality):
+    problem, fresh = (problem_of(plate, mover=InverseDistance(moving_mesh(plate)), quality=quality) for _ in range(2))
     problem.set_val(SURFACE_CONTROL_POINTS, bent(plate, 300.0))
-    with pytest.raises(om.AnalysisError, match=r"grid_movement\.move.*element \("):
+    with pytest.raises(
+        om.AnalysisError, match=r"grid_movement\.quality.*cell \(\d, \d, \d\) of .* is inverted, .*smaller step"
+    ):
         problem.run_model()
     for p in (problem, fresh):
         p.set_val(SURFACE_CONTROL_POINTS, bent(plate))
         p.run_model()
     np.testing.assert_array_equal(problem.get_val(GRID), fresh.get_val(GRID))
+    totals = [p.compute_totals(["size.f"], [SURFACE_CONTROL_POINTS]) for p in (problem, fresh)]
+    np.testing.assert_array_equal(*(total["size.f", SURFACE_CONTROL_POINTS] for total in totals))
+
+
+def test_inverted_cells_are_passed_on_where_that_is_wanted(plate):
+    options = {"mover": InverseDistance(moving_mesh(plate)), "require_valid": False}
+    problem = problem_of(plate, **options)
+    problem.set_val(SURFACE_CONTROL_POINTS, bent(plate, 300.0))
+    problem.run_model()
+    assert problem.get_val("corner_ks").item() < 0.0
+    names = [system.name for system in problem_of(plate, quality=False, **options).model.grid_movement.system_iter()]
+    assert names == ["fit", "move", "evaluate"]
+
+
+def viscous_section():
+    """Section with first cells of 1e-6 chords."""
+    spacing = Spacing(off_wall=1e-6, leading=1e-2, trailing=1e-2, tip=1e-2)
+    return fit_grid(infinite_wing_grid(naca_section(0.12), (25, 17), spacing))
+
+
+def turned(model, degrees):
+    """Surface control points turned about the line at a quarter of the chord, from nothing at one end on."""
+    mesh = moving_mesh(model)
+    points = mesh.points[mesh.surface_ids]
+    angle = np.deg2rad(degrees) * (points[:, 2] - points[:, 2].min()) / np.ptp(points[:, 2])
+    x, y = points[:, 0] - 0.25, points[:, 1]
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([0.25 + c * x - s * y, s * x + c * y, points[:, 2]], axis=1).ravel()
+
+
+@pytest.mark.parametrize("degrees", [45.0, 60.0])
+def test_a_twist_that_tangles_the_control_mesh_of_boundary_layers_but_no_cell_is_followed(degrees):
+    model = viscous_section()
+    mesh = moving_mesh(model)
+    problem = problem_of(model, mover=LinearElasticity(mesh, n_increments=1), fit=False)
+    problem.set_val(SURFACE_CONTROL_POINTS, turned(model, degrees))
+    problem.run_model()
+    assert mesh.tangled(problem.get_val(CONTROL_POINTS).reshape(-1, 3)).n_tangled
+    assert problem.get_val(CONTROL_CORNER_KS).item() < 0.0
+    quality = GridQuality.of_baseline(model.regenerate())
+    assert judge_move(quality, problem.get_val(GRID).reshape(-1, 3)).n_inverted == 0
+
+
+def test_a_twist_that_is_bounded_by_the_cells_is_found_in_a_few_runs_though_the_control_mesh_tangles():
+    wing = DesignSurface.of(viscous_section())
+    problem = om.Problem(driver=NLoptDriver(optimizer="LD_SLSQP"), reports=False)
+    twist, mover = Twist("twist", wing.axis, stations=2), LinearElasticity(wing.mesh, n_increments=1)
+    problem.model.add_subsystem("movement", wing.grid_movement([twist], mover=mover, fit=False), promotes=["*"])
+    problem.model.add_design_var("twist", lower=[0.0, -90.0], upper=[0.0, 90.0], units="deg", ref=10.0)
+    problem.model.add_objective("twist", index=1, units="deg", ref=-10.0)
+    problem.model.add_constraint("corner_ks", lower=0.02)
+    problem.setup()
+    problem.set_val("twist", [0.0, 0.0], units="deg")
+    problem.run_driver()
+    assert problem.get_val("corner_ks").item() == pytest.approx(0.02, abs=1e-6)
+    assert problem.get_val("twist", units="deg")[1] > 60.0
+    assert problem.get_val(CONTROL_CORNER_KS).item() < 0.0
+    assert problem.driver.iter_count <= 12
+    assert problem.driver.n_failed_analyses == 0
 
 
 def test_an_upstream_component_may_give_the_surface(plate):

@@ -385,7 +385,7 @@ def test_the_geometry_measures_its_surface(wing):
 def warped(wing, nodes, **options):
     """A warper by itself, run with the solver's nodes."""
     problem = om.Problem(reports=False)
-    warper = VolumeWarper(model=wing.model, mover=wing.mover, require_valid=False, **options)
+    warper = VolumeWarper(model=wing.model, mover=wing.mover, **options)
     problem.model.add_subsystem("warper", warper, promotes=["*"])
     return run(problem, x_aero=nodes.ravel())
 
@@ -449,9 +449,7 @@ def test_totals_of_nodes_that_no_spline_has_are_those_of_differences(wing):
 
 def test_the_warper_tells_how_far_control_points_alone_miss_the_nodes(wing, caplog):
     problem = om.Problem(reports=False)
-    problem.model.add_subsystem(
-        "warper", VolumeWarper(model=wing.model, mover=wing.mover, require_valid=False), promotes=["*"]
-    )
+    problem.model.add_subsystem("warper", VolumeWarper(model=wing.model, mover=wing.mover), promotes=["*"])
     problem.setup()
     assert problem.model.warper.miss is None
     for nodes, least, most in ((wing.surface.points, 0.0, 1e-14), (kinked(wing), 1e-3, 0.1)):

@@ -64,9 +64,7 @@ def of_grid(points):
     """The whole chain, with points in the volumes as well."""
     problem, mesh = om.Problem(reports=False), moving_mesh(model())
     parametrization = Parametrization(mesh, variables(mesh))
-    movement = GridMovement(
-        model=model(), parametrization=parametrization, mover=InverseDistance(mesh), fit=False, require_valid=False
-    )
+    movement = GridMovement(model=model(), parametrization=parametrization, mover=InverseDistance(mesh), fit=False)
     problem.model.add_subsystem("movement", movement, promotes=["*"])
     problem.model.add_subsystem("points", PointSet(model=model(), points=points, tolerance=1e-6), promotes=["*"])
     return run(problem)

@@ -169,7 +169,7 @@ class EulerBuilder(FlowBuilder):
     mover : Mover, optional
         Moves the control mesh; by default linear elasticity.
     require_valid : bool
-        Refuse control meshes with inverted elements.
+        Refuse surfaces that invert cells of the grid.
     generation : int, optional
         1 or 2: the MPhys whose names are used; by default the one that is installed.
     scenario : str

@@ -65,7 +65,7 @@ class VolumeWarper(om.Group):
     volume_name : str
         What the solver calls the volume nodes: "aero_vol_coords" (DAFoam), "adflow_vol_coords" (ADflow).
     require_valid : bool
-        Refuse a tangled control mesh, see `ControlMeshMove`.
+        Refuse surfaces that invert cells of the grid, see `GridMovement`; none are where ``rows`` are given.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class VolumeWarper(om.Group):
         self.options.declare("numbers", default=None, recordable=False, desc="surface nodes that the solver has")
         self.options.declare("rows", default=None, recordable=False, desc="volume nodes that the solver has")
         self.options.declare("volume_name", default=VOLUME, types=str, desc="name of the volume nodes")
-        self.options.declare("require_valid", types=bool, default=True, desc="refuse a tangled control mesh")
+        self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
 
     def setup(self):
         """Add the components in the order of the chain."""
