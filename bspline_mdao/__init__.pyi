@@ -117,6 +117,7 @@ from .model.certify import certify as certify
 from .model.curved import curved_grid as curved_grid
 from .model.fitted_model import FittedModel as FittedModel
 from .model.fitted_model import family_member as family_member
+from .movement.comoving import ComovingFrame as ComovingFrame
 from .movement.delaunay import DelaunayGraph as DelaunayGraph
 from .movement.elasticity import LinearElasticity as LinearElasticity
 from .movement.fixed_interior import FixedInterior as FixedInterior

@@ -89,6 +89,11 @@ MOVING = (
         metavar="NAME",
         help=f"Solver of elasticity and springs: {', '.join(SOLVERS).replace(',', ' (default),', 1)}.",
     ),
+    click.option(
+        "--comoving",
+        is_flag=True,
+        help="Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion.",
+    ),
     click.option("--design", multiple=True, metavar="PATCH", help="Patch that is deformed; all walls by default."),
     click.option(
         "--slide",
@@ -122,6 +127,8 @@ class MoverOptions:
         Poisson's ratio.
     stiffness, solver : str, optional
         Names out of `STIFFNESS` and `SOLVERS`.
+    comoving : bool
+        Whether outer boundaries go along with the rigid part of the surface's motion.
     """
 
     mover: str = "elasticity"
@@ -129,6 +136,7 @@ class MoverOptions:
     nu: float | None = None
     stiffness: str | None = None
     solver: str | None = None
+    comoving: bool = False
 
     def make(self, mesh: MovingMesh) -> Mover:
         """Make the mover of a mesh.
@@ -150,7 +158,8 @@ class MoverOptions:
         for name, (option, _) in chosen.items():
             if name not in accepted:
                 raise InputError(f"{option}: the mover '{self.mover}' has no such setting; leave the option out")
-        return kind(mesh, **{name: value for name, (_, value) in chosen.items()})
+        mover = kind(mesh, **{name: value for name, (_, value) in chosen.items()})
+        return resolve_name("bspline_mdao.movement.comoving.ComovingFrame")(mover) if self.comoving else mover
 
 
 def class_named(table: Mapping[str, str], name: str, option: str) -> type:

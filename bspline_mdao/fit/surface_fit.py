@@ -234,7 +234,8 @@ class SurfaceFitOperator:
         Raises
         ------
         InputError
-            If fewer nodes are given than there are control points, or none of some patch, or the control points are not those of whole faces.
+            If fewer nodes are given than there are control points, or none of some patch, or the control points are not
+            those of whole faces.
         """
         n = surface.n_points
         numbers = np.arange(n) if numbers is None else np.asarray(numbers)

@@ -130,6 +130,17 @@ class MovingMesh(OneLine):
         return np.flatnonzero(is_fixed).astype(np.int32)
 
     @cached_property
+    def plane_normals(self) -> np.ndarray:
+        """Unit normals of the planes in which points slide, shape (n_planes, 3), those of parallel planes once."""
+        rows = np.flatnonzero(self.is_free.sum(axis=1) == 2)
+        directions = np.argmin(self.is_free[rows], axis=1)
+        normals = np.eye(3)[directions] if self.frames is None else self.frames[rows, directions]
+        normals = np.concatenate([normals, self.in_plane_normals])
+        first = np.take_along_axis(normals, np.abs(normals).argmax(axis=1)[:, None], axis=1)
+        _, which = np.unique(np.round(normals * np.sign(first), 5), axis=0, return_index=True)
+        return normals[np.sort(which)]
+
+    @cached_property
     def elements(self) -> np.ndarray:
         """Corners of the elements, shape (n_elements, 8), int32, block by block in C order.
 

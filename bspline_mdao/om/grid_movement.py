@@ -13,6 +13,7 @@ from ..mesh.boundary import moving_mesh, require_mesh_of
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.model_share import ModelShare
+from ..movement.comoving import ComovingFrame
 from ..movement.elasticity import LinearElasticity
 from ..movement.increments import AUTO
 from ..movement.mover import Mover
@@ -75,6 +76,9 @@ class GridMovement(om.Group):
         refused. What the control mesh does is no reason, see `ControlMeshMove`.
     keep_increments : bool
         Never take fewer increments than before, see `ControlMeshMove`.
+    comoving : bool
+        Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion, see
+        `ComovingFrame`.
     certify : bool
         Refuse designs with which more elements of the splines are proved invalid than on the baseline, between control
         points as well, see `bspline_mdao.certify`.
@@ -123,6 +127,7 @@ class GridMovement(om.Group):
         self.options.declare("surface", default=None, recordable=False, desc="surface whose nodes are given")
         self.options.declare("numbers", default=None, recordable=False, desc="which of its nodes are given")
         self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
+        self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
         self.options.declare("certify", types=bool, default=False, desc="refuse splines that are proved invalid")
         self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
@@ -215,6 +220,11 @@ class GridMovement(om.Group):
             )
 
     def _mover(self) -> Mover:
+        """The user's mover, or elasticity, in a frame that goes along if that is asked for."""
+        mover = self._own_mover()
+        return ComovingFrame(mover) if self.options["comoving"] else mover
+
+    def _own_mover(self) -> Mover:
         """The user's mover, or elasticity."""
         model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
         if mover is None and parametrization is None:

@@ -148,6 +148,15 @@ def test_options_reach_the_mover(workplace, monkeypatch):
 
 
 @pytest.mark.slow
+def test_the_far_field_goes_along_where_it_is_asked_to(workplace, model):
+    assert run(move("--deform", "translate=0/0.3/0.1", "--increments", "1", "--comoving")) == 0
+    shift = read_grid("moved.xyz").to_vector() - model.regenerate().to_vector()
+    normals = moving_mesh(model).plane_normals
+    expected = np.array([0.0, 0.3, 0.1])
+    assert np.abs(normals @ expected).max(initial=0.0) == 0.0
+    np.testing.assert_allclose(shift.reshape(-1, 3), np.tile(expected, (model.n_nodes, 1)), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("mover", MOVERS)
 def test_every_mover_moves(workplace, mover):
     assert run(move(*FLOOR, "--mover", mover)) == 0

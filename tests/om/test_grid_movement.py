@@ -386,3 +386,26 @@ def test_splines_that_fold_are_refused_where_they_are_to_be_certified(plate):
                 problem.run_model()
         else:
             problem.run_model()
+
+
+@pytest.mark.slow
+def test_outer_boundaries_go_along_where_that_is_asked_for(plate):
+    problem, mesh = problem_of(plate, comoving=True, fit=False), moving_mesh(plate)
+    shift, points = np.array([0.3, -0.2, 0.0]), plate.control_points[mesh.surface_ids]
+    problem.set_val(SURFACE_CONTROL_POINTS, (points + shift).ravel())
+    problem.run_model()
+    moved = problem.get_val(GRID).reshape(-1, 3)
+    np.testing.assert_allclose(moved, plate.regenerate().to_vector().reshape(-1, 3) + shift, rtol=0, atol=1e-12)
+    problem.set_val(SURFACE_CONTROL_POINTS, bent(plate))
+    problem.run_model()
+    rng, value = np.random.default_rng(9), bent(plate)
+    direction = rng.normal(size=points.shape)
+    direction[mesh.in_plane_rows, 2] = 0.0
+    total = problem.compute_totals("size.f", SURFACE_CONTROL_POINTS)["size.f", SURFACE_CONTROL_POINTS]
+
+    def at(t):
+        problem.set_val(SURFACE_CONTROL_POINTS, value + t * direction.ravel())
+        problem.run_model()
+        return problem.get_val("size.f").item()
+
+    assert central_difference(at, 1e-4) == pytest.approx((total @ direction.ravel()).item(), rel=1e-7)
