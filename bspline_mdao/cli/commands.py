@@ -100,7 +100,8 @@ def bspline_mdao(context: click.Context) -> None:
 def inspect(**options) -> None:
     """Show blocks, interfaces, boundary faces, first cells at walls and what looks wrong in a grid.
 
-    GRID is a {read} file, or a built-in grid: {built_in}.
+    GRID is a {read} file, a model MODEL.h5, of which the errors of the fit are shown as well, or a built-in grid:
+    {built_in}.
     """
     from .inspect import inspect_grid
 

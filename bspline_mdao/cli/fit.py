@@ -155,6 +155,8 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | No
             for block, shape, counts in zip(report.blocks, model.topology.shapes, _counts(model))
         ],
         "worst_node": vars(report.worst),
+        "worst_local": report.worst_local and vars(report.worst_local),
+        "worst_on_walls": report.worst_on_walls and vars(report.worst_on_walls),
         "n_invalid_control_elements": report.n_invalid,
         "invalid_control_elements": [vars(element) for element in report.invalid],
         "certificate": certificate and certificate_numbers(certificate),
@@ -167,7 +169,19 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | No
 
 
 def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certificate | None) -> None:
-    """Print the report of a fit."""
+    """Print the report of a fit and what was written."""
+    report = model.report
+    show_report(model)
+    if certificate is not None:
+        show_certificate(certificate)
+    print_lines([f"{output} written, {report.seconds:.2f} s"])
+    print_warnings(report.warnings)
+    if report.n_invalid:
+        print_lines([MEANING_OF_INVALID])
+
+
+def show_report(model: FittedModel | FittedBlocks) -> None:
+    """Print the errors and sizes of a fit."""
     report, worst = model.report, model.report.worst
     sizes = f"{counted(report.n_nodes, 'node')}, {counted(report.n_control_points, 'control point')}"
     print_title(f"{model.header.source}: {sizes}")
@@ -181,6 +195,7 @@ def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certi
             f"RMS error {report.rms:.3e} m, which is {report.relative_rms:.2e} of the mean cell edge; "
             f"largest in x, y, z: {', '.join(f'{error:.3e}' for error in report.max_error)} m",
             f"worst node: block {worst.block}, ({worst.i}, {worst.j}, {worst.k}), {worst.error:.3e} m",
+            *_local_lines(report),
         ]
     )
     if report.fallback is not None:
@@ -188,12 +203,13 @@ def show_fit(model: FittedModel | FittedBlocks, output: Path, certificate: Certi
     if report.factor_bytes:
         size = f"{report.factor_bytes / 1e9:.2g} GB"
         print_lines([f"moving it by elasticity takes factors of {size} each; derivatives keep one for every increment"])
-    if certificate is not None:
-        show_certificate(certificate)
-    print_lines([f"{output} written, {report.seconds:.2f} s"])
-    print_warnings(report.warnings)
-    if report.n_invalid:
-        print_lines([MEANING_OF_INVALID])
+
+
+def _local_lines(report: FitReport) -> list[str]:
+    """Say where the error is largest by the width of the cells."""
+    places = {"anywhere": report.worst_local, "on walls": report.worst_on_walls}
+    found = [f"{where} {error}" for where, error in places.items() if error]
+    return [f"largest by the width of the cells there: {'; '.join(found)}"] if found else []
 
 
 def _fallback_lines(report: FitReport, fallback: Fallback) -> list[str]:

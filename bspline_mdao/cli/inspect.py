@@ -1,4 +1,4 @@
-"""The command ``inspect``: topology and walls of a grid, and the draft of a patches file."""
+"""The command ``inspect``: topology and walls of a grid, the fit of a model, and the draft of a patches file."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..cells.wall_spacing import wall_spacings
+from ..errors import InputError
 from ..io.disk import replaced_file
+from ..io.formats import MODEL
 from ..io.patch_certainty import SURENESS, Certainty, how_sure
 from ..io.patch_guess import draft_patches, guess_undeclared
+from ..model.fitted_model import FittedModel
 from ..topology.detection import find_topology
 from ..topology.grid import Grid, Patch
 from ..topology.index_space import Window
@@ -17,6 +20,7 @@ from ..topology.periodic import PeriodicPair, find_periodic
 from ..topology.topology import NearMiss, Topology
 from ..topology.topology import describe as named
 from ..wording import counted
+from .fit import fit_numbers, show_report
 from .output import (
     check_outputs,
     counts_text,
@@ -35,14 +39,14 @@ from .sources import file_of, load_grid
 def inspect_grid(
     grid_name: str, patches: Path | None, draft: Path | None, json: Path | None, reynolds: float | None = None
 ) -> None:
-    """Find the topology of a grid and show it.
+    """Find the topology of a grid and show it; of a model also how well it is fitted.
 
     Parameters
     ----------
     grid_name : str
-        File, or ``@`` and the name of a built-in grid.
+        Grid file, fitted model (``.h5``), or ``@`` and the name of a built-in grid.
     patches : Path, optional
-        Declared patches.
+        Declared patches of a grid.
     draft, json : Path, optional
         TOML file of patches to start from, and numbers, to write.
     reynolds : float, optional
@@ -51,26 +55,34 @@ def inspect_grid(
     Raises
     ------
     InputError
-        If the grid cannot be used or a file cannot be written.
+        If the grid or the model cannot be used, a model comes with patches, or a file cannot be written.
     """
     check_outputs([draft, json], [file_of(grid_name), patches])
+    is_model = Path(grid_name).suffix == MODEL
+    if is_model and patches:
+        raise InputError(f"{grid_name}: a model has the patches that it was fitted with; leave {patches} out")
     with progress_bar() as progress:
         progress(0.0, "reading")
-        grid = load_grid(grid_name, patches)
+        model = FittedModel.load(grid_name) if is_model else None
+        grid = model.regenerate() if model else load_grid(grid_name, patches)
         progress(0.5, "topology")
-        topology = find_topology(grid)
+        topology = model.topology if model else find_topology(grid)
         progress(0.9, "walls")
         guesses = guess_undeclared(grid, topology)
         certainties = how_sure(grid, guesses)
         spacings = wall_spacings(_with_guesses(grid, guesses))
     numbers = {**grid_numbers(grid, topology), "walls": spacing_numbers(spacings, reynolds)}
     numbers["guesses"] = [_guess_numbers(*guess) for guess in zip(guesses, certainties)]
+    if model:
+        numbers["fit"] = fit_numbers(model, None)
     with written_json(json, numbers):
         if draft:
             declared = [replace(patch, windows=_boundary_windows(patch, topology)) for patch in grid.patches]
             write_draft(draft, grid, [patch for patch in declared if patch.windows], guesses, certainties)
     show_grid(grid, topology)
     show_spacings(spacings, reynolds)
+    if model:
+        show_report(model)
     if draft:
         show_guesses(grid, guesses, certainties)
         print_lines([f"{draft} written: give the faces their names and kinds, then pass it as --patches {draft}"])

@@ -18,6 +18,7 @@ from ..numerics.processes import ONE, summed
 from ..splines.volume import Volume
 from .control_counts import LONG, sound_order
 from .fit_nodes import FitNodes
+from .local_errors import worst_local_errors
 from .problem import FitProblem, FitSolution
 from .quasi_interpolant import parametric_places
 from .validity import corner_measures, first_marked, folded_cells
@@ -68,6 +69,7 @@ def report_errors(
     rms = float(np.sqrt(_mean(sharing.comm, distances)))
     edge = mean_edge(shapes, nodes, sharing.comm)
     n_invalid, invalid = _find_invalid(problem, parameters, nodes, solution.control_points)
+    worst_local, worst_on_walls = worst_local_errors(sharing, nodes, residual)
     return FitReport(
         rms=rms,
         relative_rms=rms / edge if edge else 0.0,
@@ -81,6 +83,8 @@ def report_errors(
         invalid=invalid,
         warnings=(*solution.warnings, *_warn_of_invalid(problem, solution, n_invalid, invalid)),
         fallback=_compare(problem, nodes, solution.weights, solution.least_squares),
+        worst_local=worst_local,
+        worst_on_walls=worst_on_walls,
     )
 
 

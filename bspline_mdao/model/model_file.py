@@ -50,6 +50,7 @@ from .records import (
     FitSettings,
     GridHeader,
     InvalidElement,
+    LocalError,
     WorstNode,
 )
 
@@ -64,7 +65,8 @@ _LARGEST_RATIO = 2000
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(BlockError, Fallback, FitReport, InvalidElement, WorstNode, FitSettings, GridHeader, Patch, Topology),
+        *(BlockError, Fallback, FitReport, InvalidElement, LocalError, WorstNode),
+        *(FitSettings, GridHeader, Patch, Topology),
         *(BoundaryFace, Collapse, Interface, Link, NearMiss, Orientation, Window, Plot3dDialect, CgnsDialect),
     )
 }

@@ -126,6 +126,37 @@ class WorstNode:
 
 
 @dataclass(frozen=True)
+class LocalError:
+    """The node with the largest error by the width of the cells there.
+
+    Parameters
+    ----------
+    in_widths : float
+        Distance between the node and the fitted point by the width.
+    error, width : float
+        The distance, and the width (m): of the shortest edge in each direction at the node the middle one, on a wall
+        the shorter of those in the wall; see `bspline_mdao.fit.local_errors`.
+    block, i, j, k : int
+        Its place, from 1.
+    patch : str
+        The wall; empty where it was not looked for on walls.
+    """
+
+    in_widths: float
+    error: float
+    width: float
+    block: int
+    i: int
+    j: int
+    k: int
+    patch: str = ""
+
+    def __str__(self) -> str:
+        on = f" of '{self.patch}'" if self.patch else ""
+        return f"{self.in_widths:.3g} at block {self.block}, ({self.i}, {self.j}, {self.k}){on}"
+
+
+@dataclass(frozen=True)
 class InvalidElement:
     """A control element with a folded or flat corner.
 
@@ -205,6 +236,8 @@ class FitReport(OneLine):
         for small control meshes, see `bspline_mdao.fit.control_counts.predict_factor_bytes`.
     fallback : Fallback or None
         Where the fit is not least squares; None where it is.
+    worst_local, worst_on_walls : LocalError or None
+        Where the error is largest by the width of the cells, anywhere and on walls; None where there are none.
     """
 
     rms: float
@@ -221,3 +254,5 @@ class FitReport(OneLine):
     warnings: tuple[str, ...] = ()
     factor_bytes: int | None = None
     fallback: Fallback | None = None
+    worst_local: LocalError | None = None
+    worst_on_walls: LocalError | None = None

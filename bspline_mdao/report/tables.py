@@ -11,6 +11,7 @@ from ..cells.first_cells import FirstCells
 from ..cells.report import QualityReport, WorstCell
 from ..flow.euler.error_estimate import ErrorEstimate
 from ..model.fitted_model import FittedModel
+from ..model.records import FitReport
 from ..om.drivers.case_history import CaseHistory
 from .contents import Shape
 
@@ -219,11 +220,18 @@ def fit_table(model: FittedModel) -> Table:
         ("RMS distance of nodes from the splines (m)", number(report.rms)),
         ("the same by the mean cell edge", number(report.relative_rms)),
         ("largest distance (m)", f"{number(worst.error)}, at {place}"),
+        ("the same by the width of the cells", _in_widths(report)),
         ("invalid control elements", f"{report.n_invalid:,}"),
         ("residual carried", "yes: the grid that was read comes back" if model.residual is not None else "no"),
         ("patches", ", ".join(f"{p.name} ({p.kind})" for p in model.header.patches) or "none declared"),
     ]
     return Table("The fitted model", ("what", "value"), rows)
+
+
+def _in_widths(report: FitReport) -> str:
+    """Where the error is largest by the width of the cells."""
+    places = f"{report.worst_local}" if report.worst_local else "–"
+    return f"{places}; on walls {report.worst_on_walls}" if report.worst_on_walls else places
 
 
 def _bound(value: float, lower: float, upper: float) -> str:

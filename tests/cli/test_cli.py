@@ -202,10 +202,34 @@ def test_fit_tells_how_good_it_is(grid_file, capsys):
     assert [block["n"] for block in found["certificate"]["splines"]] == [2 * 3 * 1] * 2
     table = capsys.readouterr().out
     assert all(text in table for text in ("worst node", "9 x 8 x 6", "5 x 6 x 4"))
+    worst = found["worst_local"]
+    place = f"block {worst['block']}, ({worst['i']}, {worst['j']}, {worst['k']})"
+    assert f"largest by the width of the cells there: anywhere {worst['in_widths']:.3g} at {place}" in table
+    assert worst["in_widths"] == worst["error"] / worst["width"]
+    assert found["worst_on_walls"] is None
     assert "proved everywhere, not only at corners: all 12 spline elements of 2 blocks valid" in table
     model = FittedModel.load("two.h5")
     assert model.report.rms == found["rms"]
     np.testing.assert_allclose(model.regenerate().to_vector(), read_grid(grid_file).to_vector(), atol=1e-14)
+
+
+def test_inspect_of_a_model_shows_its_grid_and_its_fit(workplace, capsys):
+    assert run(["fit", "@onera_m6:9x9x7", "-o", "wing.h5", "--json", "fit.json"]) == 0
+    shown = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("largest by the width"))
+    assert "; on walls" in shown
+    assert run(["inspect", "wing.h5", "--json", "inspect.json"]) == 0
+    out = capsys.readouterr().out
+    assert shown in out
+    assert "23 interfaces" in out or "interfaces, " in out
+    found, fitted = numbers("inspect.json"), numbers("fit.json")
+    assert found["n_nodes"] == fitted["n_nodes"]
+    fit = found["fit"]
+    assert fit.pop("certificate") is None
+    fitted.pop("certificate")
+    assert fit == fitted
+    assert fit["worst_on_walls"]["patch"] == "wing_lower"
+    assert run(["inspect", "wing.h5", "--patches", "wing.toml"]) == 2
+    assert "leave wing.toml out" in capsys.readouterr().err
 
 
 @pytest.mark.slow
