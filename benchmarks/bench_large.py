@@ -99,7 +99,7 @@ def main(cases=("pyhyp", "turbine", "hh_wing"), n_control: int | None = None) ->
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place)
             model, moved, numbers = folder / "model.h5", folder / "moved.xyz", folder / "numbers.json"
-            counts = ["--n-control", *[n_control] * 3] if n_control else []
+            counts = ["--n-control", "x".join([str(n_control)] * 3)] if n_control else []
             results[name] = {
                 "fit": call("fit", *make(folder), *counts, "-o", model, numbers=numbers),
                 "move": call("move", model, "--deform", *deformation, "--allow-invalid", "-o", moved, numbers=numbers),

@@ -18,6 +18,7 @@ from .. import __version__
 from ..fit.options import EXPONENTS, METHODS
 from ..io.formats import curved_names, read_names, written_names
 from ..io.meshes.files import mesh_names
+from .counts import n_control_option
 from .movers import MoverOptions, moving_options
 from .sources import BUILT_IN
 from .words import DEFINITIONS, PROGRAM
@@ -108,18 +109,12 @@ def inspect(**options) -> None:
     inspect_grid(**options)
 
 
-@command("fit wing.xyz -o wing.h5 --n-control 13 13 9 --correct 2")
+@command("fit wing.xyz -o wing.h5 --n-control 13x13x9 --correct 2", "fit wing.xyz -o wing.h5 --n-control 2=17x13x9")
 @grid_argument
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="MODEL.h5", required=True, help="Fitted model."
 )
-@click.option(
-    "--n-control",
-    nargs=3,
-    type=click.IntRange(min=1),
-    metavar="I J K",
-    help="Control points per direction in every block; chosen from the grid by default.",
-)
+@n_control_option
 @click.option(
     "--order",
     type=click.IntRange(min=2),
@@ -322,13 +317,7 @@ def optimize(**options) -> None:
 @grid_argument
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="GRID", required=True, help="Grid to write.")
 @patches_option
-@click.option(
-    "--n-control",
-    nargs=3,
-    type=click.IntRange(min=1),
-    metavar="I J K",
-    help="Control points per direction in every block; chosen from the grid by default.",
-)
+@n_control_option
 @click.option(
     "--reach",
     type=click.FloatRange(0.0, 0.5, min_open=True, max_open=True),

@@ -42,7 +42,7 @@ def fit_model(
     json: Path | None = None,
     *,
     patches: Path | None = None,
-    n_control: tuple[int, int, int] | None = None,
+    n_control: dict[str | None, tuple[int, int, int]] | None = None,
     order: int | None = None,
     correct: int = 0,
     method: str = "valid",
@@ -63,8 +63,8 @@ def fit_model(
         Model and numbers to write.
     patches : Path, optional
         Patches of the grid.
-    n_control : tuple of three int, optional
-        Control points per direction in every block.
+    n_control : dict, optional
+        Control points per direction by number or name of a block; of all others for None.
     order : int, optional
         Order of the B-splines.
     correct : int

@@ -36,8 +36,8 @@ class ImproveOptions:
     ----------
     patches : Path, optional
         Patches of a grid that is not a model.
-    n_control : tuple of three int, optional
-        Control points per direction in every block of such a grid.
+    n_control : dict, optional
+        Control points per direction of blocks of such a grid, see `bspline_mdao.cli.counts`.
     reach : float
         How far control points may go, by the distance to their nearest neighbours.
     height_tolerance : float
@@ -49,7 +49,7 @@ class ImproveOptions:
     """
 
     patches: Path | None = None
-    n_control: tuple[int, int, int] | None = None
+    n_control: dict[str | None, tuple[int, int, int]] | None = None
     reach: float = 0.4
     height_tolerance: float = 0.01
     slide: tuple[str, ...] = ()

@@ -27,6 +27,7 @@ from ..sparse.cholesky import Cholesky
 from ..topology.index_space import FACE_NAMES
 from ..topology.sharing import direction_classes
 from ..topology.topology import Topology, shared_ids
+from .requested_counts import RequestedCounts, per_block
 
 LARGEST_FACTOR = 2**30
 """Bytes of one factor that numbers of control points chosen from the grid lead to; five increments keep five."""
@@ -51,6 +52,13 @@ HIGHEST_ORDER = 16
 
 FEW_PLANES = 6
 """A direction with no more nodes than this keeps one control point per node, where its order is asked for."""
+
+CHOSEN, PART_OF_ALL, OF_ALL, PART_OF_NAMED, OF_NAMED = range(5)
+"""Levels of a number of control points, the highest of which counts where interfaces join directions: it is chosen, or
+asked of all blocks or of one by itself, and each of these for a part of a cut block or for a whole one."""
+
+FIRM = OF_ALL, OF_NAMED
+"""Levels at which different counts are a contradiction."""
 
 SHORT_ORDER, LONG_ORDER, LONG = 3, 4, 13
 """Order of short directions, order of long ones, and nodes from which on one is long; shorter ones fold at order 4."""
@@ -95,12 +103,12 @@ def choose_affordable_counts(topology: Topology, n_control=None, order=None) -> 
     InputError
         As `choose_counts`.
     """
-    cells = NODES_PER_SPAN
-    counts = choose_counts(topology, n_control, order)
+    cells, requested = NODES_PER_SPAN, RequestedCounts.of(n_control, topology)
+    counts = choose_counts(topology, requested, order)
     n_bytes = predict_factor_bytes(topology, counts.n_control)
-    while n_control is None and n_bytes is not None and n_bytes > LARGEST_FACTOR and cells < _MOST_CELLS:
+    while not requested.is_complete and n_bytes is not None and n_bytes > LARGEST_FACTOR and cells < _MOST_CELLS:
         cells *= 1.01 * (n_bytes / LARGEST_FACTOR) ** (1 / _GROWTH)
-        counts = choose_counts(topology, None, order, cells)
+        counts = choose_counts(topology, requested, order, cells)
         n_bytes = predict_factor_bytes(topology, counts.n_control)
     return counts, n_bytes
 
@@ -141,10 +149,12 @@ def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PE
     ----------
     topology : Topology
         Segments and their links.
-    n_control : None, triple of int or sequence of triples, optional
-        Control points of every block, or of each block. Segments of a cut block share the block's number in proportion
-        to their cells. None: about one span to four cells, fewer in blocks of millions of nodes; up to six nodes get
-        two control points less, but three where they are, or all where an order is asked for.
+    n_control : optional
+        Control points of blocks, see `RequestedCounts.of`; no more than nodes are taken. What is asked of a block by
+        itself goes before what is asked of all. Segments of a cut block share the block's number in proportion to their
+        cells. Blocks that nothing is asked of follow those that they are joined to; the rest get about one span to four
+        cells, fewer in blocks of millions of nodes; up to six nodes get two control points less, but three where they
+        are, or all where an order is asked for.
     order : None, int, triple of int or sequence of triples, optional
         Order p, from 2 to `HIGHEST_ORDER`, for all directions, per direction, or per block and direction; lowered
         where a direction has fewer control points. None: 4, or 3 in directions of fewer than `LONG` nodes where the
@@ -161,73 +171,60 @@ def choose_counts(topology: Topology, n_control=None, order=None, cells=NODES_PE
     InputError
         If numbers do not fit the blocks or each other.
     """
-    if n_control is not None and order is None:
-        order = LONG_ORDER
-    orders = None if order is None else _per_block(order, topology, "order")
-    counts = None if n_control is None else _per_block(n_control, topology, "n_control")
+    requested = RequestedCounts.of(n_control, topology)
+    if order is None:
+        orders = np.where(requested.counts > 0, LONG_ORDER, 0)
+    else:
+        orders = per_block(order, topology, "order")
     requests = [
-        [_request(topology, s, d, counts, orders, cells) for d in range(3)] for s in range(len(topology.segments))
+        [_request(topology, s, d, requested, orders, cells) for d in range(3)] for s in range(len(topology.segments))
     ]
     classes = direction_classes(topology)
     n_result, p_result = np.empty_like(classes), np.empty_like(classes)
     for number in range(classes.max() + 1):
         members = [tuple(m) for m in np.argwhere(classes == number)]
         n_result[classes == number], p_result[classes == number] = _agree(topology, members, requests)
-    limited: tuple[str, ...] = ()
-    if n_control is None:
-        limited = (*_warn_of_wide_spans(topology, cells), *_limit_size(topology, classes, n_result, p_result))
-    lowered = () if orders is None else tuple(_warn_of_lowered_orders(topology, orders, p_result))
-    return ControlCounts(n_result, p_result, (*limited, *lowered))
+    is_chosen = np.array([[request.level == CHOSEN for request in row] for row in requests])
+    is_open = np.isin(classes, classes[~is_chosen], invert=True)
+    said = [*_warn_of_clipped(topology, requested)]
+    if is_open.any():
+        said += [*_warn_of_wide_spans(topology, cells), *_limit_size(topology, classes, n_result, p_result, is_open)]
+    return ControlCounts(n_result, p_result, (*said, *_warn_of_lowered_orders(topology, orders, p_result)))
 
 
 @dataclass(frozen=True)
 class _Request:
-    """Request of one direction of a segment; a firm count comes from the user and is not a part of a cut block's."""
+    """Request of one direction of a segment; an asked order of 0 is none."""
 
     count: int
     order: int
-    is_firm: bool
-    asked_order: int | None
+    level: int
+    asked_order: int
 
 
-def _per_block(value, topology: Topology, name: str) -> np.ndarray:
-    """Spread a number, a triple or one triple per block to an array of shape (n_blocks, 3)."""
-    n_blocks = len(topology.shapes)
-    try:
-        array = np.asarray(value)
-        if array.ndim == 2 and len(array) != n_blocks:
-            raise ValueError
-        array = np.broadcast_to(array, (n_blocks, 3))
-    except ValueError:
-        raise InputError(
-            f"{topology.source}: {name} = {value} does not fit {n_blocks} blocks; give three numbers, or three for each"
-        ) from None
-    if not np.issubdtype(array.dtype, np.integer) or array.min() < 1:
-        raise InputError(f"{topology.source}: {name} = {value}; give whole numbers of at least 1")
-    return array
-
-
-def _request(topology: Topology, segment: int, d: int, counts, orders, cells: float) -> _Request:
+def _request(
+    topology: Topology, segment: int, d: int, requested: RequestedCounts, orders: np.ndarray, cells: float
+) -> _Request:
     window = topology.segments[segment]
     n_nodes, n_block = window.shape[d], topology.shapes[window.block][d]
-    order = None if orders is None else int(orders[window.block, d])
-    if order is not None and not min(2, n_block) <= order <= HIGHEST_ORDER:
+    order = int(orders[window.block, d])
+    if order and not min(2, n_block) <= order <= HIGHEST_ORDER:
         raise InputError(f"{topology.source}: order {order} of block {window.block + 1}; give 2 to {HIGHEST_ORDER}")
-    if counts is None:
+    whole = min(int(requested.counts[window.block, d]), n_block)
+    if not whole:
         count = _sound_count(n_nodes, order, cells)
-        return _Request(count, min(order or sound_order(n_nodes), count), False, order)
-    assert order is not None, "numbers that are given come with orders, see choose_counts"
-    whole = int(counts[window.block, d])
-    if whole > n_block or (n_block > 1 and whole == 1):
+        return _Request(count, min(order or sound_order(n_nodes), count), CHOSEN, order)
+    if n_block > 1 and whole == 1:
         raise InputError(
-            f"{topology.source}: {whole} control points in direction {'ijk'[d]} of block {window.block + 1} do not go "
-            f"with its {n_block} nodes; give {f'2 to {n_block}' if n_block > 1 else 1}"
+            f"{topology.source}: 1 control point in direction {'ijk'[d]} of block {window.block + 1} does not go "
+            f"with its {n_block} nodes; give 2 to {n_block}"
         )
+    is_named = requested.is_named[window.block]
     if n_nodes == n_block:
-        return _Request(whole, min(order, whole), True, order)
+        return _Request(whole, min(order, whole), OF_NAMED if is_named else OF_ALL, order)
     n_spans = max(round((whole + 1 - order) * (n_nodes - 1) / (n_block - 1)), 1)
     count = min(n_spans + order - 1, n_nodes)
-    return _Request(count, min(order, count), False, order)
+    return _Request(count, min(order, count), PART_OF_NAMED if is_named else PART_OF_ALL, order)
 
 
 def sound_order(n_nodes: int) -> int:
@@ -235,7 +232,7 @@ def sound_order(n_nodes: int) -> int:
     return SHORT_ORDER if n_nodes < LONG else LONG_ORDER
 
 
-def _sound_count(n_nodes: int, order: int | None, cells: float) -> int:
+def _sound_count(n_nodes: int, order: int, cells: float) -> int:
     """Control points of a direction with so many nodes."""
     if n_nodes <= FEW_PLANES:
         return n_nodes if order else max(min(n_nodes, SHORT_ORDER), n_nodes - 2)
@@ -252,13 +249,29 @@ def _warn_of_wide_spans(topology: Topology, cells: float) -> Iterator[str]:
         )
 
 
-def _limit_size(topology: Topology, classes: np.ndarray, n_control: np.ndarray, orders: np.ndarray) -> Iterator[str]:
-    """Lower counts in place until the least squares of every interior are of reasonable size; warn in one line."""
+def _warn_of_clipped(topology: Topology, requested: RequestedCounts) -> Iterator[str]:
+    """Warn in one line where a block has fewer nodes than control points were asked for."""
+    shapes = np.array(topology.shapes)
+    places = [
+        f"block {block + 1} {'ijk'[d]} ({shapes[block, d]})"
+        for block, d in np.argwhere((requested.counts > shapes) & (shapes > 1))
+    ]
+    if places:
+        shown = ", ".join(places[:8]) + (", ..." if len(places) > 8 else "")
+        yield f"no more control points than nodes where more were asked for ({len(places)}): {shown}"
+
+
+def _limit_size(
+    topology: Topology, classes: np.ndarray, n_control: np.ndarray, orders: np.ndarray, is_open: np.ndarray
+) -> Iterator[str]:
+    """Lower open counts in place until the least squares of interiors are of reasonable size; warn in one line."""
     chosen = n_control.copy()
     for s in range(len(classes)):
-        while _gram_bytes(n_control[s], orders[s]) > LARGEST_CHOICE:
-            steps = (n_control[s] - orders[s]) // 16
-            steps[np.argmax(n_control[s])] += not steps.any()
+        is_lower = np.zeros(3, dtype=bool)
+        while not is_lower.all() and _gram_bytes(n_control[s], orders[s]) > LARGEST_CHOICE:
+            is_lower = ~is_open[s] | (n_control[s] <= orders[s])
+            steps = np.where(is_lower, 0, n_control[s] - orders[s]) // 16
+            steps[np.argmax(np.where(is_lower, 0, n_control[s]))] += not (steps.any() or is_lower.all())
             for number in set(classes[s]):
                 n_control[classes == number] -= steps[classes[s] == number].max()
     lowered = sorted({topology.segments[s].block + 1 for s in np.flatnonzero((chosen != n_control).any(axis=1))})
@@ -278,15 +291,17 @@ def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
 
 
 def _agree(topology: Topology, members: Sequence[tuple[int, int]], requests) -> tuple[int, int]:
-    """Agree on the number of control points and the order of a class: what is firm wins, otherwise the largest."""
-    firm = [m for m in members if requests[m[0]][m[1]].is_firm]
-    for group, name in ((members, "asked_order"), (firm, "count")):
-        asked = [requests[s][d] for s, d in group]
-        for member, request in zip(group, asked):
-            if getattr(request, name) != getattr(asked[0], name):
-                raise _disagreement(topology, group[0], asked[0], member, request)
-    asked = [requests[s][d] for s, d in firm or members]
-    return max(w.count for w in asked), max(w.order for w in asked)
+    """Agree on the number of control points and the order of a class: of the highest level, the largest."""
+    found = {(s, d): requests[s][d] for s, d in members}
+    level = max(request.level for request in found.values())
+    highest = {member: request for member, request in found.items() if request.level == level}
+    with_order = {member: request for member, request in found.items() if request.asked_order}
+    for group, name in ((with_order, "asked_order"), (highest if level in FIRM else {}, "count")):
+        for member, request in group.items():
+            first, first_request = next(iter(group.items()))
+            if getattr(request, name) != getattr(first_request, name):
+                raise _disagreement(topology, first, first_request, member, request)
+    return max(w.count for w in highest.values()), max(w.order for w in highest.values())
 
 
 def _disagreement(topology: Topology, first, first_request: _Request, other, other_request: _Request) -> InputError:

@@ -33,6 +33,7 @@ from .fit_nodes import FitNodes
 from .options import EXPONENTS, METHODS
 from .parameters import as_parameters, chord_length_parameters
 from .problem import FitProblem, no_progress, part_of, problem_of_mesh, solve_fit
+from .requested_counts import RequestedCounts
 from .validity import make_valid
 
 
@@ -70,8 +71,10 @@ def fit_grid(
         to round-off, has equal bits in every grid that is regenerated.
     topology : Topology, optional
         Its topology; found from coincident nodes by default.
-    n_control : triple of int or sequence of triples, optional
-        Control points per direction, of all blocks or of each; chosen from the grid by default. It does not count, nor
+    n_control : int, triple of int, sequence of (triple or None), or mapping, optional
+        Control points per direction, of all blocks or of each; or of some, by number from 1 or by name, where the key
+        None stands for all others. Blocks of which nothing is asked follow those that they are joined to, and the rest
+        are chosen from the grid, as all are by default. A block gets no more than it has nodes. It does not count, nor
         does the order, where the user gives knots, which have both.
     order : int, triple or sequence of triples, optional
         Order p = degree + 1; by default 4, or 3 in short directions where the numbers of control points are chosen, see
@@ -121,6 +124,9 @@ def fit_grid(
     >>> model = fit_grid(brick_grid((9, 9, 9, 9)), n_control=5)
     >>> model.mesh.n_control_points, model.regenerate().n_nodes
     (490, 4374)
+    >>> other = fit_grid(brick_grid((9, 9, 9, 9)), n_control={None: 5, 2: (7, 5, 6)})  # of block 2, and of the others
+    >>> [volume.n_control for volume in other.mesh.volumes[:3]]
+    [(5, 7, 6), (7, 5, 6), (7, 5, 6)]
     """
     options = {"n_control": n_control, "order": order, "knots": knots, "corrections": corrections, "method": method}
     options |= {"wall_layer": wall_layer, "parametrization": parametrization}
@@ -229,14 +235,15 @@ def _fit(
     del blocks
     with together(comm):
         parameters = _parameters_here(sharing, nodes, parametrization)
-    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, n_control, order, knots, sharing)
+    names = tuple(block.name for block in grid.blocks)
+    requested = RequestedCounts.of(n_control, topology, names)
+    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, requested, order, knots, sharing)
     fraction = 1 / (1 + CYCLE_COST * corrections)
     solution = _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, fraction))
     if corrections:
         rest = part_of(progress, fraction, 1)
         arguments = problem, parameters, nodes, solution, corrections, rest, _SOLVERS[method]
         parameters, solution = correct_parameters(*arguments)
-    names = tuple(block.name for block in grid.blocks)
     report = report_errors(problem, names, parameters, nodes, solution)
     said, seconds = (*topology.warnings, *size_warnings, *report.warnings), time.perf_counter() - start
     report = replace(report, seconds=seconds, warnings=said, factor_bytes=factor_bytes)

@@ -188,7 +188,7 @@ def test_fit_says_before_it_fits_what_a_grid_without_walls_is_not_good_for(workp
 
 
 def test_fit_tells_how_good_it_is(grid_file, capsys):
-    assert run(["fit", grid_file, "-o", "two.h5", "--n-control", "5", "6", "4", "--json", "f.json"]) == 0
+    assert run(["fit", grid_file, "-o", "two.h5", "--n-control", "5x6x4", "--json", "f.json"]) == 0
     found = numbers("f.json")
     assert found["n_nodes"] == 768
     assert found["n_control_points"] == (5 + 5 - 1) * 6 * 4
@@ -232,9 +232,18 @@ def test_inspect_of_a_model_shows_its_grid_and_its_fit(workplace, capsys):
     assert "leave wing.toml out" in capsys.readouterr().err
 
 
+def test_fit_takes_control_points_of_single_blocks(grid_file, capsys):
+    assert run(["fit", grid_file, "-o", "two.h5", "--n-control", "5x6x20", "--n-control", "2=7x6x5"]) == 0
+    assert [volume.n_control for volume in FittedModel.load("two.h5").mesh.volumes] == [(5, 6, 5), (7, 6, 5)]
+    assert (
+        "warning: no more control points than nodes where more were asked for (1): block 1 k (6)"
+        in capsys.readouterr().out
+    )
+
+
 @pytest.mark.slow
 def test_fit_options_reach_the_fit(grid_file):
-    base = ["fit", grid_file, "--n-control", "5", "6", "5"]
+    base = ["fit", grid_file, "--n-control", "5x6x5"]
     assert run([*base, "-o", "a.h5", "--json", "a.json"]) == 0
     assert run([*base, "-o", "b.h5", "--json", "b.json", "--correct", "2", "--order", "3", "--no-residual"]) == 0
     assert run([*base, "-o", "c.h5", "--json", "c.json", "--correct", "2", "--no-certify"]) == 0
@@ -296,7 +305,9 @@ def test_version_is_that_of_the_package(capsys):
     [
         (["inspekt"], ["inspekt", "--help"]),
         (["fit", "two.xyz"], ["-o", "bspline-mdao fit --help"]),
-        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "5", "x", "5"], ["--n-control", "'x'"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "5xxx5"], ["--n-control", "'5xxx5'", "2=13x9x7"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "5x6x5", "--n-control", "5x6x6"], ["all blocks twice"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "3=5x5x5"], ["two.xyz", "block 3", "1 to 2"]),
         (["fit", "two.xyz", "-o", "a.h5", "--order", "1"], ["--order", "1"]),
         (["fit", "two.xyz", "-o", "a.h5", "--zoom"], ["--zoom"]),
         (["fit", "missing.xyz", "-o", "a.h5"], ["missing.xyz"]),
@@ -306,7 +317,7 @@ def test_version_is_that_of_the_package(capsys):
         (["fit", "two.xyz", "-o", "two.xyz"], ["two.xyz", "another name"]),
         (["fit", "two.xyz", "-o", "a.h5", "--json", "a.h5"], ["a.h5", "twice"]),
         (["fit", "two.xyz", "-o", "a.h5", "--patches", "none.toml"], ["none.toml"]),
-        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "50", "50", "50"], ["two.xyz"]),
+        (["fit", "two.xyz", "-o", "a.h5", "--n-control", "50x1x50"], ["two.xyz", "1 control point"]),
         (["fit", "two.xyz", "-o", "a.h5", "--method", "smooth"], ["--method", "quasi_interpolant"]),
         (["inspect", "two.xyz", "--json", "two.xyz"], ["two.xyz", "another name"]),
         (["refine", "two.xyz", "--factor", "2", "-o", "a.xyz"], ["two.xyz"]),

@@ -37,7 +37,7 @@ def test_improve_writes_the_grid_and_tells_before_and_after(workplace, capsys):
 def test_improve_takes_a_grid_with_patches_as_well(workplace):
     write_grid("skewed.xyz", skewed_grid())
     run(["inspect", "skewed.xyz", "--draft", "skewed.toml"])
-    arguments = ["improve", "skewed.xyz", "--patches", "skewed.toml", "--n-control", "5", "5", "6", "-o", "better.vtm"]
+    arguments = ["improve", "skewed.xyz", "--patches", "skewed.toml", "--n-control", "5x5x6", "-o", "better.vtm"]
     assert run([*arguments, *FEW]) == 0
     assert (workplace / "better.vtm").exists()
 
@@ -50,9 +50,7 @@ def test_improve_says_why_a_grid_cannot_be_improved_and_writes_nothing(workplace
 
 
 def test_improve_refuses_what_it_cannot_use(workplace, capsys):
-    fails_as_expected(
-        ["improve", "skewed.h5", "--n-control", "5", "5", "5", "-o", "b.xyz"], capsys, "leave out --n-control"
-    )
+    fails_as_expected(["improve", "skewed.h5", "--n-control", "5x5x5", "-o", "b.xyz"], capsys, "leave out --n-control")
     fails_as_expected(["improve", "skewed.h5", "--slide", "lid", "-o", "b.xyz"], capsys, "no patch is called 'lid'")
     fails_as_expected(["improve", "skewed.h5", "--reach", "0.7", "-o", "b.xyz"], capsys, "0.7")
     fails_as_expected(["improve", "skewed.h5", "-o", "skewed.h5"], capsys, "skewed.h5")

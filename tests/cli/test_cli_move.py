@@ -310,7 +310,7 @@ def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, caps
 )
 def test_a_refused_move_names_a_cause_and_the_cure_works(tmp_path, monkeypatch, capsys, method, options, cause, cure):
     monkeypatch.chdir(tmp_path)
-    fit = ["fit", "@onera_m6:9x9x7", "--n-control", "6", "6", "5", "-o", "wing.h5", "--method"]
+    fit = ["fit", "@onera_m6:9x9x7", "--n-control", "6x6x5", "-o", "wing.h5", "--method"]
     command = ["move", "wing.h5", "--deform", "twist=60deg", "-o", "moved.xyz"]
     assert run([*fit, method]) == 0
     fails_as_expected([*command, *options], capsys, "cells inverted, the worst cell (", cause, cure)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from fit_cases import bend, bent_block, c_grid, grid_of, lattice, two_blocks
 
+from bspline_mdao import fit_grid
 from bspline_mdao.errors import InputError
 from bspline_mdao.fit import control_counts
 from bspline_mdao.fit.control_counts import choose_counts
+from bspline_mdao.fit.requested_counts import RequestedCounts
 from bspline_mdao.topology.detection import find_topology
 
 
@@ -65,13 +67,82 @@ def test_disagreeing_orders_are_an_error_where_the_counts_are_chosen():
         choose_counts(find_topology(two_blocks()), None, [(4, 4, 4), (4, 4, 3)])
 
 
-@pytest.mark.parametrize("n_control", [(14, 5, 5), (1, 5, 5)])
-def test_more_control_points_than_nodes_or_a_single_one_are_an_error(n_control):
-    with pytest.raises(InputError, match=r"(14|1) control points in direction i of block 1 .* its 13 nodes"):
-        counts_of(grid_of(bend(lattice(13, 9, 9))), n_control)
+def test_a_single_control_point_for_several_nodes_is_an_error():
+    with pytest.raises(InputError, match=r"1 control point in direction i of block 1 .* its 13 nodes"):
+        counts_of(grid_of(bend(lattice(13, 9, 9))), (1, 5, 5))
 
 
-@pytest.mark.parametrize("n_control", [(5, 5), [(5, 5, 5)] * 3, (5.5, 5, 5), (0, 5, 5), "many"])
+def test_a_block_gets_no_more_control_points_than_it_has_nodes_and_a_word_says_so():
+    grid = grid_of(bend(lattice(13, 3, 9)), bend(lattice(8, 9, 1) + [3, 0, 0]))
+    counts = counts_of(grid, (9, 6, 5))
+    np.testing.assert_array_equal(counts.n_control, [[9, 3, 5], [8, 6, 1]])
+    assert (
+        counts.warnings[0]
+        == "no more control points than nodes where more were asked for (2): block 1 j (3), block 2 i (8)"
+    )
+    assert not counts_of(grid_of(bend(lattice(13, 6, 9))), (9, 6, 5)).warnings
+
+
+def test_what_is_asked_of_one_block_is_followed_by_those_joined_to_it_and_the_rest_is_chosen():
+    usual, (first, second) = counts_of(two_blocks()), counts_of(two_blocks(), {2: (6, 9, 8)}).n_control
+    np.testing.assert_array_equal(second, [6, 9, 8])  # its k is j of the first block, its i is k of the first one
+    np.testing.assert_array_equal(first, [usual.n_control[0, 0], 8, 6])
+    assert counts_of(two_blocks(), {2: (6, 9, 8)}).orders[0, 0] == usual.orders[0, 0] == 3
+    np.testing.assert_array_equal(counts_of(two_blocks(), [None, (6, 9, 8)]).n_control, [first, second])
+
+
+def test_what_is_asked_of_one_block_goes_before_what_is_asked_of_all():
+    counts = counts_of(two_blocks(), {None: (5, 5, 5), 2: (6, 9, 8)})
+    np.testing.assert_array_equal(counts.n_control, [[5, 8, 6], [6, 9, 8]])
+    np.testing.assert_array_equal(counts_of(two_blocks(), {None: 5}).n_control, np.full((2, 3), 5))
+
+
+def test_blocks_that_are_asked_for_by_themselves_and_disagree_are_both_named():
+    message = r"block 1 has 7 of order 4 in j \(on imax\) and block 2 has 8 of order 4 in k \(on jmax\); give both"
+    with pytest.raises(InputError, match=message):
+        counts_of(two_blocks(), {1: (5, 7, 6), 2: (6, 9, 8)})
+
+
+def test_a_cut_block_that_is_asked_for_goes_before_what_is_asked_of_all():
+    topology = find_topology(c_grid(n_wake=9, n_body=25))
+    named = choose_counts(topology, {None: (5, 5, 4), 1: (19, 6, 4)}).n_control
+    np.testing.assert_array_equal(named, choose_counts(topology, (19, 6, 4)).n_control)
+
+
+def test_blocks_are_asked_for_by_name_too():
+    topology = find_topology(two_blocks())
+    for key in ("block 2", "2", 2):
+        counts = RequestedCounts.of({key: (6, 9, 8)}, topology, ("left", "block 2")).counts
+        np.testing.assert_array_equal(counts, [[0, 0, 0], [6, 9, 8]])
+    by_name = fit_grid(two_blocks(), n_control={"block 2": (6, 9, 8)})
+    assert by_name.mesh.volumes[1].n_control == (6, 9, 8)
+    np.testing.assert_array_equal(RequestedCounts.of({"2": 5}, topology, ("2", "1")).counts, [[5, 5, 5], [0, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("n_control", "names", "message"),
+    [
+        ({3: 5}, (), "block 3; give a number from 1 to 2"),
+        ({0: 5}, (), "block 0; give a number from 1 to 2"),
+        ({"wing": 5}, ("left", "right"), "block wing; give a number from 1 to 2 or a name, such as left"),
+        ({"left": 5, 1: 6}, ("left", "right"), "block 1 twice"),
+        ({"left": 5}, ("left", "left"), "several blocks are named left"),
+        ({1: (5, 5)}, (), "n_control = "),
+        ({None: (5, 0, 5)}, (), "n_control = "),
+    ],
+)
+def test_what_is_asked_of_no_block_is_an_error(n_control, names, message):
+    with pytest.raises(InputError, match=message):
+        RequestedCounts.of(n_control, find_topology(two_blocks()), names)
+
+
+def test_counts_that_are_asked_for_are_not_lowered_where_others_are(monkeypatch):
+    monkeypatch.setattr(control_counts, "LARGEST_CHOICE", 2000)
+    counts = counts_of(two_blocks(), {1: (7, 7, 7)})
+    np.testing.assert_array_equal(counts.n_control, [[7, 7, 7], [7, 4, 7]])
+
+
+@pytest.mark.parametrize("n_control", [(5, 5), [(5, 5, 5)] * 3, [None] * 3, (5.5, 5, 5), (0, 5, 5), "many"])
 def test_malformed_counts_are_an_error(n_control):
     with pytest.raises(InputError, match="n_control = "):
         counts_of(two_blocks(), n_control)

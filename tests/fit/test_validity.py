@@ -255,7 +255,7 @@ def test_least_squares_that_fold_are_told_of_the_method_that_does_not():
 
 def test_the_command_fit_tells_what_control_points_are_and_what_least_squares_would_be(tmp_path, capsys):
     write_grid(tmp_path / "thin.xyz", folded_block())
-    command = ["fit", str(tmp_path / "thin.xyz"), "-o", str(tmp_path / "thin.h5"), "--n-control", "9", "5", "4"]
+    command = ["fit", str(tmp_path / "thin.xyz"), "-o", str(tmp_path / "thin.h5"), "--n-control", "9x5x4"]
     with warnings.catch_warnings():
         warnings.simplefilter("error", FitWarning)  # what is printed is not warned of as well
         assert run([*command, "--method", "least_squares"]) == 0

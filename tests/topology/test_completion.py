@@ -260,7 +260,7 @@ def test_every_command_tells_of_faces_that_nearly_meet(tmp_path):
     (tmp_path / "torn.toml").write_text(draft_patches(grid, [wall]))
     for command in (
         "inspect torn.xyz",
-        "fit torn.xyz -o torn.h5 --n-control 4 4 4 --patches torn.toml",
+        "fit torn.xyz -o torn.h5 --n-control 4x4x4 --patches torn.toml",
         "move torn.h5 --deform translate=0/0.001/0 -o moved.xyz",
         "refine torn.h5 --factor 1.5 -o fine.xyz",
         "quality torn.xyz",
