@@ -123,6 +123,7 @@ from .movement.elasticity import LinearElasticity as LinearElasticity
 from .movement.fixed_interior import FixedInterior as FixedInterior
 from .movement.inverse_distance import InverseDistance as InverseDistance
 from .movement.radial_basis import RadialBasis as RadialBasis
+from .movement.rotations import Rotations as Rotations
 from .movement.springs import LinealSprings as LinealSprings
 from .movement.springs import TorsionalSprings as TorsionalSprings
 from .movement.transfinite import Transfinite as Transfinite

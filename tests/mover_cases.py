@@ -14,6 +14,7 @@ from bspline_mdao import (
     LinealSprings,
     LinearElasticity,
     RadialBasis,
+    Rotations,
     TorsionalSprings,
     Transfinite,
     flat_plate_grid,
@@ -229,8 +230,8 @@ class MoverCase:
     ----------
     bend, slope_bend : float
         Bends of the surface, by its extent, that it follows in three increments, and in one where it is differentiated.
-    default : int or "auto"
-        Increments that it makes where nothing is said.
+    default : int, "auto" or None
+        Increments that it makes where nothing is said; None where it takes no number of them.
     translates : bool
         Whether everything follows a translation of the surface where the far field may.
     turns : bool
@@ -242,14 +243,20 @@ class MoverCase:
 
     bend: float = 0.15
     slope_bend: float = 0.15
-    default: int | str = 1
+    default: int | str | None = 1
     translates: bool = True
     turns: bool = True
     is_graph: bool = False
 
+    @property
+    def has_increments(self):
+        """Whether it takes a number of increments."""
+        return self.default is not None
+
 
 MOVERS = {
     LinearElasticity: MoverCase(slope_bend=0.05, default="auto"),
+    Rotations: MoverCase(default=None),
     LinealSprings: MoverCase(bend=0.05, slope_bend=0.05, default="auto"),
     TorsionalSprings: MoverCase(bend=0.05, slope_bend=0.05, default="auto"),
     Transfinite: MoverCase(),
@@ -259,3 +266,8 @@ MOVERS = {
     FixedInterior: MoverCase(translates=False),
 }
 """Every mover of the package; `test_every_mover` tries all of them."""
+
+
+def made(kind, mesh, n_increments):
+    """Mover of a kind, with a number of increments where it takes one."""
+    return kind(mesh, n_increments=n_increments) if MOVERS[kind].has_increments else kind(mesh)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 MOVERS = {
     "elasticity": "bspline_mdao.movement.elasticity.LinearElasticity",
+    "rotations": "bspline_mdao.movement.rotations.Rotations",
     "springs": "bspline_mdao.movement.springs.LinealSprings",
     "torsional": "bspline_mdao.movement.springs.TorsionalSprings",
     "transfinite": "bspline_mdao.movement.transfinite.Transfinite",

@@ -38,6 +38,7 @@ from .mover import SolveReport, digits_of
 
 __all__ = [
     "Balance",
+    "Balanced",
     "Elements",
     "Equilibrium",
     "EquilibriumMover",
@@ -69,8 +70,8 @@ ALL = slice(None)
 """Ids of all elements, for an array without a copy of it."""
 
 
-class Elements(Protocol):
-    """Elements at given points: their force is linear in the displacement, their stiffness is symmetric."""
+class Balanced(Protocol):
+    """What a displacement is found for: a force that is linear in it, up to a constant, with a symmetric stiffness."""
 
     def add_stiffness(
         self, element_rows: np.ndarray, slots: np.ndarray, data: np.ndarray, element_ids: np.ndarray | slice = ALL
@@ -82,6 +83,10 @@ class Elements(Protocol):
 
     def force(self, displacement: np.ndarray) -> np.ndarray:
         """Force on all points of a displacement, both sums of as many parts, shape (n_parts, n_points, 3)."""
+
+
+class Elements(Balanced, Protocol):
+    """Elements at given points, with the derivatives of their force."""
 
     def force_jvp(self, displacement: np.ndarray, d_initial: np.ndarray, d_points: np.ndarray) -> np.ndarray:
         """Change of the force of a given displacement with the initial points and the points; sums as `force`."""
@@ -264,7 +269,7 @@ class Equilibrium:
         return cls(mesh, unknowns, solver.analyze(pattern, mesh.points[unknowns.point_ids[unknowns.rows]]))
 
     def balance(
-        self, elements: Elements, factored: Factored, prescribed: np.ndarray, load: np.ndarray, above: float
+        self, elements: Balanced, factored: Factored, prescribed: np.ndarray, load: np.ndarray, above: float
     ) -> Balance:
         """Find the displacement u that is prescribed on the surface and has ``F(u) = load`` at the free points.
 
@@ -313,7 +318,14 @@ class Equilibrium:
                 break
         return Balance(parts, n_steps, solution.residual, error)
 
-    def factorized(self, elements: Elements) -> Factored:
+    def restrained(self, is_free: np.ndarray) -> Equilibrium:
+        """The same points and order of elimination for a field that is free in other directions of theirs.
+
+        Directions, bool, are of shape (n_points, 3); what moves nowhere has none.
+        """
+        return replace(self, unknowns=self.unknowns.restrained(is_free))
+
+    def factorized(self, elements: Balanced) -> Factored:
         """Assemble and factorise the stiffness of elements."""
         with together(self.unknowns.comm):
             matrix = self.unknowns.matrix(elements.add_stiffness)
@@ -352,10 +364,19 @@ class Unknowns:
         What is moved.
     comm : communicator
         Processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
+    is_free : ndarray of bool, shape (n_points, 3), optional
+        Free directions of the points that may move; the mesh's by default.
     """
 
     mesh: MovingMesh
     comm: Any = ONE
+    is_free: np.ndarray | None = None
+
+    def restrained(self, is_free: np.ndarray) -> Unknowns:
+        """The same numbering and pattern with other free directions."""
+        other = replace(self, is_free=is_free)
+        vars(other).update(_assembly=self._assembly, slots=self.slots)
+        return other
 
     @cached_property
     def point_ids(self) -> np.ndarray:
@@ -422,7 +443,7 @@ class Unknowns:
 
     @cached_property
     def _is_free(self):
-        return self.mesh.is_free[self.point_ids]
+        return (self.mesh.is_free if self.is_free is None else self.is_free)[self.point_ids]
 
     @cached_property
     def _frames(self):

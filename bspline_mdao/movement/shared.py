@@ -184,9 +184,9 @@ def _placed(mover: Any, memory: int, n_processes: int, way: str) -> tuple[Placem
     if not isinstance(mover, EquilibriumMover):
         if way == ALL_PROCESSES:
             raise InputError(
-                f"movement: {type(mover).__name__} has no system that processes could share; give processes='first'"
+                f"movement: {type(mover).__name__} shares no system with other processes; give processes='first'"
             )
-        return first(f"{type(mover).__name__} has no system to share"), None
+        return first(f"{type(mover).__name__} shares no system"), None
     solver: Any = mover.solver
     if way == FIRST_PROCESS:
         return first("as asked"), solver

@@ -23,6 +23,7 @@ from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.rotations import Rotations
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.names import (
@@ -104,7 +105,7 @@ PARTIALS = {
     "LiveGridEvaluate, grid": (LiveGridEvaluate, {}, GRID, GRID_INITIAL),
     **{
         f"ControlMeshMove, {mover.__name__}, {wrt}": (ControlMeshMove, {"mover": of(mover)}, CONTROL_POINTS, wrt)
-        for mover in (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
+        for mover in (LinearElasticity, Rotations, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
         for wrt in (CONTROL_POINTS_INITIAL, SURFACE_CONTROL_POINTS)
     },
     **{

@@ -28,6 +28,7 @@ from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.rotations import Rotations
 from bspline_mdao.movement.springs import TorsionalSprings
 from bspline_mdao.movement.transfinite import Transfinite
 from bspline_mdao.numerics.processes import ONE
@@ -62,7 +63,7 @@ from bspline_mdao.om.mphys.conventions import names_of
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-MOVERS = (LinearElasticity, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
+MOVERS = (LinearElasticity, Rotations, TorsionalSprings, Transfinite, InverseDistance, FixedInterior, Shear)
 
 
 @cache

@@ -61,7 +61,7 @@ for kind, case in MOVERS.items():
     assert f"on the first of {comm.size} processes (" in str(component.report)
     assert (comm.rank == 0) == (component._last.movement.movement is not None)  # no other has a factor
     if not issubclass(kind, EquilibriumMover):
-        assert f"{kind.__name__} has no system to share" in component.report.where
+        assert f"{kind.__name__} shares no system" in component.report.where
         forced = problem_of(mover, processes="all")
         error = raised_everywhere(comm, forced.run_model)
         assert "give processes='first'" in str(error)
