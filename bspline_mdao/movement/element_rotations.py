@@ -1,13 +1,11 @@
 """The rotation of every element in a displacement, from the mean of its gradient.
 
-With the gradients H(u_g) / J_g of the displacement at the Gauss points g, the sum of I, of their mean, and of kappa
-times a rotation R_0 that is known beforehand,
+With the gradients H(u_g) / J_g of the displacement at the Gauss points g,
 
-    M = I + 1/8 sum over g of H(u_g) / J_g + kappa R_0,
+    M = I + 1/8 sum over g of H(u_g) / J_g
 
-has the nearest rotation R. What is turned rigidly by R_0 has M = (1 + kappa) R_0 and R = R_0. The second rotation keeps
-M from losing its own where an element is flattened or folded: only what is folded deeper than it was thick finds none
-by Newton's iteration, and takes the largest eigenvector of Davenport's matrix, which gives the same rotation.
+has the nearest rotation R, by Newton's iteration for whatever is not folded much deeper than it was thick, and else by
+the largest eigenvector of Davenport's matrix, which is the same rotation.
 
 P. B. Davenport, "A vector approach to the algebra of rotations with applications", NASA TN D-4696, 1968.
 
@@ -42,9 +40,6 @@ from .trilinear import (
 
 __all__ = ["ElementRotations"]
 
-KNOWN = 0.1
-"""kappa, the weight of the rotations that are known beforehand."""
-
 
 @dataclass(frozen=True, eq=False)
 class ElementRotations:
@@ -66,9 +61,9 @@ class ElementRotations:
     stiffness: np.ndarray
 
     @classmethod
-    def of(cls, elements: GuidedElements, parts: np.ndarray, known: np.ndarray) -> ElementRotations:
-        """Rotations where R_0 - I is known, shape (n_elements, 3, 3)."""
-        seen = (1.0 + KNOWN) * np.eye(3) + _mean_gradients(*_arguments(elements), parts) + KNOWN * known
+    def of(cls, elements: GuidedElements, parts: np.ndarray) -> ElementRotations:
+        """Rotations in a displacement, a sum of parts, shape (n_parts, n_points, 3)."""
+        seen = np.eye(3) + _mean_gradients(*_arguments(elements), parts)
         matrices, stiffness, is_fine = seen.copy(), np.empty_like(seen), np.empty(len(seen), dtype=np.bool_)
         nearest_rotations(0, len(seen), matrices, stiffness, is_fine)
         lost = np.flatnonzero(~is_fine)
@@ -84,19 +79,17 @@ class ElementRotations:
         turns[np.abs(turns).max(axis=(1, 2)) < NO_ROTATION] = 0.0
         return turns
 
-    def jvp(self, d_points: np.ndarray, d_parts: np.ndarray, d_known: np.ndarray) -> np.ndarray:
+    def jvp(self, d_points: np.ndarray, d_parts: np.ndarray) -> np.ndarray:
         """Change of the rotations, shape (n_elements, 3, 3), with that of the displacement as a sum of parts."""
         change = _mean_gradients_jvp(*_arguments(self.elements), self.parts, d_points, d_parts)
-        change += KNOWN * d_known
         rotation_changes(0, len(change), self.matrices, self.stiffness, change)
         return change
 
-    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Transpose of `jvp`: for the points, the displacement as a sum of two parts, and what is known."""
+    def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Transpose of `jvp`: for the points, and for the displacement as a sum of two parts."""
         back = np.array(bar, order="C")
         rotation_changes(0, len(back), self.matrices, self.stiffness, back)
-        points_bar, parts_bar = _mean_gradients_vjp(*_arguments(self.elements), self.parts, back)
-        return points_bar, parts_bar, KNOWN * back
+        return _mean_gradients_vjp(*_arguments(self.elements), self.parts, back)
 
 
 def _arguments(elements):

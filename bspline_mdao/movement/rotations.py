@@ -142,11 +142,10 @@ class Rotations(OneLine):
         vectors = SurfaceVectors.of(self._surface, at_rest, surface)  # step 1
         extension = start.rotations.field(vectors.values)  # step 2
         of_elements = extension.values[mesh.elements].mean(axis=1)
-        known = turns(of_elements)
-        displacements = [start.displacements.field(surface - at_rest, known)]  # step 3
+        displacements = [start.displacements.field(surface - at_rest, turns(of_elements))]  # step 3
         repetitions = []
         for _ in range(self.n_repetitions):  # step 4
-            repetitions.append(ElementRotations.of(displacements[-1].elements, displacements[-1].balance.parts, known))
+            repetitions.append(ElementRotations.of(displacements[-1].elements, displacements[-1].balance.parts))
             displacements.append(start.displacements.field(surface - at_rest, repetitions[-1].turns))
         points = initial + displacements[-1].balance.parts[0]
         points[mesh.surface_ids] = surface
@@ -234,10 +233,10 @@ class RotatedMovement(OneLine):
         d_at_rest = d_initial[self.surface_ids]
         d_vectors = self.vectors.jvp(d_at_rest, d_surface)
         d_extension = self.extension.jvp(d_initial, d_vectors, None)
-        d_known = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
-        d_displacement = self.displacements[0].jvp(d_initial, d_surface - d_at_rest, d_known)
+        d_guidance = turns_jvp(self.of_elements, d_extension.sum(axis=0)[self._mesh.elements].mean(axis=1))
+        d_displacement = self.displacements[0].jvp(d_initial, d_surface - d_at_rest, d_guidance)
         for rotations, displacement in zip(self.repetitions, self.displacements[1:]):
-            d_guidance = rotations.jvp(d_initial, d_displacement, d_known)
+            d_guidance = rotations.jvp(d_initial, d_displacement)
             d_displacement = displacement.jvp(d_initial, d_surface - d_at_rest, d_guidance)
         d_points = d_initial + d_displacement.sum(axis=0)
         d_points[self.surface_ids] = d_surface
@@ -257,16 +256,15 @@ class RotatedMovement(OneLine):
         surface_bar : ndarray, shape (n_surface, 3)
         """
         mesh, initial_bar, surface_bar = self._mesh, bar.copy(), np.zeros((len(self.surface_ids), 3))
-        known_bar, parts_bar = np.zeros_like(self.displacements[0].elements.guidance), bar[None]
+        parts_bar = bar[None]
         for rotations, displacement in zip(self.repetitions[::-1], self.displacements[:0:-1]):
             by_points, by_surface, guidance_bar = displacement.vjp(parts_bar)
-            by_gradient, parts_bar, by_known = rotations.vjp(guidance_bar)
+            by_gradient, parts_bar = rotations.vjp(guidance_bar)
             initial_bar += by_points + by_gradient
             surface_bar += by_surface
-            known_bar += by_known
         by_points, by_surface, guidance_bar = self.displacements[0].vjp(parts_bar)
         surface_bar += by_surface
-        of_elements_bar = 0.125 * turns_vjp(self.of_elements, known_bar + guidance_bar)
+        of_elements_bar = 0.125 * turns_vjp(self.of_elements, guidance_bar)
         at_corners = np.repeat(of_elements_bar[:, None], 8, axis=1)
         extension_bar = add_at_corners(mesh.elements, at_corners, mesh.n_points)
         by_extension, vectors_bar, _ = self.extension.vjp(extension_bar[None])
