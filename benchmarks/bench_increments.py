@@ -1,10 +1,10 @@
-"""Moves of the paper-size ONERA M6 grid in as many increments as they need, beside IDWarp's recorded times.
+"""Moves of the paper-size ONERA M6 grid in as many increments as are chosen for them, beside IDWarp's recorded times.
 
 Three changes of shape: the rectangular wing of section IV, a bend of the whole span by 60 degrees, and a twist by 30
-degrees with 1.5 times the span. A *later* move starts from initial points whose factor is there, in the number of
-increments that a `ControlMeshMove` has come to; it counts with the evaluation of all nodes. A move that *grows* tries
-the smaller numbers before. Seconds of the process on one thread, and of the wall clock on all of them, the shortest of
-``--repeats``; IDWarp's are those of the same grid in the docs, one process.
+degrees with 1.5 times the span. A *later* move starts from initial points whose factor is there and counts with the
+evaluation of all nodes; the *choice* of the number is made once, before a run. Seconds of the process on one thread, and
+of the wall clock on all of them, the shortest of ``--repeats``; IDWarp's are those of the same grid in the docs, one
+process.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.moving_mesh import MovingMesh
 from bspline_mdao.model.fitted_model import FittedModel
 from bspline_mdao.movement.elasticity import LinearElasticity
-from bspline_mdao.movement.increments import NUMBERS
+from bspline_mdao.movement.increments import increments_for
 from bspline_mdao.sparse.cholesky import Cholesky
 
 SHAPE, N_CONTROL = (45, 65, 33), (13, 13, 9)
@@ -76,14 +76,14 @@ def measure(model: FittedModel, mesh: MovingMesh, quality: GridQuality, surface:
     Returns
     -------
     dict
-        ``n_increments``, ``tried`` (the smallest corner by the baseline's, by number), ``n_inverted`` and ``q_min`` of
-        the grid, and CPU and wall seconds of ``later``, ``grows``, ``reverse`` and of five increments, ``paper``.
+        ``n_increments``, ``corner_ratio`` (the smallest corner by the baseline's), ``n_inverted`` and ``q_min`` of the
+        grid, and CPU and wall seconds of ``later``, ``choice``, ``reverse`` and of five increments, ``paper``.
     """
-    found = LinearElasticity(mesh).move(mesh.points, surface)
+    n_increments = increments_for(LinearElasticity(mesh), [surface])
+    found = LinearElasticity(mesh, n_increments=n_increments).move(mesh.points, surface)
     nodes = model.regenerate(found.points).to_vector().reshape(-1, 3)
-    report, n_increments = report_quality(quality, nodes), found.report.n_increments
-    tried = {trial.n_increments: trial.corner_ratio for trial in found.report.tried}
-    result = {"n_nodes": model.n_nodes, "n_increments": n_increments, "tried": tried}
+    report, ratio = report_quality(quality, nodes), found.report.increments[-1].corner_ratio
+    result = {"n_nodes": model.n_nodes, "n_increments": n_increments, "corner_ratio": ratio}
     result |= {"n_inverted": report.n_inverted, "q_min": report.q_min}
     for kind, n_threads, clock in (("cpu", 1, time.process_time), ("wall", None, time.perf_counter)):
         with threadpool_limits(n_threads):
@@ -95,17 +95,16 @@ def measure(model: FittedModel, mesh: MovingMesh, quality: GridQuality, surface:
 def contenders(model, mesh, surface, bar, n_increments, n_threads) -> dict[str, Callable]:
     """All that is timed of one shape, on so many threads; the factor of the initial points is there."""
     solver, evaluator = Cholesky(n_threads=n_threads), model.evaluator().with_threads(n_threads)
-    mover, paper = LinearElasticity(mesh, solver=solver), LinearElasticity(mesh, n_increments=5, solver=solver)
+    mover, paper = (LinearElasticity(mesh, n_increments=m, solver=solver) for m in (n_increments, 5))
     movement = mover.move(mesh.points, surface)
     start = movement.start
-    later = [number for number in NUMBERS if number >= n_increments]
 
-    def moved(mover, *numbers):
-        return evaluator.forward(mover.move(mesh.points, surface, *numbers, start=start).points)
+    def moved(mover):
+        return evaluator.forward(mover.move(mesh.points, surface, start=start).points)
 
     return {
-        "later": partial(moved, mover, later),
-        "grows": partial(moved, mover),
+        "later": partial(moved, mover),
+        "choice": partial(increments_for, mover, [surface]),
         "paper": partial(moved, paper),
         "reverse": lambda: movement.vjp(evaluator.adjoint(bar)),
     }
@@ -124,10 +123,9 @@ def shortest(run: Callable, clock: Callable[[], float], repeats: int) -> float:
 def show(numbers: dict) -> None:
     """Print a table."""
     for name, row in numbers.items():
-        tried = ", ".join(f"{n}: {ratio:.2f}" for n, ratio in row["tried"].items())
-        print(f"{name}: {row['n_nodes']} nodes, {row['n_increments']} increments ({tried})")
+        print(f"{name}: {row['n_nodes']} nodes, {row['n_increments']} increments, {row['corner_ratio']:.2f} left")
         print(f"  {row['n_inverted']} inverted cells, smallest Q {row['q_min']:.1e}")
-        for line, unit in (("later", "move"), ("grows", "move"), ("paper", "move"), ("reverse", "reverse")):
+        for line, unit in (("later", "move"), ("choice", "move"), ("paper", "move"), ("reverse", "reverse")):
             shares = [row[f"{line}_{kind}"] / IDWARP[unit] for kind in ("cpu", "wall")]
             times = f"{row[f'{line}_cpu']:8.3f} s CPU {row[f'{line}_wall']:8.3f} s wall"
             verdict = f"  target {TARGET}: {'met' if shares[0] <= TARGET else 'MISSED'}" if line == "later" else ""

@@ -121,6 +121,7 @@ from .movement.comoving import ComovingFrame as ComovingFrame
 from .movement.delaunay import DelaunayGraph as DelaunayGraph
 from .movement.elasticity import LinearElasticity as LinearElasticity
 from .movement.fixed_interior import FixedInterior as FixedInterior
+from .movement.increments import increments_for as increments_for
 from .movement.inverse_distance import InverseDistance as InverseDistance
 from .movement.radial_basis import RadialBasis as RadialBasis
 from .movement.rotations import Rotations as Rotations

@@ -1,6 +1,6 @@
 """Names of all variables that cross a component boundary.
 
-Each but the last two is a flat vector of length ``3 n``, x, y and z interleaved, in metres, as in MPhys, ADflow and
+Each but the last is a flat vector of length ``3 n``, x, y and z interleaved, in metres, as in MPhys, ADflow and
 DAFoam.
 """
 
@@ -22,9 +22,6 @@ SURFACE_CONTROL_POINTS = "surface_control_points"
 SURFACE = "surface"
 """Nodes of the regenerated surface, each once, in the order of a `bspline_mdao.SurfaceGrid`."""
 
-N_INCREMENTS = "n_increments"
-"""Increments in which the control mesh was moved, a whole number."""
-
 CONTROL_CORNER_KS = "control_corner_ks"
 """Smooth lower bound of the corner triple products of the control mesh after movement, a number."""
 
@@ -35,7 +32,6 @@ ALL_NAMES = (
     CONTROL_POINTS,
     SURFACE_CONTROL_POINTS,
     SURFACE,
-    N_INCREMENTS,
     CONTROL_CORNER_KS,
 )
 """All names above; design variables and measures have names of their own."""

@@ -100,8 +100,9 @@ def move(model: bm.FittedModel, riding: bm.RidingMesh, text: str):
     """Move the control mesh by a deformation, and the mesh with it; also where its wall was asked to be."""
     control = bm.moving_mesh(model)
     deformation = bm.parse_deformation(text, model, control)
-    surface = model.control_points[control.surface_ids]
-    moved = bm.LinearElasticity(control).move(model.control_points, deformation.apply(surface)).points
+    surface = deformation.apply(model.control_points[control.surface_ids])
+    number = bm.increments_for(bm.LinearElasticity(control), [surface])
+    moved = bm.LinearElasticity(control, n_increments=number).move(model.control_points, surface).points
     wall = riding.walls.initial
     asked = deformation.apply_to_nodes(wall, [(np.flatnonzero(wall[:, 2] == 0.0), np.eye(3)[2])])
     return riding.at(moved, asked), asked

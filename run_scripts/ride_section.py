@@ -107,7 +107,8 @@ def move(model: bm.FittedModel, riding: bm.RidingMesh, text: str):
     control = bm.moving_mesh(model)
     deformation = bm.parse_deformation(text, model, control)
     surface = deformation.apply(model.control_points[control.surface_ids])
-    moved = bm.LinearElasticity(control).move(model.control_points, surface).points
+    number = bm.increments_for(bm.LinearElasticity(control), [surface])
+    moved = bm.LinearElasticity(control, n_increments=number).move(model.control_points, surface).points
     asked = deformation.apply_to_nodes(riding.walls.initial)
     return riding.at(moved, asked), asked
 

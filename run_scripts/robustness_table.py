@@ -62,15 +62,38 @@ ELASTICITY = {
 }
 """Elasticity with one setting changed at a time."""
 
+
+@dataclass(frozen=True)
+class Chosen:
+    """A mover that moves in as many increments as the surface at hand needs."""
+
+    mover: bm.LinearElasticity | bm.TorsionalSprings | bm.LinealSprings
+
+    @property
+    def mesh(self) -> bm.MovingMesh:
+        """Mesh that is moved."""
+        return self.mover.mesh
+
+    def move(self, initial: np.ndarray, surface: np.ndarray):
+        """Move points (n_points, 3) of the baseline behind surface points (n_surface, 3), both in metres."""
+        number = bm.increments_for(self.mover, [surface])
+        return replace(self.mover, n_increments=number).move(initial, surface)
+
+
+def chosen(kind: Callable) -> Callable:
+    """Make movers of a kind that take as many increments as they need."""
+    return lambda mesh: Chosen(kind(mesh))
+
+
 INCREMENTS = {
-    "auto": bm.LinearElasticity,
+    "chosen": chosen(bm.LinearElasticity),
     **{f"m = {m}": partial(bm.LinearElasticity, n_increments=m) for m in (1, 2, 5, 10, 20)},
-    "torsional springs, auto": bm.TorsionalSprings,
+    "torsional springs, chosen": chosen(bm.TorsionalSprings),
     "torsional springs, m = 5": partial(bm.TorsionalSprings, n_increments=5),
-    "lineal springs, auto": bm.LinealSprings,
+    "lineal springs, chosen": chosen(bm.LinealSprings),
     "lineal springs, m = 5": partial(bm.LinealSprings, n_increments=5),
 }
-"""Numbers of increments, and the number that the move chooses."""
+"""Numbers of increments, and the number that is chosen for each case."""
 
 STUDIES = {
     "movers": {name: partial(kind, n_increments=5) for name, kind in KINDS.items()},

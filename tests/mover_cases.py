@@ -230,7 +230,7 @@ class MoverCase:
     ----------
     bend, slope_bend : float
         Bends of the surface, by its extent, that it follows in three increments, and in one where it is differentiated.
-    default : int, "auto" or None
+    default : int or None
         Increments that it makes where nothing is said; None where it takes no number of them.
     translates : bool
         Whether everything follows a translation of the surface where the far field may.
@@ -243,7 +243,7 @@ class MoverCase:
 
     bend: float = 0.15
     slope_bend: float = 0.15
-    default: int | str | None = 1
+    default: int | None = 1
     translates: bool = True
     turns: bool = True
     is_graph: bool = False
@@ -255,10 +255,10 @@ class MoverCase:
 
 
 MOVERS = {
-    LinearElasticity: MoverCase(slope_bend=0.05, default="auto"),
+    LinearElasticity: MoverCase(slope_bend=0.05, default=5),
     Rotations: MoverCase(default=None),
-    LinealSprings: MoverCase(bend=0.05, slope_bend=0.05, default="auto"),
-    TorsionalSprings: MoverCase(bend=0.05, slope_bend=0.05, default="auto"),
+    LinealSprings: MoverCase(bend=0.05, slope_bend=0.05, default=5),
+    TorsionalSprings: MoverCase(bend=0.05, slope_bend=0.05, default=5),
     Transfinite: MoverCase(),
     RadialBasis: MoverCase(translates=False, turns=False),
     InverseDistance: MoverCase(turns=False),

@@ -29,7 +29,6 @@ from ..mesh.boundary import moving_mesh
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.fitted_model import FittedModel
-from ..movement.increments import AUTO
 from ..movement.mover import MEND, IncrementReport, Movement, MovementReport
 from ..numerics.progress import within
 from ..topology.grid import Grid
@@ -68,6 +67,9 @@ INCREMENT_COLUMNS = ("number", "invalid", "new", "corner", "time (s)", "residual
 
 FEW_DIGITS = 8.0
 """A warning is due where fewer digits of the displacements are right."""
+
+MANY = 10
+"""Increments that a control mesh which tangles with fewer may need."""
 
 
 @dataclass(frozen=True)
@@ -288,7 +290,6 @@ def move_numbers(model_file: Path, output: Path, moved: Moved, options: MoveOpti
         "n_elements": len(moved.mesh.elements),
         "n_invalid_before": moved.mesh.n_invalid,
         "digits": report.digits,
-        "tried": [vars(trial) for trial in report.tried],
         "seconds": report.seconds,
         "miss": vars(moved.miss) if moved.miss else None,
         "newly_inverted": [vars(cell) for cell in moved.newly_inverted],
@@ -307,7 +308,8 @@ def show_move(model_file: Path, output: Path, moved: Moved, options: MoveOptions
     rows = [_row(number, increment) for number, increment in enumerate(report.increments, start=1)]
     solve = report.increments[-1].solve
     how = f"mover {options.mover.mover}{f', solver {solve.solver}' if solve else ''}"
-    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}", _chosen(report)])
+    made = counted(report.n_increments, "increment")
+    print_lines([f"surface moved by up to {moved.largest_displacement:.3g} m; {how}", made])
     print_lines(_of_elements(moved))
     print_table(INCREMENT_COLUMNS[: len(rows[0])], rows)
     print_table(
@@ -329,18 +331,6 @@ def _of_elements(moved: Moved) -> list[str]:
         return []
     counts = f"{mesh.n_invalid:,} of {counted(len(mesh.elements), 'element')} invalid before, {last.n_invalid:,} after"
     return [f"control mesh: {counts}, {last.n_tangled:,} of these new", MEANING_OF_INVALID]
-
-
-def _chosen(report: MovementReport) -> str:
-    """Say in how many increments a move was made, and why."""
-    what = counted(report.n_increments, "increment")
-    if not report.tried:
-        return what
-    kept = ", ".join(
-        f"{'nothing' if trial.failure else f'{trial.corner_ratio:.2g}'} with {trial.n_increments}"
-        for trial in report.tried
-    )
-    return f"{what}, chosen by what the worst corner of the control mesh keeps of its baseline: {kept}"
 
 
 def _row(number: int, increment: IncrementReport) -> tuple:
@@ -428,20 +418,12 @@ def _cure_of_tangling(report: MovementReport, options: MoverOptions) -> str:
     """Say what to do about a control mesh that tangles, what is most likely to help first."""
     if options.mover != "elasticity":
         return "take --mover elasticity or a smaller deformation"
-    if options.increments not in (None, AUTO):
-        return "take --increments auto, a smaller deformation or --mover torsional"
-    tried = ", ".join(str(trial.n_increments) for trial in report.tried)
-    smaller = f"a smaller deformation (tried with {tried} increments)"
-    return "take " + " or ".join([*_more(report), smaller, "--mover torsional"])
+    return "take " + " or ".join([*_more(report), "a smaller deformation", "--mover torsional"])
 
 
 def _more(report: MovementReport) -> list[str]:
-    """The most increments that were tried, where elements tangle with each number and fewer were taken.
-
-    They tangle fewer elements as a rule, though the worst of them may be worse.
-    """
-    most = report.tried[-1].n_increments if report.tried else 0
-    return [f"--increments {most}"] if report.first_tangled() and most > report.n_increments else []
+    """More increments, where elements tangle with few: they tangle fewer elements as a rule."""
+    return [f"--increments {MANY}"] if report.first_tangled() and report.n_increments < MANY else []
 
 
 def _is_the_residual(model: FittedModel, moved: Moved) -> bool:

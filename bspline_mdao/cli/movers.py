@@ -51,17 +51,6 @@ SOLVERS = {
 """Place of the class of each solver."""
 
 
-class Increments(click.IntRange):
-    """A number of increments, or the word that leaves it to the move."""
-
-    def __init__(self):
-        super().__init__(min=1)
-
-    def convert(self, value, param, context):
-        """Convert the text of the option to a number, or leave ``auto`` as it is."""
-        return value if value == "auto" else super().convert(value, param, context)
-
-
 MOVING = (
     click.option(
         "--mover",
@@ -72,10 +61,9 @@ MOVING = (
     ),
     click.option(
         "--increments",
-        type=Increments(),
-        metavar="auto|N",
-        help="Increments. auto takes the first of 1, 2, 5 and 10 that keeps the control mesh good: the default of "
-        "elasticity and springs; that of other movers is 1.",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Increments: 5 by default with elasticity and springs, 1 with other movers.",
     ),
     click.option(
         "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
@@ -122,7 +110,7 @@ class MoverOptions:
     ----------
     mover : str
         Name out of `MOVERS`.
-    increments : int or "auto", optional
+    increments : int, optional
         Increments of the move.
     nu : float, optional
         Poisson's ratio.
@@ -133,7 +121,7 @@ class MoverOptions:
     """
 
     mover: str = "elasticity"
-    increments: int | str | None = None
+    increments: int | None = None
     nu: float | None = None
     stiffness: str | None = None
     solver: str | None = None

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, vstack
 
 from ..checks import require_list
@@ -155,6 +156,55 @@ class Parametrization(OneLine):
             rows = design_map.apply(rows, values[name])
         displacement = rows[self.layout.rows()] - initial
         return initial + (self._matrix @ displacement.reshape(-1)).reshape(-1, 3)
+
+    def extremes(self, bounds: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Iterator[np.ndarray]:
+        """Move the baseline to the most extreme designs, as `increments_for` wants them.
+
+        All values of one variable are at their lower bounds, or at their upper ones, while nothing else moves, for each
+        variable in turn; then so are those of all variables together.
+
+        Parameters
+        ----------
+        bounds : mapping of (array_like, array_like)
+            Lower and upper bound of variables by name, in the variable's units: a number, or one for each value. A
+            variable that is left out does not move.
+
+        Yields
+        ------
+        ndarray, shape (n_surface, 3)
+            Moved surface control points (m).
+
+        Raises
+        ------
+        InputError
+            If there is no such variable, or bounds do not fit its values.
+
+        Examples
+        --------
+        >>> from bspline_mdao import DesignSurface, Twist, fit_grid, flat_plate_grid
+        >>> wing = DesignSurface.of(fit_grid(flat_plate_grid((5, 5, 5))))
+        >>> shape = wing.parametrization([Twist("twist", wing.axis, stations=2)])
+        >>> len(list(shape.extremes({"twist": ([0.0, -5.0], [0.0, 5.0])})))  # degrees
+        2
+        """
+        surface = self.mesh.points[self.mesh.surface_ids]
+        for end in (0, 1):
+            at_bounds = {name: self._at_bound(name, pair[end]) for name, pair in bounds.items()}
+            for name, values in at_bounds.items():
+                yield self.apply(surface, {**self.initial, name: values})
+            if len(at_bounds) > 1:
+                yield self.apply(surface, {**self.initial, **at_bounds})
+
+    def _at_bound(self, name: str, bound: ArrayLike) -> np.ndarray:
+        """Values of a variable at a bound, which may be one number for all."""
+        if name not in self.initial:
+            raise InputError(f"parametrization: no variable is called '{name}'; there are {', '.join(self.maps)}")
+        values, shape = np.asarray(bound, dtype=float), self.initial[name].shape
+        if values.shape not in ((), shape):
+            raise InputError(
+                f"parametrization: the bounds of '{name}' are of shape {values.shape}; give a number, or shape {shape}"
+            )
+        return np.broadcast_to(values, shape)
 
     def partials(self, initial: np.ndarray, values: Values) -> SurfacePartials:
         """Differentiate `apply`.

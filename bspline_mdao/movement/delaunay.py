@@ -52,7 +52,7 @@ class DelaunayGraph(IncrementalMover):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int or "auto"
+    n_increments : int
         Increments of the move.
 
     Notes
@@ -75,7 +75,7 @@ class DelaunayGraph(IncrementalMover):
     """
 
     mesh: MovingMesh
-    n_increments: int | str = 1
+    n_increments: int = 1
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         centres = self._centres

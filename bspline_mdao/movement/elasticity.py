@@ -31,7 +31,7 @@ from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add, dot, scaled
 from ..sparse.cholesky import Cholesky
 from .equilibrium import ALL, EquilibriumMover
-from .increments import AUTO
+from .increments import PAPER_INCREMENTS
 from .trilinear import (
     FAST,
     SLOPES,
@@ -63,9 +63,9 @@ class LinearElasticity(EquilibriumMover):
         What is moved.
     poisson_ratio : float
         Between -1 and 0.5.
-    n_increments : int or "auto"
-        The paper's m, which is 5 there. By default a move takes the first of 1, 2, 5 and 10 with which the mesh stays
-        good, see `bspline_mdao.movement.increments.in_increments`.
+    n_increments : int
+        The paper's m, which is 5 there and here. Another number is another function of the surface; `increments_for`
+        finds the smallest that some designs need.
     stiffness : StiffnessLaw
         Young's modulus of the elements at the start of every increment; the paper's by default.
     solver : object
@@ -93,7 +93,7 @@ class LinearElasticity(EquilibriumMover):
 
     mesh: MovingMesh
     poisson_ratio: float = -0.2
-    n_increments: int | str = AUTO
+    n_increments: int = PAPER_INCREMENTS
     stiffness: StiffnessLaw = field(default_factory=OrthogonalityLaw)
     solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None

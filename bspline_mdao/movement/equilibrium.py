@@ -20,7 +20,7 @@ are differences of neighbours, and not from a matrix.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Protocol
@@ -33,7 +33,7 @@ from ..numerics.processes import ONE, together
 from ..shown import OneLine
 from ..sparse.blocks import BlockMatrix, BlockPattern, slots
 from ..sparse.distributed import DistributedPattern
-from .increments import AUTO, NUMBERS, IncrementalMovement, IncrementalMover, in_increments
+from .increments import IncrementalMovement, IncrementalMover, in_increments
 from .mover import SolveReport, digits_of
 
 __all__ = [
@@ -105,9 +105,7 @@ class EquilibriumMover(IncrementalMover):
     solver: Any
     keep_factors: bool | None
 
-    def move(
-        self, initial: np.ndarray, surface: np.ndarray, numbers: Sequence[int] = NUMBERS, start: Start | None = None
-    ) -> IncrementalMovement:
+    def move(self, initial: np.ndarray, surface: np.ndarray, start: Start | None = None) -> IncrementalMovement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
 
         See `IncrementalMover.move`; with the ``start`` of an earlier movement, or from `start`, moves from the same
@@ -117,7 +115,7 @@ class EquilibriumMover(IncrementalMover):
         if start is None or not np.array_equal(start.points, initial):
             start = Start(initial)
         step = partial(self._balanced_step, start)
-        movement = in_increments(self.mesh, step, initial, surface, self.n_increments, numbers)
+        movement = in_increments(self.mesh, step, initial, surface, self.n_increments)
         return replace(movement, start=start)
 
     def start(self, initial: np.ndarray) -> Start:
@@ -128,14 +126,13 @@ class EquilibriumMover(IncrementalMover):
     def predicted_bytes(self) -> int | None:
         """Memory of the factors of a move, and of the work on them (bytes); None where the solver does not tell.
 
-        That of the first increment and that of the present one, or those of all increments where factors are kept: for
-        a number that moves choose, the largest. It takes the analysis of the pattern, which the moves need anyway.
+        That of the first increment and that of the present one, or those of all increments where factors are kept. It
+        takes the analysis of the pattern, which the moves need anyway.
         """
         analysis = self._equilibrium.analysis
         if not hasattr(analysis, "factor_bytes"):
             return None
-        most = NUMBERS[-1] if self.n_increments == AUTO else int(self.n_increments)
-        n_factors = most if self.keep_factors else min(most, 2)
+        n_factors = self.n_increments if self.keep_factors else min(self.n_increments, 2)
         return n_factors * analysis.factor_bytes + analysis.work_bytes
 
     @cached_property

@@ -36,7 +36,7 @@ class FixedInterior(IncrementalMover):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int or "auto"
+    n_increments : int
         Increments of the move; they change nothing but the report.
 
     Examples
@@ -49,7 +49,7 @@ class FixedInterior(IncrementalMover):
     """
 
     mesh: MovingMesh
-    n_increments: int | str = 1
+    n_increments: int = 1
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         nothing = _NoDisplacement(np.zeros_like(before), len(surface))

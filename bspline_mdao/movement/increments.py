@@ -4,14 +4,18 @@ The surface goes from b_srf^(0) to b_srf^(m) along straight lines, in m equal in
 b^(i-1) to b^(i), with a stiffness that depends on b^(i-1) and b^(0). So does its derivative: forward products go
 through the increments in their order, transposed ones in the reverse order. What one increment does is the mover's;
 for elastic elements it is `bspline_mdao.movement.equilibrium`.
+
+Another number of increments is another function of the surface: it is a setting of the mover, and no move chooses it.
+`increments_for` finds one that is enough, before anything runs.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 
@@ -20,17 +24,15 @@ from ..errors import InputError, MovementError
 from ..mesh.moving_mesh import MovingMesh
 from ..numerics.progress import shown
 from ..shown import OneLine
-from .mover import IncrementReport, MovementReport, Step, Trial, check_reach, check_request
+from .mover import IncrementReport, MovementReport, Mover, Step, check_reach, check_request
 
-__all__ = ["AUTO", "GOOD_RATIO", "NUMBERS", "IncrementalMovement", "IncrementalMover", "in_increments"]
+__all__ = ["PAPER_INCREMENTS", "IncrementalMovement", "IncrementalMover", "in_increments", "increments_for"]
 
-"""Logs every increment that is done, with the arguments ``(increment, n_increments)``."""
-
-AUTO = "auto"
-"""Number of increments of a move that chooses it by what it needs."""
+PAPER_INCREMENTS = 5
+"""The paper's m, section IV."""
 
 NUMBERS = (1, 2, 5, 10)
-"""Numbers of increments that such a move tries in turn."""
+"""Numbers of increments to choose from."""
 
 GOOD_RATIO = 0.03
 """A mesh stays good while no element's smallest corner triple product falls below this fraction of the baseline's."""
@@ -106,10 +108,9 @@ def in_increments(
     step: Callable[[np.ndarray, np.ndarray, np.ndarray], Step],
     initial: np.ndarray,
     surface: np.ndarray,
-    n_increments: int | str,
-    numbers: Sequence[int] = NUMBERS,
+    n_increments: int,
 ) -> IncrementalMovement:
-    """Move the surface in equal increments along straight lines, and the mesh behind it.
+    """Move the surface in equal increments along straight lines, and the mesh behind it, i = 1 to m of Eq. (8).
 
     Parameters
     ----------
@@ -122,52 +123,19 @@ def in_increments(
         Points before the move (m).
     surface : ndarray, shape (n_surface, 3)
         Surface points after it (m).
-    n_increments : int or "auto"
-        The paper's m. "auto" takes the first of ``numbers`` with which the mesh stays good: every element that is valid
-        on the baseline keeps `GOOD_RATIO` of its smallest corner triple product. Where none does, the number counts
-        that keeps most. Which it is depends on ``initial``, ``surface`` and ``numbers`` alone.
-    numbers : sequence of int
-        What "auto" tries, ascending.
+    n_increments : int
+        The paper's m.
 
     Raises
     ------
     InputError
         If a shape or the number of increments is wrong.
     MovementError
-        If the move cannot be done, or moves a point far beyond what the surface does, with any of the numbers.
+        If the move cannot be done, or moves a point far beyond what the surface does.
     """
     require_number(n_increments)
     initial, surface = as_array(initial, "movement: points"), as_array(surface, "movement: surface points")
     check_request(mesh, initial, surface)
-    if n_increments != AUTO:
-        return _follow(mesh, step, initial, surface, n_increments)
-    began, movement, tried = time.perf_counter(), None, []
-    for number in numbers:
-        movement = None  # the factors of the last one make room for those of the next
-        try:
-            movement = _follow(mesh, step, initial, surface, number)
-            tried.append(Trial(number, movement.report.increments[-1].corner_ratio))
-        except MovementError as error:
-            tried.append(Trial(number, -np.inf, str(error)))
-        if tried[-1].corner_ratio >= GOOD_RATIO:
-            break
-    best = max(reversed(tried), key=lambda trial: trial.corner_ratio)
-    if movement is None or best is not tried[-1]:
-        movement = None
-        movement = _follow(mesh, step, initial, surface, best.n_increments)
-    report = replace(movement.report, seconds=time.perf_counter() - began, tried=tuple(tried))
-    return replace(movement, report=report)
-
-
-def require_number(n_increments: int | str) -> None:
-    """Refuse what is no number of increments."""
-    is_number = isinstance(n_increments, Integral) and not isinstance(n_increments, bool) and n_increments >= 1
-    if not is_number and n_increments != AUTO:
-        raise InputError(f"movement: {n_increments} increments; give a whole number from 1, or '{AUTO}'")
-
-
-def _follow(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
-    """Move the mesh behind its surface in a number of equal increments, i = 1 to m of Eq. (8)."""
     began, steps, reports = time.perf_counter(), [], []
     before, surface_before = initial, initial[mesh.surface_ids]
     with shown("moving the control mesh") as tell:
@@ -185,6 +153,74 @@ def _follow(mesh, step, initial, surface, n_increments) -> IncrementalMovement:
     return IncrementalMovement(mesh.surface_ids, tuple(steps), report)
 
 
+def require_number(n_increments: int) -> None:
+    """Refuse what is no number of increments."""
+    is_number = isinstance(n_increments, Integral) and not isinstance(n_increments, bool) and n_increments >= 1
+    if not is_number:
+        raise InputError(f"movement: {n_increments!r} increments; give a whole number from 1")
+
+
+def increments_for(mover: Mover, designs: Iterable[np.ndarray]) -> int:
+    """Find a number of increments that is enough for some designs, to be given to the mover before anything runs.
+
+    It is the smallest of 1, 2, 5 and 10 with which the control mesh stays good in all of them: every element that is
+    valid on the baseline keeps 3 % of its smallest corner triple product.
+
+    Parameters
+    ----------
+    mover : Mover
+        One of `bspline_mdao.movement`, or another dataclass with ``n_increments``; which number it has does not matter.
+    designs : iterable of ndarray, each of shape (n_surface, 3)
+        Surface control points (m) of the most extreme designs, such as `Parametrization.extremes`.
+
+    Returns
+    -------
+    int
+        Where no number keeps the mesh good, the one of which the worst design keeps most; the largest where the mover
+        gives up with all.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, or the mover has no number of increments.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from bspline_mdao import LinearElasticity, brick_grid, fit_grid, increments_for, moving_mesh
+    >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
+    >>> mover = LinearElasticity(mesh)
+    >>> thick, thin = (mesh.points[mesh.surface_ids] * [1.0, factor, 1.0] for factor in (1.2, 0.8))
+    >>> mover = replace(mover, n_increments=increments_for(mover, [thick, thin]))
+    >>> mover.n_increments
+    1
+    """
+    settings: Any = mover
+    if not hasattr(mover, "n_increments"):
+        raise InputError(f"movement: {type(mover).__name__} has no number of increments to choose")
+    designs, ratios = list(designs), {}
+    for number in NUMBERS:
+        ratios[number] = _worst_ratio(replace(settings, n_increments=number), designs)
+        if ratios[number] >= GOOD_RATIO:
+            return number
+    return max(reversed(NUMBERS), key=ratios.__getitem__)
+
+
+def _worst_ratio(mover: Mover, designs: list[np.ndarray]) -> float:
+    """Smallest ratio of a corner to its own on the baseline in any design; minus infinity where the mover gives up."""
+    options: dict[str, Any] = {}
+    worst = np.inf
+    for surface in designs:
+        try:
+            movement = mover.move(mover.mesh.points, surface, **options)
+        except MovementError:
+            return -np.inf
+        worst = min(worst, movement.report.increments[-1].corner_ratio)
+        start = getattr(movement, "start", None)
+        options = {} if start is None else {"start": start}  # the factor of the baseline serves all designs
+    return worst
+
+
 def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
     """Surface after increment i of m, b_srf^(i): the last ends exactly on ``stop``; one at rest stays at ``start``."""
     return stop if i == m else start + (i / m) * (stop - start)
@@ -193,19 +229,17 @@ def _between(start: np.ndarray, stop: np.ndarray, i: int, m: int) -> np.ndarray:
 class IncrementalMover(OneLine):
     """What movers share that do the same in every increment.
 
-    A leaf has the fields ``mesh`` and ``n_increments``, a number or "auto", and says what one increment does.
+    A leaf has the fields ``mesh`` and ``n_increments``, and says what one increment does.
     """
 
     mesh: MovingMesh
-    n_increments: int | str
+    n_increments: int
 
     def __post_init__(self):
         require_number(self.n_increments)
 
-    def move(self, initial: np.ndarray, surface: np.ndarray, numbers: Sequence[int] = NUMBERS) -> IncrementalMovement:
+    def move(self, initial: np.ndarray, surface: np.ndarray) -> IncrementalMovement:
         """Move points (n_points, 3) behind surface points (n_surface, 3), both in metres.
-
-        With ``n_increments="auto"`` the move tries ``numbers`` of increments in turn, see `in_increments`.
 
         Raises
         ------
@@ -216,7 +250,7 @@ class IncrementalMover(OneLine):
             point is moved far beyond what the surface does.
         """
         initial = np.array(initial, dtype=float)
-        return in_increments(self.mesh, self._step, initial, surface, self.n_increments, numbers)
+        return in_increments(self.mesh, self._step, initial, surface, self.n_increments)
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> Step:
         """Make one increment, see `in_increments`."""

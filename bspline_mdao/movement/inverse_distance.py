@@ -37,7 +37,7 @@ class InverseDistance(IncrementalMover):
         The powers a and b; the smaller one is felt far away.
     reach : float
         :math:`\alpha`; 0 leaves plain inverse-distance weights of the power a.
-    n_increments : int or "auto"
+    n_increments : int
         Increments of the move.
 
     Notes
@@ -63,7 +63,7 @@ class InverseDistance(IncrementalMover):
     mesh: MovingMesh
     exponents: tuple[int, int] = (3, 5)
     reach: float = 0.1
-    n_increments: int | str = 1
+    n_increments: int = 1
 
     def __post_init__(self):
         super().__post_init__()

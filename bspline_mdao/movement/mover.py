@@ -25,7 +25,6 @@ __all__ = [
     "Mover",
     "SolveReport",
     "Step",
-    "Trial",
     "check_reach",
     "check_request",
     "differentiable",
@@ -105,28 +104,6 @@ class IncrementReport:
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A number of increments that a move was tried with.
-
-    Parameters
-    ----------
-    n_increments : int
-        The number.
-    corner_ratio : float
-        What it makes of the elements, see `IncrementReport`; minus infinity where the mover gave up.
-    failure : str
-        Why the mover gave up; empty if it did not.
-    """
-
-    n_increments: int
-    corner_ratio: float
-    failure: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.n_increments}: {self.failure or f'{self.corner_ratio:.2g}'}"
-
-
-@dataclass(frozen=True)
 class MovementReport(OneLine):
     """What a movement did, increment by increment.
 
@@ -135,9 +112,7 @@ class MovementReport(OneLine):
     increments : tuple of IncrementReport
         In order.
     seconds : float
-        Wall clock of the whole move, with all that was tried.
-    tried : tuple of Trial
-        What was tried, in order, where the move chose the number of its increments; empty where that was given.
+        Wall clock of the whole move.
     n_invalid : int
         Elements that are invalid on the baseline, before anything moves.
     where : str
@@ -146,7 +121,6 @@ class MovementReport(OneLine):
 
     increments: tuple[IncrementReport, ...]
     seconds: float
-    tried: tuple[Trial, ...] = ()
     n_invalid: int = 0
     where: str = ""
 
@@ -212,8 +186,6 @@ class Movement(Protocol):
 class Mover(Protocol):
     """Moves the points of a mesh behind its surface.
 
-    A mover whose ``n_increments`` is "auto" also takes ``numbers`` of increments to try in turn, see
-    `bspline_mdao.movement.increments.in_increments`.
     One whose movements have a ``start`` that is not None also takes that of an earlier movement, which saves what moves
     from the same initial points share; it keeps nothing of a move itself, so that components and threads may share it.
     """

@@ -74,7 +74,7 @@ class RadialBasis(IncrementalMover):
     has_linear : bool, optional
         Whether a linear polynomial is added, with which affine displacements are reproduced; by default for the kernels
         that need it: volume, thin plate and multiquadric.
-    n_increments : int or "auto"
+    n_increments : int
         Increments of the move; each has its own dense factor, which is kept for the derivatives.
 
     References
@@ -102,7 +102,7 @@ class RadialBasis(IncrementalMover):
     kernel: str = "wendland c2"
     radius: float = 0.5
     has_linear: bool | None = None
-    n_increments: int | str = 1
+    n_increments: int = 1
 
     def __post_init__(self):
         super().__post_init__()

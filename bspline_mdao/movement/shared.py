@@ -23,12 +23,11 @@ from ..numerics.memory import available_bytes
 from ..numerics.processes import node_of, on_first, together
 from ..sparse.petsc import PetscCholesky, PetscMultigrid, has_petsc
 from .equilibrium import EquilibriumMover
-from .increments import AUTO
 from .mover import Movement, MovementReport, Mover
 
-__all__ = ["ALL_PROCESSES", "FIRST_PROCESS", "WAYS", "Placement", "SharedMovement", "shared_mover"]
+__all__ = ["ALL_PROCESSES", "AUTO", "FIRST_PROCESS", "WAYS", "Placement", "SharedMovement", "shared_mover"]
 
-FIRST_PROCESS, ALL_PROCESSES = "first", "all"
+AUTO, FIRST_PROCESS, ALL_PROCESSES = "auto", "first", "all"
 WAYS = (AUTO, FIRST_PROCESS, ALL_PROCESSES)
 """Who moves: whoever memory allows, the first process, or all together."""
 

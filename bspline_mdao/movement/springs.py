@@ -26,7 +26,7 @@ from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import add_to, dot, row, scaled
 from ..sparse.cholesky import Cholesky
 from .equilibrium import ALL, EquilibriumMover
-from .increments import AUTO
+from .increments import PAPER_INCREMENTS
 from .spring_gradients import COUNTS, N_LINEAL, N_SPRINGS, POINTS, gradient, gradient_change
 from .trilinear import add_element, add_exactly
 
@@ -51,9 +51,8 @@ class LinealSprings(_Springs):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int or "auto"
-        Number of increments; by default the first of 1, 2, 5 and 10 with which the mesh stays good, as for
-        `bspline_mdao.movement.elasticity.LinearElasticity`.
+    n_increments : int
+        Number of increments, as for `bspline_mdao.movement.elasticity.LinearElasticity`.
     power : float
         A spring of length L has the stiffness L^-power.
     solver : object
@@ -71,7 +70,7 @@ class LinealSprings(_Springs):
     """
 
     mesh: MovingMesh
-    n_increments: int | str = AUTO
+    n_increments: int = PAPER_INCREMENTS
     power: float = 1.0
     solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None
@@ -89,9 +88,8 @@ class TorsionalSprings(_Springs):
     ----------
     mesh : MovingMesh
         What is moved.
-    n_increments : int or "auto"
-        Number of increments; by default the first of 1, 2, 5 and 10 with which the mesh stays good, as for
-        `bspline_mdao.movement.elasticity.LinearElasticity`.
+    n_increments : int
+        Number of increments, as for `bspline_mdao.movement.elasticity.LinearElasticity`.
     torsion : float
         Stiffness of the torsional springs relative to that of the lineal ones.
     solver : object
@@ -110,7 +108,7 @@ class TorsionalSprings(_Springs):
     """
 
     mesh: MovingMesh
-    n_increments: int | str = AUTO
+    n_increments: int = PAPER_INCREMENTS
     torsion: float = 0.01
     solver: object = field(default_factory=Cholesky)
     keep_factors: bool | None = None

@@ -34,7 +34,7 @@ class Transfinite(IncrementalMover):
     ----------
     mesh : MovingMesh
         What is moved. A control mesh is interpolated in its parameters, other meshes by the arc length of their lines.
-    n_increments : int or "auto"
+    n_increments : int
         Increments of the move; as the weights are constant, they change nothing but the report.
 
     References
@@ -52,7 +52,7 @@ class Transfinite(IncrementalMover):
     """
 
     mesh: MovingMesh
-    n_increments: int | str = 1
+    n_increments: int = 1
 
     def _step(self, initial: np.ndarray, before: np.ndarray, surface: np.ndarray) -> InterpolatedStep:
         displacement = surface - before[self.mesh.surface_ids]

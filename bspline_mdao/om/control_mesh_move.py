@@ -16,14 +16,12 @@ from ..mesh.moving_mesh import MovingMesh
 from ..model.certify import require_valid_splines
 from ..model.fitted_model import FittedModel
 from ..model.model_share import ModelShare
-from ..movement.increments import AUTO, NUMBERS
 from ..movement.mover import Movement, MovementReport, Mover, differentiable
-from ..movement.shared import WAYS, shared_mover
+from ..movement.shared import AUTO, WAYS, shared_mover
 from ..names import (
     CONTROL_CORNER_KS,
     CONTROL_POINTS,
     CONTROL_POINTS_INITIAL,
-    N_INCREMENTS,
     SURFACE_CONTROL_POINTS,
 )
 from ..numerics.processes import on_first
@@ -68,7 +66,6 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     ``control_corner_ks``       output  (1,)                         lower bound of the corner triple products of unit
                                                                      edges, over the elements of the control mesh that
                                                                      are valid on the baseline, see `Quality`
-    ``n_increments``            output  discrete                     increments of the move
     ==========================  ======  ====================  =====  ===============================================
 
     Options
@@ -83,9 +80,6 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     certified : FittedModel or ModelShare, optional
         Model that the mesh belongs to: refuse moves with which more elements of its splines are proved invalid, between
         their control points as well, see `bspline_mdao.certify`.
-    keep_increments : bool
-        Where the mover chooses the number of its increments: never take fewer than the most that a design has needed
-        since ``setup``. Without it each design decides for itself.
     processes : {"auto", "first", "all"}
         Of several processes, which all get the same control points, who moves: the first one for all, the only one
         with a factor; all together, which share the rows of the system (elasticity and springs); or the first one
@@ -103,15 +97,8 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
 
     Notes
     -----
-    Another number of increments is another function of the inputs. With ``n_increments="auto"``, the default of linear
-    elasticity and of springs, the first design takes what it needs, a baseline one. A design whose control mesh would
-    not stay good with that makes the number grow, which a warning in the log tells, and from there on all designs take
-    it: the function jumps once, there, and is smooth before and after; earlier designs get the values of the new number
-    when they are evaluated again. A design that is refused does not count, and neither do finite differences, which
-    keep the number of the design that they start from. Derivatives are always those of the number in use, the output
-    ``n_increments``. For values that depend neither on the designs before, as in a restart, nor on which process
-    evaluates them, give the mover a number, such as that which a study ended with; for those of independent designs
-    (DOE), ``keep_increments=False`` will do.
+    The control mesh is a function of the inputs alone, whatever was evaluated before. The number of increments is a
+    setting of the mover: another one is another function; `increments_for` finds it before a run.
 
     Examples
     --------
@@ -123,8 +110,8 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
     >>> _ = problem.model.add_subsystem("body", ControlMeshMove(mover=mover), promotes=["*"])
     >>> _ = problem.setup()
     >>> problem.run_model()
-    >>> problem.get_val("control_points").size // 3, problem.get_val("n_increments")
-    (78, 1)
+    >>> problem.get_val("control_points").size // 3, problem.get_val("control_corner_ks").shape
+    (78, (1,))
     """
 
     way_of_check = SAME
@@ -137,12 +124,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self.options.declare("rho", default=100.0, desc="sharpness of the bound of the control mesh's corners")
         types, desc = (FittedModel, ModelShare, type(None)), "the model, where its splines are to be proved"
         self.options.declare("certified", types=types, default=None, recordable=False, desc=desc)
-        self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         self._last: _Move | None = None
         self._start: Any = None
         self._shared: Any = None
-        self._n_increments: int | None = None
         self._is_tangled = False
 
     @property
@@ -155,7 +140,7 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         """Declare the variables, of the sizes of the mover's mesh."""
         mesh = mesh_of(self.options["mover"], self.msginfo)
         self._mover = differentiable(self.options["mover"]) if self._use_derivatives else self.options["mover"]
-        self._last = self._start = self._shared = self._n_increments = None
+        self._last = self._start = self._shared = None
         self._is_tangled = False
         try:
             self._corners = ElementCorners.of(mesh, self.options["rho"])
@@ -165,18 +150,15 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         self.add_input(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
         self.add_output(CONTROL_POINTS, val=mesh.points.ravel(), units="m")
         self.add_output(CONTROL_CORNER_KS, desc="bound of the corner triple products of the control mesh")
-        self.add_discrete_output(N_INCREMENTS, val=0, desc="increments of the move")
         # rounding of the points and curvature of the bound weigh about the same then
         step = difference_step((mesh.points[ids] for ids in mesh.blocks), self.options["rho"])
         check_along_directions(self, step)
 
-    def compute(self, inputs, outputs, discrete_inputs=None, discrete_outputs=None):
+    def compute(self, inputs, outputs):
         """Move the control mesh, unless that was done for these inputs."""
         last = self._move_at(inputs)
         outputs[CONTROL_POINTS] = last.movement.points.ravel()
         outputs[CONTROL_CORNER_KS] = last.corners.value(last.movement.points)
-        if discrete_outputs is not None:
-            discrete_outputs[N_INCREMENTS] = last.movement.report.n_increments
 
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
         """Apply the Jacobian or its transpose at the inputs."""
@@ -209,7 +191,6 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
                 self._last = None  # a design that is refused is moved again where it is asked for again
                 require_valid_splines(self.options["certified"], last.movement.points)
                 self._last = last
-        self._count(last.movement.report)
         self._warn(last.movement.report)
         return last
 
@@ -220,33 +201,10 @@ class ControlMeshMove(CheckedOnProcesses, om.ExplicitComponent):
         return self._shared.move(initial, surface, **self._options_at(initial))
 
     def _options_at(self, initial: np.ndarray) -> dict:
-        """Options of a move: the factor of its initial points where that is there, and numbers of increments to try.
-
-        Where the mover chooses the number, it is out of those that are not given up yet.
-        """
+        """Options of a move: the factor of its initial points where that is there."""
         if self._start is not None and not np.array_equal(self._start.points, initial):
             self._start = None  # its memory serves the next one
-        options, last = {} if self._start is None else {"start": self._start}, self._n_increments
-        if getattr(self._mover, "n_increments", None) != AUTO or last is None:
-            return options
-        least = last if self.options["keep_increments"] else NUMBERS[0]
-        tried = (last,) if self.under_finite_difference else tuple(number for number in NUMBERS if number >= least)
-        return {**options, "numbers": tried}
-
-    def _count(self, report: MovementReport) -> None:
-        """Keep the number of increments of a design, and tell where it has grown."""
-        last, self._n_increments = self._n_increments, report.n_increments
-        has_grown = self.options["keep_increments"] and last is not None and report.n_increments > last
-        if has_grown and self.comm.rank == 0:
-            tried = ", ".join(map(str, report.tried))
-            _LOGGER.warning(
-                "%s: %d increments from this design on, %d before it (smallest corner by the baseline's: %s); the "
-                "control mesh, and all that follows from it, jumps here once",
-                self.msginfo,
-                report.n_increments,
-                last,
-                tried,
-            )
+        return {} if self._start is None else {"start": self._start}
 
     def _warn(self, report: MovementReport) -> None:
         """Tell of a control mesh that tangles, where that of the design before did not."""

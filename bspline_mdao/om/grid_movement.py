@@ -15,9 +15,8 @@ from ..mesh.surface import SurfaceGrid
 from ..model.model_share import ModelShare
 from ..movement.comoving import ComovingFrame
 from ..movement.elasticity import LinearElasticity
-from ..movement.increments import AUTO
 from ..movement.mover import Mover
-from ..movement.shared import WAYS
+from ..movement.shared import AUTO, WAYS
 from ..names import ALL_NAMES
 from .component import fails_together
 from .control_mesh_move import ControlMeshMove, mesh_of
@@ -74,8 +73,6 @@ class GridMovement(om.Group):
         Refuse designs that invert cells of the grid which were valid on the baseline, whether or not there are bounds
         of the quality, see `Quality`. Of a partition that is made of rows nobody knows the cells, and nothing is
         refused. What the control mesh does is no reason, see `ControlMeshMove`.
-    keep_increments : bool
-        Never take fewer increments than before, see `ControlMeshMove`.
     comoving : bool
         Let all that is fixed, such as the far field, go along with the rigid part of the surface's motion, see
         `ComovingFrame`.
@@ -129,7 +126,6 @@ class GridMovement(om.Group):
         self.options.declare("require_valid", types=bool, default=True, desc="refuse inverted cells of the grid")
         self.options.declare("comoving", types=bool, default=False, desc="outer boundaries go along")
         self.options.declare("certify", types=bool, default=False, desc="refuse splines that are proved invalid")
-        self.options.declare("keep_increments", types=bool, default=True, desc="never take fewer increments")
         self.options.declare("processes", values=WAYS, default=AUTO, desc="which of several processes move")
         desc = "fit the control points to the baseline grid"
         self.options.declare("fit", types=(bool, type(None)), default=None, desc=desc)
@@ -163,9 +159,8 @@ class GridMovement(om.Group):
             self._add("fit_surface", SurfaceControlFit(model=model, mesh=mover.mesh, **asked))
         if self.options["measures"]:
             self._add_measures(mover.mesh)
-        settings = {name: self.options[name] for name in ("keep_increments", "processes")}
         certified = model if self.options["certify"] else None
-        self._add("move", ControlMeshMove(mover=mover, certified=certified, **settings))
+        self._add("move", ControlMeshMove(mover=mover, certified=certified, processes=self.options["processes"]))
         held = {"model": model, "partition": self.options["partition"]}
         self._add("evaluate", LiveGridEvaluate(model=model) if is_live else GridEvaluate(**held, **asked))
         quality, is_judged = self.options["quality"], self.options["require_valid"] and self._has_cells()

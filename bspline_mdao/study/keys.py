@@ -128,7 +128,6 @@ STATIONS = Kind(
 )
 SLICES = Kind("three slices such as ':, :, 1:'", lambda value: _is_text(value) and _is_slice(value))
 OPTIONS = Kind("a table of options", lambda value: isinstance(value, dict))
-INCREMENTS = Kind("a whole number from 1 on, or 'auto'", lambda value: value == "auto" or _is_whole(value))
 AXES = Kind(
     "x, y and z in the order downstream, along the span, up, such as 'xzy'",
     lambda value: _is_text(value) and sorted(value) == ["x", "y", "z"],
@@ -406,7 +405,7 @@ CONSTRAINT = {
 """Tables ``[constraints.NAME]``."""
 
 MOVEMENT = {
-    "increments": Key(INCREMENTS, "increments of linear elasticity", "auto"),
+    "increments": Key(WHOLE, "increments of linear elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"),
     "poisson_ratio": Key(NUMBER, "Poisson's ratio", -0.2),
 }
 """Table ``[movement]``."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from .conditions import bare_outputs, of_conditions, weights_of
 from .expressions import is_name, names_in, renamed
-from .keys import FLOWS, MEASURES, QUALITIES, SCIPY, VARIABLES, Key
+from .keys import FLOWS, MEASURES, MOVEMENT, QUALITIES, SCIPY, VARIABLES, Key
 from .study import Study, Table
 
 __all__ = ["SCRIPT", "study_script"]
@@ -158,21 +158,34 @@ class _Script:
             for name, table in self.study.measures.items():
                 yield f"    {_measure(name, table)},"
             yield "]"
-        settings = {"n_increments": ("increments", "auto"), "poisson_ratio": ("poisson_ratio", -0.2)}
-        changed = {
-            key: self.study.movement[name]
-            for key, (name, default) in settings.items()
-            if self.study.movement[name] != default
-        }
+        yield from self._mover()
         more = "".join(
             (
                 ", measures=measures" if self.study.measures else "",
-                f", mover=bm.LinearElasticity(wing.mesh{_keywords(changed)})" if changed else "",
+                ", mover=mover",
                 f", quality={self._quality}",
                 ", fit=False",
             )
         )
         yield f"shape = wing.grid_movement(variables{more})\n"
+
+    def _mover(self) -> Iterator[str]:
+        """The mover; where its increments are not given, as many as the bounds of the variables need."""
+        movement = self.study.movement
+        settings = _keywords(_changed(movement, MOVEMENT, ("poisson_ratio",)))
+        increments = _python(movement["increments"])
+        if movement["increments"] is None:
+            yield "bounds = {"
+            for name, table in self.study.variables.items():
+                if VARIABLES[table["kind"]].made_by:
+                    ends = [_python(_at_bound(table, side)) for side in ("lower", "upper")]
+                    yield f"    {_python(name)}: ({', '.join(ends)}),"
+            yield "}"
+            yield "designs = wing.parametrization(variables).extremes(bounds)"
+            yield "# the least increments with which the control mesh stays good there: the same in every design"
+            yield f"n_increments = bm.increments_for(bm.LinearElasticity(wing.mesh{settings}), designs)"
+            increments = "n_increments"
+        yield f"mover = bm.LinearElasticity(wing.mesh, n_increments={increments}{settings})"
 
     @property
     def _quality(self) -> str:
@@ -407,6 +420,18 @@ def _n_values(variables: dict[str, Table]) -> float:
         for stations in [table.get("stations", 1 if table["kind"] in ("taper", "alpha") else np.inf)]
     ]
     return float(sum(counts))
+
+
+def _at_bound(table: Table, side: str) -> Any:
+    """Bound of all values of a variable; those that are none of the driver's stay as they are."""
+    bound, chosen = table[side], table.get("values")
+    if not chosen:
+        return bound
+    stations = table["stations"]
+    found = [VARIABLES[table["kind"]].neutral] * (len(stations) if isinstance(stations, list) else stations)
+    for value, each in zip(chosen, bound if isinstance(bound, list) else [bound] * len(chosen)):
+        found[value - 1] = each
+    return found
 
 
 def _part(table: Table, number: int) -> Table:

@@ -78,12 +78,10 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
             "min_corner",
             "corner_ratio",
         }
-    ]
-    assert found["n_increments"] == 1
-    (tried,) = found["tried"]
-    assert (tried["n_increments"], tried["failure"]) == (1, "")
-    assert 0.1 < tried["corner_ratio"] == found["increments"][-1]["corner_ratio"] < 1.0
-    assert "1 increment, chosen by what the worst corner of the control mesh keeps of its baseline: " in table
+    ] * 5
+    assert found["n_increments"] == 5
+    assert 0.1 < found["increments"][-1]["corner_ratio"] < 1.0
+    assert "5 increments" in table
     assert all(row["residual"] < 1e-12 for row in found["increments"])
     assert found["digits"] == min(row["digits"] for row in found["increments"]) > 12.0
     assert "digits of the displacements" not in table
@@ -168,13 +166,20 @@ def test_every_stiffness_moves(workplace, stiffness):
     assert run(move(*FLOOR, "--increments", "1", "--stiffness", stiffness)) == 0
 
 
-@pytest.mark.parametrize(("increments", "n_made", "n_tried"), [("auto", 10, 4), ("5", 5, 0), (None, 1, 0)])
-def test_increments_are_chosen_or_given(workplace, capsys, increments, n_made, n_tried):
-    options = [] if increments is None else ["--increments", increments]
-    mover = "transfinite" if increments is None else "elasticity"
+@pytest.mark.parametrize(
+    ("mover", "options", "n_made"),
+    [("elasticity", [], 5), ("elasticity", ["--increments", "3"], 3), ("transfinite", [], 1)],
+)
+def test_increments_are_given_or_those_of_the_mover(workplace, mover, options, n_made):
     assert run(move("--deform", "bumps=0.2,seed=3,wavelength=0.8", "--mover", mover, "--allow-invalid", *options)) == 0
     found = numbers("m.json")
-    assert (found["n_increments"], len(found["increments"]), len(found["tried"])) == (n_made, n_made, n_tried)
+    assert (found["n_increments"], len(found["increments"])) == (n_made, n_made)
+
+
+@pytest.mark.parametrize("increments", ["auto", "0", "1.5"])
+def test_what_is_no_number_of_increments_is_refused(workplace, capsys, increments):
+    assert run(move(*FLOOR, "--increments", increments)) != 0
+    assert "--increments" in capsys.readouterr().err
 
 
 def test_components_that_are_asked_for_the_same_nodes_give_the_same_grid(workplace, model):
@@ -303,9 +308,14 @@ def test_a_move_that_inverts_cells_is_refused_and_writes_nothing(workplace, caps
 @pytest.mark.parametrize(
     ("method", "options", "cause", "cure"),
     [
-        ("least_squares", [], "of 1,200 elements of the control mesh invalid before the move", "--method valid"),
+        (
+            "least_squares",
+            ["--increments", "1"],
+            "of 1,200 elements of the control mesh invalid before the move",
+            "--method valid",
+        ),
         ("valid", ["--mover", "idw"], "tangles in increment 1 of 1, element (", "take --mover elasticity or"),
-        ("valid", ["--increments", "1"], "tangles in increment 1 of 1, element (", "take --increments auto, a"),
+        ("valid", ["--increments", "1"], "tangles in increment 1 of 1, element (", "take --increments 10 or a smaller"),
     ],
 )
 def test_a_refused_move_names_a_cause_and_the_cure_works(tmp_path, monkeypatch, capsys, method, options, cause, cure):

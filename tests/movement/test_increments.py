@@ -1,19 +1,23 @@
-"""The number of increments that a move chooses: by what it needs, always the same, and in the report."""
+"""The number of increments: a setting, chosen for the most extreme designs before anything runs."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 import openmdao.api as om
 import pytest
-from mover_cases import assert_derivative_is_exact, assert_derivative_is_transposed
 
 from bspline_mdao import (
+    DesignSurface,
     LinearElasticity,
+    Span,
+    TorsionalSprings,
+    Twist,
     fit_grid,
     fit_shape,
     flat_plate_grid,
+    increments_for,
     moving_mesh,
     onera_m6_grid,
     rectangular_wing,
@@ -21,14 +25,13 @@ from bspline_mdao import (
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import report_quality
 from bspline_mdao.design.named_deformations import parse_deformation
-from bspline_mdao.errors import MovementError
+from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.movement.equilibrium import Equilibrium
 from bspline_mdao.movement.fixed_interior import FixedInterior
 from bspline_mdao.movement.increments import GOOD_RATIO, IncrementalMover
 from bspline_mdao.movement.mover import IncrementReport, MovementReport
-from bspline_mdao.names import CONTROL_POINTS, CONTROL_POINTS_INITIAL, N_INCREMENTS, SURFACE_CONTROL_POINTS
+from bspline_mdao.names import CONTROL_POINTS, SURFACE_CONTROL_POINTS
 from bspline_mdao.om.control_mesh_move import ControlMeshMove
-from bspline_mdao.om.grid_movement import GridMovement
 
 NEEDED = {30: 1, 60: 1, 90: 2, 120: 5}
 """Increments that a twist of the plate by so many degrees needs."""
@@ -58,43 +61,41 @@ def ratio_with(mesh, surface, n_increments):
     return mover.move(mesh.points, surface).report.increments[-1].corner_ratio
 
 
-# a move
+def chosen(mesh, *degrees):
+    return increments_for(LinearElasticity(mesh), [twisted(mesh, each) for each in degrees])
+
+
+# the choice
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "needed"), NEEDED.items())
-def test_a_move_takes_the_first_number_that_keeps_the_mesh_good_and_tells_what_it_tried(degrees, needed):
+def test_the_first_number_that_keeps_the_mesh_good_is_chosen(degrees, needed):
     mesh = plate_mesh()
-    surface = twisted(mesh, degrees)
-    movement = LinearElasticity(mesh).move(mesh.points, surface)
-    report = movement.report
-    assert report.n_increments == len(report.increments) == needed
-    assert [trial.n_increments for trial in report.tried] == [m for m in (1, 2, 5) if m <= needed]
-    for trial in report.tried:
-        assert trial.corner_ratio == ratio_with(mesh, surface, trial.n_increments)
-        assert (trial.corner_ratio >= GOOD_RATIO) == (trial.n_increments == needed)
-    given = LinearElasticity(mesh, n_increments=needed).move(mesh.points, surface)
-    np.testing.assert_array_equal(movement.points, given.points)
-    assert given.report.tried == ()
+    assert chosen(mesh, degrees) == needed
+    for number in (1, 2, 5):
+        assert (ratio_with(mesh, twisted(mesh, degrees), number) >= GOOD_RATIO) == (number >= needed)
 
 
 @pytest.mark.slow
-def test_the_number_does_not_depend_on_moves_before():
-    mesh, mover = plate_mesh(), LinearElasticity(plate_mesh())
-    for degrees in (120, 30, 90, 120, 60):
-        assert mover.move(mesh.points, twisted(mesh, degrees)).report.n_increments == NEEDED[degrees]
+def test_the_worst_of_all_designs_counts_in_any_order_and_whatever_number_the_mover_has():
+    mesh = plate_mesh()
+    assert chosen(mesh, 30, 120, 90) == chosen(mesh, 120, 90, 30) == NEEDED[120]
+    designs = [twisted(mesh, degrees) for degrees in (30, -90)]
+    assert {increments_for(LinearElasticity(mesh, n_increments=m), designs) for m in (1, 3, 10)} == {NEEDED[90]}
+
+
+def test_no_design_needs_more_than_one_increment():
+    assert chosen(plate_mesh()) == 1
 
 
 @pytest.mark.slow
 def test_where_no_number_keeps_the_mesh_good_the_best_is_taken():
     mesh = plate_mesh()
     surface = twisted(mesh, 170)
-    report = LinearElasticity(mesh).move(mesh.points, surface).report
     ratios = {m: ratio_with(mesh, surface, m) for m in (1, 2, 5, 10)}
-    assert [trial.n_increments for trial in report.tried] == list(ratios)
     assert max(ratios.values()) < GOOD_RATIO
-    assert report.increments[-1].corner_ratio == max(ratios.values())
-    assert report.tangling
+    assert ratios[chosen(mesh, 170)] == max(ratios.values())
 
 
 def test_elements_that_were_folded_before_the_move_are_named_as_the_likely_cause():
@@ -109,7 +110,7 @@ class Fragile(IncrementalMover):
     """Gives up when the surface goes too far at once."""
 
     mesh: object
-    n_increments: int | str = "auto"
+    n_increments: int = 1
     farthest: float = 0.02
 
     def _step(self, initial, before, surface):
@@ -118,43 +119,65 @@ class Fragile(IncrementalMover):
         return FixedInterior(self.mesh)._step(initial, before, surface)
 
 
-@pytest.mark.slow
-def test_more_increments_are_tried_where_a_mover_gives_up_and_the_error_names_the_increment():
+def test_more_increments_are_chosen_where_a_mover_gives_up_and_the_most_where_it_does_with_all():
     mesh = plate_mesh()
     surface = mesh.points[mesh.surface_ids] + [0.0, 0.03, 0.0]
-    report = Fragile(mesh).move(mesh.points, surface).report
-    assert [(trial.n_increments, trial.failure) for trial in report.tried] == [
-        (1, "increment 1 of 1: fragile: too far"),
-        (2, ""),
-    ]
+    assert increments_for(Fragile(mesh), [surface]) == 2
+    assert increments_for(Fragile(mesh, farthest=1e-4), [surface]) == 10
     with pytest.raises(MovementError, match="increment 1 of 10: fragile: too far"):
-        Fragile(mesh, farthest=1e-4).move(mesh.points, surface)
+        Fragile(mesh, n_increments=10, farthest=1e-4).move(mesh.points, surface)
+
+
+def test_what_has_no_number_of_increments_is_refused():
+    @dataclass(frozen=True)
+    class Other:
+        mesh: object
+
+    with pytest.raises(InputError, match="Other has no number of increments to choose"):
+        increments_for(Other(plate_mesh()), [])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degrees", [60, 90, 120])
-def test_derivatives_are_exact_for_the_number_in_use(degrees):
-    mesh, mover = plate_mesh(), LinearElasticity(plate_mesh())
-    surface = twisted(mesh, degrees)
-    assert_derivative_is_transposed(mover.move(mesh.points, surface))
-    scale = 0.01 * np.ones((mesh.n_points, 1))
-    assert_derivative_is_exact(mover, mesh.points, surface, scale=scale, tolerance=1e-7)
-
-
-def test_what_is_tried_before_costs_no_more_than_a_quarter(monkeypatch):
-    """Factorisations count: of a later move, and of a first one."""
+def test_the_baseline_is_factorised_once_for_all_designs(monkeypatch):
     mesh, made, factorized = plate_mesh(), [], Equilibrium.factorized
     monkeypatch.setattr(Equilibrium, "factorized", lambda *arguments: made.append(1) or factorized(*arguments))
+    assert chosen(mesh, 30, -30, 60) == 1
+    assert len(made) == 1
 
-    def counts(mover):
-        made.clear()
-        first = mover.move(mesh.points, twisted(mesh, 30))  # makes the factor of the baseline
-        mover.move(mesh.points, twisted(mesh, 120), start=first.start)
-        return len(made)
 
-    assert counts(LinearElasticity(mesh, n_increments=5)) == 1 + 2 * 4
-    assert counts(LinearElasticity(mesh)) == 1 + 0 + (1 + 4)
-    assert counts(LinearElasticity(mesh, n_increments=1)) == 1
+# extremes
+
+
+def shape_of_plate():
+    wing = DesignSurface.of(plate())
+    variables = [Twist("twist", wing.axis, stations=3), Span("span", wing.axis)]
+    return wing.parametrization(variables), wing.mesh.points[wing.mesh.surface_ids]
+
+
+def test_extremes_are_each_variable_at_its_bounds_and_then_all_of_them():
+    shape, surface = shape_of_plate()
+    found = list(shape.extremes({"twist": ([0.0, -3.0, -9.0], 5.0), "span": (0.8, [1.5])}))
+    twists, spans = ([0.0, -3.0, -9.0], [5.0, 5.0, 5.0]), ([0.8], [1.5])
+    still = {"twist": np.zeros(3), "span": np.ones(1)}
+    expected = []
+    for twist, span in zip(map(np.array, twists), map(np.array, spans)):
+        expected += [{**still, "twist": twist}, {**still, "span": span}, {"twist": twist, "span": span}]
+    assert len(found) == len(expected)
+    for points, values in zip(found, expected):
+        np.testing.assert_array_equal(points, shape.apply(surface, values))
+    assert len(list(shape.extremes({"span": (0.8, 1.5)}))) == 2
+
+
+@pytest.mark.parametrize(
+    ("bounds", "message"),
+    [
+        ({"sweep": (0.0, 1.0)}, "no variable is called 'sweep'; there are twist, span"),
+        ({"twist": ([0.0, 1.0], 1.0)}, r"bounds of 'twist' are of shape \(2,\); give a number, or shape \(3,\)"),
+    ],
+)
+def test_bounds_that_fit_no_variable_are_refused(bounds, message):
+    with pytest.raises(InputError, match=message):
+        list(shape_of_plate()[0].extremes(bounds))
 
 
 # the three morphs
@@ -169,7 +192,9 @@ def test_a_wing_changes_shape_in_one_increment_or_two_and_no_cell_inverts(reques
         surface = fit_shape(model, mesh.surface_ids, rectangular_wing())
     else:
         surface = parse_deformation(request_, model, mesh).apply(mesh.points[mesh.surface_ids])
-    movement = LinearElasticity(mesh).move(mesh.points, surface)
+    mover = LinearElasticity(mesh)
+    mover = replace(mover, n_increments=increments_for(mover, [surface]))
+    movement = mover.move(mesh.points, surface)
     assert movement.report.n_increments <= most
     quality = GridQuality.of_baseline(model.regenerate())
     nodes = model.regenerate(movement.points).to_vector().reshape(-1, 3)
@@ -179,10 +204,9 @@ def test_a_wing_changes_shape_in_one_increment_or_two_and_no_cell_inverts(reques
 # the component
 
 
-def problem_of(mover=None, **options):
+def problem_of(mover):
     problem = om.Problem(reports=False)
-    move = ControlMeshMove(mover=mover or LinearElasticity(plate_mesh()), **options)
-    problem.model.add_subsystem("move", move, promotes=["*"])
+    problem.model.add_subsystem("move", ControlMeshMove(mover=mover), promotes=["*"])
     problem.setup()
     return problem
 
@@ -190,137 +214,37 @@ def problem_of(mover=None, **options):
 def run_at(problem, degrees):
     problem.set_val(SURFACE_CONTROL_POINTS, twisted(plate_mesh(), degrees).ravel())
     problem.run_model()
-    return problem.get_val(CONTROL_POINTS).copy(), problem.get_val(N_INCREMENTS)
-
-
-def test_the_number_of_a_problem_only_grows_and_earlier_designs_follow(caplog):
-    problem, numbers = problem_of(), []
-    for degrees in (0, 30, 90, 60, 120, 30):
-        points, number = run_at(problem, degrees)
-        numbers.append(number)
-        fresh, _ = run_at(problem_of(LinearElasticity(plate_mesh(), n_increments=number)), degrees)
-        np.testing.assert_array_equal(points, fresh)
-    assert numbers == [1, 1, 2, 2, 5, 5]
-    messages = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert len(messages) == 2
-    assert "'move' <class ControlMeshMove>: 2 increments from this design on, 1 before it" in messages[0]
-    problem.setup()
-    assert run_at(problem, 30)[1] == 1
-
-
-def test_designs_decide_for_themselves_where_that_is_wanted(caplog):
-    problem = problem_of(keep_increments=False)
-    assert [run_at(problem, degrees)[1] for degrees in (120, 30, 90)] == [5, 1, 2]
-    group = om.Problem(GridMovement(model=plate(), fit=False, quality=False, keep_increments=False), reports=False)
-    group.setup()
-    assert not group.model.move.options["keep_increments"]
+    bar = np.random.default_rng(3).normal(size=plate_mesh().points.size)
+    product = problem.compute_jacvec_product([CONTROL_POINTS], [SURFACE_CONTROL_POINTS], "rev", {CONTROL_POINTS: bar})
+    return problem.get_val(CONTROL_POINTS).copy(), product[SURFACE_CONTROL_POINTS]
 
 
 @pytest.mark.slow
-def test_totals_are_those_of_the_number_in_use_before_and_after_it_grows():
-    problem, rng = problem_of(), np.random.default_rng(0)
-    mesh = plate_mesh()
-    bar = rng.normal(size=mesh.points.size)
-    for degrees, number in ((60, 1), (90, 2), (60, 2)):
-        run_at(problem, degrees)
-        product = problem.compute_jacvec_product(
-            [CONTROL_POINTS], [SURFACE_CONTROL_POINTS], "rev", {CONTROL_POINTS: bar}
-        )
-        given = LinearElasticity(mesh, n_increments=number).move(mesh.points, twisted(mesh, degrees))
-        exact = given.vjp(bar.reshape(-1, 3))[1]
-        np.testing.assert_array_equal(product[SURFACE_CONTROL_POINTS], exact.ravel())
-    totals = problem.compute_totals([CONTROL_POINTS], [SURFACE_CONTROL_POINTS])
-    assert np.abs(totals[CONTROL_POINTS, SURFACE_CONTROL_POINTS]).max() > 0.1
-
-
-def test_a_product_at_a_design_of_before_is_of_the_number_in_use():
-    problem, mesh = problem_of(), plate_mesh()
-    for degrees in (60, 90):
-        run_at(problem, degrees)
-    d_surface = np.random.default_rng(1).normal(size=3 * len(mesh.surface_ids))
-    d_outputs = {CONTROL_POINTS: np.zeros(mesh.points.size)}
-    inputs = {CONTROL_POINTS_INITIAL: mesh.points.ravel(), SURFACE_CONTROL_POINTS: twisted(mesh, 60).ravel()}
-    problem.model.move.compute_jacvec_product(inputs, {SURFACE_CONTROL_POINTS: d_surface}, d_outputs, "fwd")
-    given = LinearElasticity(mesh, n_increments=2).move(mesh.points, twisted(mesh, 60))
-    exact = given.jvp(np.zeros_like(mesh.points), d_surface.reshape(-1, 3))
-    np.testing.assert_array_equal(d_outputs[CONTROL_POINTS], exact.ravel())
+@pytest.mark.parametrize("kind", [LinearElasticity, TorsionalSprings])
+def test_the_control_mesh_and_its_derivative_are_functions_of_the_design_alone(kind):
+    """Whatever was evaluated before, and whatever the mesh is like: no number jumps."""
+    problem = problem_of(kind(plate_mesh()))
+    fresh = {degrees: run_at(problem_of(kind(plate_mesh())), degrees) for degrees in (0, 30, 120)}
+    for degrees in (30, 120, 0, 30, 120):
+        for found, expected in zip(run_at(problem, degrees), fresh[degrees]):
+            np.testing.assert_array_equal(found, expected)
+        assert problem.model.move.report.n_increments == 5
 
 
 def largest_good_angle(mesh):
-    """Angle, within 1e-9 degrees, up to which one increment keeps the plate good."""
+    """Angle, within 1e-7 degrees, up to which one increment keeps the plate good."""
     low, high = 60.0, 90.0
-    while high - low > 1e-9:
+    while high - low > 1e-7:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if ratio_with(mesh, twisted(mesh, middle), 1) >= GOOD_RATIO else (low, middle)
     return low
 
 
-def twist_problem(driver=None, mover=None):
-    """The plate turned by one number; the objective is how far it is from two increments by 95 degrees."""
-    problem, mesh = om.Problem(driver=driver, reports=False), plate_mesh()
-
-    class Turn(om.ExplicitComponent):
-        def setup(self):
-            self.add_input("angle", 0.0)
-            self.add_output(SURFACE_CONTROL_POINTS, twisted(mesh, 0.0).ravel(), units="m")
-            self.declare_partials("*", "*", method="cs")
-
-        def compute(self, inputs, outputs):
-            outputs[SURFACE_CONTROL_POINTS] = twisted(mesh, inputs["angle"]).ravel()
-
-    problem.model.add_subsystem("turn", Turn(), promotes=["*"])
-    problem.model.add_subsystem("move", ControlMeshMove(mover=mover or LinearElasticity(mesh)), promotes=["*"])
-    target = LinearElasticity(mesh, n_increments=2).move(mesh.points, twisted(mesh, 95)).points.ravel()
-    miss = om.ExecComp("f = sum((b - target)**2)", b={"shape": target.size, "units": "m"}, target=target)
-    problem.model.add_subsystem("miss", miss, promotes=[("b", CONTROL_POINTS), "f"])
-    problem.model.add_design_var("angle", lower=0.0, upper=105.0, ref=50.0)
-    problem.model.add_objective("f")
-    problem.setup()
-    return problem
-
-
 @pytest.mark.slow
-def test_finite_differences_across_the_angle_at_which_the_number_grows_are_of_one_number():
-    problem = twist_problem()
-    problem.set_val("angle", largest_good_angle(plate_mesh()))
-    problem.run_model()
-    assert problem.get_val(N_INCREMENTS) == 1
-    exact = problem.compute_totals(["f"], ["angle"])["f", "angle"].item()
-    problem.model.approx_totals(method="fd", step=1e-4, form="central")
-    differences = problem.compute_totals(["f"], ["angle"])["f", "angle"].item()
-    assert differences == pytest.approx(exact, rel=1e-5)
-    assert problem.get_val(N_INCREMENTS) == 1
-
-
-@pytest.mark.slow
-def test_an_optimisation_goes_on_where_the_number_grows_and_records_it(tmp_path):
-    problem = twist_problem(om.ScipyOptimizeDriver(optimizer="SLSQP", tol=1e-12, disp=False))
-    problem.driver.add_recorder(om.SqliteRecorder(str(tmp_path / "cases.sql")))
-    problem.driver.recording_options["includes"] = ["*"]
-    problem.set_val("angle", 40.0)
-    assert problem.run_driver().success
-    assert problem.get_val("angle").item() == pytest.approx(95.0, abs=1e-4)
-    problem.cleanup()
-    reader = om.CaseReader(str(tmp_path / "cases.sql"))
-    numbers = [reader.get_case(name).get_val(N_INCREMENTS) for name in reader.list_cases("driver", out_stream=None)]
-    assert numbers == sorted(numbers)
-    assert {1, 2} <= set(numbers)
-    restart = twist_problem(mover=LinearElasticity(plate_mesh(), n_increments=numbers[-1]))
-    restart.set_val("angle", problem.get_val("angle"))
-    restart.run_model()
-    np.testing.assert_array_equal(restart.get_val("f"), problem.get_val("f"))
-
-
-def test_cases_of_a_study_do_not_depend_on_their_order_where_each_decides_for_itself():
-    values = []
-    for angles in ((40.0, 95.0, 60.0), (95.0, 60.0, 40.0)):
-        problem = twist_problem()
-        problem.model.move.options["keep_increments"] = False
-        found = {}
-        for angle in angles:
-            problem.set_val("angle", angle)
-            problem.run_model()
-            found[angle] = (problem.get_val("f").item(), problem.get_val(N_INCREMENTS))
-        values.append(found)
-    assert values[0] == values[1]
-    assert [number for _, number in values[0].values()] == [1, 2, 1]
+def test_the_control_mesh_does_not_jump_where_one_increment_begins_to_be_too_few():
+    mesh, mover = plate_mesh(), LinearElasticity(plate_mesh())
+    angle, step = largest_good_angle(mesh), 1e-5
+    assert [chosen(mesh, angle + side * step) for side in (-1, 1)] == [1, 2]
+    low, middle, high = (mover.move(mesh.points, twisted(mesh, angle + side * step)).points for side in (-1, 0, 1))
+    assert 1e-8 < np.abs(high - low).max() < 1e-5
+    assert np.abs(high - 2.0 * middle + low).max() < 1e-10

@@ -138,6 +138,32 @@ def test_the_script_names_files_as_seen_from_its_folder(tmp_path):
     assert max(map(len, script.splitlines())) <= 120
 
 
+@pytest.mark.parametrize(
+    ("more", "bounds"),
+    [
+        ("", "(-6.0, 6.0)"),
+        ("values = [3, 2]\n", "([0.0, -6.0, -6.0], [0.0, 6.0, 6.0])"),
+        ("upper = [1.0, 2.0]\nvalues = [1, 3]\n", "([-6.0, 0.0, -6.0], [1.0, 0.0, 2.0])"),
+    ],
+)
+def test_the_script_chooses_increments_at_the_bounds_of_what_moves(tmp_path, more, bounds):
+    text = STUDY.replace("upper = 6.0\n", more if "upper" in more else f"upper = 6.0\n{more}", 1)
+    script = study_script(study_of(tmp_path, text), tmp_path)
+    assert f'bounds = {{\n    "twist": {bounds},\n}}\n' in script
+    assert "n_increments = bm.increments_for(bm.LinearElasticity(wing.mesh), designs)\n" in script
+    assert "mover = bm.LinearElasticity(wing.mesh, n_increments=n_increments)\n" in script
+    compile(script, "script", "exec")
+
+
+def test_the_script_takes_the_increments_and_the_ratio_of_the_study(tmp_path):
+    movement = "[movement]\nincrements = 3\npoisson_ratio = 0.1\n"
+    script = study_script(study_of(tmp_path, f"{STUDY}\n{movement}"), tmp_path)
+    assert "mover = bm.LinearElasticity(wing.mesh, n_increments=3, poisson_ratio=0.1)\n" in script
+    assert "increments_for" not in script
+    script = study_script(study_of(tmp_path, f"{STUDY}\n{movement.replace('increments = 3', '')}"), tmp_path)
+    assert "increments_for(bm.LinearElasticity(wing.mesh, poisson_ratio=0.1), designs)\n" in script
+
+
 def test_options_of_drivers_that_keys_set_are_theirs():
     options = NLoptDriver().options
     assert {"optimizer", "ftol_rel", "maxeval"} <= set(options)
