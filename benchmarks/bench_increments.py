@@ -2,9 +2,9 @@
 
 Three changes of shape: the rectangular wing of section IV, a bend of the whole span by 60 degrees, and a twist by 30
 degrees with 1.5 times the span. A *later* move starts from initial points whose factor is there and counts with the
-evaluation of all nodes; the *choice* of the number is made once, before a run. Seconds of the process on one thread, and
-of the wall clock on all of them, the shortest of ``--repeats``; IDWarp's are those of the same grid in the docs, one
-process.
+evaluation of all nodes; the *choice* of the number is made once, before a run. Seconds of the process on one thread,
+and of the wall clock on all of them, the shortest of ``--repeats``; IDWarp's are those of the same grid in the docs,
+one process.
 """
 
 from __future__ import annotations

@@ -159,15 +159,8 @@ class _Script:
                 yield f"    {_measure(name, table)},"
             yield "]"
         yield from self._mover()
-        more = "".join(
-            (
-                ", measures=measures" if self.study.measures else "",
-                ", mover=mover",
-                f", quality={self._quality}",
-                ", fit=False",
-            )
-        )
-        yield f"shape = wing.grid_movement(variables{more})\n"
+        measured = ", measures=measures" if self.study.measures else ""
+        yield f"shape = wing.grid_movement(variables{measured}, mover=mover, quality={self._quality}, fit=False)\n"
 
     def _mover(self) -> Iterator[str]:
         """The mover; where its increments are not given, as many as the bounds of the variables need."""
