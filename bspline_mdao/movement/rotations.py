@@ -45,11 +45,12 @@ from .young_modulus import InverseVolumeLaw
 
 __all__ = ["RotatedMovement", "RotatedStart", "Rotations"]
 
-OF_DISPLACEMENTS = InverseVolumeLaw()
-"""Modulus of the system of displacements: 1 / V."""
+OF_DISPLACEMENTS = InverseVolumeLaw(shape=0.25)
+"""Modulus of the system of displacements: what is small or has flat corners from the start keeps its shape."""
 
-OF_ROTATIONS = InverseVolumeLaw(1.0 / 3.0)
-"""Modulus of the extension of rotations: V^-1/3. With 1 / V all that is far from the surface turns with it at once."""
+OF_ROTATIONS = InverseVolumeLaw(power=0.1)
+"""Modulus of the extension of rotations: with more, all turns with the surface that is near to it, and at once with the
+far field beyond; with none, what is about the edges of tips turns too little."""
 
 HARMONIC = (1.0, 0.0, 0.0)
 """Law of the extension, see `bspline_mdao.movement.guided_gradients`."""

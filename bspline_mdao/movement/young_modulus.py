@@ -113,29 +113,33 @@ class OrthogonalityLaw(_CornerLaw):
 
 @dataclass(frozen=True)
 class InverseVolumeLaw(_CornerLaw):
-    """E = V^-power: small elements are stiff.
+    """E = V^-power Q^-shape: small elements are stiff, and by choice also those that are ill-shaped as they are.
 
     Parameters
     ----------
     power : float
-        Exponent.
+        Exponent of the volume.
+    shape : float
+        Exponent of the orthogonality Q, Eq. (9): none by default.
 
     Examples
     --------
     >>> from bspline_mdao import InverseVolumeLaw, LinearElasticity, brick_grid, fit_grid, moving_mesh
     >>> mesh = moving_mesh(fit_grid(brick_grid((5, 5, 5, 5))))
     >>> LinearElasticity(mesh, stiffness=InverseVolumeLaw(power=1.0)).stiffness
-    InverseVolumeLaw(power=1)
+    InverseVolumeLaw(power=1, shape=0)
     """
 
     power: float = 1.0
+    shape: float = 0.0
 
     def modulus(self, mesh, initial, points):
         """Modulus of every element, see `StiffnessLaw.modulus`."""
-        return np.exp(-self.power * RegularisedMeasures.at(mesh, points).log_volume)
+        measures = RegularisedMeasures.at(mesh, points)
+        return np.exp(-self.power * measures.log_volume - self.shape * measures.log_orthogonality)
 
     def _log_gradients(self, mesh, initial, points):
-        return None, RegularisedMeasures.at(mesh, points).gradient(0.0, -self.power)
+        return None, RegularisedMeasures.at(mesh, points).gradient(-self.shape, -self.power)
 
 
 @dataclass(frozen=True)

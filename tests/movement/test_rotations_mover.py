@@ -1,5 +1,6 @@
 """What the mover with rotations alone is to do: large angles at once, without memory."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,10 +17,14 @@ from mover_cases import (
 from scipy.spatial.transform import Rotation
 from test_slivers import C_GRID, lost_in_differences, lost_in_products, noise, pitched, plate_in_its_wake, section
 
+from bspline_mdao.errors import InputError
+from bspline_mdao.movement.element_rotations import ElementRotations
 from bspline_mdao.movement.guided_gradients import GuidedElements
 from bspline_mdao.movement.rotations import Rotations
+from bspline_mdao.movement.trilinear import SLOPES
 from bspline_mdao.movement.young_modulus import InverseVolumeLaw
 from bspline_mdao.testing import central_difference
+from bspline_mdao.walls.polar import nearest_rotations
 
 LAW = (0.7, -0.2, 0.6)
 
@@ -39,9 +44,9 @@ def twisted(points, angle):
 
 def guided(seed=0):
     """Crooked elements, a guidance, and a field."""
-    mesh, random = crooked_box(is_collapsed=True), np.random.default_rng(seed)
+    mesh, random = crooked_box(is_collapsed=seed == 0), np.random.default_rng(seed)
     points = mesh.points + 0.05 * random.normal(size=mesh.points.shape)
-    elements = GuidedElements.of(mesh, InverseVolumeLaw(), LAW, points)
+    elements = GuidedElements.of(mesh, InverseVolumeLaw(shape=0.5), LAW, points)
     return elements, random.normal(size=elements.guidance.shape), random.normal(size=(2, *points.shape))
 
 
@@ -85,6 +90,57 @@ def test_derivatives_of_the_force_of_guided_elements_are_exact_and_transposed():
     assert abs(forward - reverse) < 1e-13 * np.linalg.norm(bar) * np.linalg.norm(change)
 
 
+def strained(strength=0.2, n_folded=0):
+    """Elements, and a displacement in two parts that turns and strains them all, and mirrors some."""
+    elements, random = guided(seed=1)[0], np.random.default_rng(4)
+    turn = Rotation.from_rotvec([0.3, -0.8, 1.1]).as_matrix()
+    points = elements.points + strength * random.normal(size=elements.points.shape)
+    for element in elements.mesh.elements[:: len(elements.modulus) // 3][:n_folded]:
+        points[element, 2] = 2.0 * points[element, 2].mean() - points[element, 2]
+    displacement = points @ turn.T - elements.points
+    return elements, np.stack([0.9 * displacement, 0.1 * displacement])
+
+
+def mean_gradients(elements, parts):
+    """I and the mean gradient of every element."""
+    seen = []
+    for corners in elements.mesh.elements:
+        f = np.einsum("gia,ad->gid", SLOPES, elements.points[corners])
+        u = np.einsum("gia,ad->gid", SLOPES, parts.sum(axis=0)[corners])
+        seen.append(np.eye(3) + np.mean(np.linalg.solve(f, u), axis=0).T)
+    return np.array(seen)
+
+
+@pytest.mark.parametrize("n_folded", [0, 3])
+def test_rotations_of_elements_are_the_nearest_to_their_mean_gradients_folded_or_not(n_folded):
+    elements, parts = strained(n_folded=n_folded)
+    rotations, seen = ElementRotations.of(elements, parts).matrices, mean_gradients(elements, parts)
+    u, _, v = np.linalg.svd(seen)
+    flip = np.sign(np.linalg.det(u @ v))
+    is_found = np.empty(len(seen), dtype=bool)
+    nearest_rotations(0, len(seen), seen, np.empty_like(seen), is_found)
+    assert (~is_found).any() == (n_folded > 0)
+    u[:, :, 2] *= flip[:, None]
+    np.testing.assert_allclose(rotations, u @ v, atol=1e-8)
+
+
+def test_derivatives_of_the_rotations_of_elements_are_exact_and_transposed_folded_or_not():
+    elements, parts = strained(n_folded=3)
+    at, random = ElementRotations.of(elements, parts), np.random.default_rng(5)
+    d_points, d_parts = random.normal(size=elements.points.shape), random.normal(size=parts.shape)
+
+    def rotations(t):
+        moved = replace(elements, points=elements.points + t * d_points)
+        return ElementRotations.of(moved, parts + t * d_parts).matrices
+
+    change, bar = at.jvp(d_points, d_parts), random.normal(size=at.matrices.shape)
+    difference = central_difference(rotations, 1e-5, levels=2)
+    np.testing.assert_allclose(difference, change, atol=1e-7 * np.abs(change).max())
+    points_bar, parts_bar = at.vjp(bar)
+    reverse = (points_bar * d_points).sum() + (parts_bar.sum(axis=0) * d_parts.sum(axis=0)).sum()
+    assert abs((bar * change).sum() - reverse) < 1e-12 * np.linalg.norm(bar) * np.linalg.norm(change)
+
+
 @pytest.mark.parametrize("angle", [1e-7, 30.0, 90.0, 179.99999, 180.0, 270.0, 359.0])
 def test_a_rigid_motion_of_the_boundary_is_followed_at_any_angle(angle):
     mesh, axis = enclosed(), np.array([2.0, -3.0, 6.0]) / 7.0
@@ -93,6 +149,12 @@ def test_a_rigid_motion_of_the_boundary_is_followed_at_any_angle(angle):
     movement = Rotations(mesh).move(mesh.points, moved[mesh.surface_ids])
     assert np.abs(movement.points - moved).max() < 1e-13 * mesh.size
     assert_derivative_is_transposed(movement)
+
+
+@pytest.mark.parametrize("n_repetitions", [-1, 1.5, True, None])
+def test_what_is_no_number_of_repetitions_is_refused(n_repetitions):
+    with pytest.raises(InputError, match=r"rotations: .* repetitions; give a whole number from 0"):
+        Rotations(channel(), n_repetitions=n_repetitions)
 
 
 @pytest.mark.parametrize("is_oblique", [False, True])

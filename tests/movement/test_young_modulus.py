@@ -14,7 +14,7 @@ from bspline_mdao.movement.young_modulus import (
 )
 from bspline_mdao.testing import central_difference
 
-LAWS = [OrthogonalityLaw(), InverseVolumeLaw(), InverseVolumeLaw(0.5), WallDistanceLaw(1.5), ConstantLaw()]
+LAWS = [OrthogonalityLaw(), InverseVolumeLaw(), InverseVolumeLaw(0.5, shape=1.5), WallDistanceLaw(1.5), ConstantLaw()]
 
 
 def two_states(mesh, amount=0.05):
