@@ -24,7 +24,7 @@ import bspline_mdao as bm
 from bspline_mdao.cells.first_cells import FirstCells
 from bspline_mdao.cells.grid_quality import GridQuality
 from bspline_mdao.cells.report import judge_move
-from bspline_mdao.fit.surface_fit import SurfaceFitOperator
+from bspline_mdao.fit.surface_fit import SurfaceFollower
 from bspline_mdao.io.patch_guess import with_guessed_patches
 from bspline_mdao.movement.wall_inverse_distance import move_nodes
 from bspline_mdao.plotting import draw_first_heights, draw_wall_cells
@@ -110,7 +110,7 @@ class Splines:
             moved = mover.move(points, asked.apply(points[self.mesh.surface_ids])).points
             return model.regenerate(moved).to_vector().reshape(-1, 3)
         wall = asked.apply_to_nodes(surface.points, surface.on_planes(model))
-        moved = mover.move(points, SurfaceFitOperator.of(model, self.mesh, surface).at(wall)).points
+        moved = mover.move(points, SurfaceFollower.of(model, self.mesh, surface).at(wall).control_points).points
         return grid_map.at(moved, WallCorrection.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
 
     def off_rigid(self) -> float:

@@ -22,7 +22,7 @@ from ..cells.report import InvertedCell, QualityReport, inverted_cells, report_q
 from ..design.deformation import Deformation
 from ..design.named_deformations import PrescribedPoints, parse_deformation
 from ..errors import InputError, MovementError
-from ..fit.surface_fit import SurfaceFitOperator, SurfaceMiss
+from ..fit.surface_fit import SurfaceFollower, SurfaceMiss
 from ..io.disk import replaced_file
 from ..io.files import check_grid_name, write_grid
 from ..mesh.boundary import moving_mesh
@@ -208,7 +208,7 @@ def _surface_points(
         return deformation.apply(model.control_points[mesh.surface_ids])
     surface = SurfaceGrid.of(model, patches or None)
     wall = deformation.apply_to_nodes(surface.points, surface.on_planes(model))
-    return SurfaceFitOperator.of(model, mesh, surface).at(wall)
+    return SurfaceFollower.of(model, mesh, surface).at(wall).control_points
 
 
 def _is_given(deformation: Deformation) -> bool:

@@ -1,13 +1,17 @@
 """Surface control points of a fitted model for given surface nodes, where the nodes are those of no spline as well.
 
-What the nodes w have moved is fitted as the grid was (section II.D: corners, edges and faces in turn, with the model's
-own parameters, knots and candidates), and added to the control points:
+- `fit_surface` fits what the nodes have moved as the grid was fitted (section II.D: corners, edges and faces in turn,
+  with the model's own parameters, knots and candidates), and adds it to the control points. It sets up the moves of
+  section IV.
+- `SurfaceFollower` is what moves of grids with boundary layers take. With Q the iterated quasi-interpolant of
+  `.quasi_interpolant`, s0 and w0 control points and nodes of the baseline, and R the rotation of the rigid motion that
+  is nearest to that of the nodes w (`bspline_mdao.walls.rigid_part`), it is
 
-    s = s0 + L (w - w0).
+      s = Q w + R (s0 - Q w0).
 
-L is linear and fixed. It keeps control points whose nodes have not moved, and follows motions and stretches of the
-whole surface exactly, since L w0 = s0. What control points cannot represent of w is left to who places the nodes
-(`bspline_mdao.walls.wall_correction`): control points that chased it would fold the mesh at kinks.
+  Rigid motions are followed exactly, and nodes at rest keep their control points. Q does not swing about kinks and
+  narrow edges, as least squares do, so that the control mesh behind them does not fold; what it misses of the nodes is
+  left to who places them (`bspline_mdao.walls.wall_correction`).
 
 Theory: ``docs/theory/fit.rst``.
 """
@@ -26,11 +30,13 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
 from ..model.fitted_model import FittedModel
+from ..model.records import CANDIDATES
 from ..shown import OneLine
 from ..sparse.spring_network import SpringNetwork
 from ..topology.index_space import Window, block_rows
 from ..topology.sharing import node_sharing
 from ..topology.topology import Topology
+from ..walls.rigid_part import RigidMotion, RigidPart
 from .least_squares import FitOperator
 from .problem import problem_of_mesh
 
@@ -39,6 +45,11 @@ LOGGER = logging.getLogger(__name__)
 
 NOTABLE_MISS = 1e-3
 """A surface that misses its target by more than this fraction of its size is a warning in the log."""
+
+
+SMOOTH = CANDIDATES.index("quasi_interpolant_2")
+"""The quasi-interpolant whose control points follow nodes: with more iterations they swing about kinks (a bend of 90
+degrees of an H-H wing leaves 107, 86 and 51 folded control elements with 8, 4 and 2), with none they cut corners."""
 
 
 @dataclass(frozen=True)
@@ -187,15 +198,15 @@ def _fit_of_surface(model: FittedModel, surface_ids: np.ndarray) -> tuple[FitOpe
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceFitOperator:
-    """The linear map from moves of surface nodes to those of surface control points. Made by `SurfaceFitOperator.of`.
+class SurfaceFollower:
+    """Surface control points that follow surface nodes smoothly. Made by `SurfaceFollower.of`.
 
     Parameters
     ----------
-    operator : FitOperator
-        Fit of the control points of the surface.
+    quasi : FitOperator
+        Quasi-interpolant, from the nodes of the grid to the control points.
     mesh : MovingMesh
-        Its surface points are those that are fitted; those in planes of symmetry stay in them.
+        Its surface points are those that follow; those in planes of symmetry stay in them.
     baseline : ndarray, shape (n, 3)
         The nodes that are given, on the baseline (m).
     means : csr_array, shape (n_points, n)
@@ -204,28 +215,34 @@ class SurfaceFitOperator:
         Moves of nodes that are not given, between those of their neighbours; None where all are.
     rows, numbers : ndarray of int, shape (n_rows,)
         Rows in the grid vector of the surface's nodes, copies included, and the node of the surface that each is.
+    rigid : RigidPart
+        The rigid motion nearest to that of the nodes.
+    offsets : ndarray, shape (n_surface, 3)
+        Control points less what the quasi-interpolant makes of the nodes, on the baseline (m).
     """
 
-    operator: FitOperator
+    quasi: FitOperator
     mesh: MovingMesh
     baseline: np.ndarray
     means: csr_array
     springs: SpringNetwork | None
     rows: np.ndarray
     numbers: np.ndarray
+    rigid: RigidPart
+    offsets: np.ndarray
 
     @classmethod
     def of(
         cls, model: FittedModel, mesh: MovingMesh, surface: SurfaceGrid, numbers: np.ndarray | None = None
-    ) -> SurfaceFitOperator:
-        """Prepare the fit of a surface.
+    ) -> SurfaceFollower:
+        """Prepare the control points of a surface.
 
         Parameters
         ----------
         model : FittedModel
             The fitted grid.
         mesh : MovingMesh
-            Its control mesh; the design surface is made of whole faces.
+            Its control mesh.
         surface : SurfaceGrid
             The nodes of the design surface.
         numbers : ndarray of int, shape (n,), optional
@@ -234,8 +251,7 @@ class SurfaceFitOperator:
         Raises
         ------
         InputError
-            If fewer nodes are given than there are control points, or none of some patch, or the control points are not
-            those of whole faces.
+            If fewer nodes are given than there are control points, or none of some patch.
         """
         n = surface.n_points
         numbers = np.arange(n) if numbers is None else np.asarray(numbers)
@@ -254,29 +270,43 @@ class SurfaceFitOperator:
         place = place[node_sharing(model.topology).source_rows()]
         rows = np.flatnonzero(place >= 0)
         springs = None if counts.all() else _springs(surface, np.flatnonzero(counts))
-        operator, _ = _fit_of_surface(model, mesh.surface_ids)
-        return cls(operator, mesh, surface.points[numbers], means, springs, rows, place[rows])
+        weights = np.tile(np.eye(len(CANDIDATES))[SMOOTH], (model.mesh.n_control_points, 1))
+        quasi = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, weights)
+        nodes = np.zeros((model.n_nodes, 3))
+        nodes[rows] = surface.points[place[rows]]
+        offsets = model.control_points[mesh.surface_ids] - quasi.forward(nodes)[mesh.surface_ids]
+        given = surface.points[numbers], means, springs, rows, place[rows]
+        return cls(quasi, mesh, *given, RigidPart(mesh.plane_normals), offsets)
 
-    def at(self, nodes: np.ndarray) -> np.ndarray:
-        """Control points of the surface, shape (n_surface, 3), at nodes, shape (n, 3), in metres."""
-        return self.mesh.points[self.mesh.surface_ids] + self.forward(nodes - self.baseline)
+    def at(self, nodes: np.ndarray) -> FollowedSurface:
+        """Control points at nodes, shape (n, 3), in metres, and their derivative.
 
-    def forward(self, moves: np.ndarray) -> np.ndarray:
-        """Moves of the control points, shape (n_surface, 3), for those of the nodes, shape (n, 3)."""
+        Raises
+        ------
+        MovementError
+            If the nodes are turned inside out as a whole.
+        """
+        motion = self.rigid.at(self.baseline, nodes)
+        turned = self.offsets @ (motion.rotation - np.eye(3)).T
+        moves = self._slide(self._forward(nodes - self.baseline) + turned)
+        return FollowedSurface(self, motion, self.mesh.points[self.mesh.surface_ids] + moves)
+
+    def _forward(self, moves: np.ndarray) -> np.ndarray:
+        """Quasi-interpolant of moves of the nodes, shape (n, 3): (n_surface, 3)."""
         at_points = self.means @ moves
         if self.springs is not None:
             given = np.flatnonzero(np.diff(self.means.indptr))
             at_points[self.springs.ids] = self.springs.dot(at_points[given])
-        of_grid = np.zeros((self.operator.n_nodes, 3))
+        of_grid = np.zeros((self.quasi.n_nodes, 3))
         of_grid[self.rows] = at_points[self.numbers]
-        return self._slide(self.operator.forward(of_grid)[self.mesh.surface_ids])
+        return self.quasi.forward(of_grid)[self.mesh.surface_ids]
 
-    def transpose(self, bar: np.ndarray) -> np.ndarray:
-        """Transpose of `forward`: (n_surface, 3) to (n, 3)."""
-        control_bar = np.zeros((self.operator.n_control_points, 3))
-        control_bar[self.mesh.surface_ids] = self._slide(bar)
+    def _transpose(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `_forward`."""
+        control_bar = np.zeros((self.quasi.n_control_points, 3))
+        control_bar[self.mesh.surface_ids] = bar
         at_points = np.zeros((self.means.shape[0], 3))
-        np.add.at(at_points, self.numbers, self.operator.adjoint(control_bar)[self.rows])
+        np.add.at(at_points, self.numbers, self.quasi.adjoint(control_bar)[self.rows])
         if self.springs is not None:
             given = np.flatnonzero(np.diff(self.means.indptr))
             at_points[given] += self.springs.transpose_dot(at_points[self.springs.ids])
@@ -287,6 +317,36 @@ class SurfaceFitOperator:
         rows, normals, slid = self.mesh.in_plane_rows, self.mesh.in_plane_normals, change.copy()
         np.subtract.at(slid, rows, np.sum(change[rows] * normals, axis=1)[:, None] * normals)
         return slid
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedSurface:
+    """Control points that followed nodes, and their derivative.
+
+    Parameters
+    ----------
+    of : SurfaceFollower
+        What made them.
+    motion : RigidMotion
+        The rigid motion nearest to that of the nodes.
+    control_points : ndarray, shape (n_surface, 3)
+        The surface control points (m).
+    """
+
+    of: SurfaceFollower
+    motion: RigidMotion
+    control_points: np.ndarray
+
+    def jvp(self, change: np.ndarray) -> np.ndarray:
+        """Change of the control points, shape (n_surface, 3), with that of the nodes, shape (n, 3)."""
+        d_rotation, _ = self.motion.jvp(np.zeros_like(change), change)
+        return self.of._slide(self.of._forward(change) + self.of.offsets @ d_rotation.T)
+
+    def vjp(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `jvp`: (n_surface, 3) to (n, 3)."""
+        slid = self.of._slide(bar)
+        _, turned_bar = self.motion.vjp(slid.T @ self.of.offsets, np.zeros(3))
+        return self.of._transpose(slid) + turned_bar
 
 
 def _springs(surface: SurfaceGrid, given: np.ndarray) -> SpringNetwork:

@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import openmdao.api as om
 
-from ..fit.surface_fit import LOGGER, SurfaceFitOperator, SurfaceMiss
+from ..fit.surface_fit import LOGGER, FollowedSurface, SurfaceFollower, SurfaceMiss
 from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
@@ -16,11 +16,11 @@ from ..movement.mover import PLANE_TOLERANCE
 from ..names import SURFACE, SURFACE_CONTROL_POINTS
 from ..topology.sharing import node_sharing
 from .component import (
-    LINEAR_STEP,
     LastState,
     add_product,
     as_node_numbers,
     check_along_directions,
+    difference_step,
     fails_together,
     failures_as_analysis_errors,
     finite_points,
@@ -29,12 +29,11 @@ from .model_option import declare_model
 
 
 class SurfaceControlFit(om.ExplicitComponent):
-    """Fit the surface control points to surface nodes: linear, as the grid was fitted.
+    """Let the surface control points follow surface nodes: smoothly, and rigid motions exactly.
 
-    What the nodes have moved is fitted with the model's own parameters, knots and candidates and added to the control
-    points: a surface that is turned or stretched as a whole is followed exactly. What control points cannot represent
-    of the nodes is left to `GridEvaluate`, which puts these exactly where they are asked to be. Control points on
-    planes of symmetry stay in them.
+    They are a quasi-interpolant of the nodes, which does not swing about kinks as least squares do. What control points
+    miss of the nodes is left to `GridEvaluate`, which puts these exactly where they are asked to be. Control points on
+    planes of symmetry stay in them. See `bspline_mdao.fit.surface_fit`.
 
     ==========================  ======  =============  =====  ======================================================
     name                        role    shape          units  meaning
@@ -79,7 +78,7 @@ class SurfaceControlFit(om.ExplicitComponent):
     (78,)
     """
 
-    is_linear = True
+    is_linear = False
     """Whether the outputs depend linearly (affinely) on the inputs."""
 
     def initialize(self):
@@ -96,7 +95,7 @@ class SurfaceControlFit(om.ExplicitComponent):
         if self._last.points is None:
             return None
         (nodes,), (topology, source, rows) = self._last.points, self._places
-        fitted = self._map.apply(self._last.state)[self._numbers]
+        fitted = self._map.apply(self._last.state.control_points)[self._numbers]
         return SurfaceMiss.of(topology, source, rows, fitted, nodes)
 
     @fails_together
@@ -105,39 +104,44 @@ class SurfaceControlFit(om.ExplicitComponent):
         model, mesh, surface = (self.options[name] for name in ("model", "mesh", "surface"))
         self._numbers = as_node_numbers(self.options["numbers"], surface.n_points, "numbers", self.msginfo)
         self._last, self._map = LastState(), SurfaceMap.of(model, mesh, surface)
-        self._operator = SurfaceFitOperator.of(model, mesh, surface, self._numbers)
+        self._follower = SurfaceFollower.of(model, mesh, surface, self._numbers)
         on_planes = surface.on_planes(model)
         self._planes = [(np.isin(self._numbers, ids), normal) for ids, normal in on_planes]
         self._places = model.topology, node_sharing(model.topology).source_rows(), surface.rows[self._numbers]
-        self.add_input(SURFACE, val=self._operator.baseline.ravel(), units="m")
+        self.add_input(SURFACE, val=self._follower.baseline.ravel(), units="m")
         self.add_output(SURFACE_CONTROL_POINTS, val=mesh.points[mesh.surface_ids].ravel(), units="m")
-        check_along_directions(self, LINEAR_STEP)
+        check_along_directions(self, difference_step(surface.points[ids] for ids in surface.faces))
 
     @fails_together
     def compute(self, inputs, outputs):
-        """Fit the control points, and log what they miss, for those who ask for information."""
-        nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo)
-        with failures_as_analysis_errors(self):
-            outputs[SURFACE_CONTROL_POINTS] = self._last.at([nodes.real], self._fit).ravel()
+        """Let the control points follow, and log what they miss, for those who ask for information."""
+        followed = self._followed(inputs)
+        outputs[SURFACE_CONTROL_POINTS] = followed.control_points.ravel()
         if self.under_complex_step:
-            outputs[SURFACE_CONTROL_POINTS] += 1j * self._operator.forward(nodes.imag).ravel()
+            outputs[SURFACE_CONTROL_POINTS] += 1j * followed.jvp(inputs[SURFACE].imag.reshape(-1, 3)).ravel()
         elif not self.under_approx and LOGGER.isEnabledFor(logging.INFO):
             LOGGER.info("%s: of control points alone, %s", self.msginfo, self.miss)
 
     @fails_together
     def compute_jacvec_product(self, inputs, d_inputs, d_outputs, mode):
-        """Apply the Jacobian or its transpose, which is the same everywhere."""
-        products = {"jvp": self._operator.forward, "vjp": self._operator.transpose}
+        """Apply the Jacobian or its transpose at the inputs."""
+        followed = self._followed(inputs)
+        products = {"jvp": followed.jvp, "vjp": followed.vjp}
         add_product(inputs, d_inputs, d_outputs, mode, **products, of=SURFACE_CONTROL_POINTS, wrt=SURFACE)
 
-    def _fit(self, nodes: np.ndarray) -> np.ndarray:
+    def _followed(self, inputs) -> FollowedSurface:
+        nodes = finite_points(inputs[SURFACE], SURFACE, self.msginfo).real
+        with failures_as_analysis_errors(self):
+            return self._last.at([nodes], self._follow)
+
+    def _follow(self, nodes: np.ndarray) -> FollowedSurface:
         self._require_in_planes(nodes)
-        return self._operator.at(nodes)
+        return self._follower.at(nodes)
 
     def _require_in_planes(self, nodes: np.ndarray) -> None:
         """Refuse nodes that leave their planes of symmetry."""
         for is_member, normal in self._planes:
-            off = np.abs((nodes - self._operator.baseline)[is_member] @ normal)
+            off = np.abs((nodes - self._follower.baseline)[is_member] @ normal)
             if off.max(initial=0.0) > PLANE_TOLERANCE * self.options["mesh"].size:
                 number = np.flatnonzero(is_member)[np.argmax(off)]
                 raise om.AnalysisError(

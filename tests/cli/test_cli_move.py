@@ -19,7 +19,7 @@ from bspline_mdao.cli.main import run
 from bspline_mdao.cli.move import complaint
 from bspline_mdao.cli.movers import MOVERS, SOLVERS, STIFFNESS, MoverOptions
 from bspline_mdao.evaluation.evaluator import Evaluator
-from bspline_mdao.fit.surface_fit import SurfaceFitOperator
+from bspline_mdao.fit.surface_fit import SurfaceFollower
 from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.transfinite import Transfinite
@@ -56,7 +56,9 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     moved = LinearElasticity(mesh).move(model.control_points, surface).points
     wall = SurfaceGrid.of(model)
     nodes = parse_deformation(FLOOR[1], model, mesh).apply_to_nodes(wall.points)
-    np.testing.assert_allclose(surface, SurfaceFitOperator.of(model, mesh, wall).at(nodes), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        surface, SurfaceFollower.of(model, mesh, wall).at(nodes).control_points, rtol=0, atol=1e-15
+    )
     spread = WallCorrection.of(model.topology, model.regenerate().to_vector().reshape(-1, 3), wall.rows)
     expected = model.grid_map().at(moved, spread, nodes).nodes
     np.testing.assert_allclose(read_grid("moved.xyz").to_vector(), expected.ravel(), atol=1e-12)

@@ -12,9 +12,9 @@ from parametrization_cases import CONSTRAINTS, VARIABLES, surface_of, wing_model
 from scipy.sparse import issparse
 from test_suite import kinds
 
-from bspline_mdao import Parametrization, moving_mesh
+from bspline_mdao import ComovingFrame, LinearElasticity, Parametrization, moving_mesh
 from bspline_mdao.design.user_defined import UserVariable
-from bspline_mdao.fit.surface_fit import SurfaceFitOperator
+from bspline_mdao.fit.surface_fit import SurfaceFollower
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
 from bspline_mdao.flow.euler.forces import FlowForces
 from bspline_mdao.flow.euler.gas import free_stream
@@ -94,14 +94,14 @@ def forced(forces):
     return [*forces.evaluate(*at).values(), *forces.vjp(*at, bars)[:2]]
 
 
-def fitted(operator):
-    control_points = operator.at(operator.baseline + noise(operator.baseline.shape))
-    return [control_points, operator.transpose(noise(control_points.shape))]
+def followed(follower):
+    found = follower.at(follower.baseline + noise(follower.baseline.shape))
+    return [found.control_points, found.vjp(noise(found.control_points.shape))]
 
 
-def fit_of_half_a_surface():
+def follower_of_half_a_surface():
     surface = SurfaceGrid.of(wing_model())
-    return SurfaceFitOperator.of(wing_model(), mesh(), surface, np.arange(0, surface.n_points, 2))
+    return SurfaceFollower.of(wing_model(), mesh(), surface, np.arange(0, surface.n_points, 2))
 
 
 def parametrized(variables, constraints=()):
@@ -114,6 +114,7 @@ TAPER = (VARIABLES[next(kind for kind in VARIABLES if kind.__name__ == "Taper")]
 THINGS = {
     "FittedModel": (wing_model, regenerated),
     **{kind.__name__: (lambda kind=kind: kind(mesh()), moved) for kind in MOVERS},
+    "ComovingFrame": (lambda: ComovingFrame(LinearElasticity(mesh())), moved),
     **{
         f"Parametrization, {kind.__name__}": (parametrized([make]), designed)
         for kind, make in {**VARIABLES, **USERS}.items()
@@ -127,7 +128,7 @@ THINGS = {
         for kind, make in geometry_cases.MEASURES.items()
     },
     "SurfaceGrid": (lambda: SurfaceGrid.of(wing_model()), lambda surface: [surface.points, surface.quads]),
-    "SurfaceFitOperator": (fit_of_half_a_surface, fitted),
+    "SurfaceFollower": (follower_of_half_a_surface, followed),
     "FlowGrid": (flow, flown),
     "FlowForces": (lambda: FlowForces.of(flow(), nodes(), 1.16), forced),
 }

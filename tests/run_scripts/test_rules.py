@@ -16,7 +16,7 @@ STANDARD = {"__future__", "csv", "functools", "itertools", "os", "pathlib", "re"
 LONGEST = 130
 """Lines of code that a script may have: those with more than a comment or a part of a docstring."""
 
-TABLES, LONGEST_TABLE = {"robustness_table", "viscous_grids"}, 200
+TABLES, LONGEST_TABLE = {"robustness_table", "viscous_grids", "viscous_moves"}, 200
 """Those that state no problem but compare ways to move many grids."""
 
 scripts = pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
