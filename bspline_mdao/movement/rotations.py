@@ -90,7 +90,7 @@ class Rotations(OneLine):
     """
 
     mesh: MovingMesh
-    n_repetitions: int = 2
+    n_repetitions: int = 1
     solver: Any = field(default_factory=Cholesky)
 
     def __post_init__(self):
@@ -167,7 +167,8 @@ class Rotations(OneLine):
             digits_of(max(balance.error for balance in balances)),
         )
         increment = IncrementReport(solve=solve, **vars(self.mesh.tangled(points)))
-        return MovementReport((increment,), time.perf_counter() - began, n_invalid=self.mesh.n_invalid)
+        took = time.perf_counter() - began
+        return MovementReport((increment,), took, n_invalid=self.mesh.n_invalid)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from mover_cases import (
 from scipy.spatial.transform import Rotation
 from test_slivers import C_GRID, lost_in_differences, lost_in_products, noise, pitched, plate_in_its_wake, section
 
-from bspline_mdao.errors import InputError
+from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.movement.element_rotations import ElementRotations
 from bspline_mdao.movement.guided_gradients import GuidedElements
 from bspline_mdao.movement.rotations import Rotations
@@ -149,6 +149,13 @@ def test_a_rigid_motion_of_the_boundary_is_followed_at_any_angle(angle):
     movement = Rotations(mesh).move(mesh.points, moved[mesh.surface_ids])
     assert np.abs(movement.points - moved).max() < 1e-13 * mesh.size
     assert_derivative_is_transposed(movement)
+
+
+def test_a_tangled_mesh_is_refused_with_advice_that_helps():
+    mesh = channel()
+    report = Rotations(mesh).move(*bent_surface(mesh, size=0.15)).report
+    with pytest.raises(MovementError, match="newly invalid at the end; take a smaller step, or LinearElasticity"):
+        report.require_valid()
 
 
 @pytest.mark.parametrize("n_repetitions", [-1, 1.5, True, None])
