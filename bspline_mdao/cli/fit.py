@@ -161,6 +161,7 @@ def fit_numbers(model: FittedModel | FittedBlocks, certificate: Certificate | No
         "invalid_control_elements": [vars(element) for element in report.invalid],
         "certificate": certificate and certificate_numbers(certificate),
         "method": model.settings.method,
+        "raised": report.raised and vars(report.raised),
         "fallback": fallback and {**vars(fallback), "n_points": dict(zip(CANDIDATES, fallback.n_points))},
         "factor_bytes": report.factor_bytes,
         "seconds": report.seconds,
@@ -198,6 +199,13 @@ def show_report(model: FittedModel | FittedBlocks) -> None:
             *_local_lines(report),
         ]
     )
+    if report.raised is not None:
+        print_lines(
+            [
+                f"control points were added along grid lines that were missed: {report.raised.n_control_points:,} of "
+                f"them would miss up to {report.raised.in_widths:.3g} widths of cells"
+            ]
+        )
     if report.fallback is not None:
         print_lines(_fallback_lines(report, report.fallback))
     if report.factor_bytes:

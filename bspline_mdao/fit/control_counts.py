@@ -282,6 +282,11 @@ def _limit_size(
         )
 
 
+def is_affordable(n_control: np.ndarray, orders: np.ndarray) -> bool:
+    """Whether least squares of all interiors are of reasonable size, for counts and orders of all segments."""
+    return all(_gram_bytes(*segment) <= LARGEST_CHOICE for segment in zip(n_control, orders))
+
+
 def _gram_bytes(n_control: np.ndarray, orders: np.ndarray) -> int:
     """Bytes of the Gram matrix of an interior, banded with the longest direction outermost where that is less work."""
     n_free = sorted(max(int(n) - 2, 1) for n in n_control)

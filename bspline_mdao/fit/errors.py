@@ -175,6 +175,12 @@ def _worst_node(sharing: FitNodes, starts, distances: np.ndarray) -> WorstNode:
     return WorstNode(block + 1, i + 1, j + 1, k + 1, float(np.sqrt(-square)))
 
 
+def count_invalid(problem: FitProblem, solution: FitSolution) -> int:
+    """Count the invalid elements of the control mesh of a fit."""
+    measures = corner_measures(problem.mesh.nets(solution.control_points))
+    return sum(int((~(measure > 0.0)).sum()) for measure in measures)
+
+
 def _find_invalid(problem: FitProblem, parameters, nodes, control_points) -> tuple[int, tuple[InvalidElement, ...]]:
     """Count the invalid elements of all control meshes and name the worst, and folded cells of the grid in them."""
     measures = corner_measures(problem.mesh.nets(control_points))

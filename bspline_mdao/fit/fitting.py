@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FitWarning, InputError
 from ..model.fitted_blocks import FittedBlocks
 from ..model.fitted_model import FittedModel
-from ..model.records import FitSettings, GridHeader
+from ..model.records import FitSettings, GridHeader, Raised
 from ..numerics.processes import ONE, together
 from ..numerics.progress import Progress, shown
 from ..splines.mesh import BSplineMesh
@@ -25,14 +25,16 @@ from ..topology.detection import find_topology
 from ..topology.grid import Block, Grid
 from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology, shared_ids
-from .control_counts import choose_affordable_counts, predict_factor_bytes
+from .closer_counts import LARGEST_MISS, MOST_PER_NODE, closer_counts, warn_of_misses
+from .control_counts import ControlCounts, choose_affordable_counts, predict_factor_bytes
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments, require_agreement
-from .errors import report_errors
+from .errors import count_invalid, report_errors
 from .fit_nodes import FitNodes
+from .local_errors import worst_local_errors
 from .options import EXPONENTS, METHODS
 from .parameters import as_parameters, chord_length_parameters
-from .problem import FitProblem, no_progress, part_of, problem_of_mesh, solve_fit
+from .problem import FitProblem, FitSolution, no_progress, part_of, problem_of_mesh, solve_fit
 from .requested_counts import RequestedCounts
 from .validity import make_valid
 
@@ -237,16 +239,23 @@ def _fit(
         parameters = _parameters_here(sharing, nodes, parametrization)
     names = tuple(block.name for block in grid.blocks)
     requested = RequestedCounts.of(n_control, topology, names)
-    problem, size_warnings, factor_bytes = _sized_problem(topology, parameters, requested, order, knots, sharing)
     fraction = 1 / (1 + CYCLE_COST * corrections)
-    solution = _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, fraction))
+
+    def solve(problem: FitProblem) -> FitSolution:
+        return _SOLVERS[method](problem, parameters, nodes, part_of(progress, 0, fraction))
+
+    sized = _size(topology, parameters, requested, order, knots, sharing)
+    solution, raised = solve(sized.problem), None
+    if sized.counts is not None:
+        sized, solution, raised = _come_closer(sized, solution, solve, requested, knots, parameters, nodes)
+    problem = sized.problem
     if corrections:
         rest = part_of(progress, fraction, 1)
         arguments = problem, parameters, nodes, solution, corrections, rest, _SOLVERS[method]
         parameters, solution = correct_parameters(*arguments)
     report = report_errors(problem, names, parameters, nodes, solution)
-    said, seconds = (*topology.warnings, *size_warnings, *report.warnings), time.perf_counter() - start
-    report = replace(report, seconds=seconds, warnings=said, factor_bytes=factor_bytes)
+    said, seconds = (*topology.warnings, *sized.warnings, *report.warnings), time.perf_counter() - start
+    report = replace(report, seconds=seconds, warnings=said, factor_bytes=sized.factor_bytes, raised=raised)
     progress(1.0, "done")
     whole = {
         "topology": topology,
@@ -278,14 +287,62 @@ def _parameters_here(sharing: FitNodes, nodes: np.ndarray, parametrization) -> l
     return _parameters_of_blocks(blocks, sharing.topology, parametrization)
 
 
-def _sized_problem(topology: Topology, parameters, n_control, order, knots, sharing: FitNodes):
-    """Set up a fit; also what to say about its size, and the memory of a factor of its mover."""
+@dataclass(frozen=True, eq=False)
+class _Sized:
+    """A fit that is set up, its counts where they may be raised, what to say of them, and the factor of its mover."""
+
+    problem: FitProblem
+    counts: ControlCounts | None
+    warnings: tuple[str, ...]
+    factor_bytes: int | None
+
+
+def _size(topology: Topology, parameters, requested: RequestedCounts, order, knots, sharing: FitNodes) -> _Sized:
+    """Set up a fit with numbers of control points that are asked for, or chosen from the grid alone."""
     if isinstance(knots, str):
-        counts, factor_bytes = choose_affordable_counts(topology, n_control, order)
+        counts, factor_bytes = choose_affordable_counts(topology, requested, order)
         problem = set_up_fit(topology, parameters, counts.n_control, counts.orders, knots, sharing)
-        return problem, counts.warnings, factor_bytes
+        return _Sized(problem, None if requested.is_complete else counts, counts.warnings, factor_bytes)
     problem = set_up_fit(topology, parameters, None, None, knots, sharing)
-    return problem, (), predict_factor_bytes(topology, np.array([v.n_control for v in problem.mesh.volumes]))
+    factor_bytes = predict_factor_bytes(topology, np.array([v.n_control for v in problem.mesh.volumes]))
+    return _Sized(problem, None, (), factor_bytes)
+
+
+def _come_closer(
+    sized: _Sized, solution: FitSolution, solve, requested: RequestedCounts, knots, parameters, nodes: np.ndarray
+) -> tuple[_Sized, FitSolution, Raised | None]:
+    """Fit again with more control points while cells are missed by several of their widths; keep what gains most."""
+    if sized.counts is None:
+        return sized, solution, None
+    counts, sharing, topology = sized.counts, sized.problem.sharing, sized.problem.topology
+    n_first, n_last = 2 * (sized.problem.mesh.n_control_points,)
+    at_first = missed = _missed(sharing, nodes, solution)
+    n_invalid, too_many, raised = count_invalid(sized.problem, solution), None, None
+    for most_per_node in MOST_PER_NODE:
+        if missed <= LARGEST_MISS:
+            break
+        found = closer_counts(topology, requested, counts, sharing, nodes, parameters, most_per_node)
+        if not found.is_affordable:
+            too_many = found
+            break
+        problem = set_up_fit(topology, parameters, found.counts.n_control, found.counts.orders, knots, sharing)
+        if problem.mesh.n_control_points > n_last:
+            n_last, other = problem.mesh.n_control_points, solve(problem)
+            less = _missed(sharing, nodes, other)
+            if less < missed and count_invalid(problem, other) <= n_invalid:
+                sized = _Sized(problem, found.counts, sized.warnings, found.factor_bytes)
+                solution, missed, raised = other, less, Raised(n_first, at_first)
+    if missed > LARGEST_MISS and (n_last > n_first or too_many):
+        said = warn_of_misses(topology, counts, too_many, missed)
+        sized = replace(sized, warnings=(*sized.warnings, said))
+    return sized, solution, raised
+
+
+def _missed(sharing: FitNodes, nodes: np.ndarray, solution: FitSolution) -> float:
+    """Largest error by the width of the cells."""
+    own = slice(sharing.n_own)
+    worst = worst_local_errors(sharing, nodes[own], nodes[own] - solution.fitted[own])[0]
+    return worst.in_widths if worst else 0.0
 
 
 def _kind(choice) -> str:

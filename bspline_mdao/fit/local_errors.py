@@ -98,20 +98,25 @@ def find_worst(nodes, residual, low, high, across):
         Square of the residual (m^2), width (m), and i, j, k from 0. A width of 0 says that no node has one.
     """
     worst, result = -1.0, (0.0, 0.0, 0, 0, 0)
-    edges = np.empty(3)
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             for k in range(low[2], high[2] + 1):
-                for d in range(3):
-                    edges[d] = np.inf if d == across else _shortest_edge(nodes, i, j, k, d)
-                smallest = min(edges[0], edges[1], edges[2])
-                middle = max(min(edges[0], edges[1]), min(max(edges[0], edges[1]), edges[2]))
-                width = smallest if across >= 0 or middle == np.inf else middle
+                width = cell_width(nodes, i, j, k, across)
                 missed = residual[i, j, k]
                 square = missed[0] ** 2 + missed[1] ** 2 + missed[2] ** 2
                 if width < np.inf and square > worst * width**2:
                     worst, result = square / width**2, (square, width, i, j, k)
     return result
+
+
+@njit(cache=True)
+def cell_width(nodes, i, j, k, across):
+    """Width of the cells at a node, infinite where none has one; ``across`` is that of `find_worst`."""
+    a = np.inf if across == 0 else _shortest_edge(nodes, i, j, k, 0)
+    b = np.inf if across == 1 else _shortest_edge(nodes, i, j, k, 1)
+    c = np.inf if across == 2 else _shortest_edge(nodes, i, j, k, 2)
+    middle = max(min(a, b), min(max(a, b), c))
+    return min(a, b, c) if across >= 0 or middle == np.inf else middle
 
 
 @njit(cache=True)

@@ -51,6 +51,7 @@ from .records import (
     GridHeader,
     InvalidElement,
     LocalError,
+    Raised,
     WorstNode,
 )
 
@@ -65,7 +66,7 @@ _LARGEST_RATIO = 2000
 _RECORDS = {
     record.__name__: record
     for record in (
-        *(BlockError, Fallback, FitReport, InvalidElement, LocalError, WorstNode),
+        *(BlockError, Fallback, FitReport, InvalidElement, LocalError, Raised, WorstNode),
         *(FitSettings, GridHeader, Patch, Topology),
         *(BoundaryFace, Collapse, Interface, Link, NearMiss, Orientation, Window, Plot3dDialect, CgnsDialect),
     )

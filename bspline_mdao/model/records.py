@@ -204,6 +204,22 @@ class Fallback:
 
 
 @dataclass(frozen=True)
+class Raised:
+    """What the fit would be with the numbers of control points that are chosen from the grid alone.
+
+    Parameters
+    ----------
+    n_control_points : int
+        Unique control points.
+    in_widths : float
+        Largest error by the width of the cells, see `LocalError`.
+    """
+
+    n_control_points: int
+    in_widths: float
+
+
+@dataclass(frozen=True)
 class FitReport(OneLine):
     """Errors, invalid control elements, warnings and sizes of a fit.
 
@@ -238,6 +254,8 @@ class FitReport(OneLine):
         Where the fit is not least squares; None where it is.
     worst_local, worst_on_walls : LocalError or None
         Where the error is largest by the width of the cells, anywhere and on walls; None where there are none.
+    raised : Raised or None
+        Where control points were added since too much was missed; None where none were.
     """
 
     rms: float
@@ -256,3 +274,4 @@ class FitReport(OneLine):
     fallback: Fallback | None = None
     worst_local: LocalError | None = None
     worst_on_walls: LocalError | None = None
+    raised: Raised | None = None
