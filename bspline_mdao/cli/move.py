@@ -401,7 +401,7 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
     missed = None if model.residual is None else np.linalg.norm(model.residual, axis=1).max()
     if missed and _is_the_residual(model, moved):
         cause = f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m, is in the way"
-        more = [f"take {option}" for option in _more(report)]
+        more = [f"take {option}" for option in _more(report, options)]
         return cause, " or ".join(["fit with more control points (--n-control)", *more, "deform it less"])
     first = report.first_tangled()
     if not first:
@@ -416,14 +416,16 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
 
 def _cure_of_tangling(report: MovementReport, options: MoverOptions) -> str:
     """Say what to do about a control mesh that tangles, what is most likely to help first."""
-    if options.mover != "elasticity":
-        return "take --mover elasticity or a smaller deformation"
-    return "take " + " or ".join([*_more(report), "a smaller deformation", "--mover torsional"])
+    last = ["--mover torsional"] if options.mover == "elasticity" else []
+    return "take " + " or ".join([*_more(report, options), "a smaller deformation", *last])
 
 
-def _more(report: MovementReport) -> list[str]:
-    """More increments, where elements tangle with few: they tangle fewer elements as a rule."""
-    return [f"--increments {MANY}"] if report.first_tangled() and report.n_increments < MANY else []
+def _more(report: MovementReport, options: MoverOptions) -> list[str]:
+    """Many increments of elasticity, where elements tangle without: they tangle fewer elements as a rule."""
+    if not report.first_tangled() or (options.mover == "elasticity" and report.n_increments >= MANY):
+        return []
+    mover = "" if options.mover == "elasticity" else "--mover elasticity "
+    return [f"{mover}--increments {MANY}"]
 
 
 def _is_the_residual(model: FittedModel, moved: Moved) -> bool:

@@ -54,7 +54,7 @@ SOLVERS = {
 MOVING = (
     click.option(
         "--mover",
-        default="elasticity",
+        default="rotations",
         show_default=True,
         metavar="NAME",
         help=f"What carries the control mesh along: {', '.join(MOVERS)}.",
@@ -63,7 +63,7 @@ MOVING = (
         "--increments",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Increments: 5 by default with elasticity and springs, 1 with other movers.",
+        help="Increments: 5 by default with elasticity and springs, 1 with others but rotations, which take none.",
     ),
     click.option(
         "--nu", type=float, metavar="NU", help="Poisson's ratio of elasticity, -1 < NU < 0.5; -0.2 by default."
@@ -120,7 +120,7 @@ class MoverOptions:
         Whether outer boundaries go along with the rigid part of the surface's motion.
     """
 
-    mover: str = "elasticity"
+    mover: str = "rotations"
     increments: int | None = None
     nu: float | None = None
     stiffness: str | None = None
@@ -146,7 +146,10 @@ class MoverOptions:
         chosen = {name: setting for name, setting in settings.items() if setting[1] is not None}
         for name, (option, _) in chosen.items():
             if name not in accepted:
-                raise InputError(f"{option}: the mover '{self.mover}' has no such setting; leave the option out")
+                raise InputError(
+                    f"{option}: the mover '{self.mover}' has no such setting; leave the option out, or take --mover "
+                    f"elasticity"
+                )
         mover = kind(mesh, **{name: value for name, (_, value) in chosen.items()})
         return resolve_name("bspline_mdao.movement.comoving.ComovingFrame")(mover) if self.comoving else mover
 

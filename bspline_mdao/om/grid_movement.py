@@ -14,8 +14,8 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..model.model_share import ModelShare
 from ..movement.comoving import ComovingFrame
-from ..movement.elasticity import LinearElasticity
 from ..movement.mover import Mover
+from ..movement.rotations import Rotations
 from ..movement.shared import AUTO, WAYS
 from ..names import ALL_NAMES
 from .component import fails_together
@@ -63,8 +63,8 @@ class GridMovement(om.Group):
     measures : sequence of Measure
         What is measured of the surface, all on one `SurfaceGrid`.
     mover : Mover, optional
-        Moves the control mesh of the model; by default linear elasticity, on the mesh of the parametrization or with
-        all walls as the design surface.
+        Moves the control mesh of the model; by default `Rotations`, on the mesh of the parametrization or with all
+        walls as the design surface.
     surface : SurfaceGrid, optional
         Surface whose nodes are given: ``surface`` is an input.
     numbers : sequence of int, optional
@@ -215,17 +215,17 @@ class GridMovement(om.Group):
             )
 
     def _mover(self) -> Mover:
-        """The user's mover, or elasticity, in a frame that goes along if that is asked for."""
+        """The user's mover, or rotations, in a frame that goes along if that is asked for."""
         mover = self._own_mover()
         return ComovingFrame(mover) if self.options["comoving"] else mover
 
     def _own_mover(self) -> Mover:
-        """The user's mover, or elasticity."""
+        """The user's mover, or rotations."""
         model, mover, parametrization = (self.options[name] for name in ("model", "mover", "parametrization"))
         if mover is None and parametrization is None:
-            return LinearElasticity(moving_mesh(model))
+            return Rotations(moving_mesh(model))
         whose = "parametrization" if mover is None else "mover"
-        mover = mover or LinearElasticity(parametrization.mesh)
+        mover = mover or Rotations(parametrization.mesh)
         mesh = mesh_of(mover, self.msginfo)
         require_mesh_of(model, mesh, f"{self.msginfo}: the {whose}'s mesh")
         if parametrization is not None and not np.array_equal(mesh.surface_ids, parametrization.mesh.surface_ids):

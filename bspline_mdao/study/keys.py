@@ -114,6 +114,7 @@ SEVERAL = Kind("a whole number from 2 on", lambda value: _is_whole(value, 2))
 COUNT = Kind("a whole number from 0 on", lambda value: _is_whole(value, 0))
 FLAG = Kind("true or false", lambda value: isinstance(value, bool))
 TEXT = Kind("a text", _is_text)
+MOVER = Kind("one of rotations, elasticity", lambda value: value in ("rotations", "elasticity"))
 BOUND = Kind("a number, or a list of one for each value", lambda v: _is_number(v) or _is_list(v, _is_number))
 POINT = Kind("a list of three numbers", lambda value: _is_list(value, _is_number, 3))
 TRIPLE = Kind("a list of three whole numbers", lambda value: _is_list(value, _is_whole, 3))
@@ -405,8 +406,10 @@ CONSTRAINT = {
 """Tables ``[constraints.NAME]``."""
 
 MOVEMENT = {
-    "increments": Key(WHOLE, "increments of linear elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"),
-    "poisson_ratio": Key(NUMBER, "Poisson's ratio", -0.2),
+    "mover": Key(MOVER, "what carries the control mesh along", "rotations"),
+    "comoving": Key(FLAG, "whether the far field goes along with the rigid part of the motion", False),
+    "increments": Key(WHOLE, "increments of elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"),
+    "poisson_ratio": Key(NUMBER, "Poisson's ratio of elasticity", -0.2),
 }
 """Table ``[movement]``."""
 

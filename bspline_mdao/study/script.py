@@ -160,11 +160,15 @@ class _Script:
             yield "]"
         yield from self._mover()
         measured = ", measures=measures" if self.study.measures else ""
-        yield f"shape = wing.grid_movement(variables{measured}, mover=mover, quality={self._quality}, fit=False)\n"
+        mover = "mover, comoving=True" if self.study.movement["comoving"] else "mover"
+        yield f"shape = wing.grid_movement(variables{measured}, mover={mover}, quality={self._quality}, fit=False)\n"
 
     def _mover(self) -> Iterator[str]:
-        """The mover; where its increments are not given, as many as the bounds of the variables need."""
+        """The mover; of elasticity without a number of increments, as many as the bounds of the variables need."""
         movement = self.study.movement
+        if movement["mover"] == "rotations":
+            yield "mover = bm.Rotations(wing.mesh)"
+            return
         settings = _keywords(_changed(movement, MOVEMENT, ("poisson_ratio",)))
         increments = _python(movement["increments"])
         if movement["increments"] is None:

@@ -160,10 +160,18 @@ class _Reader:
         if conditions and bare_outputs(names_in(objective["of"])) and not weights_of(conditions):
             raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
         driver = self._driver(constraints)
-        movement, output = self._table("movement", MOVEMENT), self._table("output", OUTPUT)
+        movement, output = self._movement(), self._table("output", OUTPUT)
         return Study(
             self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
         )  # fmt: skip
+
+    def _movement(self) -> Table:
+        """Read what moves the control mesh."""
+        movement = self._table("movement", MOVEMENT)
+        for name in ("increments", "poisson_ratio") if movement["mover"] != "elasticity" else ():
+            if name in self.document.get("movement", {}):
+                raise self.refuse(("movement", name), 'is of elasticity; add mover = "elasticity", or leave it out')
+        return movement
 
     def refuse(self, path: Sequence[str], complaint: str) -> InputError:
         """Make the error that names file, line and key."""

@@ -275,6 +275,7 @@ of = "planform_area + volume"
 lower = 0.1
 
 [movement]
+mover = "elasticity"
 increments = 2
 
 [driver]

@@ -148,6 +148,7 @@ def test_the_script_names_files_as_seen_from_its_folder(tmp_path):
 )
 def test_the_script_chooses_increments_at_the_bounds_of_what_moves(tmp_path, more, bounds):
     text = STUDY.replace("upper = 6.0\n", more if "upper" in more else f"upper = 6.0\n{more}", 1)
+    text += '\n[movement]\nmover = "elasticity"\n'
     script = study_script(study_of(tmp_path, text), tmp_path)
     assert f'bounds = {{\n    "twist": {bounds},\n}}\n' in script
     assert "n_increments = bm.increments_for(bm.LinearElasticity(wing.mesh), designs)\n" in script
@@ -156,12 +157,26 @@ def test_the_script_chooses_increments_at_the_bounds_of_what_moves(tmp_path, mor
 
 
 def test_the_script_takes_the_increments_and_the_ratio_of_the_study(tmp_path):
-    movement = "[movement]\nincrements = 3\npoisson_ratio = 0.1\n"
+    movement = '[movement]\nmover = "elasticity"\nincrements = 3\npoisson_ratio = 0.1\n'
     script = study_script(study_of(tmp_path, f"{STUDY}\n{movement}"), tmp_path)
     assert "mover = bm.LinearElasticity(wing.mesh, n_increments=3, poisson_ratio=0.1)\n" in script
     assert "increments_for" not in script
     script = study_script(study_of(tmp_path, f"{STUDY}\n{movement.replace('increments = 3', '')}"), tmp_path)
     assert "increments_for(bm.LinearElasticity(wing.mesh, poisson_ratio=0.1), designs)\n" in script
+
+
+def test_the_script_moves_by_rotations_and_lets_the_far_field_go_along_if_it_is_told_to(tmp_path):
+    script = study_script(study_of(tmp_path, STUDY), tmp_path)
+    assert "mover = bm.Rotations(wing.mesh)\n" in script
+    assert "comoving" not in script
+    script = study_script(study_of(tmp_path, f"{STUDY}\n[movement]\ncomoving = true\n"), tmp_path)
+    assert ", mover=mover, comoving=True, quality=" in script
+
+
+@pytest.mark.parametrize("setting", ["increments = 3", "poisson_ratio = 0.1"])
+def test_settings_of_elasticity_want_elasticity(tmp_path, setting):
+    with pytest.raises(InputError, match=r"\[movement\] '.*' is of elasticity; add mover = \"elasticity\", or leave"):
+        study_of(tmp_path, f"{STUDY}\n[movement]\n{setting}\n")
 
 
 def test_options_of_drivers_that_keys_set_are_theirs():

@@ -167,7 +167,7 @@ class EulerBuilder(FlowBuilder):
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     mover : Mover, optional
-        Moves the control mesh; by default linear elasticity.
+        Moves the control mesh; by default `Rotations`.
     require_valid : bool
         Refuse surfaces that invert cells of the grid.
     generation : int, optional

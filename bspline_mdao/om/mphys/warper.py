@@ -51,7 +51,7 @@ class VolumeWarper(om.Group):
     model : FittedModel
         The fitted grid.
     mover : Mover, optional
-        Moves its control mesh; by default linear elasticity with all walls as the design surface.
+        Moves its control mesh; by default `Rotations` with all walls as the design surface.
     surface : SurfaceGrid, optional
         The design surface; all walls by default.
     numbers : sequence of int, optional
