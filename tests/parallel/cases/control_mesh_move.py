@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import openmdao.api as om
-from mover_cases import MOVERS, bent_surface, channel, random_changes
+from mover_cases import MOVERS, bent_surface, channel, made, random_changes
 from parallel_checks import assert_same_everywhere, raised_everywhere
 
 from bspline_mdao import ControlMeshMove, LinearElasticity, PetscMultigrid
@@ -51,7 +51,7 @@ def check_products(problem, expected, tolerance):
 
 for kind, case in MOVERS.items():
     initial, surface = bent_surface(mesh, case.slope_bend)
-    mover = kind(mesh, n_increments=2)
+    mover = made(kind, mesh, 2)
     expected = mover.move(initial, surface)
     problem = problem_of(mover)
     points = run(problem, initial, surface)
