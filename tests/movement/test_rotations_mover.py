@@ -10,12 +10,17 @@ from mover_cases import (
     CountingSolver,
     assert_derivative_is_exact,
     assert_derivative_is_transposed,
+    assert_known_points_match,
     bent_surface,
     channel,
+    in_symmetry,
+    mesh_of,
+    rotation,
     wing,
 )
 from scipy.spatial.transform import Rotation
 from test_slivers import C_GRID, lost_in_differences, lost_in_products, noise, pitched, plate_in_its_wake, section
+from topology_cases import box, grid_of, patch
 
 from bspline_mdao.errors import InputError, MovementError
 from bspline_mdao.movement.element_rotations import ElementRotations
@@ -24,7 +29,11 @@ from bspline_mdao.movement.rotations import Rotations
 from bspline_mdao.movement.trilinear import SLOPES
 from bspline_mdao.movement.young_modulus import InverseVolumeLaw
 from bspline_mdao.testing import central_difference
+from bspline_mdao.topology.index_space import Window
 from bspline_mdao.walls.polar import nearest_rotations
+
+SIDES = {"one side": (0, 3, 5), "other side": (4, 0, 5)}
+"""Ends of the windows of two sides of a block that meet at an edge."""
 
 LAW = (0.7, -0.2, 0.6)
 
@@ -171,6 +180,34 @@ def test_a_turn_in_the_plane_of_symmetry_takes_along_all_that_is_free(is_oblique
     moved = mesh.points @ turn.T
     points = Rotations(mesh).move(mesh.points, moved[mesh.surface_ids]).points
     assert np.abs(points - moved).max() < 1e-13 * mesh.size
+
+
+@pytest.mark.parametrize("angle", [90.0, 60.0])
+def test_what_lies_on_two_planes_of_symmetry_slides_along_both_and_does_not_turn(angle):
+    x = box(np.linspace(0.0, 1.0, 5) ** 1.1, np.linspace(0.0, 1.2, 4), np.linspace(0.0, 0.8, 6) ** 1.2)
+    x[..., 0], x[..., 1] = x[..., 0] + np.cos(np.deg2rad(angle)) * x[..., 1], np.sin(np.deg2rad(angle)) * x[..., 1]
+    sides = [patch("symmetry", Window(0, (0, 0, 0), end), name=name) for name, end in SIDES.items()]
+    grid = grid_of(x @ rotation().T, patches=[patch("wall", Window(0, (0, 0, 0), (4, 3, 0))), *sides])
+    mesh = mesh_of(grid)
+    assert {1, 2, 3} <= set(mesh.is_free.sum(axis=1).tolist())
+    initial, surface = bent_surface(mesh, size=0.1)
+    on_both = np.flatnonzero(np.bincount(mesh.in_plane_rows, minlength=len(mesh.surface_ids)) == 2)
+    for _ in range(200):  # planes that are not at right angles
+        surface = mesh.points[mesh.surface_ids] + in_symmetry(mesh, surface - mesh.points[mesh.surface_ids])
+    movement = Rotations(mesh).move(initial, surface)
+    assert np.abs(movement.vectors.values[on_both]).max() == 0.0
+    assert np.abs(movement.vectors.values).max() > 0.05
+    assert_known_points_match(mesh, initial, surface, movement.points)
+    assert_derivative_is_transposed(movement)
+    assert_derivative_is_exact(Rotations(mesh), initial, surface, changes=along_the_surface)
+
+
+def along_the_surface(mesh, seed):
+    """Changes of initial points and surface, of the latter where it is in no plane."""
+    random = np.random.default_rng(seed)
+    inside = np.bincount(mesh.in_plane_rows, minlength=len(mesh.surface_ids)) == 0
+    d_initial = mesh.slide(random.normal(size=mesh.points.shape))
+    return d_initial, inside[:, None] * random.normal(size=(len(mesh.surface_ids), 3))
 
 
 def test_a_twist_beyond_half_a_turn_keeps_its_sense():
