@@ -108,7 +108,7 @@ def describe(error: Exception) -> str:
     if isinstance(error, OSError):
         return f"{error.filename or 'a file'}: {error.strerror or error}; check the file, its folder and the free space"
     if isinstance(error, MemoryError):
-        return "out of memory; use fewer control points, or a smaller grid"
+        return "out of memory; use fewer control points (fit --n-control), or a smaller grid"
     return (
         f"unexpected {type(error).__name__}: {error}; please report it with what "
         f"BSPLINE_MDAO_TRACEBACK=1 prints before this line"

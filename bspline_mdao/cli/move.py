@@ -359,7 +359,8 @@ def _warnings(moved: Moved) -> list[str]:
     if digits < FEW_DIGITS:
         warnings.append(
             f"warning: about {digits:.0f} digits of the displacements are right: elements are too thin for their "
-            f"length; derivatives are no better. Fit with more control points along them, or take another --mover"
+            f"length; derivatives are no better. Fit with more control points along them (fit --n-control), or take "
+            f"another --mover"
         )
     last = moved.movement.report.increments[-1]
     if last.n_tangled:
@@ -397,12 +398,17 @@ def _cause_and_cure(model: FittedModel, moved: Moved, options: MoverOptions) -> 
     mesh, report = moved.mesh, moved.movement.report
     if mesh.n_invalid:
         n = f"{mesh.n_invalid:,} of {counted(len(mesh.elements), 'element')}"
-        return f"{n} of the control mesh invalid before the move", MEND
+        is_mended = model.settings.method == "valid"
+        cure = "mend the grid, or fit with fewer control points (fit --n-control)" if is_mended else MEND
+        return f"{n} of the control mesh invalid before the move", cure
     missed = None if model.residual is None else np.linalg.norm(model.residual, axis=1).max()
     if missed and _is_the_residual(model, moved):
-        cause = f"the splines' own grid is valid there, what they miss of the grid, up to {missed:.2g} m, is in the way"
+        worst = model.report.worst_local
+        widths = f" (by the width of the cells {worst})" if worst else ""
+        what = f"what they miss of the grid, up to {missed:.2g} m{widths}, is in the way"
+        cause = f"the splines' own grid is valid there, {what}"
         more = [f"take {option}" for option in _more(report, options)]
-        return cause, " or ".join(["fit with more control points (--n-control)", *more, "deform it less"])
+        return cause, " or ".join(["fit with more control points (fit --n-control)", *more, "deform it less"])
     first = report.first_tangled()
     if not first:
         return "the splines fold between control points, whose mesh stays valid", "take a smaller deformation"

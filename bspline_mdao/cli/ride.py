@@ -272,7 +272,7 @@ def _complaint(found: _Ridden) -> str:
     return (
         f"the move inverts {counted(len(new), 'cell')} of the mesh, the worst is number {worst + 1}, of volume "
         f"{found.after.volumes[worst]:.3g} m^3; nothing was written; take --increments 10 or a smaller deformation, "
-        f"fit the grid with more control points, or --allow-invalid to see it"
+        f"fit the grid with more control points (fit --n-control), or --allow-invalid to see it"
     )
 
 

@@ -152,7 +152,9 @@ def warn_of_misses(topology: Topology, counts: ControlCounts, found: CloserCount
     request = request_for(topology, counts, found.counts.n_control)
     options = " ".join(f"--n-control {block}={'x'.join(map(str, n))}" for block, n in request.items())
     cost = f"factors of {found.factor_bytes / 1e9:.2g} GB to move" if found.factor_bytes else "long to fit"
-    return f"{what}; more control points along the lines that they miss would take {cost}: {options}"
+    return (
+        f"{what}; more control points along the lines that they miss would take {cost}: {options} (n_control={request})"
+    )
 
 
 def request_for(topology: Topology, counts: ControlCounts, wanted: np.ndarray) -> dict[int, tuple[int, ...]]:

@@ -245,7 +245,7 @@ def _warn_of_wide_spans(topology: Topology, cells: float) -> Iterator[str]:
     if cells != NODES_PER_SPAN:
         yield (
             f"a grid of {topology.n_nodes:,} nodes gets one span to {cells:.1f} cells instead of {NODES_PER_SPAN}, so "
-            f"that movers can take its control mesh; give numbers of control points for others"
+            f"that movers can take its control mesh; give numbers of control points for others (n_control, --n-control)"
         )
 
 

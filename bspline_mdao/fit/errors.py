@@ -23,6 +23,9 @@ from .problem import FitProblem, FitSolution
 from .quasi_interpolant import parametric_places
 from .validity import corner_measures, first_marked, folded_cells
 
+FEWER = "fewer control points leave fewer of them (n_control, --n-control)"
+"""Advice where the grid is not folded and control points have fallen back already."""
+
 MOST_NAMED = 50
 """Invalid control elements that a report names, the worst first."""
 
@@ -228,7 +231,7 @@ def _advise(problem: FitProblem, solution: FitSolution, invalid: Sequence[Invali
         (i, j, k), name = folded
         reason = f"the grid itself is folded or flat there, at cell ({i}, {j}, {k}) of {name}; "
     if solution.weights is not None:
-        return f"{reason}{'mend it, or live with it' if folded else 'fewer control points leave fewer of them'}"
+        return f"{reason}{'mend it, or live with it' if folded else FEWER}"
     segments = zip(problem.topology.segments, problem.mesh.volumes)
     if all(_is_high(window.shape, volume) for window, volume in segments):
         return f"{reason}leave the order and the number of control points out: both are chosen lower for so few nodes"

@@ -203,7 +203,7 @@ def _warn_of_singular(topology: Topology, entities: Sequence[Entity]) -> tuple[s
     shown = ", ".join(entity.describe(names) for entity in entities[:5]) + (", ..." if len(entities) > 5 else "")
     return (
         f"the nodes do not determine all control points of {len(entities)} parts ({shown}); these are drawn to the "
-        f"grid's own coarse nodes; fewer control points avoid it",
+        f"grid's own coarse nodes; fewer control points avoid it (n_control, --n-control)",
     )
 
 

@@ -43,7 +43,7 @@ functions overshoot all the same: elasticity by up to 8, compact radial function
 moves points away by 100 to 1000 times the displacement of the surface.
 """
 
-MEND = 'fit the grid with method="valid" (--method valid)'
+MEND = 'fit the grid with method="valid" (fit --method valid)'
 """Advice for control meshes that are invalid before they move."""
 
 ROUND_OFF = 1e-9
@@ -294,7 +294,7 @@ def check_reach(mesh: MovingMesh, initial: np.ndarray, surface: np.ndarray, poin
     if mesh.n_invalid:
         cause = (
             f"{mesh.n_invalid:,} of {len(mesh.elements):,} elements invalid before the move; {MEND}, or with fewer "
-            f"control points"
+            f"control points (n_control, --n-control)"
         )
     else:
         cause = "see by 'bspline-mdao inspect' whether all blocks are joined; if they are, take another mover"

@@ -92,7 +92,7 @@ def test_move_writes_the_grid_behind_the_moved_surface(workplace, model, capsys)
     ]
     assert found["n_increments"] == 1
     assert 0.1 < found["increments"][-1]["corner_ratio"] < 1.0
-    assert "5 increments" in table
+    assert "1 increment" in table
     assert all(row["residual"] < 1e-12 for row in found["increments"])
     assert found["digits"] == min(row["digits"] for row in found["increments"]) > 12.0
     assert "digits of the displacements" not in table
@@ -374,7 +374,16 @@ def test_a_move_that_the_residual_folds_is_reported_from_one_that_the_splines_do
     assert cells
     text = complaint(model, moved, MoverOptions())
     assert "the splines' own grid is valid there, what they miss of the grid, up to " in text
-    assert "fit with more control points (--n-control) or deform it less" in text
+    assert "fit with more control points (fit --n-control) or deform it less" in text
+    assert f"(by the width of the cells {model.report.worst_local})" in text
+    moved.mesh = SimpleNamespace(n_invalid=3, elements=range(7))
+    fitted = {
+        name: replace(model, settings=replace(model.settings, method=name)) for name in ("valid", "least_squares")
+    }
+    cures = {name: complaint(one, moved, MoverOptions()) for name, one in fitted.items()}
+    assert "mend the grid, or fit with fewer control points (fit --n-control), or" in cures["valid"]
+    assert "(fit --method valid), or" in cures["least_squares"]
+    moved.mesh = mesh
     bare = replace(model, residual=None)
     assert "the splines fold between control points" in complaint(bare, moved, MoverOptions())
 
