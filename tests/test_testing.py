@@ -160,6 +160,19 @@ def test_partials_that_are_wrong_or_zero_do_not_pass(factor, match):
         assert_partials(cubes(factor))
 
 
+def test_a_component_that_judges_and_has_no_outputs_has_nothing_to_check():
+    class Judge(om.ExplicitComponent):
+        def setup(self):
+            self.add_input("y", shape=4)
+
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("cubes", Cubes(factor=1.0), promotes=["*"])
+    problem.model.add_subsystem("judge", Judge(), promotes=["*"])
+    problem.setup()
+    problem.run_model()
+    assert_partials(problem)
+
+
 def test_a_problem_without_components_does_not_pass():
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("given", om.IndepVarComp("x"))

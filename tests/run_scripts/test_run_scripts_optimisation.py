@@ -168,4 +168,5 @@ def part_of(pathname):
 def components_of(problem):
     """All components of a problem that compute something."""
     everything = problem.model.system_iter(recurse=True, typ=Component)
-    return (component for component in everything if not isinstance(component, om.IndepVarComp))
+    computing = (component for component in everything if component.get_io_metadata("output"))  # others judge
+    return (component for component in computing if not isinstance(component, om.IndepVarComp))
