@@ -27,6 +27,7 @@ from mover_cases import (
 from test_suite import kinds
 
 import bspline_mdao
+from bspline_mdao import ComovingFrame
 from bspline_mdao.cli import movers
 from bspline_mdao.errors import InputError, MovementError
 
@@ -39,6 +40,9 @@ def those(**wanted):
 
 
 EVERY = those()
+
+FRAMES = {ComovingFrame}
+"""What takes another mover along, see ``test_comoving.py``."""
 
 
 def open_channel(is_oblique):
@@ -56,7 +60,7 @@ def design(kind, mesh):
 
 
 def test_every_mover_is_in_the_table():
-    assert kinds("movement", "mesh", "move") == set(MOVERS)
+    assert kinds("movement", "mesh", "move") - FRAMES == set(MOVERS)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +72,7 @@ def test_every_mover_is_in_the_table():
     ],
 )
 def test_every_mover_law_and_solver_has_a_word_on_the_command_line_and_a_public_name(words, folder, members):
-    found = kinds(folder, *members)
+    found = kinds(folder, *members) - FRAMES
     assert {resolve_name(place) for place in words.values()} == found
     assert all(getattr(bspline_mdao, kind.__name__) is kind for kind in found)
 

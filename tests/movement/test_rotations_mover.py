@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from test_slivers import C_GRID, lost_in_differences, lost_in_products, noise, pitched, plate_in_its_wake, section
 from topology_cases import box, grid_of, patch
 
-from bspline_mdao.errors import InputError, MovementError
+from bspline_mdao.errors import InputError
 from bspline_mdao.movement.element_rotations import ElementRotations
 from bspline_mdao.movement.guided_gradients import GuidedElements
 from bspline_mdao.movement.rotations import Rotations
