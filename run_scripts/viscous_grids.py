@@ -105,7 +105,7 @@ class Splines:
         """
         model, points = self.model, self.model.control_points
         asked = bm.parse_deformation(deformation, model, self.mesh)
-        surface, grid_map, mover = bm.SurfaceGrid.of(model), model.grid_map(), bm.LinearElasticity(self.mesh)
+        surface, grid_map, mover = bm.SurfaceGrid.of(model), model.grid_map(), bm.Rotations(self.mesh)
         if not model.settings.wall_layer:
             moved = mover.move(points, asked.apply(points[self.mesh.surface_ids])).points
             return model.regenerate(moved).to_vector().reshape(-1, 3)
