@@ -29,6 +29,12 @@ On the grids about the M6 with first cells 1e-5 high, elasticity folds 685 cells
 where it is 3.9.
 """
 
+LAYER = 1e-3
+"""Height of the flattest cell, by its width, of grids whose numbers may be raised: those with boundary layers.
+
+Generated grids for inviscid flow have cells of 1.2e-3, those with first cells 1e-3 high of 5e-4.
+"""
+
 LARGEST_LINE_MISS = 1.0
 """Up to how much, by the width of the cells, a raised direction may miss its lines. With 3 too little is gained."""
 

@@ -25,13 +25,13 @@ from ..topology.detection import find_topology
 from ..topology.grid import Block, Grid
 from ..topology.stored_grid import StoredGrid
 from ..topology.topology import Topology, shared_ids
-from .closer_counts import LARGEST_MISS, MOST_PER_NODE, closer_counts, warn_of_misses
+from .closer_counts import LARGEST_MISS, LAYER, MOST_PER_NODE, closer_counts, warn_of_misses
 from .control_counts import ControlCounts, choose_affordable_counts, predict_factor_bytes
 from .correction import CYCLE_COST, correct_parameters
 from .edge_knots import knots_of_segments, require_agreement
 from .errors import count_invalid, report_errors
 from .fit_nodes import FitNodes
-from .local_errors import worst_local_errors
+from .local_errors import flattest_cell, worst_local_errors
 from .options import EXPONENTS, METHODS
 from .parameters import as_parameters, chord_length_parameters
 from .problem import FitProblem, FitSolution, no_progress, part_of, problem_of_mesh, solve_fit
@@ -317,6 +317,8 @@ def _come_closer(
     counts, sharing, topology = sized.counts, sized.problem.sharing, sized.problem.topology
     n_first, n_last = 2 * (sized.problem.mesh.n_control_points,)
     at_first = missed = _missed(sharing, nodes, solution)
+    if missed <= LARGEST_MISS or flattest_cell(sharing, nodes[: sharing.n_own]) > LAYER:
+        return sized, solution, None
     n_invalid, too_many, raised = count_invalid(sized.problem, solution), None, None
     for most_per_node in MOST_PER_NODE:
         if missed <= LARGEST_MISS:

@@ -58,6 +58,21 @@ def worst_local_errors(
     return _worst(sharing.comm, anywhere), _worst(sharing.comm, on_walls)
 
 
+def flattest_cell(sharing: FitNodes, nodes: np.ndarray) -> float:
+    """Smallest height of a cell by its width, of the edges at a node: the shortest by the middle one.
+
+    Parameters
+    ----------
+    sharing : FitNodes
+        Nodes of the segments of this process; all processes call this.
+    nodes : ndarray, shape (n_own, 3)
+        Nodes of its blocks (m).
+    """
+    shapes, parts = sharing.topology.shapes, sharing.by_blocks(nodes).items()
+    flattest = min((flattest_at_node(part.reshape(*shapes[block], 3)) for block, part in parts), default=np.inf)
+    return flattest if sharing.comm.size == 1 else min(sharing.comm.allgather(flattest))
+
+
 def _off_wall(window: Window, shape) -> int:
     """Direction that leaves a wall."""
     flat = (d for d in range(3) if window.lo[d] == window.hi[d] and shape[d] > 1)
@@ -107,6 +122,20 @@ def find_worst(nodes, residual, low, high, across):
                 if width < np.inf and square > worst * width**2:
                     worst, result = square / width**2, (square, width, i, j, k)
     return result
+
+
+@njit(cache=True)
+def flattest_at_node(nodes):
+    """Smallest shortest edge at a node of a block, shape (L0, L1, L2, 3), by the middle one; infinite without any."""
+    flattest = np.inf
+    for i in range(nodes.shape[0]):
+        for j in range(nodes.shape[1]):
+            for k in range(nodes.shape[2]):
+                width = cell_width(nodes, i, j, k, NO_DIRECTION)
+                for d in range(3):
+                    if width < np.inf:
+                        flattest = min(flattest, _shortest_edge(nodes, i, j, k, d) / width)
+    return flattest
 
 
 @njit(cache=True)

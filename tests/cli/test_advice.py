@@ -103,6 +103,7 @@ def test_what_a_fit_says_to_type_against_too_much_memory_is_taken(tmp_path, monk
     monkeypatch.setattr("bspline_mdao.fit.control_counts.SMALL_MESH", 1)
     monkeypatch.setattr("bspline_mdao.fit.closer_counts.LARGEST_FACTOR", 1)
     monkeypatch.setattr("bspline_mdao.fit.fitting.LARGEST_MISS", 0.3)
+    monkeypatch.setattr("bspline_mdao.fit.fitting.LAYER", 1.0)
     monkeypatch.setattr("bspline_mdao.fit.closer_counts.LARGEST_LINE_MISS", 0.1)
     assert run(["fit", "@onera_m6:17x17x15", "-o", "wing.h5", "--no-certify"]) == 0
     advised = re.findall(r"--n-control \d+=\d+x\d+x\d+", capsys.readouterr().out)

@@ -7,7 +7,7 @@ import pytest
 from fit_cases import bend, grid_of, lattice, two_blocks
 from scipy.interpolate import BSpline
 
-from bspline_mdao import fit_blocks, fit_grid, onera_m6_grid
+from bspline_mdao import Spacing, fit_blocks, fit_grid, onera_m6_grid
 from bspline_mdao.fit import closer_counts, control_counts, fitting
 from bspline_mdao.fit.closer_counts import CloserCounts, request_for
 from bspline_mdao.fit.control_counts import choose_counts
@@ -23,7 +23,7 @@ def kinked(n=(15, 25, 14)):
     """Two blocks whose thin, narrow cells follow a kink along j that spans of four cells cannot follow."""
     i, j, k = np.meshgrid(*(np.linspace(0, 1, m) for m in n), indexing="ij")
     x = 0.05 * i + np.abs(j - 0.37)
-    first = np.stack([x, j, 0.01 * k**2], axis=-1)
+    first = np.stack([x, j, 0.01 * k**4], axis=-1)
     return grid_of(first, first + [0.0, 0.0, 0.01] * np.ones(3))
 
 
@@ -92,6 +92,15 @@ def test_a_grid_that_is_fitted_well_is_fitted_once(monkeypatch):
         usual = choose_counts(find_topology(grid)).n_control
         np.testing.assert_array_equal([volume.n_control for volume in model.mesh.volumes], usual)
         assert model.report.raised is None
+
+
+def test_a_grid_without_a_boundary_layer_keeps_its_numbers_whatever_it_misses():
+    grid = onera_m6_grid((15, 17, 13))
+    report = fit_grid(grid).report
+    assert report.raised is None
+    assert report.worst_local.in_widths > 8.0
+    assert not report.warnings
+    assert fit_grid(onera_m6_grid((15, 17, 13), Spacing(off_wall=1e-3))).report.raised
 
 
 def test_numbers_that_are_asked_for_are_not_raised():

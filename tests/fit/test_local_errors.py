@@ -8,7 +8,7 @@ from fit_cases import bend, c_grid, grid_of, lattice, two_blocks
 
 from bspline_mdao import FittedModel, brick_grid, fit_blocks, fit_grid
 from bspline_mdao.fit.fit_nodes import FitNodes
-from bspline_mdao.fit.local_errors import worst_local_errors
+from bspline_mdao.fit.local_errors import flattest_cell, worst_local_errors
 from bspline_mdao.topology.detection import find_topology
 from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
@@ -118,3 +118,13 @@ def test_a_grid_without_walls_has_none_on_walls():
     report = fit_grid(c_grid()).report
     assert report.worst_on_walls is None
     assert report.worst_local.in_widths > 0.0
+
+
+def test_the_flattest_cell_is_the_least_shortest_edge_by_the_middle_one():
+    grid = layered()
+    edges = [np.sort(shortest_edges(block.nodes), axis=-1) for block in grid.blocks]
+    expected = min((edge[..., 0] / edge[..., 1]).min() for edge in edges)
+    found = flattest_cell(FitNodes.of(find_topology(grid)), grid.to_vector().reshape(-1, 3))
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    line = grid_of(lattice(5, 1, 1))
+    assert flattest_cell(FitNodes.of(find_topology(line)), np.zeros((5, 3))) == np.inf
