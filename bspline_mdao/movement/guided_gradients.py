@@ -52,7 +52,6 @@ __all__ = [
     "GuidedField",
     "GuidedSystem",
     "gradient",
-    "in_two",
     "times",
     "transposed_times",
     "work_of",
@@ -170,7 +169,7 @@ class GuidedField:
         """Change of the field, shape (n_parts, n_points, 3): as a sum of parts."""
         if d_guidance is None:
             d_guidance = np.zeros_like(self.elements.guidance)
-        d_force = self.elements.force_jvp(in_two(self.balance.parts), d_points, d_guidance)
+        d_force = self.elements.force_jvp(_in_two(self.balance.parts), d_points, d_guidance)
         return self.system.response(self.system.on_surface(d_surface_values), -d_force)
 
     def vjp(self, bar: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -181,7 +180,7 @@ class GuidedField:
         return points_bar, total[self.system.equilibrium.mesh.surface_ids], guidance_bar
 
 
-def in_two(parts: np.ndarray) -> np.ndarray:
+def _in_two(parts: np.ndarray) -> np.ndarray:
     """The same sum of parts, as one of two."""
     return parts if len(parts) == 2 else np.stack([parts[0], np.zeros_like(parts[0])])
 

@@ -1,4 +1,4 @@
-"""A mover that takes the rotations of its surface along: one solution, whatever the angle.
+"""A mover that takes the rotations of its surface along: the same factors, whatever the angle.
 
 A rotation is no linear function of its angle, so that displacements that are solved for at once stretch what should
 turn. Here the rotations come first, as in the editing of shapes by their gradients:
@@ -63,8 +63,9 @@ MIXED = (1.0, *lame_constants(-0.2))
 class Rotations(OneLine):
     """Moves a mesh behind the rotations of its surface, with the same two factors for all surfaces.
 
-    There are no increments: a move of any angle is one solution, and depends on the surface alone. A rigid motion of
-    all that is not free is followed exactly. Angles may grow beyond half a turn along the surface, up to a full turn.
+    There are no increments: a move of any angle takes ``2 + n_repetitions`` solutions, and depends on the initial
+    points and the surface alone. A rigid motion of all that is not free is followed exactly. Angles may grow beyond
+    half a turn along the surface, up to a full turn.
 
     Parameters
     ----------
