@@ -94,23 +94,23 @@ class Outcome:
 class Splines:
     """A grid that moves with its control mesh."""
 
-    def __init__(self, grid: bm.Grid, **options):
+    def __init__(self, grid: bm.Grid, mover: Callable = bm.Rotations, **options):
         self.model = bm.fit_grid(grid, **options)
         self.mesh = bm.moving_mesh(self.model)
+        self.mover = mover(self.mesh)
 
     def move(self, deformation: str) -> np.ndarray:
         """Nodes of the moved grid, shape (n_nodes, 3), in metres.
 
         With a wall layer the nodes of the walls are where the deformation puts them, as by the command ``move``.
         """
-        model, points = self.model, self.model.control_points
-        asked = bm.parse_deformation(deformation, model, self.mesh)
-        surface, grid_map, mover = bm.SurfaceGrid.of(model), model.grid_map(), bm.Rotations(self.mesh)
+        model, points, grid_map = self.model, self.model.control_points, self.model.grid_map()
+        asked, surface = bm.parse_deformation(deformation, model, self.mesh), bm.SurfaceGrid.of(model)
         if not model.settings.wall_layer:
-            moved = mover.move(points, asked.apply(points[self.mesh.surface_ids])).points
+            moved = self.mover.move(points, asked.apply(points[self.mesh.surface_ids])).points
             return model.regenerate(moved).to_vector().reshape(-1, 3)
         wall = asked.apply_to_nodes(surface.points, surface.on_planes(model))
-        moved = mover.move(points, SurfaceFollower.of(model, self.mesh, surface).at(wall).control_points).points
+        moved = self.mover.move(points, SurfaceFollower.of(model, self.mesh, surface).at(wall).control_points).points
         return grid_map.at(moved, WallCorrection.of(model.topology, grid_map.nodes, surface.rows), wall).nodes
 
     def off_rigid(self) -> float:
@@ -137,7 +137,7 @@ class WallDistances:
 
 
 WAYS: dict[str, Callable] = {
-    "least squares": partial(Splines, method="least_squares", wall_layer=False),
+    "least squares": partial(Splines, mover=bm.LinearElasticity, method="least_squares", wall_layer=False),
     "default": Splines,
     "inverse distance": WallDistances,
 }

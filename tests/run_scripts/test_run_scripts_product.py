@@ -86,6 +86,25 @@ def test_grids_with_boundary_layers_are_moved_measured_and_drawn(script, tmp_pat
 
 
 @pytest.mark.slow
+def test_moves_as_users_make_them_invert_no_cell_of_a_section_and_stand_beside_recorded_ones(script, tmp_path):
+    moves = script("viscous_moves")
+    recorded = Path(moves.__file__).parents[1] / "docs" / "_static" / "idwarp_recorded.csv"
+    peers = moves.read_rows(recorded)
+    assert {peer.way for peer in peers} == {"IDWarp", "IDWarp best", "IDWarp tight"}
+    numbers = moves.main(ways=["rotations", "going along"], recorded=recorded, table=tmp_path / "table.csv")
+    rows = {(row["motion"], row["way"]): row for row in numbers["rows"]}
+    assert {motion for motion, _ in rows} == {"pitch=20deg", "thickness=1.3", "flap", "rigid=90"}
+    assert all(row["n_inverted"] == 0 and not row["failure"] for row in rows.values())
+    assert all(0.98 < row["p01"] <= row["p99"] < 1.02 for row in rows.values())
+    assert rows["rigid=90", "going along"]["q_mean"] > rows["rigid=90", "rotations"]["q_mean"] + 0.05
+    assert numbers["worse"] == {"rotations": [], "going along": []}
+    assert moves.read_rows(tmp_path / "table.csv")[0].grid == "section"
+    body = moves.Row("bwb", "twist=45deg", "rotations", n_inverted=1)
+    assert moves.is_worse(body, {("bwb", "twist=45deg"): 0})
+    assert not moves.is_worse(body, {("bwb", "twist=45deg"): 3})
+
+
+@pytest.mark.slow
 def test_inverse_distances_with_rotations_follow_a_rigid_motion(script):
     """Of the walls alone: all the rest of the grid goes with them, as far as its boundary."""
     viscous = script("viscous_grids")
