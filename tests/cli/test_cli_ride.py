@@ -9,7 +9,7 @@ from test_cli import fails_as_expected, numbers
 from bspline_mdao import GridEvaluate, read_mesh
 from bspline_mdao.cli.main import run
 
-TWIST = ["--deform", "twist=10deg", "--increments", "1"]
+TWIST = ["--deform", "twist=10deg", "--mover", "elasticity", "--increments", "1"]
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_a_mesh_of_two_dimensions_is_counted_as_its_file_is(workplace, capsys, s
     else:
         write_plane_cgns("plane.cgns", [0, 1], 2)
     start = ["ride", "section.h5", f"plane.{suffix}", "-o", f"m.{suffix}", "--deform", "pitch=1deg"]
-    assert run([*start, "--increments", "1", "--json", "r.json"]) == 0
+    assert run([*start, "--mover", "elasticity", "--increments", "1", "--json", "r.json"]) == 0
     found, text = numbers("r.json"), capsys.readouterr().out
     n_cells = len(triangles) + len(quads)
     assert (found["n_nodes"], found["n_cells"], found["n_wall_nodes"]) == (len(points), n_cells, len(lines))
@@ -84,7 +84,7 @@ def test_ride_refuses_what_it_cannot_do_and_writes_nothing(workplace, capsys):
     fails_as_expected([*start, "-o", "m.stl", *TWIST], capsys, "m.stl: is no mesh that can ride along")
     fails_as_expected([*start, "-o", "wing.su2", *TWIST], capsys, "wing.su2: is read by this command")
     fails_as_expected([*start, "-o", "m.su2", *TWIST, "--wall", "tail"], capsys, "no marker is 'tail'")
-    steep = ["--deform", "twist=75deg", "--increments", "1"]
+    steep = ["--deform", "twist=75deg", "--mover", "elasticity", "--increments", "1"]
     fails_as_expected([*start, "-o", "m.su2", *steep, "--json", "m.json"], capsys, "inverts", "nothing was written")
     np.save("few.npy", np.zeros((5, 3)))
     fails_as_expected([*start, "-o", "m.su2", "--to", "few.npy"], capsys, "few.npy")

@@ -23,6 +23,7 @@ from bspline_mdao.mesh.boundary import moving_mesh
 from bspline_mdao.mesh.surface import SurfaceGrid
 from bspline_mdao.movement.elasticity import LinearElasticity
 from bspline_mdao.movement.inverse_distance import InverseDistance
+from bspline_mdao.movement.rotations import Rotations
 from bspline_mdao.names import (
     CONTROL_CORNER_KS,
     CONTROL_POINTS,
@@ -195,7 +196,7 @@ def test_the_grid_is_that_of_the_parts(plate):
     problem = problem_of(plate)
     problem.set_val(SURFACE_CONTROL_POINTS, bent(plate))
     problem.run_model()
-    mover = LinearElasticity(moving_mesh(plate))
+    mover = Rotations(moving_mesh(plate))
     moved = mover.move(plate.control_points, bent(plate).reshape(-1, 3)).points
     np.testing.assert_allclose(problem.get_val(GRID), plate.regenerate(moved).to_vector(), atol=1e-11)
 
