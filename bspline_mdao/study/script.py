@@ -159,18 +159,17 @@ class _Script:
                 yield f"    {_measure(name, table)},"
             yield "]"
         yield from self._mover()
-        measured = ", measures=measures" if self.study.measures else ""
-        mover = "mover, comoving=True" if self.study.movement["comoving"] else "mover"
-        yield f"shape = wing.grid_movement(variables{measured}, mover={mover}, quality={self._quality}, fit=False)\n"
+        parts = ["measures=measures"] * bool(self.study.measures) + ["mover=mover"]
+        parts += ["comoving=True"] * self.study.movement["comoving"]
+        yield f"shape = wing.grid_movement(variables, {', '.join(parts)}, quality={self._quality}, fit=False)\n"
 
     def _mover(self) -> Iterator[str]:
         """The mover; of elasticity without a number of increments, as many as the bounds of the variables need."""
-        movement = self.study.movement
+        movement, increments = self.study.movement, _python(self.study.movement["increments"])
         if movement["mover"] == "rotations":
             yield "mover = bm.Rotations(wing.mesh)"
             return
         settings = _keywords(_changed(movement, MOVEMENT, ("poisson_ratio",)))
-        increments = _python(movement["increments"])
         if movement["increments"] is None:
             yield "bounds = {"
             for name, table in self.study.variables.items():

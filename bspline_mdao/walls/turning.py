@@ -26,97 +26,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array, csr_array, eye_array
 
 from ..evaluation.evaluator import Evaluator
 from ..splines.mesh import BSplineMesh
 from ..topology.boundary_surface import quads_in_turn
 from ..topology.held_nodes import HeldNodes, face_rows
 from ..topology.sharing import boundary_sides
+from .corner_group import CornerGroup
 from .node_vectors import FaceNodes, SpanNodes, Vectors, transposed
 from .planes import PlaneNormal
 from .residual_lengths import corner_numbers
-from .rotation_filter import RotationFilter
-from .rotations import LocalRotations, Rotations
+from .rotations import Rotations
 
 __all__ = ["Turn", "Turning"]
 
 PLANAR = 1e-5
 """A face is planar where its corners leave the plane by less than this part of its size: single precision of files."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Corners that see each other: their numbers, and which of them take their rotation from here, smoothed or not."""
-
-    ids: np.ndarray
-    own: np.ndarray
-    rotations: LocalRotations
-    in_sight: csr_array
-    filter: RotationFilter | None
-
-    @classmethod
-    def of(cls, points: np.ndarray, lengths: np.ndarray, ids, own, is_apart: bool, edges=None, quads=None) -> _Group:
-        """Gather a group; one that is apart is not smoothed towards the corners of others."""
-        place = np.full(len(points), -1)
-        place[ids] = np.arange(len(ids))
-        edges, quads = (None if numbers is None else place[numbers] for numbers in (edges, quads))
-        rotations = LocalRotations.of(points[ids], edges=edges, quads=quads, fixed=np.flatnonzero(~own))
-        pairs = [eye_array(len(ids), format="coo").coords]
-        pairs += [] if edges is None else [edges.T]
-        pairs += [] if quads is None else [quads[:, [m, n]].T for m in range(4) for n in range(m)]
-        first, second = np.concatenate(pairs, axis=1)
-        in_sight = coo_array((np.ones(len(first)), (first, second)), shape=(len(ids), len(ids))).tocsr()
-        in_sight = csr_array(in_sight + in_sight.T)
-        scales = rotations.scales * own[rotations.neighbours] if is_apart else rotations.scales
-        smoothing = RotationFilter.of(rotations.starts, rotations.neighbours, scales, lengths[ids], own)
-        in_sight = in_sight if rotations.mix is None else csr_array(in_sight @ in_sight)
-        return cls(ids, own, rotations, in_sight, smoothing)
-
-    def at(self, initial: np.ndarray, moved: np.ndarray, matrices: np.ndarray) -> Rotations:
-        """Write the rotations of a move; exactly the identity where nothing in sight has moved."""
-        rotations = self.rotations.at(initial[self.ids], moved[self.ids])
-        is_still = self.in_sight @ (initial != moved).any(axis=1)[self.ids].astype(float) == 0.0
-        own = np.where(is_still[:, None, None], np.eye(3), rotations.matrices)[self.own]
-        matrices[self.ids[self.own]] = own.reshape(-1, 9)
-        self._smooth(matrices, np.eye(3).ravel())
-        return rotations
-
-    def jvp(self, rotations: Rotations, d_initial: np.ndarray | None, d_moved: np.ndarray, d_matrices: np.ndarray):
-        """Write the change of the rotations, with changes of all corners at first, or None, and now."""
-        ids = self.ids
-        change = rotations.jvp(None if d_initial is None else d_initial[ids], d_moved[ids])
-        d_matrices[ids[self.own]] = change[self.own].reshape(-1, 9)
-        self._smooth(d_matrices, np.zeros(9))
-
-    def _smooth(self, matrices: np.ndarray, rest: np.ndarray) -> None:
-        """Smooth rotations, or changes of them, in place; those at rest stay exactly."""
-        if self.filter is not None:
-            free, given = self.ids[self.filter.free], self.ids[self.filter.given]
-            matrices[free] = rest + self.filter.forward(matrices[free] - rest, matrices[given] - rest)
-
-    def pull(self, bar: np.ndarray) -> np.ndarray:
-        """Derivatives with respect to the rotations of the group before smoothing, from those with respect to all.
-
-        Parameters
-        ----------
-        bar : ndarray, shape (n_corners, 9)
-            Groups come in reverse order; what smoothing hands on to corners of groups before this is added.
-        """
-        if self.filter is not None:
-            free, given = self.ids[self.filter.free], self.ids[self.filter.given]
-            bar[free], given_bar = self.filter.transpose(bar[free])
-            bar[given] += given_bar
-        return np.where(self.own[:, None], bar[self.ids], 0.0).reshape(-1, 3, 3)
-
-    def add_dependencies(self, needed: np.ndarray) -> np.ndarray:
-        """Add to a mask of corners those that smoothing joins with them; return the corners that all these see."""
-        wanted = self.own & needed[self.ids]
-        if self.filter is not None and wanted.any():
-            free, given = self.filter.joined(wanted)
-            wanted[free] = True
-            needed[self.ids[given]] = True
-        return self.ids[self.in_sight[np.flatnonzero(wanted)].indices]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +74,7 @@ class Turning:
 
     corners: Evaluator
     points: np.ndarray
-    groups: tuple[_Group, ...]
+    groups: tuple[CornerGroup, ...]
     planes: tuple[PlaneNormal, ...]
     faces: tuple[_BoundaryFace, ...]
     plane_of_corner: np.ndarray
@@ -466,7 +391,7 @@ def _face_nodes(
 
 def _groups(
     faces: list[_BoundaryFace], ids, points: np.ndarray, lengths: np.ndarray
-) -> tuple[tuple[_Group, ...], np.ndarray]:
+) -> tuple[tuple[CornerGroup, ...], np.ndarray]:
     """Corners on walls, on other boundary faces, in planes that slide, and all; and the plane that each sees alone."""
     pairs = [
         np.stack([n.take(range(n.shape[d] - 1), d), n.take(range(1, n.shape[d]), d)]) for n in ids for d in range(3)
@@ -483,11 +408,11 @@ def _groups(
         quads = [face.quads for face in faces if face.rank == k]
         if quads:
             members, corners = np.unique(np.concatenate(quads)), np.concatenate(quads)
-            group = _Group.of(points, lengths, members, rank[members] == k, is_apart=k < 2, quads=corners)
+            group = CornerGroup.of(points, lengths, members, rank[members] == k, is_apart=k < 2, quads=corners)
             if group.filter is not None:  # smoothed corners see those of other planes and walls as well
                 plane[members[group.filter.free]] = -1
             groups.append(group)
-    groups.append(_Group.of(points, lengths, np.arange(len(points)), rank == 3, is_apart=False, edges=edges))
+    groups.append(CornerGroup.of(points, lengths, np.arange(len(points)), rank == 3, is_apart=False, edges=edges))
     return tuple(groups), plane
 
 
