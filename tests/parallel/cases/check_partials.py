@@ -21,11 +21,11 @@ with warnings.catch_warnings(record=True) as caught:
 assert found.pop("chain.quality") == {}
 left_out = [str(one.message) for one in caught if "check on one process" in str(one.message)]
 assert len(left_out) == (1 if world().rank == 0 else 0), left_out
-assert {path: len(pairs) for path, pairs in found.items()} == {"chain.move": 2, "chain.evaluate": 1}
+assert {path: len(pairs) for path, pairs in found.items()} == {"chain.move": 4, "chain.evaluate": 1}
 for pairs in found.values():
     for pair, data in pairs.items():
         forward, dot = data["magnitude"].forward, data["abs error"].fwd_rev
-        assert forward > 1e-3, pair
+        assert forward > (1e-4 if pair[0] == "control_corner_ks" else 1e-3), pair
         assert dot < 1e-12 * max(1.0, forward), (pair, dot)
         assert data["abs error"].forward < 1e-6 * forward, (pair, data["abs error"])
 print("checked")

@@ -96,7 +96,7 @@ def check_failures(folder):
     blocks = fit_blocks(grid, comm)
     for task, words in (
         (lambda: fit_blocks(grid, comm, corrections=1), "parameter correction"),
-        (lambda: fit_blocks(grid, comm, n_control=(300, 300, 300)), "control points"),
+        (lambda: fit_blocks(grid, comm, n_control=(1, 1, 1)), "control point"),
         (lambda: blocks.save(path / "model.h5"), "cannot be written"),
         (lambda: ModelShare.load(folder / "none.h5", comm), "no such file"),
         (lambda: open_grid(folder / "none.xyz", comm=comm), "does not exist"),
