@@ -25,7 +25,7 @@ assert {path: len(pairs) for path, pairs in found.items()} == {"chain.move": 4, 
 for pairs in found.values():
     for pair, data in pairs.items():
         forward, dot = data["magnitude"].forward, data["abs error"].fwd_rev
-        assert forward > (1e-4 if pair[0] == "control_corner_ks" else 1e-3), pair
+        assert forward > 1e-7, pair  # the direction is random, and a product may be small along it, but not empty
         assert dot < 1e-12 * max(1.0, forward), (pair, dot)
-        assert data["abs error"].forward < 1e-6 * forward, (pair, data["abs error"])
+        assert data["abs error"].forward < 1e-6 * forward + 2e-9, (pair, data["abs error"])  # + round-off over the step
 print("checked")
