@@ -21,13 +21,13 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array, kron
 
 from ..errors import InputError
+from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
 from ..model.fitted_model import FittedModel
 from ..numerics.vectors import lengths
 from ..shown import OneLine
 from ..splines.knot_insertion import insertion_matrix
 from ..splines.knots import ConstantKnots
-from .control_net import surface_quads
 from .displacement import Displacement, Local
 from .surface_strips import SurfaceStrips, face_edges
 from .variable import AuxiliaryPoints, Layout

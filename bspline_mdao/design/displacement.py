@@ -15,9 +15,9 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array
 
 from ..errors import InputError
+from ..mesh.control_net import surface_normals
 from ..mesh.moving_mesh import MovingMesh
 from ..shown import OneLine
-from .control_net import surface_normals
 from .selection import Where, rows_of
 from .variable import AuxiliaryPoints, Layout, MapPartials, block_diagonal
 
@@ -68,7 +68,7 @@ class Local(OneLine):
         Which points; numbers are rows of ``mesh.surface_ids``. All by default.
     direction : str or array_like
         Coordinate axes by name, ``"z"`` or several as in ``"xyz"``; ``"normal"``, the unit normal of the baseline
-        into the fluid (see `bspline_mdao.design.control_net`); a vector, shape (3,); vectors of the selected
+        into the fluid (see `bspline_mdao.mesh.control_net`); a vector, shape (3,); vectors of the selected
         points, shape (n, 3); or m of them for every point, shape (n, 3, m). Vectors are displacements per unit of
         the value, of any length.
     units : str, optional

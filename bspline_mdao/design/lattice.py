@@ -25,13 +25,13 @@ from ..errors import InputError
 from ..evaluation.evaluator import Evaluator
 from ..evaluation.inversion import INSIDE, invert_points
 from ..measures.edge_cuts import edges_of_quads
+from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
 from ..shown import OneLine
 from ..splines.greville import greville_abscissae
 from ..splines.knots import ConstantKnots
 from ..splines.mesh import BSplineMesh
 from ..splines.volume import Volume, evaluate
-from .control_net import surface_quads
 from .selection import Selection
 from .variable import DesignMap, Layout, MapPartials, product_on_pattern, sum_on_pattern
 

@@ -17,13 +17,13 @@ from scipy.sparse import csr_array
 from ..checks import as_numbers
 from ..errors import InputError
 from ..measures.edge_cuts import cut_edges, edges_of_quads
+from ..mesh.control_net import surface_quads
 from ..mesh.frame import Frame, Plane, mesh_frame, mesh_planes
 from ..mesh.moving_mesh import MovingMesh, require_mesh
 from ..mesh.surface import SurfaceGrid
 from ..movement.mover import PLANE_TOLERANCE
 from ..numerics.vectors import lengths
 from ..shown import OneLine
-from .control_net import surface_quads
 from .section_formulas import rotation
 from .variable import Layout
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
 from ..walls.rotations import LocalRotations, Rotations
 from .rotation_vectors import unwrapped, vectors_jvp, vectors_vjp
@@ -27,17 +28,15 @@ SAME_PLANE = 6
 def surface_rotations(mesh: MovingMesh) -> LocalRotations:
     """What the rotation of each surface point is made of.
 
-    The quads are the faces of elements on the outside whose corners are on the surface. What lies on two planes of
-    symmetry never turns.
+    What lies on two planes of symmetry never turns.
     """
     ids, normals = mesh.in_plane_rows, mesh.in_plane_normals
     planes, number = np.unique(np.round(normals * _sign(normals), SAME_PLANE), axis=0, return_inverse=True)
     number = number.ravel()
     rows, n_planes = np.unique(ids, return_counts=True)
-    quads = mesh.surface_rows[_outer_quads(mesh)]
     return LocalRotations.of(
         mesh.points[mesh.surface_ids],
-        quads=quads[(quads >= 0).all(axis=1)],
+        quads=surface_quads(mesh),
         planes=[(ids[number == k], normals[number == k][0]) for k in range(len(planes))],
         fixed=rows[n_planes > 1],
     )
@@ -47,20 +46,6 @@ def _sign(normals):
     """Sign of the largest component of each normal, shape (n, 1)."""
     largest = np.argmax(np.abs(normals), axis=1)[:, None]
     return np.sign(np.take_along_axis(normals, largest, axis=1))
-
-
-def _outer_quads(mesh):
-    """Corners, in turn, of the faces of elements that no other element has, shape (n_quads, 4)."""
-    quads = np.concatenate(
-        [
-            np.stack([face[:-1, :-1], face[1:, :-1], face[1:, 1:], face[:-1, 1:]], axis=-1).reshape(-1, 4)
-            for ids in mesh.blocks
-            for direction in range(3)
-            for face in np.moveaxis(ids, direction, 0)[[0, -1]]
-        ]
-    )
-    _, place, count = np.unique(np.sort(quads, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return quads[count[place.ravel()] == 1]
 
 
 def directions_of_rotation(mesh: MovingMesh) -> np.ndarray:

@@ -22,9 +22,9 @@ from bspline_mdao import (
     UserVariable,
     moving_mesh,
 )
-from bspline_mdao.design.control_net import surface_quads
 from bspline_mdao.design.lattice import Embedding, fixed_points
 from bspline_mdao.design.variable import Layout, MapPartials
+from bspline_mdao.mesh.control_net import surface_quads
 from bspline_mdao.splines.volume import evaluate
 
 SHAPES = [((4, 2, 3), None), ((6, 3, 5), (4, 2, 3)), ((5, 4, 6), (5, 4, 6))]

@@ -26,8 +26,8 @@ from bspline_mdao import (
     moving_mesh,
     onera_m6_grid,
 )
-from bspline_mdao.design.control_net import surface_normals, surface_quads
 from bspline_mdao.design.variable import Layout
+from bspline_mdao.mesh.control_net import surface_normals, surface_quads
 from bspline_mdao.topology.index_space import Window
 
 

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.moving_mesh import MovingMesh
 from ..numerics.vectors import dots, lengths, unit_vectors
 from ..topology.boundary_surface import facing, quads_in_turn
+from .moving_mesh import MovingMesh
 
 __all__ = ["surface_normals", "surface_quads"]
 
