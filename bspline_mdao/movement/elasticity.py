@@ -28,7 +28,7 @@ from numba import njit
 
 from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
-from ..numerics.vectors import add, dot, scaled
+from ..numerics.vectors import scaled
 from ..sparse.cholesky import Cholesky
 from .equilibrium import ALL, EquilibriumMover
 from .increments import PAPER_INCREMENTS
@@ -44,9 +44,12 @@ from .trilinear import (
     at_point,
     divisor_gradient,
     divisor_of,
+    gradient,
     put_at_point,
     slopes_of,
     slopes_of_sum,
+    sum_of,
+    work_of,
 )
 from .young_modulus import OrthogonalityLaw, StiffnessLaw
 
@@ -173,31 +176,9 @@ def stress(h, lame):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
-def _gradient(u, a):
-    """Rows of H(u) = sum of u_i a_i^T."""
-    return (
-        (
-            u[0][0] * a[0][0] + u[1][0] * a[1][0] + u[2][0] * a[2][0],
-            u[0][0] * a[0][1] + u[1][0] * a[1][1] + u[2][0] * a[2][1],
-            u[0][0] * a[0][2] + u[1][0] * a[1][2] + u[2][0] * a[2][2],
-        ),
-        (
-            u[0][1] * a[0][0] + u[1][1] * a[1][0] + u[2][1] * a[2][0],
-            u[0][1] * a[0][1] + u[1][1] * a[1][1] + u[2][1] * a[2][1],
-            u[0][1] * a[0][2] + u[1][1] * a[1][2] + u[2][1] * a[2][2],
-        ),
-        (
-            u[0][2] * a[0][0] + u[1][2] * a[1][0] + u[2][2] * a[2][0],
-            u[0][2] * a[0][1] + u[1][2] * a[1][1] + u[2][2] * a[2][1],
-            u[0][2] * a[0][2] + u[1][2] * a[1][2] + u[2][2] * a[2][2],
-        ),
-    )
-
-
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
 def _stress(u, a, lame):
     """Stress of H(u)."""
-    return stress(_gradient(u, a), lame)
+    return stress(gradient(u, a), lame)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
@@ -221,18 +202,6 @@ def _fluxes(tau, a, factor):
     )
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
-def _sum(p, q):
-    """Sum of two triples of vectors."""
-    return add(p[0], q[0]), add(p[1], q[1]), add(p[2], q[2])
-
-
-@njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"}, forceinline=True)
-def _work(u_fluxes, v):
-    """Work of fluxes on slopes."""
-    return dot(u_fluxes[0], v[0]) + dot(u_fluxes[1], v[1]) + dot(u_fluxes[2], v[2])
-
-
 @njit(cache=True, error_model="numpy", fastmath=FAST)
 def _element_force(f_s, u_s, sign, weight, lame, out):
     """Fluxes of u at the Gauss points: their transposed slopes are the force."""
@@ -250,7 +219,7 @@ def _element_force_jvp(f_s, u_s, df_s, sign, weight, d_weight, lame, out):
         f, u, df = at_point(f_s, g), at_point(u_s, g), at_point(df_s, g)
         a, da = adjugate(f), adjugate_jvp(f, df)
         divisor, jacobian_slope, length_slope = divisor_of(f, a, sign)
-        d_divisor = _work(divisor_gradient(f, a, jacobian_slope, length_slope), df)
+        d_divisor = work_of(divisor_gradient(f, a, jacobian_slope, length_slope), df)
         factor, tau = weight / divisor, _stress(u, a, lame)
         changes = (
             _fluxes(tau, a, (d_weight - factor * d_divisor) / divisor),
@@ -272,11 +241,11 @@ def _element_force_vjp(f_s, u_s, v_s, sign, weight, lame, f_bar, u_bar):
         divisor, jacobian_slope, length_slope = divisor_of(f, a, sign)
         tau_u, tau_v, factor = _stress(u, a, lame), _stress(v, a, lame), weight / divisor
         fluxes = _fluxes(tau_v, a, factor)
-        work = _work(fluxes, u)
-        a_bar = _sum(_fluxes(tau_u, v, factor), _fluxes(tau_v, u, factor))
+        work = work_of(fluxes, u)
+        a_bar = sum_of(_fluxes(tau_u, v, factor), _fluxes(tau_v, u, factor))
         divisor_slope = -work / divisor
         divisor_bar = divisor_gradient(f, a, divisor_slope * jacobian_slope, divisor_slope * length_slope)
-        put_at_point(_sum(adjugate_vjp(f, a_bar), divisor_bar), g, f_bar)
+        put_at_point(sum_of(adjugate_vjp(f, a_bar), divisor_bar), g, f_bar)
         put_at_point(fluxes, g, u_bar)
         total += work
     return total / weight

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..numerics.vectors import add, scaled
+from ..numerics.vectors import scaled
 from ..walls.polar import nearest_rotations, rotation_changes
-from .guided_gradients import GuidedElements, gradient, times, transposed_times, work_of
+from .guided_gradients import GuidedElements, times, transposed_times
 from .rotation_vectors import NO_ROTATION, nearest_to_any
 from .trilinear import (
     FAST,
@@ -33,9 +33,12 @@ from .trilinear import (
     at_point,
     divisor_gradient,
     divisor_of,
+    gradient,
     put_at_point,
     slopes_of,
     slopes_of_sum,
+    sum_of,
+    work_of,
 )
 
 __all__ = ["ElementRotations"]
@@ -147,13 +150,7 @@ def _element_gradient_vjp(f_s, u_s, sign, bar, f_bar, u_bar):
         )
         slope = -work_of(pulls, u) / divisor
         by_divisor = divisor_gradient(f, a, slope * jacobian_slope, slope * length_slope)
-        by_adjugate = adjugate_vjp(f, a_bar)
-        by_points = (
-            add(by_adjugate[0], by_divisor[0]),
-            add(by_adjugate[1], by_divisor[1]),
-            add(by_adjugate[2], by_divisor[2]),
-        )
-        put_at_point(by_points, g, f_bar)
+        put_at_point(sum_of(adjugate_vjp(f, a_bar), by_divisor), g, f_bar)
         put_at_point(pulls, g, u_bar)
 
 

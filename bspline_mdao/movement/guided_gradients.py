@@ -41,9 +41,12 @@ from .trilinear import (
     at_point,
     divisor_gradient,
     divisor_of,
+    gradient,
     put_at_point,
     slopes_of,
     slopes_of_sum,
+    sum_of,
+    work_of,
 )
 from .young_modulus import InverseVolumeLaw
 
@@ -51,10 +54,8 @@ __all__ = [
     "GuidedElements",
     "GuidedField",
     "GuidedSystem",
-    "gradient",
     "times",
     "transposed_times",
-    "work_of",
 ]
 
 
@@ -186,16 +187,6 @@ def _in_two(parts: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def gradient(z, a):
-    """Rows of H(z) = sum of z_i a_i^T."""
-    return (
-        add(add(scaled(z[0][0], a[0]), scaled(z[1][0], a[1])), scaled(z[2][0], a[2])),
-        add(add(scaled(z[0][1], a[0]), scaled(z[1][1], a[1])), scaled(z[2][1], a[2])),
-        add(add(scaled(z[0][2], a[0]), scaled(z[1][2], a[1])), scaled(z[2][2], a[2])),
-    )
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _stress(z, a, law):
     """T(H(z)), three rows: the only statement of the law."""
     h = gradient(z, a)
@@ -223,18 +214,6 @@ def transposed_times(h, v):
 def _fluxes(tau, a, factor):
     """Derivatives of the work ``factor tau : H(v)`` with respect to the slopes v_i."""
     return scaled(factor, times(tau, a[0])), scaled(factor, times(tau, a[1])), scaled(factor, times(tau, a[2]))
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _sum(p, q):
-    """Sum of two triples of vectors."""
-    return add(p[0], q[0]), add(p[1], q[1]), add(p[2], q[2])
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def work_of(p, q):
-    """Sum of the products of two triples of vectors."""
-    return dot(p[0], q[0]) + dot(p[1], q[1]) + dot(p[2], q[2])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -267,9 +246,9 @@ def _element_force_jvp(f_s, z_s, df_s, dz_s, sign, weight, d_weight, law, out):
         divisor, jacobian_slope, length_slope = divisor_of(f, a, sign)
         d_divisor = work_of(divisor_gradient(f, a, jacobian_slope, length_slope), df)
         factor, tau = weight / divisor, _stress(z, a, law)
-        d_tau = _sum(_stress(z, da, law), _stress(dz, a, law))
-        changes = _sum(_fluxes(tau, a, (d_weight - factor * d_divisor) / divisor), _fluxes(d_tau, a, factor))
-        put_at_point(_sum(changes, _fluxes(tau, da, factor)), g, out)
+        d_tau = sum_of(_stress(z, da, law), _stress(dz, a, law))
+        changes = sum_of(_fluxes(tau, a, (d_weight - factor * d_divisor) / divisor), _fluxes(d_tau, a, factor))
+        put_at_point(sum_of(changes, _fluxes(tau, da, factor)), g, out)
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -290,7 +269,7 @@ def _element_force_vjp(f_s, z_s, v_s, sign, weight, law, f_bar, z_bar):
         )
         divisor_slope = -work / divisor
         divisor_bar = divisor_gradient(f, a, divisor_slope * jacobian_slope, divisor_slope * length_slope)
-        put_at_point(_sum(adjugate_vjp(f, a_bar), divisor_bar), g, f_bar)
+        put_at_point(sum_of(adjugate_vjp(f, a_bar), divisor_bar), g, f_bar)
         put_at_point(fluxes, g, z_bar)
         total += work
     return total / weight

@@ -39,11 +39,14 @@ __all__ = [
     "at_point",
     "divisor_gradient",
     "divisor_of",
+    "gradient",
     "put_at_point",
     "regularised",
     "regularised_array",
     "slopes_of",
     "slopes_of_sum",
+    "sum_of",
+    "work_of",
 ]
 
 FLAT_CORNER = 0.01
@@ -174,6 +177,28 @@ def divisor_gradient(f, a, jacobian_slope, length_slope):
         add(scaled(jacobian_slope, a[1]), scaled(length_slope / (dot(f[1], f[1]) + _TINY), f[1])),
         add(scaled(jacobian_slope, a[2]), scaled(length_slope / (dot(f[2], f[2]) + _TINY), f[2])),
     )
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def gradient(z, a):
+    """Rows of H(z) = sum of z_i a_i^T."""
+    return (
+        add(add(scaled(z[0][0], a[0]), scaled(z[1][0], a[1])), scaled(z[2][0], a[2])),
+        add(add(scaled(z[0][1], a[0]), scaled(z[1][1], a[1])), scaled(z[2][1], a[2])),
+        add(add(scaled(z[0][2], a[0]), scaled(z[1][2], a[1])), scaled(z[2][2], a[2])),
+    )
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def sum_of(p, q):
+    """Sum of two triples of vectors, such as slopes."""
+    return add(p[0], q[0]), add(p[1], q[1]), add(p[2], q[2])
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def work_of(p, q):
+    """Sum of the products of two triples of vectors."""
+    return dot(p[0], q[0]) + dot(p[1], q[1]) + dot(p[2], q[2])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
