@@ -2,11 +2,14 @@
 
 import warnings
 
+import numpy as np
 import openmdao.api as om
+from openmdao.utils import array_utils
 
 import bspline_mdao as bm
 from bspline_mdao.numerics.processes import world
 
+array_utils._randgen = np.random.default_rng(1)  # directions of checks: a product may be small along some
 model = bm.fit_grid(bm.flat_plate_grid((5, 6, 5)), n_control=(4, 5, 4))
 problem = om.Problem()
 problem.model.add_subsystem("chain", bm.GridMovement(model=model, fit=False), promotes=["*"])
@@ -25,7 +28,7 @@ assert {path: len(pairs) for path, pairs in found.items()} == {"chain.move": 4, 
 for pairs in found.values():
     for pair, data in pairs.items():
         forward, dot = data["magnitude"].forward, data["abs error"].fwd_rev
-        assert forward > 1e-7, pair  # the direction is random, and a product may be small along it, but not empty
+        assert forward > (1e-4 if pair[0] == "control_corner_ks" else 1e-3), pair
         assert dot < 1e-12 * max(1.0, forward), (pair, dot)
-        assert data["abs error"].forward < 1e-6 * forward + 2e-9, (pair, data["abs error"])  # + round-off over the step
+        assert data["abs error"].forward < 1e-6 * forward, (pair, data["abs error"])
 print("checked")
