@@ -174,6 +174,56 @@ class QuasiInterpolant:
 
 
 @dataclass(frozen=True, eq=False)
+class SurfaceQuasiInterpolant:
+    """Q with some iterations for the control points of a surface, which depend on the surface's nodes alone.
+
+    Parameters
+    ----------
+    sampling : csr_array, shape (n_surface, n)
+        Q.
+    resampling : csr_array, shape (n_surface, n_surface)
+        Q A.
+    n_iterations : int
+        Iterations.
+    """
+
+    sampling: csr_array
+    resampling: csr_array
+    n_iterations: int
+
+    @classmethod
+    def of(
+        cls, quasi: QuasiInterpolant, surface_ids: np.ndarray, numbers: np.ndarray, n_iterations: int
+    ) -> SurfaceQuasiInterpolant:
+        """Take the control points of a surface, shape (n_surface,), out of one process' whole grid.
+
+        Of the nodes, ``numbers`` has for each row of the grid vector the node of the surface that it is, or -1.
+        """
+        sampling = csr_array(quasi.sampling[surface_ids])
+        used = np.unique(sampling.indices)
+        used = used[numbers[quasi.sampled[used]] >= 0]
+        sampling = csr_array(sampling[:, used])
+        resampling = csr_array(sampling @ quasi.evaluator.matrix()[used][:, surface_ids])
+        entries = sampling.data, numbers[quasi.sampled[used]][sampling.indices], sampling.indptr
+        return cls(csr_array(entries, shape=(len(surface_ids), numbers.max() + 1)), resampling, n_iterations)
+
+    def forward(self, nodes: np.ndarray) -> np.ndarray:
+        """Control points, shape (n_surface, 3), of nodes of the surface, shape (n, 3)."""
+        samples = points = self.sampling @ nodes
+        for _ in range(self.n_iterations):
+            points = points + samples - self.resampling @ points
+        return points
+
+    def adjoint(self, bar: np.ndarray) -> np.ndarray:
+        """Transpose of `forward`."""
+        samples_bar, points_bar = np.zeros_like(bar), bar
+        for _ in range(self.n_iterations):
+            samples_bar = samples_bar + points_bar
+            points_bar = points_bar - self.resampling.T @ points_bar
+        return self.sampling.T @ (samples_bar + points_bar)
+
+
+@dataclass(frozen=True, eq=False)
 class Mixture:
     """Control points that are in part least squares, in part the other candidates; by default least squares alone.
 

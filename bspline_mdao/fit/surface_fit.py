@@ -30,7 +30,6 @@ from ..mesh.moving_mesh import MovingMesh
 from ..mesh.surface import SurfaceGrid
 from ..mesh.surface_map import SurfaceMap
 from ..model.fitted_model import FittedModel
-from ..model.records import CANDIDATES
 from ..shown import OneLine
 from ..sparse.spring_network import SpringNetwork
 from ..topology.index_space import Window, block_rows
@@ -39,6 +38,7 @@ from ..topology.topology import Topology
 from ..walls.rigid_part import RigidMotion, RigidPart
 from .least_squares import FitOperator
 from .problem import problem_of_mesh
+from .quasi_interpolant import QuasiInterpolant, SurfaceQuasiInterpolant
 
 LOGGER = logging.getLogger(__name__)
 """Logs how far each surface misses its target: a warning beyond `NOTABLE_MISS`."""
@@ -47,9 +47,9 @@ NOTABLE_MISS = 1e-3
 """A surface that misses its target by more than this fraction of its size is a warning in the log."""
 
 
-SMOOTH = CANDIDATES.index("quasi_interpolant_2")
-"""The quasi-interpolant whose control points follow nodes: with more iterations they swing about kinks (a bend of 90
-degrees of an H-H wing leaves 107, 86 and 51 folded control elements with 8, 4 and 2), with none they cut corners."""
+N_ITERATIONS = 2
+"""Iterations of the quasi-interpolant that follows nodes: with more it swings about kinks (a bend of 90 degrees of an
+H-H wing leaves 107, 86 and 51 folded control elements with 8, 4 and 2), with none it cuts corners."""
 
 
 @dataclass(frozen=True)
@@ -203,8 +203,8 @@ class SurfaceFollower:
 
     Parameters
     ----------
-    quasi : FitOperator
-        Quasi-interpolant, from the nodes of the grid to the control points.
+    quasi : SurfaceQuasiInterpolant
+        From the nodes of the surface to its control points.
     mesh : MovingMesh
         Its surface points are those that follow; those in planes of symmetry stay in them.
     baseline : ndarray, shape (n, 3)
@@ -213,21 +213,17 @@ class SurfaceFollower:
         Nodes of the surface from those that are given: the mean where one is given more than once.
     springs : SpringNetwork or None
         Moves of nodes that are not given, between those of their neighbours; None where all are.
-    rows, numbers : ndarray of int, shape (n_rows,)
-        Rows in the grid vector of the surface's nodes, copies included, and the node of the surface that each is.
     rigid : RigidPart
         The rigid motion nearest to that of the nodes.
     offsets : ndarray, shape (n_surface, 3)
         Control points less what the quasi-interpolant makes of the nodes, on the baseline (m).
     """
 
-    quasi: FitOperator
+    quasi: SurfaceQuasiInterpolant
     mesh: MovingMesh
     baseline: np.ndarray
     means: csr_array
     springs: SpringNetwork | None
-    rows: np.ndarray
-    numbers: np.ndarray
     rigid: RigidPart
     offsets: np.ndarray
 
@@ -265,18 +261,15 @@ class SurfaceFollower:
             if not counts[ids].any():
                 raise InputError(f"surface: none of the nodes of {name} is given; give nodes of all its patches")
         means = csr_array((1.0 / counts[numbers], (numbers, np.arange(len(numbers)))), shape=(n, len(numbers)))
-        place = np.full(model.n_nodes, -1)
-        place[surface.rows] = np.arange(n)
-        place = place[node_sharing(model.topology).source_rows()]
-        rows = np.flatnonzero(place >= 0)
         springs = None if counts.all() else _springs(surface, np.flatnonzero(counts))
-        weights = np.tile(np.eye(len(CANDIDATES))[SMOOTH], (model.mesh.n_control_points, 1))
-        quasi = problem_of_mesh(model.topology, model.mesh).operator(model.parameters, weights)
-        nodes = np.zeros((model.n_nodes, 3))
-        nodes[rows] = surface.points[place[rows]]
-        offsets = model.control_points[mesh.surface_ids] - quasi.forward(nodes)[mesh.surface_ids]
-        given = surface.points[numbers], means, springs, rows, place[rows]
-        return cls(quasi, mesh, *given, RigidPart(mesh.plane_normals), offsets)
+        node_of_row = np.full(model.n_nodes, -1)
+        node_of_row[surface.rows] = np.arange(n)
+        sharing = problem_of_mesh(model.topology, model.mesh).sharing
+        node_of_row = node_of_row[sharing.source_rows()]
+        whole = QuasiInterpolant.of(model.mesh, sharing, model.parameters)
+        quasi = SurfaceQuasiInterpolant.of(whole, mesh.surface_ids, node_of_row, N_ITERATIONS)
+        offsets = model.control_points[mesh.surface_ids] - quasi.forward(surface.points)
+        return cls(quasi, mesh, surface.points[numbers], means, springs, RigidPart(mesh.plane_normals), offsets)
 
     def at(self, nodes: np.ndarray) -> FollowedSurface:
         """Control points at nodes, shape (n, 3), in metres, and their derivative.
@@ -297,16 +290,11 @@ class SurfaceFollower:
         if self.springs is not None:
             given = np.flatnonzero(np.diff(self.means.indptr))
             at_points[self.springs.ids] = self.springs.dot(at_points[given])
-        of_grid = np.zeros((self.quasi.n_nodes, 3))
-        of_grid[self.rows] = at_points[self.numbers]
-        return self.quasi.forward(of_grid)[self.mesh.surface_ids]
+        return self.quasi.forward(at_points)
 
     def _transpose(self, bar: np.ndarray) -> np.ndarray:
         """Transpose of `_forward`."""
-        control_bar = np.zeros((self.quasi.n_control_points, 3))
-        control_bar[self.mesh.surface_ids] = bar
-        at_points = np.zeros((self.means.shape[0], 3))
-        np.add.at(at_points, self.numbers, self.quasi.adjoint(control_bar)[self.rows])
+        at_points = self.quasi.adjoint(bar)
         if self.springs is not None:
             given = np.flatnonzero(np.diff(self.means.indptr))
             at_points[given] += self.springs.transpose_dot(at_points[self.springs.ids])
