@@ -95,6 +95,23 @@ class Elements(Balanced, Protocol):
         """Transpose of both: for the initial points, the points and the displacement, shape (n_points, 3) each."""
 
 
+class Numbered(Protocol):
+    """Numbering of the unknowns of the points, and their matrix: `Unknowns`, or others that a field has."""
+
+    @property
+    def comm(self) -> Any:
+        """Processes that share the rows of the matrix."""
+
+    def matrix(self, add_stiffness: Callable[..., None]) -> Any:
+        """Matrix of the stiffness that a function adds to blocks."""
+
+    def gather(self, force: np.ndarray) -> np.ndarray:
+        """Unknowns' components of a force, shape (n_points, 3)."""
+
+    def scatter(self, unknowns: np.ndarray) -> np.ndarray:
+        """Transpose of `gather`."""
+
+
 class EquilibriumMover(IncrementalMover):
     """What the movers of elements share: an increment is an equilibrium.
 
@@ -208,11 +225,11 @@ class EquilibriumStep:
 class Factored:
     """A matrix with its factor."""
 
-    matrix: BlockMatrix
+    matrix: Any
     factor: Any
 
     def solve(self, right):
-        """Solution for a right-hand side, shape (n_rows, 3)."""
+        """Solution for a right-hand side, of the unknowns' shape."""
         return self.factor.solve(right, self.matrix)
 
 
@@ -243,14 +260,14 @@ class Equilibrium:
     ----------
     mesh : MovingMesh
         What is moved.
-    unknowns : Unknowns
+    unknowns : Numbered
         Numbering of the unknowns.
     analysis : object
         The solver's analysis of their pattern.
     """
 
     mesh: MovingMesh
-    unknowns: Unknowns
+    unknowns: Numbered
     analysis: Any
 
     @classmethod
@@ -315,13 +332,6 @@ class Equilibrium:
                 break
         return Balance(parts, n_steps, solution.residual, error)
 
-    def restrained(self, is_free: np.ndarray) -> Equilibrium:
-        """The same points and order of elimination for a field that is free in other directions of theirs.
-
-        Directions, bool, are of shape (n_points, 3); what moves nowhere has none.
-        """
-        return replace(self, unknowns=self.unknowns.restrained(is_free))
-
     def factorized(self, elements: Balanced) -> Factored:
         """Assemble and factorise the stiffness of elements."""
         with together(self.unknowns.comm):
@@ -361,19 +371,10 @@ class Unknowns:
         What is moved.
     comm : communicator
         Processes that share the rows of the matrix; this one alone by default. All else is the same on all of them.
-    is_free : ndarray of bool, shape (n_points, 3), optional
-        Free directions of the points that may move; the mesh's by default.
     """
 
     mesh: MovingMesh
     comm: Any = ONE
-    is_free: np.ndarray | None = None
-
-    def restrained(self, is_free: np.ndarray) -> Unknowns:
-        """The same numbering and pattern with other free directions."""
-        other = replace(self, is_free=is_free)
-        vars(other).update(_assembly=self._assembly, slots=self.slots)
-        return other
 
     @cached_property
     def point_ids(self) -> np.ndarray:
@@ -440,7 +441,7 @@ class Unknowns:
 
     @cached_property
     def _is_free(self):
-        return (self.mesh.is_free if self.is_free is None else self.is_free)[self.point_ids]
+        return self.mesh.is_free[self.point_ids]
 
     @cached_property
     def _frames(self):

@@ -3,26 +3,38 @@
 1. Every surface point takes the rotation that fits best what the quads around it do
    (`bspline_mdao.walls.rotations.LocalRotations`), as a vector that is continued along the surface.
 2. The vectors are extended by the harmonic field of `bspline_mdao.movement.guided_gradients`: zero at fixed points, and
-   along the normal where points slide in a plane, which then turn in it.
+   along the normal where points slide in a plane, which then turn in it. Its components do not meet, but for planes at
+   an angle to each other, so that its matrix is one of scalars (`RotationUnknowns`).
 
 Theory: ``docs/theory/rotations.rst``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_array, csr_array, eye_array, kron, tril
 
 from ..mesh.control_net import surface_quads
 from ..mesh.moving_mesh import MovingMesh
+from ..numerics.processes import ONE
+from ..sparse.blocks import graph_of
+from ..sparse.ordering import fill_reducing_order
 from ..walls.rotations import LocalRotations, Rotations
+from .equilibrium import Unknowns
 from .rotation_vectors import unwrapped, vectors_jvp, vectors_vjp
 
-__all__ = ["SurfaceVectors", "directions_of_rotation", "surface_rotations"]
+__all__ = ["RotationUnknowns", "SurfaceVectors", "surface_rotations"]
 
 SAME_PLANE = 6
 """Decimals to which the normals of one plane agree."""
+
+ROUND_OFF = 1e-14
+"""Components of unit vectors that are rounding."""
 
 
 def surface_rotations(mesh: MovingMesh) -> LocalRotations:
@@ -48,13 +60,65 @@ def _sign(normals):
     return np.sign(np.take_along_axis(normals, largest, axis=1))
 
 
-def directions_of_rotation(mesh: MovingMesh) -> np.ndarray:
-    """Directions, in the frame of each point, that it may turn about, bool, shape (n_points, 3).
+@dataclass(frozen=True, eq=False)
+class RotationUnknowns:
+    """Numbering of the rotations of the points that may move, and the matrix of their extension.
 
-    What moves freely turns freely, what slides in a plane turns about its normal, and all else does not turn.
+    An unknown is the component along a direction that a point may turn about: what moves freely turns about three, what
+    slides in a plane about its normal, and all else does not turn.
+
+    Parameters
+    ----------
+    points : Unknowns
+        The points that may move, with the pattern of their stiffness, all on this process.
     """
-    n_free = mesh.is_free.sum(axis=1)[:, None]
-    return (n_free == 3) | ((n_free == 2) & ~mesh.is_free)
+
+    points: Unknowns
+    comm: Any = ONE
+
+    @cached_property
+    def _directions(self) -> csr_array:
+        """Directions of the unknowns, in the order of their elimination, shape (3 n, n_unknowns) for n points."""
+        mesh, ids = self.points.mesh, self.points.point_ids
+        rank = np.argsort(fill_reducing_order(*graph_of(self.points.pattern)))
+        is_free = mesh.is_free[ids]
+        turning, sliding = (np.flatnonzero(is_free.sum(axis=1) == n) for n in (3, 2))
+        fixed = np.argmin(is_free[sliding], axis=1)
+        normals = np.eye(3)[fixed] if mesh.frames is None else mesh.frames[ids[sliding], fixed]
+        # directions that free points turn about: normals first, so that planes at right angles join no components
+        axes = np.linalg.qr(np.concatenate([mesh.plane_normals, np.eye(3)]).T)[0].T
+        slots = np.concatenate([np.repeat([0, 1, 2], len(turning)), np.argmax(np.abs(normals @ axes.T), axis=1)])
+        rows = np.concatenate([np.tile(turning, 3), sliding])
+        vectors = np.concatenate([np.repeat(axes, len(turning), axis=0), normals])
+        vectors[np.abs(vectors) < ROUND_OFF] = 0.0
+        order = np.lexsort((rank[rows], slots))
+        entries = (
+            vectors[order].ravel(),
+            (3 * rows[order, None] + [0, 1, 2]).ravel(),
+            np.arange(0, 3 * len(rows) + 1, 3),
+        )
+        directions = csc_array(entries, shape=(3 * len(ids), len(rows)))
+        directions.eliminate_zeros()
+        return directions.tocsr()
+
+    def matrix(self, add_stiffness: Callable[..., None]) -> csc_array:
+        """Stiffness of the unknowns, of a Laplacian of each component; see `Unknowns.matrix`."""
+        pattern = self.points.pattern
+        data = np.zeros((pattern.n_blocks, 3, 3))
+        add_stiffness(self.points.element_rows, self.points.slots, data)
+        lower = csr_array((data[:, 0, 0], pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n))
+        of_points = lower + tril(lower, -1).T
+        return csc_array(self._directions.T @ kron(of_points, eye_array(3), format="csr") @ self._directions)
+
+    def gather(self, force: np.ndarray) -> np.ndarray:
+        """Components of a force, shape (n_points, 3), along the directions: shape (n_unknowns,)."""
+        return self._directions.T @ force[self.points.point_ids].ravel()
+
+    def scatter(self, unknowns: np.ndarray) -> np.ndarray:
+        """Transpose of `gather`."""
+        vectors = np.zeros((self.points.mesh.n_points, 3))
+        vectors[self.points.point_ids] = (self._directions @ unknowns).reshape(-1, 3)
+        return vectors
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,13 +32,14 @@ from ..errors import InputError
 from ..mesh.moving_mesh import MovingMesh
 from ..shown import OneLine
 from ..sparse.cholesky import Cholesky
+from ..sparse.scalar import ScalarCholesky
 from ..walls.rotations import LocalRotations
 from .elasticity import lame_constants
 from .element_rotations import ElementRotations
-from .equilibrium import Equilibrium
+from .equilibrium import Equilibrium, Unknowns
 from .guided_gradients import GuidedField, GuidedSystem
 from .mover import IncrementReport, MovementReport, SolveReport, check_reach, check_request, digits_of
-from .rotation_field import SurfaceVectors, directions_of_rotation, surface_rotations
+from .rotation_field import RotationUnknowns, SurfaceVectors, surface_rotations
 from .rotation_vectors import turns, turns_jvp, turns_vjp
 from .trilinear import add_at_corners
 from .young_modulus import InverseVolumeLaw
@@ -105,7 +106,7 @@ class Rotations(OneLine):
 
     @cached_property
     def _rotations(self) -> Equilibrium:
-        return self._displacements.restrained(directions_of_rotation(self.mesh))
+        return Equilibrium(self.mesh, RotationUnknowns(Unknowns(self.mesh)), ScalarCholesky())
 
     @cached_property
     def _surface(self) -> LocalRotations:

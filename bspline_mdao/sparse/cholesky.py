@@ -78,11 +78,13 @@ class Memory:
     """Memory that has served and serves again: fresh memory can take as long as the arithmetic that fills it.
 
     What is lent comes back by itself, when nothing refers to it any more; then it waits, as long as this object lives,
-    for the next request of its size. Threads may share one. Copies of one, and what is pickled, start empty.
+    for the next request of its size. What served the first factorisation does not wait: most are the last, too. Threads
+    may share one. Copies of one, and what is pickled, start empty.
     """
 
     def __init__(self):
         self._idle: dict[int, list[np.ndarray]] = {}
+        self._has_served = False
 
     def __reduce__(self):
         return Memory, ()
@@ -96,6 +98,11 @@ class Memory:
         except IndexError:
             memory = np.empty(n_bytes, np.uint8)
         return np.asarray(_Loan(memory, idle)).view(dtype)
+
+    def end(self) -> None:
+        """Say that a factorisation has ended."""
+        if not self._has_served:
+            self._idle, self._has_served = {}, True
 
 
 class _Loan:
@@ -160,6 +167,13 @@ class CholeskyAnalysis(OneLine):
         """
         if matrix.pattern is not self.pattern:
             raise InputError("Cholesky: the matrix has another pattern; analyze its own")
+        try:
+            return self._factorized(matrix)
+        finally:
+            self.memory.end()
+
+    def _factorized(self, matrix: BlockMatrix) -> CholeskyFactor:
+        """Factor in single precision first, where that is asked for."""
         if self.settings.single:
             scale = _inverse_root_diagonal(self.pattern.indptr, matrix.data)
             scaled = _scaled_blocks(self.pattern.indptr, self.pattern.indices, matrix.data, scale)
