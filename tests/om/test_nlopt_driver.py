@@ -190,7 +190,9 @@ def test_convergence_is_told_in_words(capsys):
     problem.driver = NLoptDriver()
     problem.setup()
     result = problem.run_driver()
-    assert result.exit_status == "FTOL_REACHED: the objective changes by less than ftol_rel or ftol_abs"
+    words = "FTOL_REACHED: the objective changes by less than ftol_rel or ftol_abs; first-order residual "
+    assert result.exit_status == f"{words}{problem.driver.outcome.optimality:.1e} of the largest gradient"
+    assert problem.driver.outcome.optimality < 1e-9
     assert problem.driver.get_exit_status() == result.exit_status
     printed = capsys.readouterr().out
     assert "Optimization complete (LD_SLSQP)" in printed
@@ -370,7 +372,7 @@ def printed_by(problem, algorithm):
 def test_the_iterations_are_shown_by_default(algorithm):
     problem = paraboloid(d={"upper": -15.0})
     head, *lines = printed_by(problem, algorithm)
-    assert head.split() == ["iteration", "runs", "objective", "violation", "gradient", "(scaled)"]
+    assert head.split() == ["iteration", "runs", "objective", "violation", "optimality", "(scaled)"]
     lines = [line.split() for line in lines[: [line.startswith("Optim") for line in lines].index(True)]]
     assert [int(line[0]) for line in lines] == list(range(1, len(lines) + 1))
     runs = [int(line[1]) for line in lines]
@@ -380,7 +382,10 @@ def test_the_iterations_are_shown_by_default(algorithm):
     assert (float(lines[0][3]), len(lines[0])) == (15.0, 5 if algorithm.startswith("LD") else 4)
     if algorithm.startswith("LD"):
         assert len(lines) == problem.driver.result.deriv_evals
-        assert float(lines[0][4]) == pytest.approx(10.0, rel=1e-3)  # of (x - 3)^2 + x y + (y + 4)^2 at 0
+        gradient, outward = np.array([-6.0, 8.0]), np.array([-1.0, 1.0])  # of (x - 3)^2 + x y + (y + 4)^2, d at 0
+        left = gradient - min(gradient @ outward, 0.0) * outward / 2.0
+        assert float(lines[0][4]) == pytest.approx(np.linalg.norm(left) / 10.0, rel=1e-3)
+        assert float(lines[-1][4]) < 1e-3
 
 
 def test_a_quiet_driver_prints_nothing(capsys):

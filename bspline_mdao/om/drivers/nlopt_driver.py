@@ -3,6 +3,7 @@
 Theory: ``docs/theory/drivers.rst``.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
@@ -13,6 +14,7 @@ from openmdao.core.driver import Driver
 from ...errors import InputError
 from ...numerics.processes import from_first
 from ...numerics.progress import Progress, shown
+from .best_design import BestDesign
 from .familiar_options import translated
 from .led_model import LedModel, led
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
@@ -36,7 +38,7 @@ CITATION = """
 """
 
 
-class NLoptDriver(ShortRecords, Driver):
+class NLoptDriver(BestDesign, ShortRecords, Driver):
     """Optimise with any algorithm of NLopt.
 
     After the run the model is at the best point found: the one of lowest objective among those that violate no
@@ -64,7 +66,7 @@ class NLoptDriver(ShortRecords, Driver):
     outcome : Outcome or None
         The end of the last run.
     best : Point or None
-        The best point of the last run so far, in scaled variables: kept from the first point on, whatever ends the run.
+        The best point of the last run so far, see `bspline_mdao.om.drivers.best_design`.
     n_failed_analyses, n_failed_gradients : int
         Number of analyses that failed in the last run, and how many of them in the computation of totals.
 
@@ -95,8 +97,8 @@ class NLoptDriver(ShortRecords, Driver):
         self._total_jac_format = "array"
         self.opt_settings: dict = {}
         self.outcome: Outcome | None = None
-        self.best: Point | None = None
         self.n_failed_analyses = self.n_failed_gradients = 0
+        self._last_failure = ""
         self.cite = CITATION
 
     def _declare_options(self):
@@ -133,6 +135,7 @@ class NLoptDriver(ShortRecords, Driver):
         self.result.reset()
         self.iter_count, self.outcome, self.best = 0, None, None
         self.n_failed_analyses = self.n_failed_gradients = 0
+        self._last_failure = ""
         model = ScaledModel(self)
         designs, constraints = model.design_limits(), model.constraint_limits()
         self._adopt_settings()
@@ -145,7 +148,8 @@ class NLoptDriver(ShortRecords, Driver):
 
         comm = self._problem().comm
         try:
-            self.outcome, self.best, self.n_failed_analyses, self.n_failed_gradients = led(comm, model, optimise)
+            self.outcome, self.best, *counts, self._last_failure = led(comm, model, optimise)
+            self.n_failed_analyses, self.n_failed_gradients = counts
         except Exception:
             found = self.best, self.n_failed_analyses, self.n_failed_gradients
             self.best, self.n_failed_analyses, self.n_failed_gradients = from_first(comm, found)
@@ -162,8 +166,8 @@ class NLoptDriver(ShortRecords, Driver):
 
     def _optimise(
         self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
-    ) -> tuple[Outcome, Point, int, int]:
-        """End of the run, the best point, at which the model is left, and the numbers of failures."""
+    ) -> tuple[Outcome, Point, int, int, str]:
+        """End of the run, the best point, at which the model is left, the numbers of failures, and the last of them."""
         functions = self._functions(model, statement, settings, tell)
         try:
             outcome = _minimise(settings, functions)
@@ -173,7 +177,7 @@ class NLoptDriver(ShortRecords, Driver):
             model.place(functions.best.x)
             self._report_exception(error, functions.best)
             raise
-        return outcome, functions.best, functions.n_failed, functions.n_failed_gradients
+        return outcome, functions.best, functions.n_failed, functions.n_failed_gradients, functions.last_failure
 
     def _functions(
         self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
@@ -187,51 +191,48 @@ class NLoptDriver(ShortRecords, Driver):
         log.add(start, start, None)
         self.best = start
 
-        def watch(functions: Functions, norm: float | None):
+        def watch(functions: Functions, totals: np.ndarray | None):
             self.best, self.n_failed_analyses = functions.best, functions.n_failed
-            self.n_failed_gradients = functions.n_failed_gradients
-            log.add(functions.last, functions.best, norm)
+            self.n_failed_gradients, self._last_failure = functions.n_failed_gradients, functions.last_failure
+            residual = None if totals is None else partial(functions.residual, functions.last, totals)
+            log.add(functions.last, functions.best, residual)
             tell(-1.0, f"run {self.iter_count}, best objective {functions.best.objective:.6g}")
 
         return Functions(model, statement, recover, make_rules, start, watch, settings.maxiter)
 
     @property
-    def is_feasible(self) -> bool:
-        """Whether the best point of the last run satisfies all constraints."""
-        return self.best is not None and self.best.violation <= self.options["constraint_tolerance"]
+    def largest_violation(self) -> float:
+        """Scaled violation up to which constraints count as satisfied."""
+        return self.options["constraint_tolerance"]
 
     def get_exit_status(self) -> str:
         """Describe the end of the last run in words."""
         if self.outcome is None or self.best is None:
             status = "NOT_FINISHED: the run ended in an exception"
-            return status if self.best is None else f"{status}; {self._best_in_words(self.best)}"
+            return status if self.best is None else f"{status}; {self.best_in_words(self.best)}"
         status = f"{self.outcome.end}: {ENDS[self.outcome.end]}"
+        if self.outcome.optimality is not None:
+            status += f"; first-order residual {self.outcome.optimality:.1e} of the largest gradient"
         if not self.is_feasible:
             status += f", and constraints are violated by up to {self.best.violation:.1e}"
         if self.n_failed_analyses:
             gradients = f" ({self.n_failed_gradients} of them in gradients)" if self.n_failed_gradients else ""
             status += f"; {self.n_failed_analyses} analyses failed{gradients}, {self.outcome.n_restarts} restarts"
+            status += f"; the last failure: {self._last_failure.partition(chr(10))[0]}" if self._last_failure else ""
         return status
-
-    def _best_in_words(self, best: Point) -> str:
-        """Name the best point, for a run that did not end by itself."""
-        limits = "is feasible" if self.is_feasible else f"violates constraints by up to {best.violation:.1e}"
-        return (
-            f"the best design so far has objective {best.objective:.10g} (scaled) and {limits}; it is kept in "
-            f"driver.best, and the design variables are set to it: run_model() gives its outputs"
-        )
 
     def _report_exception(self, error: BaseException, best: Point) -> None:
         """Name the best point in an exception that ends the run."""
-        if hasattr(error, "add_note"):
-            error.add_note(f"NLoptDriver: {self._best_in_words(best)}")
+        self.add_best_to(error, best)
         if self.options["disp"]:
             print(f"Optimization FAILED ({self.options['optimizer']})\n    {self.get_exit_status()}")
 
     def _report(self, fail: bool, best: Point) -> None:
         """Print how the run ended."""
         if self.options["disp"]:
-            print(f"Optimization {'FAILED' if fail else 'complete'} ({self.options['optimizer']})")
+            is_stopped = self.outcome is not None and self.outcome.is_stopped and self.is_feasible
+            how = "complete" if not fail else "stopped" if is_stopped else "FAILED"
+            print(f"Optimization {how} ({self.options['optimizer']})")
             print(f"    {self.get_exit_status()}")
             print(f"    objective {best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
             print(f"{self.result.deriv_evals} total derivatives")
@@ -283,17 +284,17 @@ class IterationLog:
         self._n_lines, self._n_runs = 0, 0
         self._best: Point | None = None
 
-    def add(self, last: Point, best: Point, norm: float | None) -> None:
-        """Take note of a run of the model, or of the norm of the gradient of the objective at the last point."""
-        self._n_runs += norm is None
-        is_line = norm is not None if self._has_gradients else best is not self._best
+    def add(self, last: Point, best: Point, residual: Callable[[], float] | None) -> None:
+        """Take note of a run of the model, or of the residual of the first-order conditions at the last point."""
+        self._n_runs += residual is None
+        is_line = residual is not None if self._has_gradients else best is not self._best
         self._best = best
         if not (is_line and self._is_shown):
             return
         if self._n_lines == 0:
-            print(f"{'iteration':>9} {'runs':>6} {'objective':>18} {'violation':>10} {'gradient':>10}  (scaled)")
+            print(f"{'iteration':>9} {'runs':>6} {'objective':>18} {'violation':>10} {'optimality':>10}  (scaled)")
         self._n_lines += 1
-        shown = "" if norm is None else f"{norm:10.3e}"
+        shown = "" if residual is None else f"{residual():10.3e}"
         line = f"{self._n_lines:9d} {self._n_runs:6d} {last.objective:18.10e} {last.violation:10.3e} {shown}"
         print(line.rstrip(), flush=True)
 

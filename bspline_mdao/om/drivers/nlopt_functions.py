@@ -51,8 +51,7 @@ class Functions:
     start : Point
         The first point.
     watch : callable
-        Called after every run of the model and after every computation of totals, with the norm of the gradient of
-        the objective or None.
+        Called after every run of the model, with None, and after every computation of totals, with these.
     maxiter : int or None
         Computations of totals after the first one; the next ends the search.
     last : Point
@@ -61,6 +60,8 @@ class Functions:
         Number of failed analyses, and how many of them failed in the computation of totals.
     n_substituted : int
         Points that have substitutes for what failed.
+    last_failure : str
+        What the last failed analysis said.
     exception : BaseException or None
         What the model, or an interrupt from the keyboard, raised.
     """
@@ -70,12 +71,13 @@ class Functions:
     recover: Callable[[SearchRecord, np.ndarray], Substitute]
     make_rules: Callable[[], AlgorithmRules]
     start: Point
-    watch: Callable[[Functions, float | None], None] = lambda functions, norm: None
+    watch: Callable[[Functions, np.ndarray | None], None] = lambda functions, totals: None
     maxiter: int | None = None
     last: Point = field(init=False)
     n_failed: int = field(init=False, default=0)
     n_failed_gradients: int = field(init=False, default=0)
     n_substituted: int = field(init=False, default=0)
+    last_failure: str = field(init=False, default="")
     exception: BaseException | None = field(init=False, default=None)
     _n_gradients: int = field(init=False, default=0)
     _totals: np.ndarray | None = field(init=False, default=None)
@@ -104,13 +106,22 @@ class Functions:
             self._is_rejected = self._is_underway = False
 
     def optimality(self) -> float:
-        """Residual of the first-order conditions at the best point, relative to the largest objective gradient."""
+        """Residual of the first-order conditions at the best point, see `residual`; infinite without derivatives."""
         self.restore_best()
-        try:
-            totals = self._differentiate(is_new=False)
-        except Stop:
+        totals = self._record.totals
+        if not totals.any():  # none were computed there
+            try:
+                totals = self.model.differentiate()
+            except AnalysisFailed as error:
+                self._count_gradient(error)
+                return np.inf
+        return self.residual(self.best, totals)
+
+    def residual(self, point: Point, totals: np.ndarray) -> float:
+        """Residual of the first-order conditions at a point, relative to the largest gradient of the objective."""
+        if not np.isfinite(self._largest_gradient):
             return np.inf
-        return optimality(self.statement, self.best, totals) / self._largest_gradient
+        return optimality(self.statement, point, totals) / self._largest_gradient
 
     def restart(self) -> np.ndarray:
         """Forget what the algorithm was doing; the best point (n,), from which it starts again."""
@@ -170,8 +181,8 @@ class Functions:
             )
             if self.best is self.last:
                 self.model.keep()
-        except AnalysisFailed:
-            self.n_failed += 1
+        except AnalysisFailed as error:
+            self.n_failed, self.last_failure = self.n_failed + 1, str(error)
             self._totals = self._substitute(x)
         self._is_underway = False
         self.watch(self, None)
@@ -201,16 +212,19 @@ class Functions:
         try:
             totals = self.model.differentiate()
             self._n_gradients += 1
-        except AnalysisFailed:
-            self.n_failed += 1
-            self.n_failed_gradients += 1
+        except AnalysisFailed as error:
+            self._count_gradient(error)
             if not is_new:
                 raise Stop("BLOCKED") from None  # the algorithm has used the value already
             self._record = self._record_before
             return self._substitute(self.last.x)
-        norm = float(np.linalg.norm(totals[0]))
         self._rules.keep(self.last, totals[0])
-        self._largest_gradient = max(self._largest_gradient, norm)
+        self._largest_gradient = max(self._largest_gradient, float(np.linalg.norm(totals[0])))
         self._record = self._record.with_totals(self.last, totals)
-        self.watch(self, norm)
+        self.watch(self, totals)
         return totals
+
+    def _count_gradient(self, error: AnalysisFailed) -> None:
+        """Take note of derivatives that failed."""
+        self.n_failed, self.n_failed_gradients = self.n_failed + 1, self.n_failed_gradients + 1
+        self.last_failure = str(error)

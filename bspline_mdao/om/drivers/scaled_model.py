@@ -7,15 +7,20 @@ are declared, from 3.44 on an autoscaler scales vectors, and its ``get_bounds_sc
 Theory: ``docs/theory/drivers.rst``.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import openmdao.api as om
+from openmdao.core.component import Component
 from openmdao.core.driver import Driver, RecordingDebugging
 from openmdao.core.group import Group
+from scipy.sparse import issparse
 
+from ...errors import InputError
 from ...numerics.processes import together
 from .nlopt_problem import AnalysisFailed, Limits
 
-__all__ = ["ScaledModel"]
+__all__ = ["ScaledModel", "derivative_at_fault", "unusable_derivatives"]
 
 NO_LIMIT = 1e16
 """Scaled limits beyond this are none: OpenMDAO writes 1e30 for infinity, which scaling may reduce."""
@@ -60,6 +65,44 @@ def _limits(driver: Driver, kind: str, name: str, meta: dict, size: int) -> Limi
 def _flat(values) -> np.ndarray:
     """Values of all variables in one vector."""
     return np.concatenate([np.zeros(0), *(np.ravel(value) for value in values)])
+
+
+def derivative_at_fault(driver: Driver, responses: Sequence[str], totals: np.ndarray) -> str:
+    """Name of a derivative that is not a finite number, where totals of responses have such; empty where they have not.
+
+    Totals are of shape (size of all responses, size of all variables). A partial that is no number spoils totals that
+    do not depend on it as well, so that the first of the components' partials is named, ``d CD / d twist of component
+    aero``, and a total where all of these are numbers, as where components are free of matrices.
+    """
+    wrong = np.argwhere(~np.isfinite(totals))
+    if not len(wrong):
+        return ""
+    for component in driver._problem().model.system_iter(recurse=True, typ=Component):
+        for (of, wrt), info in component._subjacs_info.items():
+            if info["val"] is not None and not np.isfinite(_numbers(info["val"])).all():
+                names = (name.rpartition(".")[2] for name in (of, wrt))
+                return f"d {' / d '.join(names)} of component {component.pathname}"
+    of, wrt = wrong[0]
+    variables = list(driver._designvars)
+    return f"d {_owner(responses, driver._responses, of)} / d {_owner(variables, driver._designvars, wrt)}"
+
+
+def _numbers(value) -> np.ndarray:
+    """Entries of a partial, dense or sparse."""
+    return np.asarray(value.data if issparse(value) else value, dtype=float)
+
+
+def _owner(names: Sequence[str], metas: dict, number: int) -> str:
+    """Which of several variables in a row an entry belongs to."""
+    ends = np.cumsum([metas[name]["global_size"] for name in names])
+    return names[int(np.searchsorted(ends, number, side="right"))]
+
+
+def unusable_derivatives(what: str) -> InputError:
+    """Error of derivatives with which no search can start."""
+    return InputError(
+        f"driver: {what}, the first time that derivatives are computed; check_partials tells which are wrong"
+    )
 
 
 class ScaledModel:
@@ -140,8 +183,9 @@ class ScaledModel:
         return self.run(x)
 
     def place(self, x: np.ndarray) -> None:
-        """Set the design variables (n,) and go back to the states of the last good point, without a run."""
-        self._states()[:] = self._good_states
+        """Set the design variables (n,) and go back to the states of the last good point, if any, without a run."""
+        if self._good_states.size:
+            self._states()[:] = self._good_states
         self._set(x)
 
     def differentiate(self) -> np.ndarray:
@@ -151,15 +195,22 @@ class ScaledModel:
         ------
         AnalysisFailed
             A component raised ``om.AnalysisError``, or a derivative is not a finite number.
+        InputError
+            A derivative is not a finite number the first time: no search can start.
         """
         is_first, self._is_first = self._is_first, False
         if is_first:
             self._prepare_derivatives()
         try:
-            totals = self._totals(self._driver._get_ordered_nl_responses())
-            self._require_numbers("a derivative", totals)
+            responses = self._driver._get_ordered_nl_responses()
+            totals = self._totals(responses)
+            self._require_numbers(derivative_at_fault(self._driver, responses, totals) or "a derivative", totals)
         except om.AnalysisError as error:
             raise AnalysisFailed(str(error)) from error
+        except AnalysisFailed as error:
+            if not is_first:
+                raise
+            raise unusable_derivatives(str(error)) from None
         if is_first:
             self._check_for_zeros()
         return totals if self._linear_totals is None else np.vstack([totals, self._linear_totals])

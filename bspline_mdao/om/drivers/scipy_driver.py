@@ -9,8 +9,10 @@ import numpy as np
 import openmdao.api as om
 
 from ...numerics.progress import Progress, shown
-from .nlopt_problem import Point
+from .best_design import BestDesign
+from .nlopt_problem import Point, Statement
 from .nlopt_rules import SearchRecord, Substitute, uphill, worst
+from .scaled_model import ScaledModel, derivative_at_fault, unusable_derivatives
 from .short_records import ShortRecords
 
 __all__ = ["ScipyDriver"]
@@ -22,8 +24,11 @@ RECOVERIES = {
 """What optimizers are given where an analysis fails. Those that are not here were seen to end elsewhere than at the
 optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as they should: failures pass through."""
 
+LARGEST_VIOLATION = 1e-6
+"""Scaled violation up to which constraints count as satisfied, as `NLoptDriver` has it by default."""
 
-class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
+
+class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
     """SciPy's optimizers, with a bar of progress, where a failed analysis is a step too far and not the end.
 
     It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
@@ -34,7 +39,9 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
     on there, and also starts again from the best point where failures have ended a search.
 
     At the end the model is run at the point that the optimizer has found, where it was last run elsewhere; a search
-    that ends at a failure has failed, and leaves the model at its best point. Records are short, as of `NLoptDriver`.
+    that has failed, or was interrupted from the keyboard, leaves the model at its best point. Other exceptions pass
+    through, with a note of the best point, to which the design variables are set. Records are short, as of
+    `NLoptDriver`.
 
     Parameters
     ----------
@@ -45,6 +52,8 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
     ----------
     n_failed_analyses : int
         Number of analyses that failed in the last run.
+    best : Point or None
+        The best point of the last run so far, see `bspline_mdao.om.drivers.best_design`.
 
     Examples
     --------
@@ -70,7 +79,15 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         self._last = self._good_states = np.zeros(0)
         self._base_constraints: dict = {}
         self._n_gradients = 0
+        self._is_interrupted = False
+        self._model: ScaledModel | None = None
+        self._statement: Statement | None = None
         self._exc_info: tuple | None = None
+
+    @property
+    def largest_violation(self) -> float:
+        """Scaled violation up to which constraints count as satisfied."""
+        return LARGEST_VIOLATION
 
     def run(self) -> bool:
         """Optimise.
@@ -81,6 +98,7 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
             True if it failed.
         """
         self.n_failed_analyses, self._record, self._substitute, self._n_gradients = 0, None, None, 0
+        self.best, self._statement, self._is_interrupted = None, None, False
         with shown(self._get_name()) as tell:
             self._tell = tell
             try:
@@ -89,12 +107,27 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
                 self.fail = True
                 om.issue_warning(
                     f"{self._get_name()}: the search ended after {self.iter_count} runs, where derivatives failed; the "
-                    f"model is left there. {error}",
+                    f"model is left at the best point. {error}",
                     category=om.DriverWarning,
                 )
+                self._go_to_best()
+            except KeyboardInterrupt:
+                if self.best is None:
+                    raise
+                self.fail = self._is_interrupted = True
+                self._go_to_best()
+            except Exception as error:
+                if self.best is not None:
+                    self._place_at_best()
+                    self.add_best_to(error, self.best)
+                raise
             finally:
                 self._tell = None
         return self.fail
+
+    def get_exit_status(self) -> str:
+        """Describe the end of the last run in words."""
+        return "INTERRUPTED" if self._is_interrupted else super().get_exit_status()
 
     def _objfunc(self, x_new):
         """Objective at a point, or what makes the optimizer turn back where the analysis fails."""
@@ -119,6 +152,8 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
             return self._substitute.totals[0]
         has_analysis = self._exc_info is None
         gradient, self._base_constraints = super()._gradfunc(x_new), self._con_cache
+        if self._exc_info is None:
+            self._require_derivatives()
         if has_analysis and self._exc_info is not None and self._n_gradients:
             self._end_where_derivatives_fail()
         self._n_gradients += 1
@@ -134,11 +169,24 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
             self._exc_info = None
             raise _GradientError(error)
 
+    def _require_derivatives(self) -> None:
+        """Name the first derivative that is not a finite number, of those that the driver has just computed."""
+        fault = derivative_at_fault(self, self._obj_and_nlcons, self._grad_cache)
+        if fault and self._n_gradients:
+            raise _GradientError(f"{fault} is not a finite number")
+        if fault:
+            raise unusable_derivatives(f"{fault} is not a finite number")
+
     def _begin(self) -> None:
         """Take the first run, which the driver has done already, for the first point."""
-        designs = [np.ravel(value) for value in self.get_design_var_values().values()]
-        objective = float(np.ravel(next(iter(self.get_objective_values().values())))[0])
-        self._record = SearchRecord.at(_point(np.concatenate(designs), objective))
+        self._model = ScaledModel(self)
+        limits = self._model.design_limits(), self._model.constraint_limits()
+        self._statement = Statement.of(*limits, LARGEST_VIOLATION)
+        self.best = self._statement.point(*self._model.present())
+        if not (np.isfinite(self.best.objective) and np.isfinite(self.best.constraints).all()):
+            self.best = None
+            raise om.AnalysisError("the objective or a constraint at the start is not a finite number")
+        self._record = SearchRecord.at(_point(self.best.x, self.best.objective))
         self._good_states, self._base_constraints = self._states().copy(), self._con_cache
 
     def _keep(self, objective: float) -> None:
@@ -146,6 +194,31 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         assert self._record is not None
         self._record = self._record.with_point(_point(self._last, objective), 0.0)
         self._good_states[:] = self._states()
+        assert self._model is not None
+        assert self._statement is not None
+        assert self.best is not None
+        point = self._statement.point(*self._model.present())
+        is_number = np.isfinite(point.objective) and np.isfinite(point.constraints).all()
+        if is_number and point.is_better(self.best, LARGEST_VIOLATION):
+            self.best = point
+
+    def _place_at_best(self) -> None:
+        """Set the design variables to the best point, and the states to those of the last good one."""
+        assert self._model is not None
+        assert self.best is not None
+        self._states()[:] = self._good_states
+        self._model.place(self.best.x)
+
+    def _go_to_best(self) -> None:
+        """Run the model at the best point, unless it was last run there."""
+        assert self.best is not None
+        if self._substitute is None and self._exc_info is None and np.array_equal(self._last, self.best.x):
+            return
+        self._exc_info, self._last = None, self.best.x
+        self._states()[:] = self._good_states
+        super()._objfunc(self.best.x)
+        if self._exc_info is not None:
+            self._reraise()
 
     def _turn_back(self) -> float:
         """Count a failure and put the model back; the value for the optimizer."""
@@ -161,19 +234,20 @@ class ScipyDriver(ShortRecords, om.ScipyOptimizeDriver):
         return self._problem().model._outputs.asarray()
 
     def _end_at_the_result(self, fail: bool) -> bool:
-        """Run the model where the optimizer says that it ended, unless it was last run there; whether it failed.
+        """Run the model where the optimizer says that it ended, or at the best point if it failed; whether it did.
 
         A search whose every step failed ends beside the last good point, whatever it says.
         """
         found = np.asarray(getattr(self._scipy_optimize_result, "x", self._last), dtype=float)
-        if self._record is None or (np.array_equal(found, self._last) and self._substitute is None):
+        if self._record is None:
             return fail
-        self._objfunc(found)
-        if self._substitute is not None:
-            self._objfunc(self._record.base.x)
-            fail = True
-        if self._exc_info is not None:
-            self._reraise()
+        if not fail and (self._substitute is not None or not np.array_equal(found, self._last)):
+            self._objfunc(found)
+            if self._exc_info is not None:
+                self._reraise()
+            fail = self._substitute is not None
+        if fail:
+            self._go_to_best()
         return fail
 
 
