@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError
 from ..mesh.frame import Frame
 from ..mesh.surface import SurfaceGrid
-from ..numerics.vectors import cross_2d, lengths, turned_left
+from ..numerics.vectors import cross_2d, dots, lengths
 from ..shown import OneLine
 from .measure import Combinations
 from .section_lines import SectionLines, arc_parameters, polynomial_weights, stencil_matrix
@@ -27,6 +27,9 @@ REFERENCES = ("metre", "chord", "baseline")
 _SHARP = 1e-6
 """An edge of a radius less than this part of the chord is sharp: no grid resolves such a radius."""
 
+NOSE = 2
+"""Points on either side of the leading edge for its tangent, as `LeadingEdgeRadius` takes them by default."""
+
 
 @dataclass(frozen=True, eq=False)
 class LeadingEdgeRadius(OneLine):
@@ -34,14 +37,15 @@ class LeadingEdgeRadius(OneLine):
 
     The polynomial of degree 2 m through the leading edge of a section and m points on either side, in the arc length of
     the baseline, has there the derivatives p' and p'', fixed combinations of the nodes. The radius is
-    :math:`|p'|^3 / (p' \times p'')` in the plane of the section, whatever the parameter. Make it by `at`.
+    :math:`|p'|^3 / (p'' \times p' \cdot n)`, whatever the parameter; the normal n is that of the plane through p' and
+    the chord as they are, so that sections may turn in any direction. Make it by `at`.
 
     Parameters
     ----------
     surface : SurfaceGrid
         The surface.
-    plane : ndarray, shape (2, 3)
-        Directions along the stream and normal to it.
+    senses : ndarray, shape (n,)
+        1 where the chord turns to p' as the stream turns to the normal, and -1 elsewhere.
     stations : ndarray, shape (n,)
         Places of the sections along the span on the baseline (m).
     vectors : Combinations
@@ -65,7 +69,7 @@ class LeadingEdgeRadius(OneLine):
     """
 
     surface: SurfaceGrid
-    plane: np.ndarray
+    senses: np.ndarray
     stations: np.ndarray
     vectors: Combinations
     scales: np.ndarray
@@ -116,9 +120,12 @@ class LeadingEdgeRadius(OneLine):
                 f"choose from {', '.join(REFERENCES)}, and 1 node at least"
             )
         lines = SectionLines.of(surface, patches, frame)
-        places, vectors = _vectors(lines, stations, n_nodes)
+        nose = lines.leading(n_nodes)
+        places = lines.stations(np.concatenate([nose, _tail(lines)], axis=1), stations)
+        vectors = Combinations.of(_vectors(lines, nose, places, n_nodes))
         units = "m" if relative_to == "metre" else None
-        measure = cls(surface, lines.plane, places, vectors, np.ones(len(places)), relative_to == "chord", units, name)
+        senses = _senses(lines, vectors)
+        measure = cls(surface, senses, places, vectors, np.ones(len(places)), relative_to == "chord", units, name)
         _require_blunt(measure)
         if relative_to != "baseline":
             return measure
@@ -132,44 +139,64 @@ class LeadingEdgeRadius(OneLine):
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Radii, shape (n_stations,), of nodes, shape (n, 3); real or complex."""
         first, second, chord = self.derivatives(points)
-        radii = self.scales * lengths(first) ** 3 / cross_2d(second, first)
+        radii = self.scales * lengths(first) ** 3 * lengths(np.cross(chord, first)) / self._bends(first, second, chord)
         return radii / lengths(chord) if self.is_relative_to_chord else radii
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
         first, second, chord = self.derivatives(points)
-        # of the logarithm: 3 ln |p'| - ln (p'' x p') - ln |chord|
-        bend = cross_2d(second, first)[:, None]
-        d_first = 3.0 * first / lengths(first)[:, None] ** 2 - turned_left(second) / bend
-        d_second = turned_left(first) / bend
-        d_chord = -chord / lengths(chord)[:, None] ** 2 if self.is_relative_to_chord else np.zeros_like(chord)
+        normal = np.cross(chord, first)
+        # of the logarithm: 3 ln |p'| + ln |n| - ln (bend) - ln |chord|, with n = chord x p'
+        of_normal = normal / dots(normal, normal)[:, None]
+        bend = (self.senses * self._bends(first, second, chord))[:, None]
+        squared, across, along = (dots(u, v)[:, None] for u, v in ((first, first), (second, chord), (first, chord)))
+        tilt = dots(second, first)[:, None]
+        d_first = 3.0 * first / squared + np.cross(of_normal, chord)
+        d_first -= (2.0 * across * first - along * second - tilt * chord) / bend
+        d_second = -(squared * chord - along * first) / bend
+        d_chord = np.cross(first, of_normal) - (squared * second - tilt * first) / bend
+        if self.is_relative_to_chord:
+            d_chord -= chord / dots(chord, chord)[:, None]
         radii = self.evaluate(points)[:, None]
-        return self.vectors.chain([(radii * part) @ self.plane for part in (d_first, d_second, d_chord)])
+        return self.vectors.chain([radii * part for part in (d_first, d_second, d_chord)])
 
     def derivatives(self, points: np.ndarray) -> np.ndarray:
-        """p', p'' and chord in the plane of the sections, shape (3, n_stations, 2)."""
-        return self.vectors.vectors(points) @ self.plane.T
+        """p', p'' and chord, shape (3, n_stations, 3)."""
+        return self.vectors.vectors(points)
+
+    def _bends(self, first, second, chord):
+        """``(p'' x p') . (chord x p')``, positive where the edge is round."""
+        return self.senses * (dots(second, chord) * dots(first, first) - dots(second, first) * dots(first, chord))
 
 
-def _vectors(lines, stations, n_nodes):
-    """Places of the sections along the span, and what makes p', p'' and the chord of each."""
-    nose, tail = lines.leading(n_nodes), np.stack([lines.trailing(side, 1)[:, 0] for side in range(2)], axis=1)
-    places = lines.stations(np.concatenate([nose, tail], axis=1), stations)
+def _senses(lines, vectors):
+    """Sense of the turn from the chord to p' in the planes of the sections on the baseline."""
+    first, _, chord = vectors.vectors(lines.points) @ lines.plane.T
+    return np.sign(cross_2d(chord, first))
+
+
+def _tail(lines):
+    """Last nodes of both sides."""
+    return np.stack([lines.trailing(side, 1)[:, 0] for side in range(2)], axis=1)
+
+
+def _vectors(lines, nose, places, n_nodes):
+    """Matrices that make p', p'' and the chord of sections."""
     cut = lines.cut(nose, places)
     section = (cut @ lines.points @ lines.plane.T).reshape(len(places), -1, 2)
     parameters = arc_parameters(section)
     parameters -= parameters[:, n_nodes, None]
     weights = [polynomial_weights(parameters, 2 * n_nodes, derivative) for derivative in (1, 2)]
     at_edge = np.tile(np.eye(2 * n_nodes + 1)[n_nodes], (len(places), 1))
-    chord = stencil_matrix(np.full((len(places), 2), 0.5)) @ lines.cut(tail, places) - stencil_matrix(at_edge) @ cut
-    return places, Combinations.of([*(stencil_matrix(part) @ cut for part in weights), chord])
+    tail = stencil_matrix(np.full((len(places), 2), 0.5)) @ lines.cut(_tail(lines), places)
+    return [*(stencil_matrix(part) @ cut for part in weights), tail - stencil_matrix(at_edge) @ cut]
 
 
 def _require_blunt(measure):
     """Refuse edges without a radius on the baseline."""
     first, second, chord = measure.derivatives(measure.surface.points)
-    bend = cross_2d(second, first)
-    is_blunt = (bend > 0.0) & (lengths(first) ** 3 > _SHARP * lengths(chord) * bend)
+    bend, normal = measure._bends(first, second, chord), lengths(np.cross(chord, first))
+    is_blunt = (bend > 0.0) & (lengths(first) ** 3 * normal > _SHARP * lengths(chord) * bend)
     if not is_blunt.all():
         raise InputError(
             f"leading-edge radius: the section at {measure.stations[np.argmin(is_blunt)]:.4g} m along the span is not "
@@ -182,19 +209,20 @@ class TrailingEdgeAngle(OneLine):
     """Angles between the two sides of plane sections at their trailing edges.
 
     The tangent of a side is that of the polynomial, in the arc length of the baseline, that fits its last points best:
-    a fixed combination of the nodes. The angle is positive where the upper side is above the lower one ahead of the
-    edge, and between -180 and 180 degrees; a blunt edge has one too. Make it by `at`.
+    a fixed combination of the nodes. The angle is taken in the plane through the chord and the tangent of the leading
+    edge as they are, so that sections may turn in any direction. It is positive where the upper side is above the lower
+    one ahead of the edge, and between -180 and 180 degrees; a blunt edge has one too. Make it by `at`.
 
     Parameters
     ----------
     surface : SurfaceGrid
         The surface.
-    plane : ndarray, shape (2, 3)
-        Directions along the stream and normal to it.
+    senses : ndarray, shape (n,)
+        As of `LeadingEdgeRadius`.
     stations : ndarray, shape (n,)
         Places of the sections along the span on the baseline (m).
-    tangents : Combinations
-        Tangents of the upper and of the lower side, forward.
+    vectors : Combinations
+        Tangents of the upper and of the lower side, forward, that of the leading edge, and the chord.
     name : str
         Name of the output.
 
@@ -207,9 +235,9 @@ class TrailingEdgeAngle(OneLine):
     """
 
     surface: SurfaceGrid
-    plane: np.ndarray
+    senses: np.ndarray
     stations: np.ndarray
-    tangents: Combinations
+    vectors: Combinations
     name: str
 
     units = "rad"
@@ -264,9 +292,17 @@ class TrailingEdgeAngle(OneLine):
             )
         lines = SectionLines.of(surface, patches, frame)
         sides = [lines.trailing(side, _reaching(lines, side, between) if between else n_nodes) for side in range(2)]
-        places = lines.stations(np.concatenate(sides, axis=1), stations)
-        tangents = Combinations.of([_tangents(lines, nodes, places, degree, between) for nodes in sides])
-        return cls(surface, lines.plane, places, tangents, name)
+        nose = lines.leading(NOSE)
+        places = lines.stations(np.concatenate([nose, *sides], axis=1), stations)
+        at_edge = _vectors(lines, nose, places, NOSE)
+        tangents = [_tangents(lines, nodes, places, degree, between) for nodes in sides]
+        return cls(
+            surface,
+            _senses(lines, Combinations.of(at_edge)),
+            places,
+            Combinations.of([*tangents, at_edge[0], at_edge[2]]),
+            name,
+        )
 
     @property
     def shape(self) -> tuple[int]:
@@ -275,18 +311,39 @@ class TrailingEdgeAngle(OneLine):
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Angles (rad), shape (n_stations,), of nodes, shape (n, 3); real or complex."""
-        upper, lower = self._in_plane(points)
+        upper, lower, first, chord = self.vectors.vectors(points)
+        upper, lower = (self._in_plane(side, first, chord) for side in (upper, lower))
         along = (upper * lower).sum(axis=1)
         return 2.0 * np.arctan(cross_2d(upper, lower) / (lengths(upper) * lengths(lower) + along))
 
     def partials(self, points: np.ndarray) -> csr_array:
         """Differentiate `evaluate`, shape (n_stations, 3 n)."""
-        # the difference of the directions of the two tangents, each of which turns by (turned_left(t) . dt) / |t|^2
-        turns = [turned_left(tangent) / lengths(tangent)[:, None] ** 2 for tangent in self._in_plane(points)]
-        return self.tangents.chain([-turns[0] @ self.plane, turns[1] @ self.plane])
+        upper, lower, first, chord = self.vectors.vectors(points)
+        d_upper, *by_upper = self._direction_partials(upper, first, chord)
+        d_lower, *by_lower = self._direction_partials(lower, first, chord)
+        return self.vectors.chain([-d_upper, d_lower, *(b - a for a, b in zip(by_upper, by_lower))])
 
-    def _in_plane(self, points):
-        return self.tangents.vectors(points) @ self.plane.T
+    def _in_plane(self, tangent, first, chord):
+        """A tangent along the chord and normal to it in the plane of the section, times the chord's length."""
+        normal = np.cross(chord, first)
+        across = self.senses * dots(tangent, np.cross(normal, chord)) / lengths(normal)
+        return np.stack([dots(tangent, chord), across], axis=1)
+
+    def _direction_partials(self, tangent, first, chord):
+        """Derivatives of the angle of a tangent in `_in_plane`, with respect to the tangent, p' and the chord."""
+        normal = np.cross(chord, first)
+        size = lengths(normal)[:, None]
+        along, across = (component[:, None] for component in self._in_plane(tangent, first, chord).T)
+        of_along, of_across = -across / (along**2 + across**2), along / (along**2 + across**2)
+        weight = self.senses[:, None] / size * tangent
+        by_normal = np.cross(chord, weight) - across / size**2 * normal
+        by_chord = np.cross(weight, normal) + np.cross(first, by_normal)
+        by_tangent = self.senses[:, None] / size * np.cross(normal, chord)
+        return (
+            of_along * chord + of_across * by_tangent,
+            of_across * np.cross(by_normal, chord),
+            of_along * tangent + of_across * by_chord,
+        )
 
 
 def _reaching(lines, side, between):

@@ -1,7 +1,7 @@
 """Vectors of space and of the plane, for kernels and for arrays, and planes through points.
 
 In kernels whose loops are to become SIMD instructions a vector is a tuple of three numbers: no array, no allocation
-(`row` to `add_to`). In NumPy it is a row of an array (`lengths` to `turned_left`). The numbers are real or complex;
+(`row` to `add_to`). In NumPy it is a row of an array (`lengths` to `cross_2d`). The numbers are real or complex;
 nothing is conjugated.
 """
 
@@ -86,11 +86,6 @@ def unit_vectors(vectors: np.ndarray, otherwise: np.ndarray, least: float) -> np
 def cross_2d(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """``u x v`` in the plane, shape (n,): positive where v is to the left of u."""
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-
-
-def turned_left(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of the plane turned left by a right angle: ``cross_2d(u, v) = turned_left(u) . v``."""
-    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
 
 
 def is_line(points: np.ndarray) -> bool:

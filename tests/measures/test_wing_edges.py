@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from geometry_cases import assert_derivatives_are_exact, rectangular_wing, surface_of, turned, wing_sheets
+from scipy.spatial.transform import Rotation
 
 from bspline_mdao import LeadingEdgeRadius, SurfaceGrid, TrailingEdgeAngle, fit_grid, onera_m6_grid
 from bspline_mdao.errors import InputError
@@ -132,9 +133,30 @@ def test_lines_end_at_the_corner_of_a_blunt_trailing_edge():
 def test_angle_changes_sign_where_the_sides_cross():
     surface = swept(9, naca)
     measure = TrailingEdgeAngle.at(surface, STATIONS)
-    mirrored = surface.points.copy()
-    mirrored[:, 1] = 0.2 * mirrored[:, 2] - mirrored[:, 1]
-    np.testing.assert_allclose(measure.evaluate(mirrored), -measure.evaluate(surface.points), rtol=1e-12)
+    x, y, z = surface.points.T
+    is_aft = x - 0.5 * z > 0.5 * (2.0 - 0.3 * z)
+    crossed = np.stack([x, np.where(is_aft, 0.2 * z - y, y), z], axis=1)
+    np.testing.assert_allclose(measure.evaluate(crossed), -measure.evaluate(surface.points), rtol=1e-9)
+
+
+@pytest.mark.parametrize("make", [LeadingEdgeRadius, TrailingEdgeAngle])
+def test_edges_keep_their_values_where_the_surface_is_turned_in_any_direction(make):
+    surface = swept(17, teardrop if make is LeadingEdgeRadius else naca)
+    measure = make.at(surface, STATIONS)
+    before = measure.evaluate(surface.points)
+    for turn in Rotation.random(5, random_state=3).as_matrix():
+        np.testing.assert_allclose(measure.evaluate(surface.points @ turn.T + [1.0, 2.0, 3.0]), before, rtol=1e-10)
+
+
+@pytest.mark.parametrize("make", [LeadingEdgeRadius, TrailingEdgeAngle])
+def test_edges_of_sections_that_turn_with_a_bend_keep_their_values(make):
+    surface = swept(33, teardrop if make is LeadingEdgeRadius else naca, n_span=33)
+    x, y, z = surface.points.T
+    angle = np.deg2rad(60.0) * z / 3.0  # about the stream, in proportion to the span
+    arc = 3.0 / np.deg2rad(60.0)
+    bent = np.stack([x, arc - (arc - y) * np.cos(angle), (arc - y) * np.sin(angle)], axis=1)
+    measure = make.at(surface, STATIONS)
+    np.testing.assert_allclose(measure.evaluate(bent), measure.evaluate(surface.points), rtol=0.02)
 
 
 @pytest.mark.parametrize("measure", [radii, angles])
