@@ -102,7 +102,8 @@ class PointSet(MovedPoints, om.ExplicitComponent):
     @property
     def is_linear(self) -> bool:
         """Whether the outputs depend linearly (affinely) on the inputs: known after ``setup``."""
-        return self._embedded.layer is None or not self._embedded.layer.pieces
+        is_in_volume = len(self._embedded.in_volume) == len(self._embedded.points)  # what is in the body turns with walls
+        return is_in_volume and self._embedded.layer is None
 
     @fails_together
     def setup(self):

@@ -368,7 +368,7 @@ FLOWS = {
             **_STREAM,
             "trim": Key(FLAG, "whether the angle of attack is solved for at the lift CL_target", False),
             "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
-            "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-10),
+            "tolerance": Key(POSITIVE, "residual, relative to that of the uniform stream, of a solution", 1e-12),
         },
         ("CL", "CD", "CD_induced", "CD_entropy", "CM_bending"),
     ),

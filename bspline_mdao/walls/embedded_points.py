@@ -127,7 +127,8 @@ class EmbeddedPoints(OneLine):
         offsets = points[in_volume] - evaluator.forward(control_points)
         if grid_map.layer is not None:
             planes = planes_of(grid_map, points[in_volume])
-            layer = WallLayer.of(grid_map.layer.wall, points[in_volume], planes=planes)
+            found = WallLayer.of(grid_map.layer.wall, points[in_volume], planes=planes)
+            layer = found if found.pieces else None  # none follows a wall
         rows = np.zeros(0, dtype=int)
         if walls is not None and in_body.any():
             body, rows = BodyPoints.of(walls[0], points[in_body]), walls[1]

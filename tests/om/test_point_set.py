@@ -148,3 +148,24 @@ def test_points_that_are_nowhere_are_refused_by_number():
     with pytest.raises(InputError, match=r"points lie outside .* not inside the walls: point 37 at distance") as error:
         of_surface(points)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_check_partials_takes_steps_that_suit_the_points_wherever_they_are(seed):
+    random = np.random.default_rng(seed)
+    inner = np.concatenate([block.nodes[1:-1, 1:-1, 1:-1].reshape(-1, 3) for block in model().regenerate().blocks])
+    points = inner[random.permutation(len(inner))]
+    points = points[np.linalg.norm(points, axis=1) > 3.0][:3]  # none follows a wall
+    if seed % 2:
+        points = np.concatenate([points, wing_box()[1, 2:4].reshape(-1, 3)])
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("points", PointSet(model=model(), points=points), promotes=["*"])
+    problem.setup()
+    problem.run_model()
+    np.random.seed(seed)  # noqa: NPY002 - where OpenMDAO draws the directions of checks
+    found = problem.check_partials(out_stream=None)["points"]
+    assert problem.model.points.is_linear == (not seed % 2)
+    assert max(data["magnitude"].forward for data in found.values()) > 0.01
+    for pair, data in found.items():
+        assert data["abs error"].forward < 1e-6 * max(1.0, data["magnitude"].forward), pair
+        assert data["abs error"].fwd_rev < 1e-12, pair

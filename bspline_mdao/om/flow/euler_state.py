@@ -433,7 +433,7 @@ SOLVER_OPTIONS = ("tolerance", "linear_tolerance", "max_steps", "iprint", "ancho
 
 def declare_solver(options) -> None:
     """Declare the options `SOLVER_OPTIONS`."""
-    options.declare("tolerance", default=1e-10, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
+    options.declare("tolerance", default=1e-12, lower=0.0, upper=LARGEST_RESIDUAL, desc="residual at which a run ends")
     options.declare("linear_tolerance", default=1e-14, lower=0.0, desc="of the linear systems of derivatives")
     options.declare("max_steps", types=int, default=100, desc="Newton steps at most")
     options.declare("iprint", types=int, default=1, desc="0 or less, 1 line a solution, or 2 for one a step")
