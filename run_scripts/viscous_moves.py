@@ -1,9 +1,10 @@
 """Moves as users make them on grids with boundary layers, beside what IDWarp made of the same wall nodes.
 
 It takes half a minute on a small section, and a quarter of an hour for all grids of ``--paper``. Wall nodes are given:
-by named deformations, a rigid rotation, a local bump, smooth noise of a lattice, and a flap behind a sharp hinge. What
-comes out is a row for each grid, motion and way to move it: newly inverted cells, Q, heights of the first cells by
-those before, and CPU seconds of one design; with ``--recorded`` beside figures that were recorded elsewhere.
+by named deformations, rigid rotations, a local bump, smooth noise of a lattice, a flap behind a sharp hinge, and an
+upper side that is raised by itself. What comes out is a row for each grid, motion and way to move it: newly inverted
+cells, Q, heights of the first cells by those before, and CPU seconds of one design; with ``--recorded`` beside figures
+that were recorded elsewhere.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +37,22 @@ FILES = {
     "rae2822": "aither_rae2822.xyz",
     "cgrid": "cfl3d_naca0012_cgrid.fmt",
     "mach_naca": "mach_naca0012.cgns",
+    "tmr_nak": "../strangers/tmr_nak_a_fine_unified_141.p3dfmt",
 }
-"""Real grids by their names in the table; ``_coarse`` behind one takes every second node."""
+"""Real grids by their names in the table."""
 
-DIRECT = ("rigid=30", "rigid=90", "bump", "ffd_noise", "flap")
+EVERY = {"_coarse": 2, "_quarter": 4}
+"""What stands behind the name of a real grid of which every second or fourth node is taken."""
+
+MADE = {
+    "section": partial(bm.infinite_wing_grid, bm.naca_section(), (17, 21), bm.Spacing(1e-5, 5e-3, 5e-3)),
+    "section_fine": partial(bm.infinite_wing_grid, bm.naca_section(), (41, 65), bm.Spacing(1e-6, 2e-3, 2e-3)),
+    "hh_m6": partial(bm.onera_m6_grid, (23, 41, 17), bm.Spacing(off_wall=1e-5)),
+    "hh_m6_fine": partial(bm.onera_m6_grid, (21, 61, 15), bm.Spacing(off_wall=1e-6)),
+}
+"""Grids that are made, of a section or the ONERA M6."""
+
+DIRECT = ("rigid=30", "rigid=90", "rigid=180", "bump", "ffd_noise", "flap", "one_sided")
 """Motions that are made of the nodes themselves, see `Body.target`."""
 
 SECTIONS = ("pitch=5deg", "pitch=20deg", "pitch=45deg", "thickness=0.7", "thickness=1.3", "bumps", *DIRECT)
@@ -47,9 +61,12 @@ SECTIONS = ("pitch=5deg", "pitch=20deg", "pitch=45deg", "thickness=0.7", "thickn
 WINGS = (
     *("twist=5deg", "twist=20deg", "twist=45deg", "bend=30deg@0.5", "bend=60deg@0.5", "bend=90deg@0.5", "stretch=1.5"),
     *("thickness=0.7", "thickness=1.3", "sweep=30deg", "dihedral=15deg", "chord=0.7", "chord=1.3", "pitch=20deg"),
-    *("bumps", *DIRECT),
+    *("bumps", "winglet", *DIRECT),
 )
 """What is asked of wings."""
+
+WINGLET = "bend=90deg@0.8,length=0.1"
+"""The last tenth of the span stands upright behind a short arc."""
 
 WAYS = {
     "rotations": bm.Rotations,
@@ -96,7 +113,7 @@ def main(
     folder : path-like, optional
         Folder of real grids; the environment variable ``BSPLINE_MDAO_GRIDS`` by default.
     grid : sequence of str
-        Names out of `FILES`, with ``_coarse`` for every second node, "hh_m6", or files to take instead.
+        Names out of `FILES`, with an ending out of `EVERY` or none, names out of `MADE`, or files to take instead.
     motion : sequence of str
         Motions to make instead.
     ways : sequence of str
@@ -113,14 +130,12 @@ def main(
         ``rows``: a `Row` each; ``worse``: motions of each way that invert cells where no recorded way does.
     """
     folder = Path(folder or os.environ.get("BSPLINE_MDAO_GRIDS", "."))
-    names = grid or (("bwb", "hh_m6", *list(FILES)[1:], "bwb_coarse", "pyhyp_m6_coarse") if paper else ["section"])
+    thinned = [name + ending for ending in EVERY for name in ("bwb", "pyhyp_m6")]
+    names = grid or ([*FILES, *list(MADE)[1:], *thinned] if paper else ["section"])
     rows = [row for name in names for row in Body(name, grid_of(name, folder)).rows(motion, ways, paper or bool(grid))]
     peers = read_rows(recorded) if recorded else []
     done = {(row.grid, row.motion) for row in rows}
-    fewest: dict[tuple[str, str], int] = {}
-    for peer in peers:
-        key = peer.grid, peer.motion
-        fewest[key] = min(fewest.get(key, peer.n_inverted), peer.n_inverted)
+    fewest = {(r.grid, r.motion): r.n_inverted for r in sorted(peers, key=lambda r: -r.n_inverted)}
     worse = {way: [f"{r.grid} {r.motion}" for r in rows if r.way == way and is_worse(r, fewest)] for way in ways}
     if table:
         write_rows(table, [*rows, *(peer for peer in peers if (peer.grid, peer.motion) in done)])
@@ -134,15 +149,12 @@ def is_worse(row: Row, fewest: dict) -> bool:
 
 def grid_of(name: str, folder: Path) -> bm.Grid:
     """Read or make a grid, with patches: guessed where there are none."""
-    if name == "section":
-        return bm.infinite_wing_grid(
-            bm.naca_section(), (17, 21), bm.Spacing(off_wall=1e-5, leading=5e-3, trailing=5e-3)
-        )
-    if name == "hh_m6":
-        return bm.onera_m6_grid((23, 41, 17), bm.Spacing(off_wall=1e-5))
-    grid = bm.read_grid(folder / FILES.get(name.removesuffix("_coarse"), name))
-    if name.endswith("_coarse"):
-        grid = bm.Grid(tuple(replace(b, nodes=b.nodes[::2, ::2, ::2].copy()) for b in grid.blocks), source=name)
+    if name in MADE:
+        return MADE[name]()
+    stem, n = next(((name.removesuffix(end), n) for end, n in EVERY.items() if name.endswith(end)), (name, 1))
+    grid = bm.read_grid(folder / FILES.get(stem, name))
+    if n > 1:
+        grid = bm.Grid(tuple(replace(b, nodes=b.nodes[::n, ::n, ::n].copy()) for b in grid.blocks), source=name)
     return with_guessed_patches(grid)
 
 
@@ -213,10 +225,12 @@ class Body:
         elif motion == "flap":  # the last quarter by 10 degrees
             behind, angle = np.maximum(x - first - 0.75 * (last - first), 0.0), np.deg2rad(10.0)
             local[:, :2] += np.stack([behind * (np.cos(angle) - 1.0), -behind * np.sin(angle)], axis=1)
+        elif motion == "one_sided":  # half of the height above the middle of the span's line, nothing at the edges
+            t, height = np.clip(along, 0.0, 1.0), local[:, 1] - frame.middle_at(s)[1]
+            local[:, 1] += 8.0 * (t * (1.0 - t)) ** 2 * np.maximum(height, 0.0)
         else:
-            bumps = f"bumps={0.02 * chord:.6g},seed=1,wavelength={0.5 * chord:.6g}"
-            text = bumps if motion == "bumps" else motion
-            asked = bm.parse_deformation(text, self.model, self.mesh)
+            words = {"bumps": f"bumps={0.02 * chord:.6g},seed=1,wavelength={0.5 * chord:.6g}", "winglet": WINGLET}
+            asked = bm.parse_deformation(words.get(motion, motion), self.model, self.mesh)
             return asked.apply_to_nodes(self.surface.points, self.surface.on_planes(self.model))
         shift = np.where((local == self.local).all(axis=1)[:, None], 0.0, frame.to_space(local) - self.surface.points)
         for ids, normal in self.surface.on_planes(self.model):
