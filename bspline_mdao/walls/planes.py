@@ -64,10 +64,10 @@ class PlaneNormal:
         return 0.5 * np.cross(*self._arms(points)).sum(axis=0)
 
     def normal_and_area(self, points: np.ndarray) -> tuple[np.ndarray, float]:
-        """Unit normal, shape (3,), and the length of the area vector that it is made of."""
+        """Unit normal, shape (3,), and the length of the area vector that it is made of; both 0 where a part closes."""
         area = self.area_vector(points)
         length = np.sqrt(np.sum(area * area))
-        return area / length, length
+        return (area / length if length else area), length
 
     def normal(self, points: np.ndarray) -> np.ndarray:
         """Unit normal, shape (3,)."""
