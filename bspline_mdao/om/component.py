@@ -35,6 +35,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError, MovementError
 from ..numerics.processes import ONE, from_all, gathered, together
+from .model_option import Copied
 
 LINEAR_STEP = 1.0
 """Step of differences of what is linear: it is exact at any step, and at a large one rounding counts least."""
@@ -340,7 +341,7 @@ def _shortest_edge(points: np.ndarray, least: float) -> float:
     return float(np.sqrt(shortest))
 
 
-class CheckedOnProcesses:
+class CheckedOnProcesses(Copied):
     """Part of a component whose processes depend on each other, for ``check_partials`` on several of them.
 
     OpenMDAO draws the directions of a check on every process by itself, and takes its dot products there. That is right

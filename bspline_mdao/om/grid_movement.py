@@ -23,7 +23,7 @@ from .control_mesh_move import ControlMeshMove, mesh_of
 from .fit import Fit
 from .grid_evaluate import GridEvaluate
 from .live_grid_evaluate import LiveGridEvaluate
-from .model_option import declare_model
+from .model_option import Copied, declare_model
 from .quality import Quality
 from .shares import declare_partition, share_of
 from .surface_control import SurfaceControl
@@ -32,7 +32,7 @@ from .surface_evaluate import SurfaceEvaluate
 from .surface_measure import SurfaceMeasure
 
 
-class GridMovement(om.Group):
+class GridMovement(Copied, om.Group):
     """Fit, design, move, evaluate, judge: the ordinary chain in one subsystem, named as in `bspline_mdao.names`.
 
     =================  =================================================================  ============================

@@ -1,4 +1,4 @@
-"""The option ``model`` of systems, and what case files of any recorder say of it."""
+"""The option ``model`` of systems, what case files of any recorder say of it, and copies of systems with it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from copy import deepcopy
 from typing import NamedTuple
 
 import openmdao.api as om
+from openmdao.utils.options_dictionary import OptionsDictionary
 
 from ..model.fitted_model import MODELS, FittedModel
 
-__all__ = ["NamedModel", "declare_model", "named_model"]
+__all__ = ["Copied", "NamedModel", "declare_model", "named_model"]
 
 IN_RECORDS = "model_in_records"
 """Option that recorders keep."""
@@ -53,6 +54,31 @@ class _InRecords:
         return str, (str(self),)  # a case file is read without this package
 
 
+class Copied:
+    """Part of systems that are copied and pickled with all of their options, before ``Problem.setup``.
+
+    OpenMDAO leaves out those that are not for recorders, such as models and meshes, which no system can do without.
+    """
+
+    options: OptionsDictionary
+
+    def __getstate__(self) -> dict:
+        """State with the options as they are declared."""
+        state = vars(self).copy()
+        options = vars(state.pop("options")).copy()
+        options["_dict"] = {name: meta for name, meta in options["_dict"].items() if name != IN_RECORDS}
+        return {**state, "_all_options": options}
+
+    def __setstate__(self, state: dict) -> None:
+        """Take a state."""
+        state = dict(state)
+        options = state.pop("_all_options")
+        self.__dict__.update(state, options=OptionsDictionary())
+        self.options.__dict__.update(options)
+        if "model" in self.options:
+            _name_in_records(self.options)
+
+
 def declare_model(system: om.System, types=MODELS, desc: str = "the fitted grid") -> None:
     """Declare the option ``model``, in ``initialize``, and one that names the model in case files.
 
@@ -68,8 +94,12 @@ def declare_model(system: om.System, types=MODELS, desc: str = "the fitted grid"
         What the model is.
     """
     system.options.declare("model", types=types, recordable=False, desc=desc)
-    text = _InRecords(system.options)
-    system.options.declare(IN_RECORDS, default=text, desc="made by itself: names the model in case files")
+    _name_in_records(system.options)
+
+
+def _name_in_records(options: OptionsDictionary) -> None:
+    """Declare the option that names the model in case files."""
+    options.declare(IN_RECORDS, default=_InRecords(options), desc="made by itself: names the model in case files")
 
 
 def named_model(options: Mapping[str, Mapping[str, object]]) -> NamedModel | None:

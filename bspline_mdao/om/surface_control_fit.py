@@ -25,10 +25,10 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
-from .model_option import declare_model
+from .model_option import Copied, declare_model
 
 
-class SurfaceControlFit(om.ExplicitComponent):
+class SurfaceControlFit(Copied, om.ExplicitComponent):
     """Let the surface control points follow surface nodes: smoothly, and rigid motions exactly.
 
     They are a quasi-interpolant of the nodes, which does not swing about kinks as least squares do. What control points

@@ -18,10 +18,10 @@ from .component import (
     failures_as_analysis_errors,
     finite_points,
 )
-from .model_option import declare_model
+from .model_option import Copied, declare_model
 
 
-class SurfaceEvaluate(om.ExplicitComponent):
+class SurfaceEvaluate(Copied, om.ExplicitComponent):
     """Regenerate the nodes of some patches from the surface control points, Eq. (3), without moving the grid.
 
     They are those of `GridEvaluate` to round-off, at a fraction of the cost. The component is linear (`is_linear`)

@@ -6,13 +6,29 @@ from functools import cache
 
 import geometry_cases
 import numpy as np
+import openmdao.api as om
 import pytest
 from mover_cases import MOVERS
 from parametrization_cases import CONSTRAINTS, VARIABLES, surface_of, wing_model
 from scipy.sparse import issparse
 from test_suite import kinds
 
-from bspline_mdao import ComovingFrame, LinearElasticity, Parametrization, moving_mesh
+from bspline_mdao import (
+    ComovingFrame,
+    ControlMeshMove,
+    EulerFlow,
+    Fit,
+    GridEvaluate,
+    GridMovement,
+    LatticeFlow,
+    LinearElasticity,
+    Parametrization,
+    PointSet,
+    Quality,
+    Rotations,
+    SurfaceEvaluate,
+    moving_mesh,
+)
 from bspline_mdao.design.user_defined import UserVariable
 from bspline_mdao.fit.surface_fit import SurfaceFollower
 from bspline_mdao.flow.euler.flow_grid import FlowGrid
@@ -163,3 +179,44 @@ def test_copies_give_equal_bits_before_and_after_the_original_was_used(name):
     assert sum(map(len, expected)) > 0
     for one in (*early, pickled(thing), copy.deepcopy(thing), thing):
         assert bits(use(one)) == expected
+
+
+COMPONENTS = {
+    "Fit": lambda: Fit(model=wing_model()),
+    "ControlMeshMove": lambda: ControlMeshMove(mover=Rotations(mesh())),
+    "GridEvaluate": lambda: GridEvaluate(model=wing_model()),
+    "Quality": lambda: Quality(model=wing_model(), aggregates=("corner_ks",)),
+    "GridMovement": lambda: GridMovement(model=wing_model()),
+    "SurfaceEvaluate": lambda: SurfaceEvaluate(model=wing_model(), mesh=mesh(), surface=SurfaceGrid.of(wing_model())),
+    "PointSet": lambda: PointSet(model=wing_model(), points=np.array([[4.0, 3.0, 0.2]])),
+    "EulerFlow": lambda: EulerFlow(model=wing_model(), reference_area=1.2),
+    "LatticeFlow": lambda: LatticeFlow(model=wing_model(), reference_area=1.2),
+}
+"""Components with options that OpenMDAO keeps out of records, and out of its own copies."""
+
+
+def declared(component):
+    """Options and variables of a component that was set up."""
+    problem = om.Problem(reports=None)
+    problem.model.add_subsystem("copied", component, promotes=["*"])
+    problem.setup()
+    problem.final_setup()
+    found = problem.model.list_vars(out_stream=None, prom_name=True, return_format="dict")
+    values = {meta["prom_name"]: problem.get_val(meta["prom_name"]) for meta in found.values()}
+    return {name for name, _ in component.options.items()}, values
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, pickled])
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_copies_of_components_have_all_options_and_can_be_set_up(name, copied):
+    component = COMPONENTS[name]()
+    options, values = declared(COMPONENTS[name]())
+    other = copied(component)
+    found_options, found = declared(other)
+    assert found_options == options
+    assert found.keys() == values.keys()
+    assert len(values) > 1
+    for key in values:
+        np.testing.assert_array_equal(found[key], values[key])
+    if "model" in options:
+        assert str(other.options["model_in_records"]).startswith(wing_model().checksum)

@@ -11,6 +11,7 @@ import numpy as np
 import openmdao.api as om
 
 from ..component import fails_together
+from ..model_option import Copied
 from .vortex_lattice import STREAM, lattice_surface, openaerostruct
 
 
@@ -59,7 +60,7 @@ class Spar:
         }
 
 
-class Aerostructure(om.Group):
+class Aerostructure(Copied, om.Group):
     """Fuel burn, mass and stress of a flexible wing with a tubular spar in steady flight, by OpenAeroStruct.
 
     The radius of the tube follows from chord and thickness of the wing. The lattice bends with the spar under the loads

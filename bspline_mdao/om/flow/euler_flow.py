@@ -21,7 +21,7 @@ from ...model.fitted_model import FittedModel
 from ...names import GRID
 from ...topology.partition import Partition, Share
 from ..component import CheckedOnProcesses, add_bar, direction_in, fails_together
-from ..model_option import declare_model
+from ..model_option import Copied, declare_model
 from ..shares import declare_partition, part_of_model
 from .euler_state import SOLVER_OPTIONS, EulerState, check_on_grid, declare_solver
 from .euler_wall_forces import EulerWallForces
@@ -31,7 +31,7 @@ from .spurious_drag import drag_sources, is_optimised, warn_of_spurious_drag
 from .trimmed_state import TrimmedState
 
 
-class EulerFlow(om.Group):
+class EulerFlow(Copied, om.Group):
     """Steady compressible flow without friction on all blocks of a grid, with its exact adjoint.
 
     Walls are slipped along, planes of symmetry are kept, and the far field is the free stream: patches of these kinds

@@ -21,13 +21,13 @@ from ...model.model_share import ModelShare, nodes_at
 from ...names import GRID, SURFACE
 from ...topology.partition import Partition
 from ..component import SMOOTH_STEP, add_bar, check_along_directions, difference_step, direction_in, fails_together
-from ..model_option import declare_model
+from ..model_option import Copied, declare_model
 from ..surface_measure import SurfaceMeasure
 from .references import REFERENCES, declare_coefficients, declare_references
 from .vortex_lattice import LatticeStates
 
 
-class LatticeFlow(om.Group):
+class LatticeFlow(Copied, om.Group):
     """Lift, moments, induced drag and span load of a half wing by OpenAeroStruct's vortex lattice, in seconds.
 
     Its variables are those of `EulerFlow`, so that a study can begin with this group and change one line.
@@ -226,7 +226,7 @@ def _places(partition: Partition, rows: np.ndarray) -> tuple[np.ndarray, int]:
     return places, start
 
 
-class LatticeForces(om.ExplicitComponent):
+class LatticeForces(Copied, om.ExplicitComponent):
     """Lift, drag, moments and span load of the forces on the panels.
 
     ==================  ======  ============================  =====  ===================================================

@@ -13,6 +13,7 @@ import openmdao.api as om
 from ...extras import library
 from ...flow.induced_drag import Wake
 from ..component import SMOOTH_STEP, fails_together
+from ..model_option import Copied
 
 STREAM = [("v", "velocity"), ("rho", "density")]
 """OpenAeroStruct's names of the stream and ours."""
@@ -30,7 +31,7 @@ _DEFAULTS = {
 """Values and units of the inputs of the flight."""
 
 
-class VortexLattice(om.Group):
+class VortexLattice(Copied, om.Group):
     """Lift, induced drag, moment and span load of a thin wing by OpenAeroStruct's vortex lattice.
 
     ====================  ======  ====================  ======  ========================================================
@@ -143,7 +144,7 @@ class VortexLattice(om.Group):
             self.connect(f"lattice.{name}", f"moment.wing_{name}")
 
 
-class LatticeStates(om.Group):
+class LatticeStates(Copied, om.Group):
     """Circulations and forces of the lattice on a thin wing.
 
     ====================  ======  ==============================  ======  ==============================================
@@ -201,7 +202,7 @@ class LatticeStates(om.Group):
         self.set_input_defaults("camber_surface", val=surface["mesh"], units="m")
 
 
-class WakeForces(om.ExplicitComponent):
+class WakeForces(Copied, om.ExplicitComponent):
     """Coefficients of lift and induced drag, and the span load, from the circulations of a vortex lattice.
 
     ==================  ======  =============================  ======  =================================================

@@ -14,6 +14,7 @@ from ...errors import InputError
 from ...flow.rigid_links import N_DOF
 from ..flow.aerostructure import Spar
 from ..flow.vortex_lattice import lattice_surface, openaerostruct
+from ..model_option import Copied
 from .conventions import COORDINATES, COUPLING, INPUT, RESULT, U_STRUCT, X_STRUCT, names_of
 from .renamed import Renamed, Renaming
 
@@ -75,7 +76,7 @@ class BeamBuilder(Builder):
         return N_DOF
 
 
-class Beam(om.Group):
+class Beam(Copied, om.Group):
     """Displacements, mass and stress of a beam of tubes under loads on its nodes; linear, by OpenAeroStruct.
 
     ===================  ======  ===============  =====  ===============================================================

@@ -16,6 +16,7 @@ from ...names import GRID
 from ...numerics.processes import ONE
 from ..flow.euler_flow import EulerFlow
 from ..flow.references import COEFFICIENTS
+from ..model_option import Copied
 from .conventions import COORDINATES, COUPLING, INPUT, RESULT, VOLUME, Names, names_of
 from .distribution import nodes_of_rank
 from .geometry import SurfaceGeometry
@@ -216,7 +217,7 @@ class EulerBuilder(FlowBuilder):
         )
 
 
-class FlowGroup(om.Group):
+class FlowGroup(Copied, om.Group):
     """Solve a flow on the volume nodes that MPhys hands over.
 
     =====================  ======  ==============  =====  =========================================

@@ -11,7 +11,7 @@ from ...model.fitted_model import FittedModel
 from ...names import SURFACE
 from ...numerics.processes import summed
 from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions
-from ..model_option import declare_model
+from ..model_option import Copied, declare_model
 from ..surface_control import SurfaceControl
 from ..surface_evaluate import SurfaceEvaluate
 from ..surface_measure import SurfaceMeasure
@@ -22,7 +22,7 @@ from .point_sets import RidingPoints
 __all__ = ["SurfaceGeometry"]
 
 
-class SurfaceGeometry(om.Group):
+class SurfaceGeometry(Copied, om.Group):
     """Move the surface of a solver by our design variables, as pyGeo's ``OM_DVGEOCOMP`` does with an FFD box.
 
     ==============================  ======  ============  =====  ====================================================

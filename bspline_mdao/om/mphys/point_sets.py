@@ -11,12 +11,13 @@ from ...mesh.surface import SurfaceGrid
 from ...names import SURFACE
 from ...walls.body_points import Body, BodyPoints, require_contained
 from ..component import LINEAR_STEP, add_bar, check_along_directions, fails_together, finite_points
+from ..model_option import Copied
 from .conventions import COORDINATES, names_of, point_set_names
 
 __all__ = ["RidingPoints"]
 
 
-class RidingPoints(om.ExplicitComponent):
+class RidingPoints(Copied, om.ExplicitComponent):
     """Add to points inside a surface what the surface moves them by.
 
     ==============================  ======  =======  =====  ============================================================

@@ -13,7 +13,7 @@ from ...numerics.processes import summed, together
 from ...topology.partition import Partition, Share
 from ..component import LINEAR_STEP, CheckedOnProcesses, check_along_directions, finite_points
 from ..grid_movement import GridMovement
-from ..model_option import declare_model
+from ..model_option import Copied, declare_model
 from .conventions import COORDINATES, COUPLING, VOLUME, X_AERO, X_JIG
 from .distribution import nodes_of_rank
 from .renamed import Renamed, Renaming
@@ -29,7 +29,7 @@ INSIDE = (
 """What to do where the nodes of the surface come from a coupling that has not run yet."""
 
 
-class VolumeWarper(om.Group):
+class VolumeWarper(Copied, om.Group):
     """Move the volume behind the surface, as IDWarp does for ADflow and DAFoam.
 
     The surface control points follow the nodes, the mover moves the control mesh, and the grid is regenerated,
