@@ -138,7 +138,7 @@ class GridWalls:
         planes = [(numbers[numbers >= 0], n) for numbers, n in ((held.numbers_of(rows), n) for rows, n in self.planes)]
         fixed = held.numbers_of(self.fixed)
         rows = held.numbers_of(self.rows)
-        return WallLayer.of(self.wall, nodes, rows, planes, fixed[fixed >= 0], held.copies, n_threads)
+        return WallLayer.of(self.wall, nodes, rows, planes, fixed[fixed >= 0], held.copies, n_threads, by_corners=True)
 
 
 def _face_shape(window: Window) -> tuple[int, int]:

@@ -5,11 +5,16 @@ A node at x0 on the baseline, mapped to y, with the closest points f on the wall
     x = y + sum_f beta_f (W'_f + G_f (x0 - W_f) - y),
 
 where W_f and W'_f are the places of the closest point before and after the move and G_f is its rotation (see
-`.frames`): those of the corners of its triangle, at its barycentric coordinates. The weights beta_f sum to one on the
-wall and fade to zero at its reach. So a wall node goes exactly where it is given, the nodes above it keep their
-heights, and a rigid motion of the wall is one of its layer, wherever the closest points are. All this is a matter of
-places, not of grid lines: blocks of any topology, walls that end inside a grid, and points of other grids are treated
-alike.
+`.frames`): those of the corners of its triangle, at its barycentric coordinates. Nodes of the grid itself go to
+
+    x = y + sum_f beta_f (sum_n s_n (w'_n + G_n (x0 - w_n)) - y)
+
+over the corners n of that triangle instead, with s_n in proportion to b_n^2 (3 - 2 b_n) of its barycentric coordinates:
+above a corner, where their grid lines begin, they turn about the corner, whatever the facets beside it do. A point of
+another grid on a facet would leave it. The weights beta_f sum to one on the wall and fade to zero at its reach. So a
+wall node goes exactly where it is given, the nodes above it keep their heights, and a rigid motion of the wall is one
+of its layer, wherever the closest points are. All this is a matter of places, not of grid lines: blocks of any
+topology, walls that end inside a grid, and points of other grids are treated alike.
 
 Closest points and weights are those of the baseline and stay. The map is then linear in y and in the wall's places and
 rotations, and linear in x0 together with W.
@@ -52,8 +57,8 @@ class _Piece:
     corners : ndarray of uint16, shape (n_closest, 3)
         Corners of the triangle of each closest point, among the piece's nodes of the wall.
     barycentric : ndarray of float32, shape (n_closest, 2)
-        Barycentric coordinates of the first two corners. Single precision: a point a little beside the closest one does
-        as well.
+        Weights of the first two corners, those of all three add up to one: barycentric coordinates, or of `by_corners`.
+        Single precision: a point a little beside the closest one does as well.
     weights : ndarray of float32, shape (n_closest,)
         How much the node follows the wall at each, beta_f.
     wall_ids : ndarray of int, shape (n_corners,)
@@ -90,6 +95,8 @@ class WallLayer:
         Rows that are copies of nodes of the layer, and the rows that they copy.
     n_points : int
         Number of points of which some follow the wall.
+    by_corners : bool
+        Whether points turn about the corners of the triangle of their closest point, and not about that point.
     n_threads : int, optional
         Number of threads; None stands for ``NUMBA_NUM_THREADS``. Results do not depend on it.
     """
@@ -99,6 +106,7 @@ class WallLayer:
     projectors: np.ndarray
     copies: np.ndarray
     n_points: int
+    by_corners: bool = False
     n_threads: int | None = None
 
     @classmethod
@@ -111,6 +119,7 @@ class WallLayer:
         fixed: np.ndarray | None = None,
         copies: np.ndarray | None = None,
         n_threads: int | None = None,
+        by_corners: bool = False,
     ) -> WallLayer:
         """Find the points that follow a wall.
 
@@ -131,6 +140,9 @@ class WallLayer:
             Rows that are copies, and the rows that they copy.
         n_threads : int, optional
             Number of threads; by default ``NUMBA_NUM_THREADS``.
+        by_corners : bool
+            Turn points about the corners of the triangle of their closest point: for nodes of the grid whose wall it
+            is.
 
         Returns
         -------
@@ -159,10 +171,12 @@ class WallLayer:
         projectors, plane_of = _projectors(planes, len(points))
         plane_of[wall_rows] = 0
         corners, barycentric, weights, places = _with_wall_nodes(wall.tree, closest, len(wall_rows))
+        if by_corners:
+            barycentric = _by_corners(barycentric)
         pieces = _cut(rows, counts, places, plane_of[rows], corners, barycentric, weights)
         is_followed = np.zeros(len(points), dtype=bool)
         is_followed[rows] = True
-        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), n_threads)
+        return cls(wall, pieces, projectors, copies[is_followed[copies[:, 1]]], len(points), by_corners, n_threads)
 
     @property
     def n_followers(self) -> int:
@@ -211,8 +225,12 @@ class WallLayer:
 
     def _follow(self, initial, frames, mapped):
         """Overwrite mapped points; linear in them and the frames after the move, and in all places before it."""
-        self._run(lambda piece, ids: _follow(*piece.arrays, self.projectors, initial, frames[ids], mapped))
+        self._run(lambda piece, ids: _follow(*self._arrays(piece), initial, frames[ids], mapped))
         mapped[self.copies[:, 0]] = mapped[self.copies[:, 1]]
+
+    def _arrays(self, piece: _Piece) -> tuple:
+        """What the kernels take of a piece, and of the layer."""
+        return *piece.arrays, self.projectors, self.by_corners
 
     def _run(self, task) -> list:
         """Results of a task for every piece, in order."""
@@ -296,9 +314,7 @@ class Layered:
         _move_rows(self.layer.copies, bar)
         initial_bar, wall_initial_bar = np.zeros_like(bar), np.zeros_like(bar, shape=self.frames.initial.shape)
         layer, frames = self.layer, self._motion
-        sums = layer._run(
-            lambda piece, ids: _turned_back(*piece.arrays, layer.projectors, frames[ids], bar, initial_bar)
-        )
+        sums = layer._run(lambda piece, ids: _turned_back(*layer._arrays(piece), frames[ids], bar, initial_bar))
         _add_up(layer.pieces, sums, wall_initial_bar)
         places_bar, matrices_bar = self._frames_vjp(bar)
         before, after, normals_bar = self.frames.vjp(matrices_bar)
@@ -332,9 +348,7 @@ class Layered:
     def _frames_vjp(self, bar):
         """Derivatives with respect to places and rotations of the wall; ``bar`` becomes that of the mapped points."""
         layer, frames = self.layer, self._motion
-        sums = layer._run(
-            lambda piece, ids: _follow_back(*piece.arrays, layer.projectors, self.initial, frames[ids], bar)
-        )
+        sums = layer._run(lambda piece, ids: _follow_back(*layer._arrays(piece), self.initial, frames[ids], bar))
         frames_bar = np.zeros((len(frames), 12), dtype=bar.dtype)
         _add_up(layer.pieces, sums, frames_bar)
         return frames_bar[:, :3], frames_bar[:, 3:].reshape(-1, 3, 3)
@@ -371,6 +385,13 @@ def _with_wall_nodes(tree: TriangleTree, closest: ClosestPoints, n_wall: int):
         np.concatenate([np.ones(n_wall), closest.weights]),
         np.concatenate([first, closest.triangles[closest.starts[:-1]]]),
     )
+
+
+def _by_corners(barycentric):
+    """Weights of the first two corners, in proportion to b^2 (3 - 2 b) of all three barycentric coordinates b."""
+    b = np.column_stack([barycentric, 1.0 - barycentric.sum(axis=1)])
+    smooth = b * b * (3.0 - 2.0 * b)
+    return (smooth / smooth.sum(axis=1, keepdims=True))[:, :2]
 
 
 def _cut(rows, counts, places, planes, corners, barycentric, weights) -> tuple[_Piece, ...]:
@@ -422,14 +443,21 @@ def _corners(corners, barycentric, k):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _from_closest(initial, row, frames, at, barycentric):
-    """Vector from a closest point to a point."""
+def _closest(frames, at, barycentric):
+    """A closest point before the move."""
     (a, b, c), (u, v, w) = at, barycentric
     return (
-        initial[row, 0] - (u * frames[a, 12] + v * frames[b, 12] + w * frames[c, 12]),
-        initial[row, 1] - (u * frames[a, 13] + v * frames[b, 13] + w * frames[c, 13]),
-        initial[row, 2] - (u * frames[a, 14] + v * frames[b, 14] + w * frames[c, 14]),
+        u * frames[a, 12] + v * frames[b, 12] + w * frames[c, 12],
+        u * frames[a, 13] + v * frames[b, 13] + w * frames[c, 13],
+        u * frames[a, 14] + v * frames[b, 14] + w * frames[c, 14],
     )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _arm(initial, row, frames, n, closest, by_corners):
+    """Vector from what a point turns about, a corner or the closest point, to the point."""
+    x, y, z = (frames[n, 12], frames[n, 13], frames[n, 14]) if by_corners else closest
+    return initial[row, 0] - x, initial[row, 1] - y, initial[row, 2] - z
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -443,16 +471,16 @@ def _projected(projector, x, y, z):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _follow(rows, starts, planes, corners, barycentric, weights, projectors, initial, frames, mapped):
+def _follow(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, initial, frames, mapped):
     for i in range(len(rows)):
         row, total = np.uint64(rows[i]), 0.0
         x, y, z = 0.0, 0.0, 0.0
         for k in range(starts[i], starts[i + 1]):
             at, at_weights = _corners(corners, barycentric, k)
             beta = np.float64(weights[k])
-            d, e, f = _from_closest(initial, row, frames, at, at_weights)
+            closest = _closest(frames, at, at_weights)
             for n, weight in zip(at, at_weights):
-                s = beta * weight
+                s, (d, e, f) = beta * weight, _arm(initial, row, frames, n, closest, by_corners)
                 x += s * (frames[n, 0] + frames[n, 3] * d + frames[n, 4] * e + frames[n, 5] * f)
                 y += s * (frames[n, 1] + frames[n, 6] * d + frames[n, 7] * e + frames[n, 8] * f)
                 z += s * (frames[n, 2] + frames[n, 9] * d + frames[n, 10] * e + frames[n, 11] * f)
@@ -470,7 +498,7 @@ def _follow(rows, starts, planes, corners, barycentric, weights, projectors, ini
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors, initial, frames, bar):
+def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, initial, frames, bar):
     """Transpose of `_follow` with respect to the frames, returned, and the mapped points, in place of ``bar``."""
     sums = np.zeros((len(frames), 12), dtype=bar.dtype)
     for i in range(len(rows)):
@@ -481,9 +509,9 @@ def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors
         for k in range(starts[i], starts[i + 1]):
             at, at_weights = _corners(corners, barycentric, k)
             beta = np.float64(weights[k])
-            d, e, f = _from_closest(initial, row, frames, at, at_weights)
+            closest = _closest(frames, at, at_weights)
             for n, weight in zip(at, at_weights):
-                s = beta * weight
+                s, (d, e, f) = beta * weight, _arm(initial, row, frames, n, closest, by_corners)
                 sums[n, 0] += s * x
                 sums[n, 1] += s * y
                 sums[n, 2] += s * z
@@ -504,7 +532,7 @@ def _follow_back(rows, starts, planes, corners, barycentric, weights, projectors
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _turned_back(rows, starts, planes, corners, barycentric, weights, projectors, frames, bar, initial_bar):
+def _turned_back(rows, starts, planes, corners, barycentric, weights, projectors, by_corners, frames, bar, initial_bar):
     """Transpose of `_follow` with respect to the points before the move, added to, and the wall's, returned."""
     sums = np.zeros((len(frames), 3), dtype=bar.dtype)
     for i in range(len(rows)):
@@ -515,17 +543,23 @@ def _turned_back(rows, starts, planes, corners, barycentric, weights, projectors
         for k in range(starts[i], starts[i + 1]):
             at, at_weights = _corners(corners, barycentric, k)
             beta = np.float64(weights[k])
-            d, e, f = 0.0, 0.0, 0.0
+            all_d, all_e, all_f = 0.0, 0.0, 0.0
             for n, weight in zip(at, at_weights):
                 s = beta * weight
-                d += s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
-                e += s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
-                f += s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)
-            initial_bar[row, 0] += d
-            initial_bar[row, 1] += e
-            initial_bar[row, 2] += f
-            for n, weight in zip(at, at_weights):
-                sums[n, 0] -= weight * d
-                sums[n, 1] -= weight * e
-                sums[n, 2] -= weight * f
+                d = s * (frames[n, 3] * x + frames[n, 6] * y + frames[n, 9] * z)
+                e = s * (frames[n, 4] * x + frames[n, 7] * y + frames[n, 10] * z)
+                f = s * (frames[n, 5] * x + frames[n, 8] * y + frames[n, 11] * z)
+                all_d, all_e, all_f = all_d + d, all_e + e, all_f + f
+                if by_corners:
+                    sums[n, 0] -= d
+                    sums[n, 1] -= e
+                    sums[n, 2] -= f
+            initial_bar[row, 0] += all_d
+            initial_bar[row, 1] += all_e
+            initial_bar[row, 2] += all_f
+            if not by_corners:
+                for n, weight in zip(at, at_weights):
+                    sums[n, 0] -= weight * all_d
+                    sums[n, 1] -= weight * all_e
+                    sums[n, 2] -= weight * all_f
     return sums

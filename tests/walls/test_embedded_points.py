@@ -46,7 +46,7 @@ def test_embedded_points_at_nodes_next_to_the_wall_move_as_these_do(model, twist
     moves = np.linalg.norm(grid.nodes - nodes, axis=1)[first_nodes]
     off = np.linalg.norm(embedded.points - grid.nodes[first_nodes], axis=1)
     assert moves.max() > 0.04
-    assert np.quantile(off, 0.9) < 1e-6
+    assert np.quantile(off, 0.9) < 2e-6  # nodes turn about corners of the wall, points about the closest place
     plain = embedded.of.evaluator.forward(twisted) + embedded.of.offsets
     assert np.quantile(np.linalg.norm(plain - grid.nodes[first_nodes], axis=1), 0.9) > 1e-4
 

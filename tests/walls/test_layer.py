@@ -49,7 +49,7 @@ def bumpy_case(rng, n_threads=None, **options):
     quads, faces = quads_in_turn(np.arange(42).reshape(7, 6)), np.repeat([1, 0], [10, 20])
     wall = Wall.of(nodes[wall_rows], quads, heights, planes, fixed, faces, n_threads)
     planes = [(ROWS[:, 0].ravel(), np.array([0.0, -3.0, 0.0]))]
-    layer = WallLayer.of(wall, nodes, wall_rows, planes, ROWS[-1].ravel(), copies, n_threads)
+    layer = WallLayer.of(wall, nodes, wall_rows, planes, ROWS[-1].ravel(), copies, n_threads, **options)
     return layer, nodes, wall_rows
 
 
@@ -140,18 +140,24 @@ def test_ahead_of_a_nose_of_narrow_faces_no_farther_place_steps_in():
     assert tree.closest_points(ahead[ahead[:, 0] < -0.01]).points.size == 0
 
 
-def test_nothing_moves_at_rest():
-    layer, nodes, wall_rows = bumpy_case(np.random.default_rng(2))
+BOTH_WAYS = pytest.mark.parametrize("by_corners", [False, True])
+"""Points turn about the closest point, or about the corners of its triangle."""
+
+
+@BOTH_WAYS
+def test_nothing_moves_at_rest(by_corners):
+    layer, nodes, wall_rows = bumpy_case(np.random.default_rng(2), by_corners=by_corners)
     found = layer.at(nodes, nodes.copy(), nodes[wall_rows], nodes[wall_rows])
     np.testing.assert_allclose(found.nodes, nodes, rtol=0, atol=2e-15)
 
 
-def test_a_rigid_motion_of_the_wall_is_one_of_its_layer():
+@BOTH_WAYS
+def test_a_rigid_motion_of_the_wall_is_one_of_its_layer(by_corners):
     rng = np.random.default_rng(3)
     nodes = bumpy_block(rng)
     wall_rows = ROWS[:, :, 0].ravel()
     wall = Wall.of(nodes[wall_rows], quads_in_turn(np.arange(42).reshape(7, 6)), np.full(42, 1e-4))
-    layer = WallLayer.of(wall, nodes, wall_rows)
+    layer = WallLayer.of(wall, nodes, wall_rows, by_corners=by_corners)
     turn, shift = Rotation.random(random_state=4).as_matrix(), rng.standard_normal(3)
     moved = nodes @ turn.T + shift
     # nodes that are mapped to one place are put right where they follow fully
@@ -192,10 +198,11 @@ def test_copies_have_the_bits_of_what_they_copy():
 
 
 @pytest.mark.slow
+@BOTH_WAYS
 @pytest.mark.parametrize("seed", range(3))
-def test_jvp_is_the_complex_step(seed):
+def test_jvp_is_the_complex_step(seed, by_corners):
     rng = np.random.default_rng(10 + seed)
-    layer, nodes, wall_rows = bumpy_case(rng)
+    layer, nodes, wall_rows = bumpy_case(rng, by_corners=by_corners)
     mapped, asked = random_move(rng, nodes, wall_rows)
     normals = NORMALS + 0.1 * rng.standard_normal((1, 3))
     state = layer.at(nodes, mapped.copy(), nodes[wall_rows], asked, normals)
@@ -210,10 +217,11 @@ def test_jvp_is_the_complex_step(seed):
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
 
 
+@BOTH_WAYS
 @pytest.mark.parametrize("seed", range(3))
-def test_vjp_is_the_transpose_of_jvp(seed):
+def test_vjp_is_the_transpose_of_jvp(seed, by_corners):
     rng = np.random.default_rng(20 + seed)
-    layer, nodes, wall_rows = bumpy_case(rng)
+    layer, nodes, wall_rows = bumpy_case(rng, by_corners=by_corners)
     mapped, asked = random_move(rng, nodes, wall_rows)
     state = layer.at(nodes, mapped, nodes[wall_rows], asked, NORMALS + 0.1 * rng.standard_normal((1, 3)))
     changes = [rng.standard_normal(a.shape) for a in (nodes, mapped, asked, asked, NORMALS)]
@@ -290,6 +298,37 @@ def test_a_corner_between_two_walls_opens_and_closes_without_folding(angle, leas
     up = (found[rows[:, 1, 1]] - found[rows[:, 1, 0]])[8:]
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     np.testing.assert_allclose(up @ [s, 0.0, c] / 1e-4, 1.0, rtol=0, atol=2e-3)
+
+
+def test_nodes_on_oblique_lines_keep_their_heights_where_the_wall_curves():
+    x, y = np.meshgrid(np.linspace(0.0, 3.0, 13), np.linspace(0.0, 1.0, 4), indexing="ij")
+    flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    wavy = np.stack([x, y, 0.15 * np.sin(2.5 * x)], axis=-1).reshape(-1, 3)
+    slopes = 0.375 * np.cos(2.5 * x).ravel()
+    normals = np.stack([-slopes, 0.0 * slopes, np.ones_like(slopes)], axis=1) / np.hypot(1.0, slopes)[:, None]
+    quads, first = quads_in_turn(np.arange(52).reshape(13, 4)), 1e-3
+    nodes = np.concatenate([flat, flat + first * np.array([1.0, 0.0, 1.0])])  # lines at 45 degrees
+    wall, misses = Wall.of(flat, quads, np.full(52, first)), []
+    for by_corners in (False, True):
+        layer = WallLayer.of(wall, nodes, np.arange(52), by_corners=by_corners)
+        mapped = np.concatenate([wavy, wavy + [0.0, 0.0, first]])
+        found = layer.at(nodes, mapped, flat, wavy).nodes
+        heights = np.sum((found[52:] - found[:52]) * normals, axis=1).reshape(13, 4)[1:-1] / first
+        misses.append(np.abs(heights - 1.0).max())
+    assert misses[1] < 0.03
+    assert misses[0] > 0.1
+
+
+def test_points_on_a_facet_stay_on_it_where_they_turn_about_their_closest_point():
+    rng = np.random.default_rng(5)
+    nodes = bumpy_block(rng)
+    wall_rows = ROWS[:, :, 0].ravel()
+    wall = Wall.of(nodes[wall_rows], quads_in_turn(np.arange(42).reshape(7, 6)), np.full(42, 1e-4))
+    weights = rng.dirichlet(np.ones(3), len(wall.tree.triangles))
+    moved = nodes[wall_rows] + 0.02 * rng.standard_normal((42, 3))
+    before, after = (np.einsum("nk,nkd->nd", weights, x[wall.tree.triangles]) for x in (nodes[wall_rows], moved))
+    found = WallLayer.of(wall, before).at(before, before.copy(), nodes[wall_rows], moved).nodes
+    np.testing.assert_allclose(found, after, rtol=0, atol=1e-6)
 
 
 def test_heights_are_kept_in_a_plane_that_a_wall_meets_at_another_angle():
