@@ -20,7 +20,10 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from ..checks import as_finite_points
+from ..errors import InputError
 from ..shown import OneLine
+from .mesh_numbers import require_cells, require_corners
 from .quads import area_vectors
 
 __all__ = ["FACES", "CellQuality", "MixedMesh", "face_keys", "fans", "first_heights", "padded"]
@@ -112,6 +115,12 @@ class MixedMesh(OneLine):
         How often each node of its file is among the nodes, all of them once before any a second time: twice where the
         file is of two dimensions.
 
+    Raises
+    ------
+    InputError
+        If a node is not finite, an element has a node that there is not, a kind of cells is unknown, or a cell has no
+        faces: kernels index by these numbers without looking.
+
     Examples
     --------
     >>> import numpy as np
@@ -128,6 +137,22 @@ class MixedMesh(OneLine):
     polyhedra: tuple[np.ndarray, np.ndarray] | None = None
     source: str = "mesh"
     n_copies: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what is no mesh, whoever reads it."""
+        points = as_finite_points(self.points, len(self.points), f"{self.source}: nodes")
+        if points.dtype.kind == "c":
+            raise InputError(f"{self.source}: nodes are complex; give real ones")
+        object.__setattr__(self, "points", points)
+        n, copies = len(points), self.n_copies
+        for kind, corners in self.cells.items():
+            if kind not in FACES:
+                raise InputError(f"{self.source}: has cells '{kind}'; known are {', '.join(FACES)}")
+            require_corners(corners, 1 + max(map(max, FACES[kind])), n, f"{self.source}: cells '{kind}'", copies)
+        for name, faces in (self.markers or {}).items():
+            require_corners(faces, 4, n, f"{self.source}: faces of marker '{name}'", copies)
+        if self.polyhedra is not None:
+            require_cells(*self.polyhedra, n, self.source)
 
     @property
     def n_points(self) -> int:

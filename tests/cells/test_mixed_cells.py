@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from riding_cases import HALVES, mesh
 
-from bspline_mdao import MixedMesh
+from bspline_mdao import InputError, MixedMesh
 from bspline_mdao.cells.mixed_cells import first_heights
 
 BOX = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [2, 3, 5], [0, 3, 5]], dtype=float)
@@ -91,3 +91,33 @@ def test_thin_cells_of_a_sheet_that_is_bent_by_more_than_it_is_high_are_not_inve
         assert not quality.is_inverted.any()
         turned = MixedMesh(BOX, {kind: cells}).quality(points * [1.0, 1.0, -1.0])
         assert turned.is_inverted.all()
+
+
+TETRA = {"tetra": np.array([[0, 1, 2, 6]])}
+SIDES = np.array([[0, 2, 1, 1], [0, 1, 6, 6], [1, 2, 6, 6], [2, 0, 6, 6]])
+
+
+@pytest.mark.parametrize(
+    ("points", "cells", "more", "words"),
+    [
+        (BOX, {"tetra": np.array([[0, 1, 2, 3], [0, 1, 2, 8]])}, {}, "cells 'tetra': number 2 has node 8 of 8, from 0"),
+        (BOX, {"tetra": np.array([[0, 1, -1, 6]])}, {}, "cells 'tetra': number 1 has node -1 of 8"),
+        (BOX, {"wedge": np.array([[0, 1, 2, 6]])}, {}, r"cells 'wedge' are int64 of shape \(1, 4\); give .* \(n, 6\)"),
+        (BOX, {"tetra": np.array([[0.0, 1.0, 2.0, 6.0]])}, {}, "cells 'tetra' are float64"),
+        (BOX, {"voxel": np.arange(8)[None]}, {}, "has cells 'voxel'; known are tetra, pyramid, wedge, hexahedron"),
+        (BOX, TETRA, {"markers": {"wing": np.array([[0, 1, 2, 2**40]])}}, "marker 'wing': number 1 has node 10995"),
+        (BOX, TETRA, {"n_copies": 2, "markers": {"wing": np.array([[0, 1, 6, 9]])}}, "has node 5 of 4"),
+        (np.where(BOX == 5.0, np.nan, BOX), TETRA, {}, "nodes: number 5 of 8 is .*nan.*, not finite"),
+        (BOX + 0j, TETRA, {}, "nodes are complex"),
+        (BOX[:, :2], TETRA, {}, r"nodes of shape \(8, 2\)"),
+        (BOX, {}, {"polyhedra": (SIDES, np.array([0, 0, 0, -5]))}, "a face is of cell -5"),
+        (BOX, {}, {"polyhedra": (SIDES, np.array([0, 0, 0, 2 * 10**9]))}, "of cell 2000000000, of cells with 4 faces"),
+        (BOX, {}, {"polyhedra": (SIDES, np.array([0, 0, 0, 2]))}, "cell 1 of 3, from 0, has no faces"),
+        (BOX, {}, {"polyhedra": (SIDES + 4, np.array([0, 0, 0, 0]))}, "faces of cells: number 2 has node 10 of 8"),
+        (BOX, {}, {"polyhedra": (SIDES, np.array([0, 0, 0]))}, "not one whole number each"),
+    ],
+)
+def test_numbers_of_no_node_or_cell_are_no_mesh(points, cells, more, words):
+    with pytest.raises(InputError, match=rf"^mesh: .*{words}") as error:
+        MixedMesh(points, cells, **more)
+    assert "\n" not in str(error.value)

@@ -61,6 +61,15 @@ def test_a_damaged_file_is_said_in_one_line(file):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("number", [900_000_000, -1, 40])
+def test_a_corner_of_no_node_is_refused(tmp_path, number):
+    points, tetra = np.random.default_rng(5).standard_normal((40, 3)), np.arange(12).reshape(3, 4)
+    tetra[1, 2] = number
+    meshio.write(tmp_path / "wing.vtu", meshio.Mesh(points, [("tetra", tetra)]))
+    with pytest.raises(InputError, match=rf"wing.vtu: cells 'tetra': number 2 has node {number} of 40, from 0"):
+        read_mesh(tmp_path / "wing.vtu")
+
+
 def test_what_is_no_file_of_vtk_is_said_once_with_the_reason(tmp_path, capfd):
     path = tmp_path / "wing.vtu"
     for text, reason in (("NDIME= 2\n", "line 1, column 5"), ('<VTKFile type="PolyData"/>', "found PolyData")):

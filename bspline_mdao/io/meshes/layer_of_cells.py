@@ -95,7 +95,7 @@ class LayerPoints(OneLine):
                 f"planes of symmetry; give such a model (in Python: read_mesh(..., span=section_span(model)))"
             )
         axes = list(range(stored.shape[1]))
-        flat = np.flatnonzero(np.ptp(stored, axis=0) == 0.0)
+        flat = np.flatnonzero((stored == stored[:1]).all(axis=0))
         if len(axes) == 3 and len(flat):
             axes.remove(int(flat[0]))
         if len(axes) != 2:

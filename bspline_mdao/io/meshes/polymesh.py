@@ -93,8 +93,6 @@ def read_polymesh(path: str | os.PathLike) -> PolyMeshFolder:
         raise InputError(
             f"{files['faces'].path}: face {int(np.argmin(sizes))} has {sizes.min()} corners; write it again"
         )
-    if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
-        raise InputError(f"{files['faces'].path}: has point {corners.max()} of {len(points):,}, from 0; write it again")
     quads, face = fans(corners, sizes)
     is_inner = face < len(neighbour)
     of_cells = np.concatenate([owner[face], neighbour[face[is_inner]]])

@@ -82,9 +82,6 @@ def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> Stored
         tag: _marker(text[start:end], _count(value, "MARKER_ELEMS", source), FACES[n_axes], f"{source}: marker '{tag}'")
         for tag, (value, start, end) in marked.items()
     }
-    for ids in (*cells.values(), *markers.values()):
-        if ids.size and not 0 <= ids.min() <= ids.max() < n_points:
-            raise InputError(f"{source}: an element has node {ids.max()} of {n_points:,}, from 0; write it again")
     if n_axes == 2:
         return layer_of_cells(points, cells, markers, span, source)
     return StoredMesh(MixedMesh(points.values, cells, markers, source=source), points)
