@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["counted"]
+__all__ = ["counted", "reason_of"]
 
 
 def counted(n: int, noun: str, plural: str = "") -> str:
@@ -23,3 +23,14 @@ def counted(n: int, noun: str, plural: str = "") -> str:
     ('1 interface', '45,084 nodes', '0 near misses')
     """
     return f"{n:,} {noun if n == 1 else plural or noun + 's'}"
+
+
+def reason_of(error: BaseException) -> str:
+    r"""Write what an error of another library says on a line, at most 160 characters of it.
+
+    Examples
+    --------
+    >>> reason_of(ValueError("no number:\n  'x'"))
+    "no number: 'x'"
+    """
+    return " ".join(str(error).split())[:160]

@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from ..errors import InputError
+from ..wording import reason_of
 from .disk import MAX_RATIO, MAX_SMALL
 
 __all__ = [
@@ -45,8 +46,9 @@ def damaged_is_input_error(source: str) -> Iterator[None]:
     except InputError:
         raise
     except _DAMAGE as error:
-        reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{source}: damaged or incomplete CGNS/HDF5 file ({reason}); write it again") from error
+        raise InputError(
+            f"{source}: damaged or incomplete CGNS/HDF5 file ({reason_of(error)}); write it again"
+        ) from error
 
 
 def label(group: h5py.Group) -> str:

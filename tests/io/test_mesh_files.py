@@ -120,7 +120,15 @@ def test_faces_of_many_corners_are_cut_into_fans(folder):
         ("owner", "\n0\n", "\n2000000000\n", "of cell 2000000000, of cells with .* faces in all"),
         ("faces", "\n4(0 ", "\n4(999999 ", "has node 999999 of"),
         ("faces", "\n4(", "\n4(7 ", "announces .* faces"),
+        ("faces", "4(1 ", "4(1) (", "announces .* faces and holds"),
+        ("faces", "4(0", "5(0", "announces corners of faces and holds another number"),
+        ("owner", "\n0\n", "\n0\x01\n", "owner: "),
+        ("owner", ")", "", "owner: its list does not end"),
+        ("owner", "\n(", "\n/*(", "owner: "),
+        ("points", ")\n", " 7)\n", "node 1 has too many coordinates: 4 words in its line, in the place of 3"),
+        ("points", "\n288\n", "\n" + "9" * 25 + "\n", "points: announces a list longer than the file"),
         ("boundary", "startFace", "start", "has no faces of the mesh"),
+        ("boundary", "farfield", "body", "announces 2 patches and holds 1"),
     ],
 )
 def test_what_is_wrong_in_a_folder_is_said_in_one_line(folder, name, old, new, words):
@@ -129,6 +137,21 @@ def test_what_is_wrong_in_a_folder_is_said_in_one_line(folder, name, old, new, w
     with pytest.raises(InputError, match=words) as error:
         read_mesh(folder)
     assert "\n" not in str(error.value)
+
+
+def test_comments_anywhere_cost_no_time_and_change_nothing(folder):
+    mesh = read_mesh(folder).mesh
+    for path in folder.iterdir():
+        head, brace, body = path.read_text().partition("}")
+        many = "/* FoamFile { format binary; } ( 7 ) */ // ) */ /*\n" * 5000  # two for every one took twice the time
+        path.write_text("/* FoamFile { format binary; } */\n" + head + brace + many + body.replace("(\n", "( // ) 9\n"))
+    commented = read_mesh(folder).mesh
+    np.testing.assert_array_equal(commented.points, mesh.points)
+    np.testing.assert_array_equal(commented.polyhedra[0], mesh.polyhedra[0])
+    assert list(commented.markers) == list(mesh.markers)
+    (folder / "owner").write_text((folder / "owner").read_text().rpartition("/* F")[0] + "/* " * 100_000)
+    with pytest.raises(InputError, match="owner: holds no list"):
+        read_mesh(folder)
 
 
 def binary_folder(folder, arch):

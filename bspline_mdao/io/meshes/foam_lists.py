@@ -18,7 +18,7 @@ import numpy as np
 from ...errors import InputError
 from ..disk import read_bytes
 from .stored_mesh import StoredPoints
-from .text_numbers import TextPoints
+from .text_numbers import TextPoints, blanked, integers, words_of
 
 __all__ = ["FoamFile"]
 
@@ -28,10 +28,11 @@ ARCH = "LSB;label=32;scalar=64"
 COMPACT = "faceCompactList"
 """Class of faces that are two lists."""
 
-_HEAD = re.compile(rb"\A.*?FoamFile\s*\{(.*?)\}", re.S)
+_HEAD = re.compile(rb"FoamFile\s*\{(.*?)\}", re.S)
 _ENTRY = re.compile(r"(\w+)\s+(\"[^\"]*\"|[^\s;]+)\s*;")
-_LIST = re.compile(rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*(\d+)\s*(\(?)", re.S)
-_COMMENTS = re.compile(rb"/\*.*?\*/|//[^\n]*", re.S)
+_LIST = re.compile(rb"(\d+)\s*(\(?)")
+_COMMENTS = re.compile(rb"/\*.*?(?:\*/|\Z)|//[^\n]*", re.S)
+_GAP = re.compile(rb"\s+|/\*.*?\*/|//[^\n]*", re.S)
 _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 
@@ -70,7 +71,7 @@ class FoamFile:
     @cached_property
     def head(self) -> dict[str, str]:
         """Entries of its head."""
-        found = _HEAD.match(self.data)
+        found = _HEAD.match(self.data, self._behind_gaps(0))
         entries = _ENTRY.findall(_COMMENTS.sub(b"", found[1]).decode(errors="replace")) if found else []
         return {name: value.strip('"') for name, value in entries}
 
@@ -110,13 +111,19 @@ class FoamFile:
                 f"and later do, or in ASCII"
             )
         n, start, _ = self._list(self._start)
-        body = _COMMENTS.sub(b"", self.data[start:])
-        numbers = self._integers(body.translate(_BRACKETS), "faces")
-        sizes = np.array(re.findall(rb"(\d+)\s*\(", body), dtype=np.int64)
-        if len(sizes) != n or len(numbers) != n + sizes.sum():
-            raise InputError(f"{self.path}: announces {n:,} faces and holds {len(sizes):,}; write it again")
+        body = blanked(self.data[start:], _COMMENTS)
+        _, ends, _ = words_of(body)
+        numbers = integers(body.translate(_BRACKETS), len(ends), str(self.path))
+        opened, closed = (np.flatnonzero(np.frombuffer(body, np.uint8) == ord(bracket)) for bracket in "()")
+        firsts, lasts = (np.searchsorted(ends, at, side="right") - 1 for at in (opened, closed))
+        sizes = numbers[firsts[firsts >= 0]]
+        if len(opened) != n or len(closed) != n + 1 or (firsts < 0).any():
+            raise InputError(f"{self.path}: announces {n:,} faces and holds {len(opened):,}; write it again")
+        ordinal = np.cumsum(np.append(0, sizes + 1))
+        if (firsts != ordinal[:-1]).any() or (lasts != np.append(ordinal[1:], ordinal[-1]) - 1).any():
+            raise InputError(f"{self.path}: announces corners of faces and holds another number; write it again")
         is_corner = np.ones(len(numbers), dtype=bool)
-        is_corner[np.cumsum(sizes + 1) - sizes - 1] = False
+        is_corner[firsts] = False
         return numbers[is_corner], sizes
 
     def points(self) -> StoredPoints:
@@ -132,29 +139,40 @@ class FoamFile:
             kind = self._kind("scalar")
             self._end_of_binary(start, 3 * n * kind.itemsize)
             return _BinaryPoints(self.data, start, n, kind)
-        points = TextPoints.of(self.data, start, self.data.rindex(b")"), 3, 0, str(self.path))
-        if len(points.values) != n:
+        end = blanked(self.data[start:], _COMMENTS).rfind(b")")
+        points = TextPoints.of(self.data, (start, start + max(end, 0)), 3, str(self.path), comments=_COMMENTS)
+        if end < 0 or len(points.values) != n:
             raise InputError(
                 f"{self.path}: announces {n:,} points and holds {len(points.values):,}, one a line; write it again"
             )
         return points
 
-    def text(self) -> str:
-        """What is behind the bracket of a list of dictionaries, without comments: these are in ASCII always."""
-        return _COMMENTS.sub(b"", self.data[self._list(self._start)[1] :]).decode(errors="replace")
+    def dictionaries(self) -> tuple[str, int]:
+        """What is behind the bracket of a list of dictionaries, without comments, in ASCII always, and their number."""
+        n, start, _ = self._list(self._start)
+        return _COMMENTS.sub(b"", self.data[start:]).decode(errors="replace"), n
 
     @property
     def _start(self) -> int:
         """Byte behind the head."""
-        found = _HEAD.match(self.data)
+        found = _HEAD.match(self.data, self._behind_gaps(0))
         return found.end() if found else 0
+
+    def _behind_gaps(self, at: int) -> int:
+        """Byte behind the blanks and comments at a place."""
+        while gap := _GAP.match(self.data, at):
+            at = gap.end()
+        return at
 
     def _list(self, at: int) -> tuple[int, int, bool]:
         """Length of the list at a place, the byte behind its opening bracket, and whether it has one."""
-        found = _LIST.match(self.data, at)
+        found = _LIST.match(self.data, self._behind_gaps(at))
         if not found or (not found[2] and int(found[1])):
             raise InputError(f"{self.path}: holds no list; write it again")
-        return int(found[1]), found.end(), bool(found[2])
+        n = int(found[1]) if len(found[1]) < 19 else len(self.data) + 1
+        if n > len(self.data):
+            raise InputError(f"{self.path}: announces a list longer than the file; write it again")
+        return n, found.end(), bool(found[2])
 
     def _labels(self, at: int) -> tuple[np.ndarray, int]:
         """Whole numbers of the list at a place, and the byte behind it."""
@@ -165,18 +183,10 @@ class FoamFile:
             kind = self._kind("label")
             end = self._end_of_binary(start, n * kind.itemsize)
             return np.frombuffer(self.data, kind, n, start).astype(np.int64), end
-        end = self.data.find(b")", start)
-        values = self._integers(_COMMENTS.sub(b"", self.data[start:end]), "whole numbers")
-        if end < 0 or len(values) != n:
-            raise InputError(f"{self.path}: announces {n:,} numbers and holds {len(values):,}; write it again")
-        return values, end + 1
-
-    def _integers(self, text: bytes, what: str) -> np.ndarray:
-        """Whole numbers of a text."""
-        try:
-            return np.array(text.split(), dtype=np.int64)
-        except (ValueError, OverflowError) as error:
-            raise InputError(f"{self.path}: is no list of {what} ({error}); write it again") from error
+        body, bracket, _ = blanked(self.data[start:], _COMMENTS).partition(b")")
+        if not bracket:
+            raise InputError(f"{self.path}: its list does not end; write it again")
+        return integers(body, n, str(self.path)), start + len(body) + 1
 
     def _end_of_binary(self, start: int, size: int) -> int:
         """Byte behind the closing bracket of numbers in binary."""

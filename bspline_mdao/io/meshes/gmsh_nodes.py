@@ -113,13 +113,13 @@ def _text(data: bytes, at: int, is_old: bool, source: str) -> TextPoints:
     stop = data.index(b"$EndNodes", at)
     first = data.index(b"\n", at) + 1
     if is_old:
-        return TextPoints.of(data, first, stop, 3, 1, source)
+        return TextPoints.of(data, (first, stop), 3, source, before=1)
     newlines = np.flatnonzero(np.frombuffer(data, np.uint8)[first:stop] == ord("\n")) + first
     lines, line, parts = np.concatenate([[first], newlines + 1]), 0, []
     for _ in range(int(data[at:first].split()[0])):
         n = int(data[lines[line] : lines[line + 1]].split()[3])
         if n:
-            parts.append(TextPoints.of(data, int(lines[line + 1 + n]), int(lines[line + 1 + 2 * n]), 3, 0, source))
+            parts.append(TextPoints.of(data, (int(lines[line + 1 + n]), int(lines[line + 1 + 2 * n])), 3, source))
         line += 1 + 2 * n
     joined = [np.concatenate([getattr(part, name) for part in parts]) for name in ("spans", "values")]
     return TextPoints(data, *joined)

@@ -105,11 +105,15 @@ def read_polymesh(path: str | os.PathLike) -> PolyMeshFolder:
 
 def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, int, int]]:
     """Name, first face and number of faces of every patch."""
-    found = []
-    for match in _PATCH.finditer(file.text()):
+    text, n_patches = file.dictionaries()
+    found: list[tuple[str, int, int]] = []
+    for match in _PATCH.finditer(text):
         sizes = [re.search(rf"\b{key}\s+(\d+)\s*;", match[2]) for key in ("startFace", "nFaces")]
         if None in sizes or sum(int(size[1]) for size in sizes if size) > n_faces:
             raise InputError(f"{file.path}: patch '{match[1]}' has no faces of the mesh; write it again")
         first, n = (int(size[1]) for size in sizes if size)
         found.append((match[1], first, n))
+    names = {name for name, _, _ in found}
+    if not len(names) == len(found) == n_patches:
+        raise InputError(f"{file.path}: announces {n_patches:,} patches and holds {len(names):,}; write it again")
     return found

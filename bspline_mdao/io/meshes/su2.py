@@ -16,7 +16,7 @@ from ...errors import InputError
 from ..disk import read_raw
 from .layer_of_cells import SectionSpan, layer_of_cells
 from .stored_mesh import StoredMesh
-from .text_numbers import TextPoints, integers_by_line
+from .text_numbers import TextPoints, blanked, integers_by_line
 
 __all__ = ["read_su2"]
 
@@ -27,6 +27,10 @@ CELLS = {
 FACES = {2: {3: 2}, 3: {5: 3, 9: 4}}
 """VTK's numbers of cells and faces in two and three dimensions, and their corners."""
 
+VERTEX = 1
+"""VTK's number of a node by itself, of which markers between the parts of a mesh are: it is no face."""
+
+_COMMENTS = re.compile(rb"%[^\n]*")
 _KEYWORD = re.compile(rb"^[ \t]*([A-Z_]+)[ \t]*=[ \t]*([^\s%]+)[^\n]*\n?", re.M)
 
 
@@ -59,6 +63,8 @@ def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> Stored
         if name == "MARKER_TAG":
             tag = value
         elif name == "MARKER_ELEMS":
+            if not tag or tag in marked:
+                raise InputError(f"{source}: has elements of marker '{tag}' twice or without a name; write it again")
             marked[tag] = value, start, end
         elif name in sections:
             raise InputError(
@@ -72,16 +78,19 @@ def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> Stored
     if sections["NDIME"][0] not in ("2", "3"):
         raise InputError(f"{source}: has NDIME={sections['NDIME'][0]}; only 2 and 3 dimensions are known")
     n_axes = int(sections["NDIME"][0])
-    n_points, start, end = _count(sections["NPOIN"][0], "NPOIN", source), *sections["NPOIN"][1:]
-    points = TextPoints.of(text, start, end, n_axes, 0, source)
-    if len(points.values) != n_points:
-        raise InputError(f"{source}: announces {n_points:,} nodes and holds {len(points.values):,}; write it again")
     value, start, end = sections["NELEM"]
     cells = _cells(text[start:end], _count(value, "NELEM", source), CELLS[n_axes], source)
     markers = {
         tag: _marker(text[start:end], _count(value, "MARKER_ELEMS", source), FACES[n_axes], f"{source}: marker '{tag}'")
         for tag, (value, start, end) in marked.items()
     }
+    value, start, end = sections["NPOIN"]
+    n_points, points = _count(value, "NPOIN", source), _points(text, (start, end), n_axes, source)
+    if len(points.values) != n_points:
+        raise InputError(f"{source}: announces {n_points:,} nodes and holds {len(points.values):,}; write it again")
+    n_markers = _count(sections["NMARK"][0], "NMARK", source) if "NMARK" in sections else len(markers)
+    if len(markers) != n_markers:
+        raise InputError(f"{source}: announces {n_markers:,} markers and holds {len(markers):,}; write it again")
     if n_axes == 2:
         return layer_of_cells(points, cells, markers, span, source)
     return StoredMesh(MixedMesh(points.values, cells, markers, source=source), points)
@@ -89,44 +98,63 @@ def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> Stored
 
 def _count(value: str, name: str, source: str) -> int:
     """Return a number of things."""
-    if not value.isdigit():
-        raise InputError(f"{source}: {name}={value} is no number; write it again")
+    if not (value.isascii() and value.isdigit() and len(value) < 19):
+        raise InputError(f"{source}: {name}={value[:40]} is no number; write it again")
     return int(value)
 
 
-def _rows(text: bytes, n: int, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the lines of elements, and where each line begins."""
-    numbers, starts = integers_by_line(re.sub(rb"%[^\n]*", b"", text), what)
+def _points(text: bytes, span: tuple[int, int], n_axes: int, source: str) -> TextPoints:
+    """Nodes, each on a line, behind which its number may be: where it is for the first one, it is for all."""
+    first = blanked(text[slice(*span)], _COMMENTS).lstrip().partition(b"\n")[0].split()
+    behind = int(len(first) == n_axes + 1)
+    points = TextPoints.of(text, span, n_axes, source, behind=behind, comments=_COMMENTS)
+    if behind:
+        ids = TextPoints.of(text, span, 1, source, before=n_axes, comments=_COMMENTS).values[:, 0]
+        if (ids != np.round(ids)).any():
+            node = int(np.argmax(ids != np.round(ids)))
+            raise InputError(
+                f"{source}: node {node + 1} has {ids[node]} behind its {n_axes} coordinates, which is no number of a "
+                f"node; write it again"
+            )
+    return points
+
+
+def _elements(text: bytes, n: int, known: Mapping[int, int], what: str) -> dict[int, np.ndarray]:
+    """Corners of the elements of each kind that is known; their numbers may be behind these.
+
+    Raises
+    ------
+    InputError
+        If there is another number of elements, or one of another kind or with another number of corners.
+    """
+    numbers, starts = integers_by_line(blanked(text, _COMMENTS), what)
     if len(starts) - 1 != n:
         raise InputError(f"{what}: announces {n:,} elements and holds {len(starts) - 1:,}; write it again")
-    return numbers, starts
-
-
-def _corners(numbers: np.ndarray, starts: np.ndarray, n_corners: int, what: str) -> np.ndarray:
-    """Corners of elements of one kind by the beginning of their lines."""
-    if len(starts) and starts.max() + n_corners >= len(numbers):
-        raise InputError(f"{what}: its last element has too few nodes; write it again")
-    return numbers[starts[:, None] + 1 + np.arange(n_corners)]
+    kinds, n_behind = numbers[starts[:-1]], np.diff(starts) - 1
+    found = {}
+    for kind, n_corners in known.items():
+        rows = np.flatnonzero(kinds == kind)
+        is_wrong = (n_behind[rows] < n_corners) | (n_behind[rows] > n_corners + 1)
+        if is_wrong.any():
+            row = int(rows[np.argmax(is_wrong)])
+            raise InputError(
+                f"{what}: element {row + 1}, of kind {kind}, has {n_behind[row]} numbers of nodes in the place of "
+                f"{n_corners}; write it again"
+            )
+        found[kind] = numbers[starts[rows][:, None] + 1 + np.arange(n_corners)]
+    unknown = np.setdiff1d(kinds, list(known))
+    if len(unknown):
+        raise InputError(f"{what}: has elements of kind {unknown[0]}; known are {', '.join(map(str, known))}")
+    return found
 
 
 def _cells(text: bytes, n: int, known: Mapping[int, tuple[str, int]], source: str) -> dict[str, np.ndarray]:
     """Corners of the cells of each kind."""
-    numbers, starts = _rows(text, n, source)
-    kinds = numbers[starts[:-1]]
-    unknown = np.setdiff1d(kinds, list(known))
-    if len(unknown):
-        raise InputError(f"{source}: has elements of kind {unknown[0]}; known are {', '.join(map(str, known))}")
-    found = {kind: np.flatnonzero(kinds == kind) for kind in known}
-    return {
-        name: _corners(numbers, starts[found[kind]], n_corners, source)
-        for kind, (name, n_corners) in known.items()
-        if len(found[kind])
-    }
+    found = _elements(text, n, {kind: n_corners for kind, (_, n_corners) in known.items()}, source)
+    return {known[kind][0]: corners for kind, corners in found.items() if len(corners)}
 
 
 def _marker(text: bytes, n: int, known: Mapping[int, int], what: str) -> np.ndarray:
     """Faces of a marker, shape (n, 4), or lines, shape (n, 2), in the order of their kinds."""
-    numbers, starts = _rows(text, n, what)
-    kinds = numbers[starts[:-1]]
-    found = {kind: _corners(numbers, starts[np.flatnonzero(kinds == kind)], n, what) for kind, n in known.items()}
-    return np.concatenate([padded(corners) if kind in FACES[3] else corners for kind, corners in found.items()])
+    found = _elements(text, n, {**known, VERTEX: 1}, what)
+    return np.concatenate([padded(found[kind]) if kind in FACES[3] else found[kind] for kind in known])
