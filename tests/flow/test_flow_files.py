@@ -1,5 +1,6 @@
 """Files of a flow: fields that ParaView reads, and states to start from again."""
 
+import json
 from functools import cache
 
 import h5py
@@ -10,6 +11,7 @@ import pytest
 from bspline_mdao import EulerFlow, InputError, fit_grid, infinite_wing_grid, naca_section, onera_m6_grid
 from bspline_mdao.flow.euler.fields import field_values, node_means
 from bspline_mdao.flow.euler.gas import free_stream
+from bspline_mdao.model.model_file import checksum_of
 from bspline_mdao.topology.held_nodes import node_copies
 
 pyvista = pytest.importorskip("pyvista")
@@ -170,3 +172,55 @@ def test_a_flow_shows_what_it_is_in_few_words(flown):
     options = {name: value for name, value in flown.model.flow.options.items() if name != "model_in_records"}  # a path
     assert all(len(repr(value)) < 100 for value in options.values())
     assert all(desc["desc"] for _, desc in flown.model.list_outputs(desc=True, out_stream=None))
+
+
+def put(states, row, column, value):
+    """States with another number in a place."""
+    changed = states.copy()
+    changed[row, column] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("change", "document", "words"),
+    [
+        (lambda states: put(states, 6, 2, np.nan), {}, r"the state of cell 7 is .*nan.*, no gas of positive density"),
+        (lambda states: put(states, 3, 0, -1.0), {}, r"the state of cell 4 is \[-1\.0"),
+        (lambda states: put(states, 0, 4, 0.0), {}, "the state of cell 1 is .*, no gas"),
+        (lambda states: states + 0j, {}, r"the states are complex128 of shape \(768, 5\), no reals"),
+        (lambda states: states.astype("S8"), {}, r"the states are \|S8 of shape"),
+        (lambda states: states.astype(int), {}, "the states are int64 of shape"),
+        (lambda states: states[:-1], {}, r"no reals of shape \(768, 5\)"),
+        (np.copy, {"alpha": "3"}, "the states have alpha '3', which is no number"),
+        (np.copy, {"alpha": float("nan")}, "the states have alpha nan"),
+        (np.copy, {"Mach_number": None}, "the states have Mach number None"),
+        (np.copy, {"residual": [1.0]}, r"the states have residual \[1\.0\]"),
+        (np.copy, {"shapes": [[5, 5]]}, "have no three numbers of nodes of two and more"),
+        (np.copy, {"shapes": [[1, 5, 5]]}, "have no three numbers of nodes of two and more"),
+        (np.copy, {"shapes": [["5", 5, 5]]}, "have no three numbers of nodes of two and more"),
+        (np.copy, {"shapes": 7}, "the states are damaged"),
+    ],
+)
+def test_states_of_no_gas_are_refused_under_a_right_checksum(flown, tmp_path, change, document, words):
+    path = tmp_path / "states.h5"
+    flown.model.flow.save_states(path)
+    with h5py.File(path, "r+") as file:
+        states = change(file["states"][()])
+        text = json.dumps(json.loads(file["document"][()].tobytes()) | document).encode()
+        del file["states"], file["document"]
+        file["states"], file["document"] = states, np.frombuffer(text, np.uint8)
+        file.attrs["checksum"] = checksum_of(text, {"states": states})
+    with pytest.raises(InputError, match=words) as error:
+        problem(restart=path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert "\n" not in str(error.value)
+
+
+def test_states_that_claim_more_than_their_file_holds_are_refused_unread(flown, tmp_path):
+    path = tmp_path / "states.h5"
+    flown.model.flow.save_states(path)
+    with h5py.File(path, "r+") as file:
+        del file["states"]
+        file.create_dataset("states", (2**33, 5), np.float64, compression="gzip", chunks=(1024, 5))  # 320 GiB of zeros
+    with pytest.raises(InputError, match="the states are damaged"):
+        problem(restart=path)

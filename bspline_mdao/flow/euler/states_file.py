@@ -23,7 +23,7 @@ from ...errors import InputError
 from ...evaluation.family import IndexScaling, refined_topology
 from ...evaluation.transfer import CellTransfer
 from ...io.disk import deferred_interrupts, replaced_hdf5_file
-from ...model.model_file import checksum_of
+from ...model.model_file import checksum_of, datasets_of
 from ...topology.holders import cell_shapes
 from ...topology.topology import Topology
 from .gas import N_STATES
@@ -34,6 +34,9 @@ FORMAT, VERSION = "bspline_mdao flow states", 1
 
 LARGEST = 9
 """Numerators and denominators of the factors of members that are tried."""
+
+_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MemoryError)
+"""What h5py, JSON and types raise on damaged files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,11 @@ class StatesFile:
         Angle of attack (deg) and Mach number.
     residual : float
         Residual, relative to that of the uniform stream.
+
+    Raises
+    ------
+    InputError
+        If they are no states of a gas in cells of these blocks: a flow that starts from others ends in them.
     """
 
     states: np.ndarray
@@ -57,6 +65,25 @@ class StatesFile:
     alpha: float
     mach: float
     residual: float
+
+    def __post_init__(self) -> None:
+        """Refuse what no flow can start from, whoever wrote it."""
+        if any(len(shape) != 3 or not all(type(n) is int and n > 1 for n in shape) for shape in self.shapes):
+            raise InputError("the blocks of states have no three numbers of nodes of two and more; save them again")
+        n_cells = sum(map(math.prod, cell_shapes(self.shapes)))
+        if self.states.dtype.kind != "f" or self.states.shape != (n_cells, N_STATES):
+            found = f"{self.states.dtype} of shape {self.states.shape}"
+            raise InputError(f"the states are {found}, no reals of shape ({n_cells}, {N_STATES}); save them again")
+        is_gas = np.isfinite(self.states).all(axis=1) & (self.states[:, [0, -1]] > 0.0).all(axis=1)
+        if not is_gas.all():
+            cell = int(np.argmin(is_gas))
+            raise InputError(
+                f"the state of cell {cell + 1} is {self.states[cell].tolist()}, no gas of positive density and "
+                f"pressure; run the flow without the states and save it again"
+            )
+        for name, value in (("alpha", self.alpha), ("Mach number", self.mach), ("residual", self.residual)):
+            if isinstance(value, bool) or not (isinstance(value, int | float) and abs(value) < math.inf):
+                raise InputError(f"the states have {name} {value!r:.40}, which is no number; save them again")
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the file; one that is there is replaced only when the new one is complete.
@@ -91,19 +118,19 @@ class StatesFile:
             with deferred_interrupts(), h5py.File(path, "r") as file:
                 if file.attrs.get("format") != FORMAT:
                     raise InputError(f"{path}: is an HDF5 file, but no file of states; save states by save_states")
-                document, states = file["document"][()].tobytes(), file["states"][()]
                 if file.attrs["version"] > VERSION:
                     raise InputError(f"{path}: is of version {file.attrs['version']}; update the program")
-                if file.attrs["checksum"] != checksum_of(document, {"states": states}):
+                arrays = datasets_of(path, file)
+                document = arrays.pop("document")[()].tobytes()
+                if file.attrs["checksum"] != checksum_of(document, arrays):
                     raise ValueError("checksum")
+                states = arrays["states"][()]
             found = json.loads(document)
             shapes = tuple(map(tuple, found["shapes"]))
-            if states.shape != (sum(map(math.prod, cell_shapes(shapes))), N_STATES):
-                raise ValueError("shape")
             return cls(states, shapes, found["alpha"], found["Mach_number"], found["residual"])
-        except InputError:
-            raise
-        except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        except InputError as error:
+            raise error if str(error).startswith(str(path)) else InputError(f"{path}: {error}") from error
+        except _DAMAGE as error:
             raise InputError(f"{path}: the states are damaged; run the flow without them and save it again") from error
 
 
