@@ -111,8 +111,8 @@ def fit_grid(
     Raises
     ------
     InputError
-        If the numbers of control points do not fit the grid or each other, the user's own knots do not agree along
-        an interface, or an option is unknown.
+        If a block is given twice, the numbers of control points do not fit the grid or each other, the user's own knots
+        do not agree along an interface, or an option is unknown.
 
     Warns
     -----
@@ -229,6 +229,8 @@ def _fit(
         topology = find_topology(grid, comm)
     if topology.shapes != grid.shapes:
         raise InputError(f"{grid.source}: the topology is of other blocks, {topology.source}; find that of this grid")
+    for first, again in topology.repeated:
+        raise InputError(f"{grid.source}: block {again + 1} is block {first + 1} once more; leave one of them out")
     sharing = FitNodes.of(topology, comm)
     with together(comm):
         blocks = {number: _block(grid, number) for number in sharing.blocks}

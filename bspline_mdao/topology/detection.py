@@ -134,6 +134,7 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
     is_reported = is_closed | _covered(faces, uncut)
     near_misses = _near_misses(blocks, coincidence, is_reported, find_interfaces(faces, quads, doubtful))
     joined_gaps = _joined_gaps(blocks, coincidence, segmentation.interfaces)
+    repeated = _repeated(coincidence)
     return Topology(
         source=grid.source,
         shapes=grid.shapes,
@@ -146,11 +147,13 @@ def _topology_of(grid: Grid | StoredGrid, blocks: Sequence[Shell]) -> Topology:
         collapses=segmentation.collapses,
         warnings=_shortened(
             [
+                *(f"block {again + 1} is block {first + 1} once more; leave one out" for first, again in repeated),
                 *_gap_warnings(near_misses, joined_gaps),
                 *_warnings(grid, blocks, coincidence, faces, quads, matches, segmentation, patch_ids, is_closed),
             ]
         ),
         joined_gaps=joined_gaps,
+        repeated=repeated,
     )
 
 
@@ -256,6 +259,13 @@ def _joined_gaps(
         if (gaps > np.maximum(math.sqrt(3.0) * rounding, SPACING_TOLERANCE * spacing)).any():
             found.append(_near_miss(blocks, coincidence, interface))
     return tuple(found)
+
+
+def _repeated(coincidence: Coincidence) -> tuple[tuple[int, int], ...]:
+    """Pairs of blocks whose faces lie on the same points, in whatever orientation: no two regions have one surface."""
+    found: dict[tuple, int] = {}
+    keys = [(*sorted(ids.shape), np.unique(ids.values).tobytes()) for ids in coincidence.ids]
+    return tuple((found[key], block) for block, key in enumerate(keys) if found.setdefault(key, block) != block)
 
 
 def _gaps(blocks: Sequence[Shell], coincidence: Coincidence, interface: Interface) -> tuple[np.ndarray, np.ndarray]:

@@ -128,6 +128,8 @@ class Topology(OneLine):
         What could not be used, or not as it is, one line each.
     joined_gaps : tuple of NearMiss
         Interfaces that are joined though some of their nodes do not coincide.
+    repeated : tuple of (int, int)
+        Pairs of blocks whose faces lie on the same points, from 0: the second is the first once more.
     """
 
     source: str
@@ -141,6 +143,7 @@ class Topology(OneLine):
     collapses: tuple[Collapse, ...]
     warnings: tuple[str, ...] = ()
     joined_gaps: tuple[NearMiss, ...] = ()
+    repeated: tuple[tuple[int, int], ...] = ()
 
     @property
     def n_nodes(self) -> int:

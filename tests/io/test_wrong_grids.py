@@ -142,14 +142,19 @@ def test_increments_are_a_whole_number(kind, n_increments):
         kind(mesh, n_increments=n_increments).move(mesh.points, mesh.points[mesh.surface_ids])
 
 
-def test_a_block_that_is_given_twice_is_reported_by_every_command(tmp_path, monkeypatch, capsys):
+def test_a_block_that_is_given_twice_is_reported_and_not_fitted(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     twice = Grid((Block(CUBE, "a"), Block(CUBE, "b")))
     assert any("is a block given twice" in warning for warning in find_topology(twice).warnings)
     write_grid("twice.xyz", twice)
-    for arguments in (["inspect", "twice.xyz"], ["fit", "twice.xyz", "-o", "m.h5"], ["quality", "twice.xyz"]):
+    for arguments in (["inspect", "twice.xyz"], ["quality", "twice.xyz"]):
         assert run(arguments) == 0
         assert "block 1 (1, 1-4, 1-5) and block 2 (1, 1-4, 1-5) coincide" in capsys.readouterr().out.replace("\n", " ")
+    assert run(["fit", "twice.xyz", "-o", "m.h5"]) == 2
+    assert "twice.xyz: block 2 is block 1 once more" in capsys.readouterr().err.replace("\n", " ")
+    assert not Path("m.h5").exists()
+    with pytest.raises(InputError, match="block 2 is block 1 once more; leave one of them out"):
+        fit_grid(twice)
 
 
 @pytest.mark.parametrize("name", ["x.foo", "x.vtk", "x.su2", "x.dat.gz", "x.CSV"])

@@ -34,6 +34,7 @@ from bspline_mdao import (
 )
 from bspline_mdao.errors import InputError
 from bspline_mdao.topology.detection import find_topology
+from bspline_mdao.topology.grid import Patch
 from bspline_mdao.topology.index_space import Window
 from bspline_mdao.topology.segments import MAX_SEGMENTS
 from bspline_mdao.topology.sharing import node_sharing
@@ -434,8 +435,19 @@ def test_blocks_on_top_of_each_other_are_reported(case):
     folded[5:] = nodes[3::-1]
     grid = grid_of(nodes, ORIENTATIONS[31].apply(nodes)) if case == "given twice" else grid_of(folded)
     topology = find_topology(grid)
-    assert len(topology.interfaces) == len(topology.warnings) == (6 if case == "given twice" else 5)
-    assert all("cells of both on the same side" in warning for warning in topology.warnings)
+    assert topology.repeated == (((0, 1),) if case == "given twice" else ())
+    assert len(topology.interfaces) == len(topology.warnings) - len(topology.repeated) == 6 - (case == "folded")
+    assert all("cells of both on the same side" in warning for warning in topology.warnings[len(topology.repeated) :])
+
+
+def test_a_block_that_is_given_once_more_is_found_whatever_it_touches():
+    left, right = split(smooth_box(9, 5, 6), [4], [], [])
+    plate = Patch("plate", "wall", (Window(0, (0, 0, 0), (4, 4, 0)), Window(2, (0, 0, 0), (4, 4, 0))))
+    assert find_topology(grid_of(left, right)).repeated == ()
+    assert find_topology(grid_of(left, right, ORIENTATIONS[17].apply(right))).repeated == ((1, 2),)
+    topology = find_topology(grid_of(left, right, left, patches=(plate,)))
+    assert topology.repeated == ((0, 2),)
+    assert "block 3 is block 1 once more; leave one out" in topology.warnings
 
 
 def test_a_block_without_extent_is_refused():
