@@ -31,6 +31,7 @@ __all__ = [
     "label",
     "require_stored",
     "value",
+    "whole_numbers",
     "word",
 ]
 
@@ -118,6 +119,22 @@ def value(group: h5py.Group) -> np.ndarray:
     """
     require_stored(group)
     return group[" data"][()]
+
+
+def whole_numbers(group: h5py.Group) -> np.ndarray:
+    """Value of a node that holds whole numbers, one after the other, shape (n,).
+
+    Raises
+    ------
+    InputError
+        When it holds others, or claims to be larger than its file can hold.
+    """
+    found = np.asarray(value(group))
+    if found.dtype.kind not in "iu":
+        raise InputError(
+            f"{group.file.filename}: {group.name} is of {found.dtype}, in the place of whole numbers; write it again"
+        )
+    return found.ravel().astype(np.int64)
 
 
 def require_stored(group: h5py.Group) -> None:

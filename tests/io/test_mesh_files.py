@@ -263,6 +263,42 @@ def test_what_is_wrong_in_a_cgns_mesh_is_said_in_one_line(cgns, tmp_path):
         read_mesh(tmp_path / "old.cgns")
 
 
+def put(path, place, values):
+    """Put another value in the place of that of a node of a CGNS file."""
+    with h5py.File(path, "r+") as file:
+        del file[f"Base/{place}/ data"]
+        file[f"Base/{place}/ data"] = values
+
+
+@pytest.mark.parametrize(
+    ("place", "values", "words"),
+    [
+        ("left/GridCoordinates/CoordinateX", BOX[:, 0].astype(np.int32), "zone 'left': CoordinateX is of int32, which"),
+        ("left/GridCoordinates/CoordinateX", BOX[:, 0] + 0j, "zone 'left': CoordinateX is of complex128, which"),
+        ("left/GridCoordinates/CoordinateY", BOX[:5, 1], "zone 'left': announces 8 nodes and holds 8, 5, 8 coord"),
+        ("left/GridCoordinates/CoordinateY", np.full(8, np.nan), "boxes.cgns: nodes: number .* is .*nan.*, not finite"),
+        ("left", np.array([[8], [9], [0]]), "zone 'left': announces 9 cells and holds 2"),
+        ("left/cells/ElementRange", np.array([1, 2 * 10**9]), "announces 2,000,000,000 mixed elements of 14 numbers"),
+        ("left/cells/ElementRange", np.array([1, -(10**9)]), "announces -1,000,000,000 mixed elements"),
+        ("right/cells/ElementRange", np.array([1, 2 * 10**9]), "announces 2,000,000,000 elements and holds another"),
+        ("right/cells/ElementConnectivity", np.arange(8) + 1.5, "ElementConnectivity is of float64, in the place of"),
+        ("right/cells/ElementConnectivity", np.arange(8) + 2, "section 'cells': has node 9 of 8"),
+        ("left/ZoneBC/bc left/PointRange", np.array([[1.0, 3.0]]), "PointRange is of float64, in the place of whole"),
+    ],
+)
+def test_numbers_of_a_cgns_mesh_that_cannot_be_are_said_in_one_line(cgns, place, values, words):
+    put(cgns, place, values)
+    with pytest.raises(InputError, match=words) as error:
+        read_mesh(cgns)
+    assert "\n" not in str(error.value)
+
+
+def test_a_condition_on_more_faces_than_there_can_be_takes_no_memory(cgns):
+    for zone in ("left", "right"):
+        put(cgns, f"{zone}/ZoneBC/bc {zone}/PointRange", np.array([[0, 2**40]]))
+    assert {name: len(faces) for name, faces in read_mesh(cgns).mesh.markers.items()} == {"floor": 2}
+
+
 def polygons_file(folder, path, version, has_cells):
     """The mesh of a folder as polygons of CGNS 3 or 4, with cells that list them or with the polygons' parents."""
     mesh, (corners, sizes) = read_mesh(folder).mesh, FoamFile.read(folder, "faces").faces()

@@ -27,6 +27,7 @@ from ..cgns_nodes import (
     names_of_families,
     require_stored,
     value,
+    whole_numbers,
     word,
 )
 from ..disk import deferred_interrupts, read_raw, replaced_file
@@ -188,6 +189,13 @@ def _coordinates(zone: h5py.Group, axes: tuple[str, ...], what: str) -> tuple[np
         if is_link(arrays[axis]):
             raise InputError(f"{what}: {axis} is a link to another file; copy it into this one")
     data = [arrays[axis][" data"] for axis in axes]
+    for axis, stored in zip(axes, data):
+        if stored.dtype.kind != "f":
+            raise InputError(f"{what}: {axis} is of {stored.dtype}, which no moved node fits; write it as reals")
+    n_points = int(whole_numbers(zone)[0])
+    if any(stored.size != n_points for stored in data):
+        sizes = ", ".join(f"{stored.size:,}" for stored in data)
+        raise InputError(f"{what}: announces {n_points:,} nodes and holds {sizes} coordinates; write it again")
     return np.stack([np.asarray(x, dtype=float).ravel() for x in data], axis=1), tuple(x.name for x in data)
 
 
@@ -235,16 +243,14 @@ class _Elements:
         place = first_child(condition, "GridLocation_t")
         chosen = children_of.get("PointRange", children_of.get("ElementRange"))
         listed = children_of.get("PointList", children_of.get("ElementList"))
-        if chosen is not None:
-            low, high = np.asarray(value(chosen)).ravel()[:2]
-            ids = np.arange(int(low), int(high) + 1)
-        elif listed is not None:
-            ids = np.asarray(value(listed)).ravel()
-        else:
+        if chosen is None and listed is None:
             return np.zeros(0, dtype=np.int64)
-        if place is not None and word(place) == "Vertex":
-            return np.flatnonzero(np.isin(self.faces + 1, ids).all(axis=1))
-        return np.flatnonzero(np.isin(self.numbers, ids))
+        are_nodes = place is not None and word(place) == "Vertex"
+        sought = self.faces + 1 if are_nodes else self.numbers[:, None]
+        if chosen is not None:
+            low, high = whole_numbers(chosen)[:2].tolist()
+            return np.flatnonzero(((low <= sought) & (sought <= high)).all(axis=1))
+        return np.flatnonzero(np.isin(sought, whole_numbers(listed)).all(axis=1))
 
 
 def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> _Elements:
@@ -256,10 +262,12 @@ def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> 
     names: list[str] = []
     lists: dict[int, list[Lists]] = {NGON: [], NFACE: []}
     parents: list[np.ndarray | None] = []
+    n_elements = 0
     for name, section in children(zone, "Elements_t"):
-        kind, where = int(np.asarray(value(section)).ravel()[0]), f"{what}, section '{name}'"
+        kind, where = int(whole_numbers(section)[0]), f"{what}, section '{name}'"
         parts = dict(children(section, "DataArray_t") + children(section, "IndexRange_t"))
-        low, high = (int(x) for x in np.asarray(value(parts["ElementRange"])).ravel()[:2])
+        low, high = whole_numbers(parts["ElementRange"])[:2].tolist()
+        n_elements += high - low + 1
         if kind in lists and n_dimensions == 2:
             raise InputError(f"{where}: has polygons; of two dimensions triangles and quads alone can be read")
         if kind in lists:
@@ -271,9 +279,9 @@ def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> 
                 faces.append(pieces.quads)
                 numbers.append(pieces.numbers[pieces.polygon])
                 names += [name] * len(pieces.quads)
-                parents.append(np.asarray(value(parts["ParentElements"])) if "ParentElements" in parts else None)
+                parents.append(_parents(parts["ParentElements"]) if "ParentElements" in parts else None)
             continue
-        stored = np.asarray(value(parts["ElementConnectivity"])).ravel().astype(np.int64)
+        stored = whole_numbers(parts["ElementConnectivity"])
         for number, rows, corners in _by_kind(kind, stored, low, high, where):
             _require_nodes(corners, n_points, where)
             if n_dimensions == 2 and number in KINDS[3]:
@@ -289,6 +297,10 @@ def _elements(zone: h5py.Group, n_points: int, n_dimensions: int, what: str) -> 
     joined, joined_faces = {kind: np.concatenate(parts) for kind, parts in cells.items()}, np.concatenate(faces)[order]
     sections = {name: np.flatnonzero(of == name) for name in dict.fromkeys(names)}
     polyhedra = _polyhedra(lists, parents, what) if lists[NGON] else None
+    n_cells = sum(map(len, joined.values())) + (0 if polyhedra is None else 1 + int(polyhedra[1].max(initial=-1)))
+    n_announced = int(whole_numbers(zone)[1])
+    if n_announced not in (n_cells, n_elements):  # some programs count elements of the boundary as well
+        raise InputError(f"{what}: announces {n_announced:,} cells and holds {n_cells:,}; write it again")
     if polyhedra is not None:
         keys = face_keys(polyhedra[0], n_points)
         found_keys, counts = np.unique(keys, return_counts=True)
@@ -309,6 +321,11 @@ def _polyhedra(lists: dict[int, list[Lists]], parents: list, what: str) -> tuple
     return polygons.of_parents(np.concatenate(known, axis=1))
 
 
+def _parents(node: h5py.Group) -> np.ndarray:
+    """Cells on both sides of polygons, as stored."""
+    return whole_numbers(node).reshape(node[" data"].shape)
+
+
 def _require_nodes(corners: np.ndarray, n_points: int, what: str) -> None:
     """Refuse numbers that are of no node."""
     if corners.size and not 1 <= corners.min() <= corners.max() <= n_points:
@@ -325,6 +342,8 @@ def _by_kind(kind: int, stored: np.ndarray, low: int, high: int, what: str):
         return
     if kind != MIXED:
         raise InputError(f"{what}: has elements of kind {kind}; known are {', '.join(map(str, sorted(NODES)))}")
+    if not 0 <= n <= len(stored):  # before there is an array of as many
+        raise InputError(f"{what}: announces {n:,} mixed elements of {len(stored):,} numbers; write it again")
     steps = np.zeros(max(NODES) + 1, dtype=np.int64)
     steps[list(NODES)] = np.array(list(NODES.values())) + 1
     starts = np.empty(n, dtype=np.int64)

@@ -17,7 +17,7 @@ from numba import njit
 
 from ...cells.mixed_cells import fans
 from ...errors import InputError
-from ..cgns_nodes import value
+from ..cgns_nodes import whole_numbers
 
 __all__ = ["NFACE", "NGON", "Lists", "Polygons"]
 
@@ -52,14 +52,16 @@ class Lists:
         InputError
             If they do not end where they should.
         """
-        stored, n = np.asarray(value(parts["ElementConnectivity"])).ravel().astype(np.int64), high - low + 1
+        stored, n = whole_numbers(parts["ElementConnectivity"]), high - low + 1
+        if not 0 <= n <= len(stored):  # before there is an array of as many
+            raise InputError(f"{what}: announces {n:,} polygons or cells of {len(stored):,} numbers; write it again")
         if "ElementStartOffset" in parts:
-            starts = np.asarray(value(parts["ElementStartOffset"])).ravel().astype(np.int64)
+            starts = whole_numbers(parts["ElementStartOffset"])
             is_whole = len(starts) == n + 1 and starts[0] == 0 and starts[-1] == len(stored)
             values, sizes = stored, np.diff(starts)
         else:
-            values, sizes = np.empty(max(len(stored) - n, 0), dtype=np.int64), np.empty(n, dtype=np.int64)
-            is_whole = len(stored) >= n and _take_apart(stored, values, sizes)
+            values, sizes = np.empty(len(stored) - n, dtype=np.int64), np.empty(n, dtype=np.int64)
+            is_whole = _take_apart(stored, values, sizes)
         if not is_whole or (sizes < 0).any():
             raise InputError(f"{what}: its polygons or polyhedra do not end with the numbers; write it again")
         return cls(np.arange(low, high + 1), values, sizes)
