@@ -1,4 +1,4 @@
-"""Meshes of Gmsh and VTK: what meshio reads is written back with other nodes, and all else is kept."""
+"""Meshes of Gmsh and VTK that meshio wrote: what it reads of them is kept, but for the nodes."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,7 @@ def test_what_is_no_file_of_vtk_is_said_once_with_the_reason(tmp_path, capfd):
     path = tmp_path / "wing.vtu"
     for text, reason in (("NDIME= 2\n", "line 1, column 5"), ('<VTKFile type="PolyData"/>', "found PolyData")):
         path.write_text(text)
-        with pytest.raises(InputError, match=rf"wing\.vtu: meshio cannot read it \(.*{reason}.*\); write it again"):
+        with pytest.raises(InputError, match=rf"wing\.vtu: is no .* of VTK \(.*{reason}.*\); write it again"):
             read_mesh(path)
     assert capfd.readouterr() == ("", "")
 

@@ -25,8 +25,8 @@ __all__ = ["FORMATS", "MeshFile", "check_same_format", "mesh_names", "read_mesh"
 FORMATS = {
     ".su2": "bspline_mdao.io.meshes.su2.read_su2",
     ".cgns": "bspline_mdao.io.meshes.cgns.read_cgns_mesh",
-    ".msh": "bspline_mdao.io.meshes.with_meshio.read_msh",
-    ".vtu": "bspline_mdao.io.meshes.with_meshio.read_vtu",
+    ".msh": "bspline_mdao.io.meshes.msh.read_msh",
+    ".vtu": "bspline_mdao.io.meshes.vtu.read_vtu",
     POLYMESH: "bspline_mdao.io.meshes.polymesh.read_polymesh",
 }
 """Reader of the files of each suffix, and of OpenFOAM's folder."""

@@ -5,17 +5,15 @@ Format: the reference manual of Gmsh, section "Gmsh file formats".
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import InputError
+from .gmsh_sections import BinaryNumbers, GmshFile, TextNumbers
+from .stored_mesh import StoredPoints
 from .text_numbers import TextPoints
 
 __all__ = ["find_gmsh_nodes"]
-
-_HEAD = re.compile(rb"\$MeshFormat\s+(\d+(?:\.\d+)?)\s+([01])\s+(\d+)[^\n]*\n")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,75 +49,71 @@ class _BinaryNodes:
         return np.ndarray((n, 3), dtype="<f8", buffer=data, offset=start, strides=(step, 8))
 
 
-def find_gmsh_nodes(data: bytes, source: str) -> TextPoints | _BinaryNodes:
+def find_gmsh_nodes(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
     """Find the nodes of a file.
 
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    source : str
-        Its name, for messages.
+    Returns
+    -------
+    stored : StoredPoints
+        The nodes in the bytes of the file.
+    tags : ndarray of int, shape (n,)
+        Their numbers, each once.
 
     Raises
     ------
-    InputError
-        If the file is of another version or damaged.
+    ValueError
+        If they are damaged.
     """
-    head = _HEAD.search(data)
-    if not head or head[1] not in (b"2.2", b"4.1") or head[3] != b"8":
-        version = head[1].decode() if head else "none"
-        raise InputError(f"{source}: is a file of Gmsh of version {version}; save it as version 4.1 or 2.2")
-    is_binary, is_old = head[2] == b"1", head[1] == b"2.2"
-    if is_binary and data[head.end() : head.end() + 4] != b"\1\0\0\0":
-        raise InputError(f"{source}: is binary of another byte order; save it in ASCII")
-    begin = re.search(rb"\$Nodes[ \t\r]*\n", data)
-    if not begin:
-        raise InputError(f"{source}: has no $Nodes; save it again")
-    try:
-        if is_binary:
-            return _BinaryNodes(data, _old_binary(data, begin.end()) if is_old else _binary(data, begin.end()))
-        return _text(data, begin.end(), is_old, source)
-    except (ValueError, IndexError, TypeError) as error:
-        raise InputError(f"{source}: its nodes are damaged ({error}); save it again") from error
+    if file.is_old:
+        stored, tags = _old_binary(file) if file.is_binary else _old_text(file)
+    else:
+        stored, tags = _by_entity(file)
+    if len(np.unique(tags)) != len(tags):
+        raise ValueError("a number is that of two nodes")
+    return stored, tags
 
 
-def _old_binary(data: bytes, at: int) -> tuple[tuple[int, int, int], ...]:
-    """Place of the nodes of version 2.2: a number and three reals each."""
-    end = data.index(b"\n", at) + 1
-    n = int(data[at:end])
-    if data[end + 28 * n :].lstrip()[:9] != b"$EndNodes":
-        raise ValueError("they do not end where they should")
-    return ((end + 4, n, 28),)
+def _old_binary(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
+    """Nodes of version 2.2: a number and three reals each."""
+    n, start = file.counted("Nodes")
+    numbers = BinaryNumbers(file.data, start, file.sections["Nodes"][1])
+    numbers.skip(n, 28)
+    numbers.require_end()
+    tags = np.ndarray((n,), dtype="<i4", buffer=file.data, offset=start, strides=(28,))
+    return _BinaryNodes(file.data, ((start + 4, n, 28),)), tags.astype(np.int64)
 
 
-def _binary(data: bytes, at: int) -> tuple[tuple[int, int, int], ...]:
-    """Places of the nodes of every entity of version 4.1: numbers, then reals, with parameters behind them."""
-    n_entities = int(np.frombuffer(data, "<u8", 1, at)[0])
-    at, parts = at + 32, []
+def _old_text(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
+    """Nodes of version 2.2: a number and three reals in each line."""
+    n, start = file.counted("Nodes")
+    span = start, file.sections["Nodes"][1]
+    points = TextPoints.of(file.data, span, 3, file.source, before=1)
+    tags = TextPoints.of(file.data, span, 1, file.source, behind=3).values[:, 0]
+    if len(tags) != n or (tags != np.round(tags)).any() or np.abs(tags).max(initial=0) >= 2**53:
+        raise ValueError(f"it announces {n} and holds {len(tags)}, or not all have a number")
+    return points, tags.astype(np.int64)
+
+
+def _by_entity(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
+    """Nodes of version 4.1, of one entity after the other: numbers, then reals, with parameters behind them."""
+    numbers = file.numbers("Nodes")
+    n_entities, n_nodes, _, _ = numbers.take("size", 4).tolist()
+    tags, parts, spans = [np.zeros(0, dtype=np.int64)], [], [np.zeros((0, 3, 2), dtype=np.int64)]
     for _ in range(n_entities):
-        dimension, _, is_parametric = np.frombuffer(data, "<i4", 3, at).tolist()
-        n = int(np.frombuffer(data, "<u8", 1, at + 12)[0])
-        step = 8 * (3 + dimension * is_parametric)
-        parts.append((at + 20 + 8 * n, n, step))
-        at += 20 + (8 + step) * n
-    if data[at:].lstrip()[:9] != b"$EndNodes":
-        raise ValueError("they do not end where they should")
-    return tuple(parts)
-
-
-def _text(data: bytes, at: int, is_old: bool, source: str) -> TextPoints:
-    """Nodes in ASCII."""
-    stop = data.index(b"$EndNodes", at)
-    first = data.index(b"\n", at) + 1
-    if is_old:
-        return TextPoints.of(data, (first, stop), 3, source, before=1)
-    newlines = np.flatnonzero(np.frombuffer(data, np.uint8)[first:stop] == ord("\n")) + first
-    lines, line, parts = np.concatenate([[first], newlines + 1]), 0, []
-    for _ in range(int(data[at:first].split()[0])):
-        n = int(data[lines[line] : lines[line + 1]].split()[3])
-        if n:
-            parts.append(TextPoints.of(data, (int(lines[line + 1 + n]), int(lines[line + 1 + 2 * n])), 3, source))
-        line += 1 + 2 * n
-    joined = [np.concatenate([getattr(part, name) for part in parts]) for name in ("spans", "values")]
-    return TextPoints(data, *joined)
+        dimension, _, is_parametric = numbers.take("int", 3).tolist()
+        n = int(numbers.take("size", 1)[0])
+        if not (0 <= dimension <= 3 and 0 <= is_parametric <= 1):
+            raise ValueError(f"an entity of dimension {dimension}")
+        n_reals = 3 + dimension * is_parametric
+        tags.append(numbers.take("size", n))
+        if isinstance(numbers, TextNumbers):
+            spans.append(numbers.places(n * n_reals).reshape(n, n_reals, 2)[:, :3])
+        else:
+            parts.append((numbers.skip(n, 8 * n_reals), n, 8 * n_reals))
+    numbers.require_end()
+    joined = np.concatenate(tags)
+    if len(joined) != n_nodes:
+        raise ValueError(f"it announces {n_nodes} and holds {len(joined)}")
+    if file.is_binary:
+        return _BinaryNodes(file.data, tuple(parts)), joined
+    return TextPoints.at(file.data, np.concatenate(spans), file.source), joined

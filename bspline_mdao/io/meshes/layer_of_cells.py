@@ -19,7 +19,7 @@ from ...errors import InputError, MovementError
 from ...shown import OneLine
 from .stored_mesh import StoredMesh, StoredPoints
 
-__all__ = ["LayerPoints", "SectionSpan", "layer_of_cells"]
+__all__ = ["LayerPoints", "SectionSpan", "layer_of_cells", "volume_or_layer"]
 
 PRISMS = {"triangle": "wedge", "quad": "hexahedron"}
 """Cell between the copies of an element in the two planes."""
@@ -194,3 +194,39 @@ def layer_of_cells(
     """
     layer = LayerPoints.of(stored.values, span, source)
     return StoredMesh(layer.mesh(cells, lines), _PointsTwice(stored, layer))
+
+
+Elements = Mapping[str, np.ndarray]
+
+
+def volume_or_layer(
+    stored: StoredPoints,
+    volume: tuple[Elements, Elements],
+    plane: tuple[Elements, Elements],
+    span: SectionSpan | None,
+    source: str,
+) -> StoredMesh:
+    """Make the mesh of the cells of a volume or, where there are none, the layer of those of a plane.
+
+    Parameters
+    ----------
+    stored : StoredPoints
+        Nodes in the bytes of the file.
+    volume, plane : tuple of two mapping of str to ndarray of int
+        Corners of cells by kind, and of the elements of markers by name: faces, shape (m, 4), of a volume, and lines,
+        shape (m, 2), of a plane.
+    span : SectionSpan or None
+        The planes of the section.
+    source : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        If there are no cells, or those of a plane and no span.
+    """
+    if volume[0]:
+        return StoredMesh(MixedMesh(stored.values, volume[0], volume[1], source=source), stored)
+    if plane[0]:
+        return layer_of_cells(stored, *plane, span, source)
+    raise InputError(f"{source}: has no cells of a volume or of a plane; give a mesh of one")

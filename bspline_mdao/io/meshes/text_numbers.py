@@ -141,7 +141,7 @@ class TextPoints:
                 f"{n_words}; write it again"
             )
         ids = firsts[:, None] + before + np.arange(n_axes)
-        return cls._at(text, span[0] + np.stack([starts[ids], ends[ids]], axis=-1), what)
+        return cls.at(text, span[0] + np.stack([starts[ids], ends[ids]], axis=-1), what)
 
     @classmethod
     def of_words(cls, text: bytes, start: int, stop: int, n_axes: int, what: str) -> TextPoints:
@@ -149,10 +149,11 @@ class TextPoints:
         starts, ends, _ = words_of(text[start:stop])
         if len(starts) % n_axes:
             raise InputError(f"{what}: {len(starts):,} coordinates are not {n_axes} of each node; write it again")
-        return cls._at(text, start + np.stack([starts, ends], axis=-1).reshape(-1, n_axes, 2), what)
+        return cls.at(text, start + np.stack([starts, ends], axis=-1).reshape(-1, n_axes, 2), what)
 
     @classmethod
-    def _at(cls, text: bytes, spans: np.ndarray, what: str) -> TextPoints:
+    def at(cls, text: bytes, spans: np.ndarray, what: str) -> TextPoints:
+        """Take points whose coordinates have known places, shape (n, n_axes, 2)."""
         longest = int(np.diff(spans, axis=-1).max(initial=0))
         if longest > LONGEST:  # all words take as many bytes as the longest
             raise InputError(f"{what}: a coordinate of {longest:,} characters is no number; write the file again")
