@@ -6,7 +6,6 @@ Format: ``docs/theory/grid_files.rst``.
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from ..topology.grid import Block, Grid, find_fault
 from ..topology.index_space import Window
 from ..topology.stored_grid import StoredBlock, StoredGrid
 from ..topology.topology import Topology
+from .adf import copied_cgns, is_adf, opened_cgns
 from .cgns_faces import add_boundaries, add_connections, read_connections, read_patches_of_zones
 from .cgns_nodes import (
     add_node,
@@ -34,12 +34,13 @@ from .cgns_nodes import (
     label,
     require_stored,
     set_attributes,
+    set_root_attributes,
     value,
     word,
 )
-from .disk import deferred_interrupts, read_raw, replaced_file, replaced_hdf5_file
+from .disk import deferred_interrupts, replaced_file, replaced_hdf5_file
 from .element_order import HEXAHEDRA
-from .formats import ADF, MODEL, MODEL_FORMAT
+from .formats import MODEL, MODEL_FORMAT
 
 __all__ = ["CgnsDialect", "add_coordinates", "open_cgns", "read_cgns", "write_base", "write_cgns"]
 
@@ -69,11 +70,11 @@ class CgnsDialect:
 
     def __str__(self) -> str:
         """Name the format."""
-        return "CGNS (HDF5)"
+        return f"CGNS ({'ADF' if os.path.isfile(self.path) and is_adf(self.path) else 'HDF5'})"
 
 
 def read_cgns(path: str | os.PathLike) -> Grid:
-    """Read the structured zones of a CGNS/HDF5 file.
+    """Read the structured zones of a CGNS file, in HDF5 or ADF.
 
     Zones come in the order of creation where the file keeps it, as in the CGNS library, and in the natural order of
     their names (``Zone 9`` before ``Zone 10``) elsewhere. With more than one base the names are ``base/zone``; bases of
@@ -94,7 +95,7 @@ def read_cgns(path: str | os.PathLike) -> Grid:
     Raises
     ------
     InputError
-        When the file is not CGNS in HDF5, is damaged, holds an unstructured zone, or a node is not finite.
+        When the file is not CGNS, is damaged, holds an unstructured zone, or a node is not finite.
     """
     stored = open_cgns(path)
     blocks = []
@@ -108,7 +109,7 @@ def read_cgns(path: str | os.PathLike) -> Grid:
 
 
 def open_cgns(path: str | os.PathLike) -> StoredGrid:
-    """Open a CGNS/HDF5 file, to read its zones, or windows of them, later.
+    """Open a CGNS file, to read its zones, or windows of them, later.
 
     Parameters
     ----------
@@ -123,13 +124,10 @@ def open_cgns(path: str | os.PathLike) -> StoredGrid:
     Raises
     ------
     InputError
-        When the file is not CGNS in HDF5, is damaged, or holds an unstructured zone; later, when a node that is read is
+        When the file is not CGNS, is damaged, or holds an unstructured zone; later, when a node that is read is
         not finite.
     """
     source = str(path)
-    head = read_raw(path, 64)
-    if head.startswith(ADF) or head[4:].startswith(ADF):
-        raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
     with _opened(source) as file:
         zones = _find_zones(file, source)
         names = [name for name, _, _ in zones]
@@ -146,7 +144,7 @@ def open_cgns(path: str | os.PathLike) -> StoredGrid:
 @contextmanager
 def _opened(source: str) -> Iterator[h5py.File]:
     """Open a file for reading; whatever is wrong with it is an `InputError`."""
-    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
+    with deferred_interrupts(), damaged_is_input_error(source), opened_cgns(source) as file:
         yield file
 
 
@@ -264,9 +262,10 @@ def write_cgns(path: str | os.PathLike, grid: Grid, topology: Topology | None = 
     """Write a CGNS/HDF5 file, whole or not at all.
 
     A grid read from CGNS is written as a copy of its file with new coordinates, and with the one-to-one connections
-    that the file lacks: everything else in the file stays. Links in it are replaced by what they stand for, so that no
-    other file is touched. Any other grid makes a new file with one base, a zone for every block, its patches as
-    families, its interfaces as one-to-one connections and collapsed faces as degenerate boundary conditions.
+    that the file lacks: everything else in the file stays, in HDF5 also where it was in ADF. Links in it are replaced
+    by what they stand for, so that no other file is touched. Any other grid makes a new file with one base, a zone for
+    every block, its patches as families, its interfaces as one-to-one connections and collapsed faces as degenerate
+    boundary conditions.
 
     Parameters
     ----------
@@ -295,15 +294,14 @@ def _write_copy(path: str | os.PathLike, grid: Grid, topology: Topology) -> None
     source = grid.dialect.path
     if not os.path.isfile(source):
         raise InputError(f"{source}: is gone; it is needed to write the grid back as CGNS with all that it held")
-    with replaced_file(path) as temporary:
-        shutil.copyfile(source, temporary)
-        with damaged_is_input_error(source), deferred_interrupts():
-            _replace_coordinates(temporary, source, grid, topology)
+    with replaced_file(path) as temporary, damaged_is_input_error(source), deferred_interrupts():
+        copied_cgns(source, temporary)
+        _replace_coordinates(temporary, source, grid, topology)
 
 
 def _replace_coordinates(path: Path, source: str, grid: Grid, topology: Topology) -> None:
     """Put the nodes of a grid into a copy of the file that it was read from, and add the connections that it lacks."""
-    with h5py.File(path, "r+") as file, h5py.File(source, "r") as original:
+    with h5py.File(path, "r+") as file, opened_cgns(source) as original:
         _resolve_links(file, original)
         zones = _find_zones(file, source)
         names = [name for name, _, _ in zones]
@@ -348,11 +346,7 @@ def _write_new(path: str | os.PathLike, grid: Grid, topology: Topology) -> None:
 
 def write_base(file: h5py.File, n_dimensions: int) -> h5py.Group:
     """Write what the CGNS library puts at the root of an HDF5 file, and a base whose cells have 2 or 3 dimensions."""
-    set_attributes(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
-    del file.attrs["flags"]
-    file[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", np.int8)
-    version = "HDF5 Version " + h5py.version.hdf5_version
-    file[" hdf5version"] = np.frombuffer(version.encode().ljust(33, b"\0"), np.int8)
+    set_root_attributes(file)
     add_node(file, "CGNSLibraryVersion", "CGNSLibraryVersion_t", np.array([LIBRARY_VERSION], np.float32))
     base = add_node(file, "Base", "CGNSBase_t", np.array([n_dimensions, 3], np.int32))
     add_node(base, "DataClass", "DataClass_t", _DATA_CLASS)

@@ -146,7 +146,8 @@ def require_stored(group: h5py.Group) -> None:
         When it does.
     """
     data = group[" data"]
-    n_bytes = os.path.getsize(data.file.filename)
+    name = data.file.filename  # none on disk where an older format was copied in memory
+    n_bytes = os.path.getsize(name) if os.path.isfile(name) else data.file.id.get_filesize()
     claimed = float(np.prod([float(n) for n in data.shape])) * data.dtype.itemsize
     if claimed > max(MAX_SMALL, MAX_RATIO * n_bytes):
         raise InputError(
@@ -230,3 +231,12 @@ def set_attributes(group: h5py.Group, name: str, label: str, kind: str) -> None:
     group.attrs.create("label", np.bytes_(label), dtype="S33")
     group.attrs.create("type", np.bytes_(kind), dtype="S3")
     group.attrs.create("flags", np.array([1], np.int32))
+
+
+def set_root_attributes(file: h5py.File) -> None:
+    """Write what the CGNS library expects at the root of an HDF5 file."""
+    set_attributes(file, "HDF5 MotherNode", "Root Node of HDF5 File", "MT")
+    del file.attrs["flags"]
+    file[" format"] = np.frombuffer(b"IEEE_LITTLE_32\0", np.int8)
+    version = "HDF5 Version " + h5py.version.hdf5_version
+    file[" hdf5version"] = np.frombuffer(version.encode().ljust(33, b"\0"), np.int8)

@@ -90,8 +90,8 @@ class GridFormat:
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """Signature of HDF5, at the beginning or after a user's block of 512 bytes, 1024 bytes and so on."""
 
-ADF = b"@(#)ADF Database"
-"""Signature of CGNS files before HDF5, which the reader refuses with advice."""
+ADF = b"ADF Database Version "
+"""What CGNS files before HDF5 have behind their first four bytes, which are no text."""
 
 FORMATS = (
     GridFormat(
@@ -111,7 +111,7 @@ FORMATS = (
         "read_cgns",
         "open_cgns",
         suffixes=(".cgns",),
-        signatures=((0, HDF5), (512, HDF5), (1024, HDF5), (2048, HDF5), (0, ADF), (4, ADF)),
+        signatures=((0, HDF5), (512, HDF5), (1024, HDF5), (2048, HDF5), (4, ADF)),
         takes_topology=True,
     ),
     GridFormat("ParaView", "fields", "write_with_quality", suffixes=(".vtm",)),

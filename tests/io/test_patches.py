@@ -257,8 +257,8 @@ def test_grid_is_read_by_content_and_written_by_dialect_or_name(tmp_path):
             assert (tmp_path / "again").read_bytes() == disguised.read_bytes()
     write_grid(tmp_path / "a.vtm", grid)
     assert (tmp_path / "a" / "0002.vts").exists()
-    (tmp_path / "adf").write_bytes(b"@(#)ADF Database Version A02012>" + bytes(500))
-    with pytest.raises(InputError, match="old ADF format"):
+    (tmp_path / "adf").write_bytes(b"\xc0\xa8\xa3\xa9ADF Database Version A02012>" + bytes(500))
+    with pytest.raises(InputError, match="in ADF of version"):
         read_grid(tmp_path / "adf")
 
 

@@ -8,7 +8,6 @@ Format: ``docs/theory/ride.rst``.
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from numba import njit
 from ...cells.mixed_cells import MixedMesh, face_keys, padded
 from ...errors import InputError
 from ...shown import OneLine
+from ..adf import copied_cgns, opened_cgns
 from ..cgns_nodes import (
     children,
     damaged_is_input_error,
@@ -30,8 +30,7 @@ from ..cgns_nodes import (
     whole_numbers,
     word,
 )
-from ..disk import deferred_interrupts, read_raw, replaced_file
-from ..formats import ADF
+from ..disk import deferred_interrupts, replaced_file
 from .cgns_polyhedra import NFACE, NGON, Lists, Polygons
 from .layer_of_cells import LayerPoints, SectionSpan
 
@@ -94,7 +93,8 @@ class CgnsMeshFile(OneLine):
         if self.layer is not None:
             points = self.layer.in_file(points)
         with replaced_file(path) as temporary:
-            shutil.copyfile(self.path, temporary)
+            with damaged_is_input_error(self.path), deferred_interrupts():
+                copied_cgns(self.path, temporary)
             with damaged_is_input_error(self.path), deferred_interrupts(), h5py.File(temporary, "r+") as file:
                 first = 0
                 for places in self.places:
@@ -106,7 +106,7 @@ class CgnsMeshFile(OneLine):
 
 
 def read_cgns_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> CgnsMeshFile:
-    """Read the unstructured zones of a CGNS file in HDF5.
+    """Read the unstructured zones of a CGNS file, in HDF5 or ADF.
 
     Parameters
     ----------
@@ -123,18 +123,16 @@ def read_cgns_mesh(path: str | os.PathLike, span: SectionSpan | None = None) -> 
     Raises
     ------
     InputError
-        If the file is damaged, in ADF, has structured zones, linked coordinates, or elements of another kind, or two
+        If the file is damaged, has structured zones, linked coordinates, or elements of another kind, or two
         dimensions and there is no span.
     """
-    source, head = str(path), read_raw(path, 64)
-    if head.startswith(ADF) or head[4:].startswith(ADF):
-        raise InputError(f"{source}: is CGNS in the old ADF format; convert it with 'adf2hdf' of the CGNS tools")
+    source = str(path)
     points: list[np.ndarray] = []
     seen, of_cells = [np.zeros((0, 4), dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     cells: dict[str, list[np.ndarray]] = {}
     markers: dict[str, list[np.ndarray]] = {}
     places, first = [], 0
-    with deferred_interrupts(), damaged_is_input_error(source), h5py.File(source, "r") as file:
+    with deferred_interrupts(), damaged_is_input_error(source), opened_cgns(source) as file:
         bases = [(tuple(int(size) for size in value(base)[:2]), base) for _, base in children(file, "CGNSBase_t")]
         n_dimensions, n_axes = max((sizes for sizes, _ in bases), default=(0, 0))
         zones = [
