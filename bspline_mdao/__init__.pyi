@@ -139,6 +139,7 @@ from .om.control_mesh_move import ControlMeshMove as ControlMeshMove
 from .om.design_summary import DesignSummary as DesignSummary
 from .om.design_summary import design_summary as design_summary
 from .om.design_surface import DesignSurface as DesignSurface
+from .om.drivers.best_design import load_best as load_best
 from .om.drivers.combinations import combine as combine
 from .om.drivers.combinations import even_combinations as even_combinations
 from .om.drivers.combinations import even_pressures as even_pressures

@@ -1,13 +1,18 @@
-"""A recorder of cases that leaves out what is long: grids, states of flows, control points."""
+"""A recorder of cases that leaves out what is long, goes on behind other cases, and outlasts a full disk."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import sqlite3
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 
 import numpy as np
 import openmdao.api as om
 
+from ..errors import InputError
+from ..numerics.processes import ONE, together
+from .drivers.case_file import take_over
 from .drivers.short_records import LONGEST, sources_of
 
 __all__ = ["CaseRecorder"]
@@ -22,6 +27,8 @@ class CaseRecorder(om.SqliteRecorder):
     of those of their problem, whichever recorder writes them. This recorder, attached to whatever, leaves out what has
     more values than ``longest``, unless it is asked for or is a design variable or a response.
 
+    A case that cannot be written, since the disk is full for example, is a warning and not the end of the run.
+
     Parameters
     ----------
     filepath : path-like
@@ -31,6 +38,8 @@ class CaseRecorder(om.SqliteRecorder):
     keep : sequence of str
         Names, or patterns of names, of long variables that are recorded all the same, such as ``"surface"``: the part
         of the absolute name behind the last dot, or all of it.
+    earlier : path-like, optional
+        Case file of another run of the same problem, whose cases of the driver come first: see `load_best`.
     **options : dict
         Those of `openmdao.api.SqliteRecorder`.
 
@@ -38,6 +47,11 @@ class CaseRecorder(om.SqliteRecorder):
     ----------
     left_out : set of str
         What was left out so far, by names.
+
+    Raises
+    ------
+    InputError
+        When the run begins, if the file cannot be made, or the cases of the earlier one cannot be taken over.
 
     Examples
     --------
@@ -51,26 +65,76 @@ class CaseRecorder(om.SqliteRecorder):
     True
     """
 
-    def __init__(self, filepath, longest: int = LONGEST, keep: Sequence[str] = (), **options):
+    _iteration_coordinate: str
+
+    def __init__(
+        self,
+        filepath,
+        longest: int = LONGEST,
+        keep: Sequence[str] = (),
+        earlier: str | os.PathLike | None = None,
+        **options,
+    ):
         super().__init__(filepath, **options)
         self.longest, self.keep = longest, (keep,) if isinstance(keep, str) else tuple(keep)
         self.left_out: set[str] = set()
+        self._earlier, self._is_failing = earlier, False
+        self._n_cases = self._n_iterations = 0  # of the earlier file
+
+    def startup(self, recording_requester, comm=None):
+        """Begin a file, or go on behind the cases of the earlier one; called by OpenMDAO."""
+        is_new = not self._database_initialized
+        try:
+            super().startup(recording_requester, comm)
+        except sqlite3.Error as error:
+            if comm is not None and comm.size > 1:  # the others wait for this process: it ends them
+                raise
+            raise InputError(f"{self._filepath}: cannot be written ({error}); choose another place") from error
+        if is_new and self._earlier is not None:
+            with together(comm or ONE):
+                if self.connection:
+                    self._n_cases, self._n_iterations = take_over(self.connection, self._earlier)
+        self._counter = self._n_cases
 
     def record_iteration_driver(self, driver, data, metadata):
         """Record an iteration of a driver: its design variables and responses, and what else is short."""
-        super().record_iteration_driver(driver, self._short(data, sources_of(driver)), metadata)
+        self._number_on()
+        self._write(super().record_iteration_driver, driver, self._short(data, sources_of(driver)), metadata)
+
+    def record_derivatives_driver(self, recording_requester, data, metadata):
+        """Record the derivatives of a driver."""
+        self._number_on()
+        self._write(super().record_derivatives_driver, recording_requester, data, metadata)
 
     def record_iteration_problem(self, problem, data, metadata):
         """Record a case of a problem: its design variables and responses, and what else is short."""
-        super().record_iteration_problem(problem, self._short(data, sources_of(problem.driver)), metadata)
+        self._write(super().record_iteration_problem, problem, self._short(data, sources_of(problem.driver)), metadata)
 
     def record_iteration_system(self, system, data, metadata):
         """Record a run of a system, as far as it is short."""
-        super().record_iteration_system(system, self._short(data), metadata)
+        self._write(super().record_iteration_system, system, self._short(data), metadata)
 
     def record_iteration_solver(self, solver, data, metadata):
         """Record an iteration of a solver, as far as it is short."""
-        super().record_iteration_solver(solver, self._short(data), metadata)
+        self._write(super().record_iteration_solver, solver, self._short(data), metadata)
+
+    def _number_on(self) -> None:
+        """Number an iteration of the driver behind those of the earlier file."""
+        head, _, number = self._iteration_coordinate.rpartition("|")
+        self._iteration_coordinate = f"{head}|{int(number) + self._n_iterations}"
+
+    def _write(self, record: Callable, *case) -> None:
+        """Write a case; the first of some that cannot be written is a warning."""
+        try:
+            record(*case)
+            self._is_failing = False
+        except sqlite3.Error as error:
+            if not self._is_failing:
+                om.issue_warning(
+                    f"{self._filepath}: cases cannot be recorded ({error}); the run goes on, and tries again",
+                    category=om.CaseRecorderWarning,
+                )
+            self._is_failing = True
 
     def _short(self, data: dict, wanted: frozenset[str] = frozenset()) -> dict:
         """What is recorded of the inputs, outputs and residuals of a case."""

@@ -9,13 +9,13 @@ Theory: ``docs/theory/drivers.rst``, "How a run ends".
 from __future__ import annotations
 
 import os
-import sqlite3
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import openmdao.api as om
+from openmdao.recorders.base_case_reader import BaseCaseReader
 
 from ...errors import InputError
 from .nlopt_problem import Limits, Point, Statement
@@ -106,6 +106,8 @@ class CaseHistory:
         Wall time since the first evaluation (s).
     convergence : Convergence or None
         Violations and first-order residuals; None where there is no single objective.
+    has_run : ndarray of bool, shape (n,)
+        Whether the model could be run, with finite objectives.
     best : int
         The feasible evaluation with the lowest objective, or that with the least violation where none is feasible; the
         last one where there is no single objective.
@@ -119,6 +121,7 @@ class CaseHistory:
     quantities: tuple[Quantity, ...]
     seconds: np.ndarray
     convergence: Convergence | None
+    has_run: np.ndarray
     best: int
     outputs: Mapping[str, Mapping[int, np.ndarray]]
     options: Mapping[str, Mapping[str, object]]
@@ -163,25 +166,36 @@ def read_history(file) -> CaseHistory:
     try:
         reader = om.CaseReader(str(file))
         names = reader.list_cases("driver", recurse=False, out_stream=None)
-        cases = [reader.get_case(name) for name in names]
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError, sqlite3.Error) as error:
-        raise InputError(f"{file}: is no case file of OpenMDAO that can be read ({error})") from None
-    if not cases:
+        found = _history(reader, names) if names else None
+    except Exception as error:  # of what is unpacked from bytes that are damaged
+        words = " ".join(str(error).split())
+        raise InputError(f"{file}: is no case file of OpenMDAO that can be read ({words}); it may be damaged") from None
+    if found is None:
         raise InputError(
             f"{file}: holds no case of a driver; attach a recorder with "
             f"problem.driver.add_recorder(om.SqliteRecorder(file)) and run the driver"
         )
+    return found
+
+
+def _history(reader: BaseCaseReader, names: list[str]) -> CaseHistory:
+    """What a reader finds in its cases."""
+    cases = [reader.get_case(name) for name in names]
     settings = (reader.problem_metadata or {}).get("variables", {})
     version = tuple(int(part) for part in reader.openmdao_version.split(".")[:2])
     quantities = _quantities(cases, settings, is_scaled=version < (3, 44))
     convergence = _convergence(quantities, cases)
     stamps = np.array([case.timestamp for case in cases])
+    objectives = [q.values for q in quantities if q.kind == "objective"]
+    are_finite = np.isfinite(np.hstack([np.zeros((len(cases), 0)), *objectives])).all(axis=1)
+    has_run = np.array([bool(case.success) for case in cases]) & are_finite
     return CaseHistory(
         driver=names[0].rpartition(":")[2].partition("|")[0],
         quantities=quantities,
         seconds=stamps - stamps[0],
         convergence=convergence,
-        best=_best(quantities, convergence, cases),
+        has_run=has_run,
+        best=_best(quantities, convergence, has_run),
         outputs=_others(cases, {quantity.name for quantity in quantities}),
         options=reader.list_model_options(out_stream=None) or {},
     )
@@ -265,13 +279,12 @@ def _rows(quantities: list[Quantity], n: int) -> np.ndarray:
     return np.hstack([np.zeros((n, 0)), *(q.scaled(q.values) for q in quantities)])
 
 
-def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, cases) -> int:
+def _best(quantities: tuple[Quantity, ...], convergence: Convergence | None, has_run: np.ndarray) -> int:
     """Number of the best evaluation."""
     if convergence is None:
-        return len(cases) - 1
+        return len(has_run) - 1
     objective = next(q for q in quantities if q.kind == "objective")
     values, violations = objective.scaled(objective.values)[:, 0], convergence.violations
-    has_run = np.array([bool(case.success) for case in cases]) & np.isfinite(values)
     feasible = has_run & (violations <= FEASIBLE)
     if feasible.any():
         return int(np.argmin(np.where(feasible, values, np.inf)))

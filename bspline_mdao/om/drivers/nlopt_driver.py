@@ -14,8 +14,8 @@ from openmdao.core.driver import Driver
 from ...errors import InputError
 from ...numerics.processes import from_first
 from ...numerics.progress import Progress, shown
-from .best_design import BestDesign
 from .familiar_options import translated
+from .kept_design import KeptDesign
 from .led_model import LedModel, led
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
 from .nlopt_functions import Functions
@@ -38,7 +38,7 @@ CITATION = """
 """
 
 
-class NLoptDriver(BestDesign, ShortRecords, Driver):
+class NLoptDriver(KeptDesign, ShortRecords, Driver):
     """Optimise with any algorithm of NLopt.
 
     After the run the model is at the best point found: the one of lowest objective among those that violate no
@@ -66,7 +66,7 @@ class NLoptDriver(BestDesign, ShortRecords, Driver):
     outcome : Outcome or None
         The end of the last run.
     best : Point or None
-        The best point of the last run so far, see `bspline_mdao.om.drivers.best_design`.
+        The best point of the last run so far, see `bspline_mdao.om.drivers.kept_design`.
     n_failed_analyses, n_failed_gradients : int
         Number of analyses that failed in the last run, and how many of them in the computation of totals.
 

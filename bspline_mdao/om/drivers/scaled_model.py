@@ -7,7 +7,7 @@ are declared, from 3.44 on an autoscaler scales vectors, and its ``get_bounds_sc
 Theory: ``docs/theory/drivers.rst``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import openmdao.api as om
@@ -45,11 +45,17 @@ def _scaled_limits(driver: Driver, kind: str, name: str, meta: dict) -> tuple:
     return scaled[name].lower, scaled[name].upper, scaled[name].equals
 
 
+def _scaling(driver: Driver, kind: str, name: str, meta: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Scaler and adder of a variable: the driver sees ``(value + adder) scaler``."""
+    autoscaler = getattr(driver, "_autoscaler", None)
+    found = autoscaler._var_meta[kind][name] if autoscaler else meta
+    scaler, adder = found["total_scaler"], found["total_adder"]
+    return np.asarray(1.0 if scaler is None else scaler), np.asarray(0.0 if adder is None else adder)
+
+
 def _is_flipped(driver: Driver, kind: str, name: str, meta: dict) -> np.ndarray:
     """Whether the scaling turns the variable around, so that its lower limit becomes the upper one."""
-    autoscaler = getattr(driver, "_autoscaler", None)
-    scaler = (autoscaler._var_meta[kind][name] if autoscaler else meta)["total_scaler"]
-    return np.asarray(1.0 if scaler is None else scaler) < 0
+    return _scaling(driver, kind, name, meta)[0] < 0
 
 
 def _limits(driver: Driver, kind: str, name: str, meta: dict, size: int) -> Limits:
@@ -162,7 +168,7 @@ class ScaledModel:
             A component raised ``om.AnalysisError``, or the objective or a constraint is not a finite number. The model
             is left in the states of the last good point, from which its next analysis starts.
         """
-        self._set(x)
+        self.set(x)
         try:
             self._solve()
             objective, constraints = self._responses()
@@ -183,10 +189,34 @@ class ScaledModel:
         return self.run(x)
 
     def place(self, x: np.ndarray) -> None:
-        """Set the design variables (n,) and go back to the states of the last good point, if any, without a run."""
-        if self._good_states.size:
-            self._states()[:] = self._good_states
-        self._set(x)
+        """Set the design variables (n,) and go back to the states of the last good point, without a run."""
+        self._states()[:] = self._good_states
+        self.set(x)
+
+    def sizes(self, kind: str) -> dict[str, int]:
+        """Numbers of values of the design variables, objectives or constraints, by name."""
+        take = getattr(self._driver, f"get_{kind}_values")
+        return {name: np.size(values) for name, values in take().items()}
+
+    def scaled(self, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, float, np.ndarray]:
+        """Design variables (n,), objective and constraints (m,) of values in units of the model, by name."""
+        driver = self._driver
+
+        def of(kind: str, metas: Mapping[str, dict]) -> np.ndarray:
+            scalings = {name: _scaling(driver, kind, name, meta) for name, meta in metas.items()}
+            return _flat((values[name] + adder) * scaler for name, (scaler, adder) in scalings.items())
+
+        objective = of("objective", driver._objs)
+        return of("design_var", self._designs), float(objective[0]), of("constraint", self._constraints)
+
+    def set(self, x: np.ndarray) -> None:
+        """Set the scaled design variables (n,), without a run."""
+        driver = self._driver
+        if getattr(driver, "_vectors", None):
+            driver._vectors["design_var"].set_data(x, driver_scaling=True)
+            driver._set_design_vars(driver_scaling=True)
+        else:
+            driver._scipy_update_design_vars(x)
 
     def differentiate(self) -> np.ndarray:
         """Totals (1 + m, n) of objective and constraints where the model was last run; linear ones are computed once.
@@ -236,15 +266,6 @@ class ScaledModel:
             _limits(self._driver, "constraint", name, meta, np.size(values[name]))
             for name, meta in self._constraints.items()
         )
-
-    def _set(self, x: np.ndarray) -> None:
-        """Set the scaled design variables (n,)."""
-        driver = self._driver
-        if getattr(driver, "_vectors", None):
-            driver._vectors["design_var"].set_data(x, driver_scaling=True)
-            driver._set_design_vars(driver_scaling=True)
-        else:
-            driver._scipy_update_design_vars(x)
 
     def _solve(self) -> None:
         """Run the model, record and print."""

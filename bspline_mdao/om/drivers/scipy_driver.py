@@ -9,7 +9,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...numerics.progress import Progress, shown
-from .best_design import BestDesign
+from .kept_design import KeptDesign
 from .nlopt_problem import Point, Statement
 from .nlopt_rules import SearchRecord, Substitute, uphill, worst
 from .scaled_model import ScaledModel, derivative_at_fault, unusable_derivatives
@@ -28,7 +28,7 @@ LARGEST_VIOLATION = 1e-6
 """Scaled violation up to which constraints count as satisfied, as `NLoptDriver` has it by default."""
 
 
-class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
+class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
     """SciPy's optimizers, with a bar of progress, where a failed analysis is a step too far and not the end.
 
     It is OpenMDAO's ``ScipyOptimizeDriver`` with all its options. That one ends at the first ``om.AnalysisError``; this
@@ -53,7 +53,7 @@ class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
     n_failed_analyses : int
         Number of analyses that failed in the last run.
     best : Point or None
-        The best point of the last run so far, see `bspline_mdao.om.drivers.best_design`.
+        The best point of the last run so far, see `bspline_mdao.om.drivers.kept_design`.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
         self._last = self._good_states = np.zeros(0)
         self._base_constraints: dict = {}
         self._n_gradients = 0
-        self._is_interrupted = False
+        self.is_interrupted = False
         self._model: ScaledModel | None = None
         self._statement: Statement | None = None
         self._exc_info: tuple | None = None
@@ -98,7 +98,7 @@ class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
             True if it failed.
         """
         self.n_failed_analyses, self._record, self._substitute, self._n_gradients = 0, None, None, 0
-        self.best, self._statement, self._is_interrupted = None, None, False
+        self.best, self._statement, self.is_interrupted = None, None, False
         with shown(self._get_name()) as tell:
             self._tell = tell
             try:
@@ -114,7 +114,7 @@ class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
             except KeyboardInterrupt:
                 if self.best is None:
                     raise
-                self.fail = self._is_interrupted = True
+                self.fail = self.is_interrupted = True
                 self._go_to_best()
             except Exception as error:
                 if self.best is not None:
@@ -127,7 +127,7 @@ class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
 
     def get_exit_status(self) -> str:
         """Describe the end of the last run in words."""
-        return "INTERRUPTED" if self._is_interrupted else super().get_exit_status()
+        return "INTERRUPTED" if self.is_interrupted else super().get_exit_status()
 
     def _objfunc(self, x_new):
         """Objective at a point, or what makes the optimizer turn back where the analysis fails."""
@@ -207,7 +207,7 @@ class ScipyDriver(BestDesign, ShortRecords, om.ScipyOptimizeDriver):
         assert self._model is not None
         assert self.best is not None
         self._states()[:] = self._good_states
-        self._model.place(self.best.x)
+        self._model.set(self.best.x)
 
     def _go_to_best(self) -> None:
         """Run the model at the best point, unless it was last run there."""
