@@ -12,7 +12,6 @@ import io
 import os
 import shutil
 import signal
-import tempfile
 import threading
 import zlib
 from collections.abc import Iterator
@@ -22,15 +21,10 @@ from pathlib import Path
 import h5py
 
 from ..errors import InputError
-
-try:
-    import fcntl
-except ImportError:  # Windows, where what is left behind stays
-    fcntl = None  # type: ignore[assignment]
-
+from .locked_folder import LOCK, is_of_this_user, locked_folder, take
 
 PREFIX, SUFFIX = ".bspline_mdao-", ".part"
-_LOCK, _NEW = "lock", "new"  # what is in a private folder
+_NEW = "new"  # what is in a private folder besides its lock
 
 
 @contextmanager
@@ -86,19 +80,31 @@ def replaced_folder(path: str | os.PathLike) -> Iterator[Path]:
         new = folder / _NEW
         new.mkdir()
         yield new
-        files = sorted(file.relative_to(new) for file in new.rglob("*") if file.is_file())
-        for file in files:
-            _flush(new / file)
         if target.exists():
-            for file in files:
-                _check_replaceable(Path(path) / file, target / file)
-                (target / file.parent).mkdir(exist_ok=True, parents=True)
-            for file in files:
-                _put(new / file, target / file)
+            put_files(new, path)
         else:
+            for file in files_in(new):
+                _flush(new / file)
             os.rename(new, target)
-        _flush_folder(target)
+            _flush_folder(target)
         _flush_folder(target.parent)
+
+
+def files_in(folder: Path) -> list[Path]:
+    """Files in a folder and in those in it, relative to it."""
+    return sorted(file.relative_to(folder) for file in folder.rglob("*") if file.is_file())
+
+
+def put_files(new: Path, path: str | os.PathLike) -> None:
+    """Put the files of a folder in the places of those of another one on the same file system; others stay there."""
+    target, files = Path(os.path.realpath(path)), files_in(new)
+    for file in files:
+        _flush(new / file)
+        _check_replaceable(Path(path) / file, target / file)
+        (target / file.parent).mkdir(exist_ok=True, parents=True)
+    for file in files:
+        _put(new / file, target / file)
+    _flush_folder(target)
 
 
 @contextmanager
@@ -141,7 +147,7 @@ def _put(file: Path, target: Path) -> None:
 def _private_folder(parent: Path) -> Iterator[Path]:
     """Make a folder that this user alone can enter, locked until the block ends and removed then."""
     _remove_left_behind(parent)
-    folder, lock = _locked_folder(parent)
+    folder, lock = locked_folder(parent, PREFIX, SUFFIX)
     try:
         yield folder
     finally:
@@ -149,56 +155,23 @@ def _private_folder(parent: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _locked_folder(parent: Path) -> tuple[Path, int]:
-    """Make a folder with a name that nobody can foresee, and lock it.
-
-    Another process may take it for left behind before it is locked; there is another name then.
-    """
-    while True:
-        folder = Path(tempfile.mkdtemp(SUFFIX, PREFIX, parent))
-        try:
-            lock = os.open(folder / _LOCK, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
-        except FileNotFoundError:
-            continue
-        except OSError:
-            folder.rmdir()
-            raise
-        if _take(lock) is not False and (folder / _LOCK).exists():
-            return folder, lock
-        os.close(lock)
-
-
-def _take(lock: int) -> bool | None:
-    """Lock an open file: False where another process has locked it, None where there are no locks."""
-    if fcntl is None:
-        return None
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return None
-    return True
-
-
 def _remove_left_behind(parent: Path) -> None:
     """Remove the private folders of this user in a folder whose processes have ended."""
     for folder in parent.glob(f"{PREFIX}*{SUFFIX}"):
         with suppress(OSError):
-            if folder.is_symlink() or (fcntl and folder.stat().st_uid != os.geteuid()):
-                continue
-            _remove_unlocked(folder)
+            if is_of_this_user(folder):
+                _remove_unlocked(folder)
 
 
 def _remove_unlocked(folder: Path) -> None:
     """Remove a private folder that no process has locked."""
     try:
-        lock = os.open(folder / _LOCK, os.O_RDWR)
+        lock = os.open(folder / LOCK, os.O_RDWR)
     except FileNotFoundError:
         folder.rmdir()  # if it is empty
         return
     try:
-        if _take(lock):
+        if take(lock):
             shutil.rmtree(folder, ignore_errors=True)
     finally:
         os.close(lock)
