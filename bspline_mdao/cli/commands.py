@@ -287,7 +287,7 @@ def init(**options) -> None:
     draft_study(**options)
 
 
-@command("optimize study.toml -o out", "optimize study.toml -o out --overwrite --max-iterations 5")
+@command("optimize study.toml -o out", "optimize study.toml -o out --restart")
 @click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
 @click.option(
     "-o",
@@ -298,6 +298,9 @@ def init(**options) -> None:
     help="Folder for the results, which is made.",
 )
 @click.option("--overwrite", is_flag=True, help="Use a folder that is not empty; results of another run are replaced.")
+@click.option(
+    "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
+)
 @click.option(
     "--max-iterations", type=click.IntRange(min=1), metavar="N", help="Stop earlier than the study says, for a try."
 )

@@ -13,8 +13,10 @@ from io import TextIOWrapper
 import click
 
 from ..errors import InputError, MovementError
-from ..numerics.processes import from_first, world
+from ..numerics.processes import from_first, n_launched, world
 from .commands import bspline_mdao
+from .lasting_stdout import drop_stdout
+from .termination import interrupt_when_terminated
 from .words import PROGRAM
 
 FAILED, INTERRUPTED = 2, 130
@@ -36,8 +38,10 @@ def main() -> None:
     ------
     SystemExit
         With 0 when all went well; with 2 after one line on standard error that says what, where and what to do; with
-        130 when the user interrupted.
+        130 when the user interrupted, or the process was terminated: that ends what one process does in the same way.
     """
+    if n_launched() < 2:
+        interrupt_when_terminated()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # file names that the terminal cannot show
@@ -84,7 +88,7 @@ def _run(arguments: Sequence[str], processes) -> int:
         _say(str(error.__cause__ or error) or "interrupted; each output is complete or as it was before")
         return INTERRUPTED
     except BrokenPipeError:
-        _close_stdout()  # the reader of a pipe had seen enough
+        drop_stdout()  # the reader of a pipe had seen enough
     except Exception as error:
         if os.environ.get("BSPLINE_MDAO_TRACEBACK"):
             traceback.print_exc()
@@ -118,8 +122,3 @@ def describe(error: Exception) -> str:
 def _say(message: str) -> None:
     """Print one line on standard error, whatever the message holds."""
     print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
-
-
-def _close_stdout() -> None:
-    """Let the interpreter flush into nowhere at exit instead of failing again."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,21 @@ import click
 import numpy as np
 import openmdao.api as om
 
-from ..errors import InputError
-from ..extras import INSTALL
-from ..io.disk import replaced_file
+from ..errors import InputError, MovementError
+from ..extras import INSTALL, library
+from ..io.disk import deferred_interrupts
+from ..io.run_folder import RunFolder
 from ..numerics.processes import on_first, world
 from ..om.design_summary import DesignSummary
+from ..om.drivers.case_file import count_cases
 from ..om.drivers.nlopt_driver import NLoptDriver
+from ..study.same_problem import problem_of
 from ..study.script import SCRIPT, study_script
-from ..study.study import Study, read_study
+from ..study.study import CASES, Study, read_study
+from .earlier_run import earlier_cases, killed_cases
+from .lasting_stdout import lasting_stdout
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
 from .sources import generator_of
-
-RESULTS = (SCRIPT, "model.h5", "grid_before.*", "grid_after.*", "cases.sql", "summary.csv", "report.html")
-"""Files that a run makes, by name or pattern."""
 
 STOPPED = "all bounds hold but for 1e-4, and this may be no optimum: see max_iterations and tolerance in [driver]"
 """What is said of a feasible design at which the driver did not converge."""
@@ -37,7 +39,12 @@ SLACK = 1e-4
 
 
 def optimize_study(
-    study: Path, output: Path, json: Path | None = None, overwrite: bool = False, max_iterations: int | None = None
+    study: Path,
+    output: Path,
+    json: Path | None = None,
+    overwrite: bool = False,
+    restart: bool = False,
+    max_iterations: int | None = None,
 ) -> None:
     """Run a study and show what came out.
 
@@ -51,33 +58,76 @@ def optimize_study(
         Numbers to write.
     overwrite : bool
         Use a folder that is not empty.
+    restart : bool
+        Go on from the best design that a run in the folder has recorded.
     max_iterations : int, optional
         Instead of what the study says.
 
     Raises
     ------
     InputError
-        If the study cannot be used, or the folder is not empty.
+        If the study cannot be used, the folder is not empty, or there is nothing to go on from.
     click.ClickException
         If the optimisation fails; what there is of it is kept.
     KeyboardInterrupt
         If the user interrupts; what there is is kept.
     """
     comm = world()
+    if comm.size > 1:
+        library("petsc4py", "a study on several processes needs petsc4py", "mpi")
+    if overwrite and restart:
+        raise InputError("--overwrite begins anew and --restart goes on; give one of them")
     found = on_first(comm, lambda: read_study(study))
     if max_iterations is not None:
         found = replace(found, driver=found.driver | {"max_iterations": max_iterations})
     found = replace(found, output=found.output | {"report": _is_reported(found)})
-    check_outputs([json], [study], comm)
-    script = output / SCRIPT
-    text = on_first(comm, lambda: _written(found, output, overwrite))
-    print_title(f"{study}: {script} runs" + (f" on {comm.size} processes" if comm.size > 1 else ""))
-    start = time.perf_counter()
-    problem, names = _run(script, text, output)
-    numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
-    with written_json(json, {"study": str(study), "folder": str(output), **numbers, "seconds": seconds}, comm):
-        pass
-    _tell(output, problem, numbers)
+    folder = RunFolder(output)
+    with lasting_stdout():
+        run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
+        print_title(f"{study}: {output / SCRIPT} runs{run.words()}" + f" on {comm.size} processes" * (comm.size > 1))
+        start = time.perf_counter()
+        problem, names = _run(run, folder, comm)
+        numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
+        numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
+        with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
+            pass
+        _tell(folder, problem, numbers)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run that is about to begin: its script, the private folder that it writes to, and what it goes on from."""
+
+    script: str
+    private: Path
+    n_earlier: int
+
+    def words(self) -> str:
+        """What is said of it."""
+        return f" from the best of {self.n_earlier} recorded designs" if self.n_earlier else ""
+
+
+def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: bool, restart: bool) -> _Run:
+    """Look at all that could be in the way of a run, and make its private folder."""
+    names = [SCRIPT, *study.results]
+    if folder.path.exists() and not folder.path.is_dir():
+        raise InputError(f"{folder.path}: is a file; name a folder for the results")
+    check_outputs([*(folder.path / name for name in names), json], [study.source, *study.inputs.values()])
+    generator = _generator(study)
+    if not (folder.is_empty or overwrite or restart):
+        n_killed = killed_cases(folder)
+        advice = f"--restart to go on from {n_killed} cases of a run that was killed, " if n_killed else ""
+        raise InputError(f"{folder.path}: is not empty; give {advice}--overwrite, or another folder")
+    folder.check([name for name in (*names, *study.folders) if not (restart and name == CASES)])  # it is taken over
+    earlier = earlier_cases(folder, study) if restart else None
+    private = folder.begin(problem_of(study))
+    try:
+        (private / SCRIPT).write_text(study_script(study, folder.path, generator), encoding="utf-8")
+        script = study_script(study, private, generator, earlier and earlier.resolve())
+    except BaseException:
+        folder.discard()
+        raise
+    return _Run(script, private, count_cases(earlier) if earlier else 0)
 
 
 def _is_reported(study: Study) -> bool:
@@ -98,47 +148,59 @@ def _generator(study: Study) -> str:
     return f"bm.{place.rpartition('.')[2]}({shape})"
 
 
-def _written(study: Study, folder: Path, overwrite: bool) -> str:
-    """Write the script of a study into its folder, and return it."""
-    generator = _generator(study)
-    script = _prepare(folder, overwrite) / SCRIPT
-    text = study_script(study, folder, generator)
-    with replaced_file(script) as part:
-        part.write_text(text, encoding="utf-8")
-    return text
-
-
-def _prepare(folder: Path, overwrite: bool) -> Path:
-    """Make the folder, or take the results of another run out of it."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder for the results")
-    if folder.is_dir() and any(folder.iterdir()) and not overwrite:
-        raise InputError(f"{folder}: is not empty; give --overwrite, or another folder")
-    folder.mkdir(parents=True, exist_ok=True)
-    for pattern in RESULTS:
-        for path in folder.glob(pattern):
-            if path.is_file():
-                path.unlink()
-    return folder
-
-
-def _run(script: Path, text: str, folder: Path) -> tuple[om.Problem, dict[str, Any]]:
-    """Run a script; return the problem, and all names that it gives."""
+def _run(run: _Run, folder: RunFolder, comm: Any) -> tuple[om.Problem, dict[str, Any]]:
+    """Run a script, and swap its results in; return the problem, and all names that it gives."""
+    script, failure = run.private / SCRIPT, None
     names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
     try:
-        with warnings.catch_warnings():  # the script counts linear solves of the flow, where OpenMDAO counts variables
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print_warnings([_as_seen(str(message), run, folder)])
+            # the script counts linear solves of the flow, where OpenMDAO counts variables
             warnings.filterwarnings("ignore", "Inefficient choice of derivative mode")
-            exec(compile(text, str(script), "exec"), names)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"interrupted; {folder} keeps {_kept(folder)}") from None
-    except om.AnalysisError as error:
-        raise click.ClickException(f"{error}; {folder} keeps {_kept(folder)}") from error
+            exec(compile(run.script, str(script), "exec"), names)
+    except BaseException as error:
+        failure = error
+    if comm.size == 1 and "problem" in names:
+        names["problem"].cleanup()  # closes the file of cases
+    kept = _kept(run, folder) if comm.rank == 0 else ""
+    if failure is not None:
+        raise _said(failure, run, folder, kept) from None
     return names["problem"], names
 
 
-def _kept(folder: Path) -> str:
-    """Name the results that there are."""
-    return ", ".join(sorted(path.name for pattern in RESULTS for path in folder.glob(pattern)))
+def _kept(run: _Run, folder: RunFolder) -> str:
+    """Swap the results of a run in, and name them; nothing where it ended before it had anything to replace others."""
+    with deferred_interrupts():
+        has_cases = count_cases(run.private / CASES) > run.n_earlier
+        has_more = any(path.name != SCRIPT for path in run.private.iterdir())
+        if has_cases or (has_more and not folder.names and not folder.left_behind()):
+            folder.keep()
+            return f"{folder.path} keeps {_listed(folder)}"
+        folder.discard()
+    return ""
+
+
+def _said(failure: BaseException, run: _Run, folder: RunFolder, kept: str) -> BaseException:
+    """What is said of a run that failed: where things are now, and what there is of it."""
+    words = "; ".join(part for part in (_as_seen(str(failure), run, folder), kept) if part)
+    if isinstance(failure, KeyboardInterrupt):
+        return KeyboardInterrupt(f"interrupted; {kept or f'{folder.path} is as it was'}")
+    if isinstance(failure, om.AnalysisError):
+        return click.ClickException(words)
+    if isinstance(failure, InputError | MovementError):
+        return type(failure)(words)
+    return failure
+
+
+def _as_seen(words: str, run: _Run, folder: RunFolder) -> str:
+    """Words with paths as they are once the results are in their places."""
+    inputs, results = f"{run.private}/../../", str(run.private)
+    return " ".join(words.replace(inputs, f"{folder.path.absolute()}/").replace(results, str(folder.path)).split())
+
+
+def _listed(folder: RunFolder) -> str:
+    """Name the results that there are, but for files in folders."""
+    return ", ".join(name for name in folder.names if "/" not in name)
 
 
 def _numbers(problem: om.Problem, before: DesignSummary, after: DesignSummary) -> dict[str, Any]:
@@ -175,18 +237,18 @@ def _is_feasible(summary: DesignSummary) -> bool:
     return True
 
 
-def _tell(folder: Path, problem: om.Problem, numbers: dict[str, Any]) -> None:
+def _tell(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any]) -> None:
     """Say how it ended and what was written; raise where it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
     if isinstance(driver, NLoptDriver) and driver.outcome is not None and driver.outcome.end == "INTERRUPTED":
-        raise KeyboardInterrupt(f"interrupted after {counts}; {folder} keeps the best design so far")
+        raise KeyboardInterrupt(f"interrupted after {counts}; {folder.path} keeps the best design so far")
     if not numbers["is_feasible"]:
         raise click.ClickException(
-            f"{folder}: no design that satisfies all constraints was found ({numbers['status']}); the results are "
+            f"{folder.path}: no design that satisfies all constraints was found ({numbers['status']}); the results are "
             f"kept. Give wider bounds, other constraints or more iterations"
         )
     if not numbers["success"]:
         print_warnings([f"{numbers['status']}; {STOPPED}"])
     print_lines([f"{numbers['status']}; {counts}"] if numbers["success"] else [])
-    print_lines([f"{folder}: {_kept(folder)}"])
+    print_lines([f"{folder.path}: {_listed(folder)}"])

@@ -60,7 +60,7 @@ def _check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | str |
         if not os.access(folder, os.W_OK):
             raise InputError(f"{path}: no permission to write to '{folder}'; choose another folder")
         if os.path.realpath(path) in taken:
-            raise InputError(f"{path}: {taken[os.path.realpath(path)]}; choose another name")
+            raise InputError(f"{path}: {taken[os.path.realpath(path)]}; choose another name or folder")
         taken[os.path.realpath(path)] = "is written twice by this command"
 
 

@@ -32,6 +32,7 @@ __all__ = [
     "from_first",
     "gathered",
     "largest",
+    "n_launched",
     "norm",
     "on_first",
     "summed",
@@ -64,14 +65,18 @@ def world() -> Any:
     ImportError
         If there are several and mpi4py is missing: each would do everything, and write to the same files.
     """
-    sizes = [int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdigit()]
-    if max(sizes, default=1) < 2:
+    if n_launched() < 2:
         return ONE
     try:
         from mpi4py import MPI
     except ImportError as error:
         raise ImportError('several processes need mpi4py: pip install "bspline_mdao[mpi]"') from error
     return MPI.COMM_WORLD
+
+
+def n_launched() -> int:
+    """Number of processes that a launcher of MPI has started."""
+    return max((int(os.environ[name]) for name in SIZES if os.environ.get(name, "").isdigit()), default=1)
 
 
 @contextmanager

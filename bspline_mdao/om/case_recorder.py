@@ -78,23 +78,30 @@ class CaseRecorder(om.SqliteRecorder):
         super().__init__(filepath, **options)
         self.longest, self.keep = longest, (keep,) if isinstance(keep, str) else tuple(keep)
         self.left_out: set[str] = set()
-        self._earlier, self._is_failing = earlier, False
+        self._earlier, self._is_failing, self._is_alone = earlier, False, True
         self._n_cases = self._n_iterations = 0  # of the earlier file
 
     def startup(self, recording_requester, comm=None):
         """Begin a file, or go on behind the cases of the earlier one; called by OpenMDAO."""
-        is_new = not self._database_initialized
-        try:
-            super().startup(recording_requester, comm)
-        except sqlite3.Error as error:
-            if comm is not None and comm.size > 1:  # the others wait for this process: it ends them
-                raise
-            raise InputError(f"{self._filepath}: cannot be written ({error}); choose another place") from error
+        is_new, self._is_alone = not self._database_initialized, comm is None or comm.size == 1
+        self._begin(super().startup, recording_requester, comm)
         if is_new and self._earlier is not None:
             with together(comm or ONE):
                 if self.connection:
                     self._n_cases, self._n_iterations = take_over(self.connection, self._earlier)
         self._counter = self._n_cases
+
+    def record_viewer_data(self, model_viewer_data, key="Driver"):
+        """Record the diagram of the model."""
+        self._begin(super().record_viewer_data, model_viewer_data, key)
+
+    def record_metadata_system(self, system, run_number=None):
+        """Record the options of a system."""
+        self._begin(super().record_metadata_system, system, run_number)
+
+    def record_metadata_solver(self, solver, run_number=None):
+        """Record the options of a solver."""
+        self._begin(super().record_metadata_solver, solver, run_number)
 
     def record_iteration_driver(self, driver, data, metadata):
         """Record an iteration of a driver: its design variables and responses, and what else is short."""
@@ -122,6 +129,15 @@ class CaseRecorder(om.SqliteRecorder):
         """Number an iteration of the driver behind those of the earlier file."""
         head, _, number = self._iteration_coordinate.rpartition("|")
         self._iteration_coordinate = f"{head}|{int(number) + self._n_iterations}"
+
+    def _begin(self, record: Callable, *what) -> None:
+        """Write what a file begins with, without which nobody can read it."""
+        try:
+            record(*what)
+        except sqlite3.Error as error:
+            if not self._is_alone:  # the other processes wait for this one: the error ends them
+                raise
+            raise InputError(f"{self._filepath}: cannot be written ({error}); choose another place") from error
 
     def _write(self, record: Callable, *case) -> None:
         """Write a case; the first of some that cannot be written is a warning."""

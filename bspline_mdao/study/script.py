@@ -47,7 +47,7 @@ IS_FIRST = world().rank == 0  # of several processes, under mpirun, the first on
 '''
 
 
-def study_script(study: Study, folder: Path, generator: str = "") -> str:
+def study_script(study: Study, folder: Path, generator: str = "", earlier: Path | None = None) -> str:
     """Write the script of a study.
 
     Parameters
@@ -58,13 +58,15 @@ def study_script(study: Study, folder: Path, generator: str = "") -> str:
         Folder of the script: names of files in it are relative to that.
     generator : str
         Call that makes the grid, where it is a built-in one.
+    earlier : Path, optional
+        Case file of another run, from whose best design it goes on.
 
     Returns
     -------
     str
         Python.
     """
-    lines = _Script(study, folder, generator).lines()
+    lines = _Script(study, folder, generator, earlier).lines()
     return "\n".join(part for line in lines for part in _folded(line)) + "\n"
 
 
@@ -92,8 +94,8 @@ def _folded(line: str) -> list[str]:
 class _Script:
     """Writes the parts of a script one after the other."""
 
-    def __init__(self, study: Study, folder: Path, generator: str):
-        self.study, self.folder, self.generator = study, folder, generator
+    def __init__(self, study: Study, folder: Path, generator: str, earlier: Path | None):
+        self.study, self.folder, self.generator, self.earlier = study, folder, generator, earlier
 
     def lines(self) -> Iterator[str]:
         """Lines of the script."""
@@ -325,10 +327,10 @@ class _Script:
 
     def _run(self) -> Iterator[str]:
         """Run before and after, and what is written."""
-        study = self.study
-        suffix = study.output["grid"] or ("cgns" if Path(study.grid["file"]).suffix == ".cgns" else "xyz")
+        study, first = self.study, "with together(problem.comm):\n    if IS_FIRST:"
+        old = self.earlier and f"HERE / {_python(Path(os.path.relpath(self.earlier, self.folder)).as_posix())}"
         yield f"outputs = {_python(self._outputs())}"
-        yield 'driver.add_recorder(om.SqliteRecorder(str(HERE / "cases.sql")))'
+        yield f'driver.add_recorder(bm.CaseRecorder(HERE / "cases.sql", keep="*"{f", earlier={old}" if old else ""}))'
         if study.output["report"]:
             field = "Cp" if study.flow and study.flow["kind"] == "euler" else "delta_Cp"
             pressures = [f"{name}.{field}" for name in study.conditions] or [field]
@@ -339,21 +341,19 @@ class _Script:
             yield 'driver.recording_options["record_derivatives"] = True'
         yield f"problem.setup({self._mode()})"
         yield from self._values()
-        yield "problem.run_model()"
-        yield "before = bm.design_summary(problem, outputs)"
-        yield "with together(problem.comm):"
-        yield "    if IS_FIRST:"
+        yield "problem.run_model()\nbefore = bm.design_summary(problem, outputs)"
+        yield first
         yield '        model.save(HERE / "model.h5")'
-        yield f'        bm.write_grid(HERE / "grid_before.{suffix}", model.regenerate())\n'
+        yield f'        bm.write_grid(HERE / "grid_before.{study.suffix}", model.regenerate())\n'
+        if old:
+            yield f"bm.load_best(problem, {old})"
         yield "problem.run_driver()"
         finer = f", finer={FINER} if problem.comm.size == 1 else None" if self._is_estimated else ""
         yield f"after = bm.design_summary(problem, outputs{finer})"
-        yield "with together(problem.comm):"
-        yield "    if IS_FIRST:"
+        yield first
         moved = 'model.regenerate(problem.get_val("control_points").reshape(-1, 3))'
-        yield f'        bm.write_grid(HERE / "grid_after.{suffix}", {moved})'
-        yield '        after.write_csv(HERE / "summary.csv", before)'
-        yield "        print(after.table(before))"
+        yield f'        bm.write_grid(HERE / "grid_after.{study.suffix}", {moved})'
+        yield '        after.write_csv(HERE / "summary.csv", before)\n        print(after.table(before))'
         if study.output["report"]:
             title = _python(f"{study.source.stem}: {study.objective['of']}")
             told = f"title={title}" + (", estimates=after.estimates" if self._is_estimated else "")

@@ -33,7 +33,7 @@ from .keys import (
 )
 from .toml_lines import key_lines, line_of
 
-__all__ = ["Study", "read_study"]
+__all__ = ["CASES", "Study", "read_study"]
 
 Table = dict[str, Any]
 """Values by key; what was left out is there with its default, or None."""
@@ -46,6 +46,9 @@ _TAKEN = ("CM", "Cp", "states", "Mach_number", "CL_target", "flow", "grid_moveme
 """Other inputs, outputs and subsystems of the problem."""
 
 _MAX_BYTES = 2**20
+
+CASES = "cases.sql"
+"""File of the recorded cases among the results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +91,32 @@ class Study:
     def is_built_in(self) -> bool:
         """Whether the grid is a built-in one."""
         return self.grid["file"].startswith("@")
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that it names, by their keys in ``[grid]``."""
+        names = {key: self.grid[key] for key in ("file", "patches")}
+        return {key: self.source.parent / name for key, name in names.items() if name and not name.startswith("@")}
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the grids that are written."""
+        return self.output["grid"] or ("cgns" if Path(self.grid["file"]).suffix == ".cgns" else "xyz")
+
+    @property
+    def results(self) -> list[str]:
+        """Files that its script writes; the page as well, unless it is left out."""
+        page = ["report.html"] if self.output["report"] is not False else []
+        return ["model.h5", *self._grids, CASES, "summary.csv", *page]
+
+    @property
+    def folders(self) -> list[str]:
+        """Folders that its script writes files to."""
+        return [name.removesuffix(".vtm") for name in self._grids if name.endswith(".vtm")]
+
+    @property
+    def _grids(self) -> list[str]:
+        return [f"grid_{when}.{self.suffix}" for when in ("before", "after")]
 
     @property
     def responses(self) -> list[str]:

@@ -1,5 +1,6 @@
 """Optimisations go on from the best design that was recorded, and their cases behind those of the run before."""
 
+import os
 import sqlite3
 from contextlib import closing
 from functools import partial
@@ -19,7 +20,7 @@ NLOPT = {"optimizer": "LD_SLSQP", "disp": False}
 def recorded(problem, file, driver=None, **recorder):
     """The problem, set up with a driver that records."""
     problem.driver = driver or NLoptDriver(**NLOPT)
-    problem.driver.add_recorder(CaseRecorder(file, record_viewer_data=False, **recorder))
+    problem.driver.add_recorder(CaseRecorder(file, **{"record_viewer_data": False, **recorder}))
     problem.driver.recording_options["record_derivatives"] = True
     problem.setup()
     return problem
@@ -208,3 +209,21 @@ def test_a_file_that_cannot_be_made_is_refused_when_the_run_begins(tmp_path):
     (tmp_path / "folder.sql").mkdir()
     with pytest.raises(InputError, match=r"folder\.sql: cannot be written"):
         recorded(paraboloid(), tmp_path / "folder.sql").final_setup()
+
+
+def test_a_disk_that_is_full_at_the_start_is_said_in_one_line(tmp_path, monkeypatch):
+    connect = sqlite3.connect
+
+    def full(n_pages, path, *arguments, **settings):
+        found = connect(path, *arguments, **settings)
+        found.execute(f"PRAGMA max_page_count = {n_pages}")
+        return found
+
+    problem = recorded(ball(), tmp_path / "a.sql", record_viewer_data=True)
+    problem.final_setup()
+    n = os.path.getsize(tmp_path / "a.sql") // 4096
+    words = r"a\.sql: cannot be written \(database or disk is full\); choose another place"
+    for n_pages in (5, n - 8, n - 4, n - 1):  # among the tables, or what is said of the model
+        monkeypatch.setattr(sqlite3, "connect", partial(full, n_pages))
+        with pytest.raises(InputError, match=words):
+            recorded(ball(), tmp_path / "a.sql", record_viewer_data=True).final_setup()

@@ -8,6 +8,7 @@ import pytest
 from parallel_cases import run_ranks
 
 from bspline_mdao import read_grid
+from bspline_mdao.io.run_folder import MANIFEST
 from bspline_mdao.model.fitted_model import FittedModel
 
 pytestmark = pytest.mark.slow
@@ -97,7 +98,7 @@ def test_a_study_of_two_conditions_on_two_ranks_is_that_on_one(tmp_path):
         folder = tmp_path / f"of{n}"
         numbers = numbers_of(n, tmp_path / f"{n}.json", "optimize", tmp_path / "two.toml", "-o", folder)
         assert {path.name for path in folder.iterdir()} == {
-            *("optimize.py", "model.h5", "grid_before.xyz", "grid_after.xyz", "cases.sql", "summary.csv")
+            *("optimize.py", "model.h5", "grid_before.xyz", "grid_after.xyz", "cases.sql", "summary.csv", MANIFEST)
         }
         n_cases = len(om.CaseReader(str(folder / "cases.sql")).list_cases("driver", out_stream=None))
         found[n] = numbers["after"], read_grid(folder / "grid_after.xyz").to_vector(), n_cases
