@@ -241,7 +241,7 @@ def _tell(folder: RunFolder, problem: om.Problem, numbers: dict[str, Any]) -> No
     """Say how it ended and what was written; raise where it failed."""
     driver = problem.driver
     counts = f"{numbers['evaluations']} evaluations, {numbers['gradients']} gradients"
-    if isinstance(driver, NLoptDriver) and driver.outcome is not None and driver.outcome.end == "INTERRUPTED":
+    if driver.is_interrupted:
         raise KeyboardInterrupt(f"interrupted after {counts}; {folder.path} keeps the best design so far")
     if not numbers["is_feasible"]:
         raise click.ClickException(

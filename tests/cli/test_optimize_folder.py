@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 from test_optimize import LEAST_AREA, RESULTS, names_in, summary
 
 import bspline_mdao
-from bspline_mdao import InputError, fit_grid, onera_m6_grid, write_grid
+from bspline_mdao import InputError, ScipyDriver, fit_grid, onera_m6_grid, write_grid
 from bspline_mdao.cli.main import run
 from bspline_mdao.io import run_folder
 from bspline_mdao.io.run_folder import MANIFEST, PREFIX, RunFolder
@@ -282,6 +283,23 @@ def test_a_run_that_went_on_and_was_killed_goes_on_again(workplace):
     assert run(["optimize", "area.toml", "-o", "out", "--restart"]) == 0
     assert names_in("out") == RESULTS
     assert count_cases("out/cases.sql") > n + 5
+
+
+def test_an_interrupted_run_of_scipy_gives_its_best_design_too(workplace, capsys, monkeypatch):
+    evaluate, n = ScipyDriver._objfunc, count()
+
+    def interrupted_once(driver, x):
+        if next(n) == 5:
+            raise KeyboardInterrupt
+        return evaluate(driver, x)
+
+    monkeypatch.setattr(ScipyDriver, "_objfunc", interrupted_once)
+    scipy = study("scipy.toml", "[output]", '[driver]\noptimizer = "SLSQP"\n[output]')
+    assert fails(capsys, scipy, "-o", "out", status=130).startswith("interrupted after 7 evaluations")
+    assert names_in("out") == RESULTS
+    assert float(summary("out")["surface_area"]["after"]) == pytest.approx(best_of("out/cases.sql"), rel=1e-12)
+    assert run(["optimize", scipy, "-o", "out", "--restart"]) == 0
+    assert float(summary("out")["surface_area"]["after"]) == pytest.approx(0.928707, abs=1e-5)
 
 
 def test_two_runs_do_not_work_in_one_folder(workplace, capsys):

@@ -136,3 +136,48 @@ def test_the_bar_tells_of_runs_and_of_the_best_objective(monkeypatch):
     assert all(fraction < 0 for _, fraction, _ in told)
     assert best == sorted(best, reverse=True)
     assert best[-1] < 1e-6
+
+
+class Interrupted(Walled):
+    """The bowl, during whose n-th run an interrupt arrives, once."""
+
+    def initialize(self):
+        super().initialize()
+        self.n_runs, self.n_end = 0, 10**9
+
+    def compute(self, inputs, outputs):
+        self.n_runs += 1
+        outputs["f"] = np.nan  # half a run
+        if self.n_runs == self.n_end:
+            raise KeyboardInterrupt
+        super().compute(inputs, outputs)
+
+
+@pytest.mark.parametrize("optimizer", ["SLSQP", "COBYLA", "trust-constr"])
+@pytest.mark.parametrize("n", [4, 5, 9])
+def test_an_interrupt_leaves_the_best_design_that_satisfies_the_constraints(optimizer, n):
+    problem, component = walled(optimizer, {"upper": 4.0}, make=Interrupted, is_beyond=lambda x: False)
+    component.n_end, found = n, []
+    run = module.ScipyDriver._keep
+
+    def watched(driver, objective):
+        run(driver, objective)
+        found.append((problem.get_val("f").item(), problem.get_val("total").item()))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module.ScipyDriver, "_keep", watched)
+        result = problem.run_driver()
+    assert problem.driver.is_interrupted
+    assert not result.success
+    assert problem.get_val("f").item() == min(f for f, total in found if total <= 4.0 + 1e-6)
+    assert problem.get_val("f").item() == problem.driver.best.objective
+    component.n_end = 10**9
+    problem.run_driver()
+    assert not problem.driver.is_interrupted
+
+
+def test_an_interrupt_before_the_first_design_passes_through():
+    problem, component = walled("SLSQP", make=Interrupted, is_beyond=lambda x: False)
+    component.n_end = 1
+    with pytest.raises(KeyboardInterrupt):
+        problem.run_driver()

@@ -128,3 +128,21 @@ def test_a_flow_is_in_the_series_with_its_walls(model, tmp_path):
 def test_a_series_that_cannot_be_is_refused_at_once(arguments, advice):
     with pytest.raises(InputError, match=re.escape(advice)):
         SeriesRecorder(*arguments)
+
+
+def test_a_full_disk_leaves_iterations_out_and_does_not_end_the_run(model, tmp_path, monkeypatch):
+    problem = twisted(model, DRIVERS["NLopt"](), SeriesRecorder(tmp_path / "wing.pvd", which="all"))
+    write, numbers = Snapshot.write, []
+
+    def full(snapshot, path):
+        numbers.append(int(path.stem))
+        if len(numbers) in (2, 3):
+            raise InputError(f"{path}: cannot be written (No space left on device); choose another place")
+        return write(snapshot, path)
+
+    monkeypatch.setattr(Snapshot, "write", full)
+    with pytest.warns(om.CaseRecorderWarning, match="an iteration is missing .*No space left") as caught:
+        assert problem.run_driver().success
+    problem.cleanup()
+    assert len([each for each in caught if each.category is om.CaseRecorderWarning]) == 1
+    assert list(series(tmp_path / "wing.pvd")) == [n for n in numbers if n not in numbers[1:3]]

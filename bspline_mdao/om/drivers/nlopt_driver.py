@@ -205,6 +205,11 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         """Scaled violation up to which constraints count as satisfied."""
         return self.options["constraint_tolerance"]
 
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the last run was interrupted from the keyboard, and ended in good order."""
+        return self.outcome is not None and self.outcome.end == "INTERRUPTED"
+
     def get_exit_status(self) -> str:
         """Describe the end of the last run in words."""
         if self.outcome is None or self.best is None:

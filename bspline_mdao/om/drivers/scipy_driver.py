@@ -9,6 +9,7 @@ import numpy as np
 import openmdao.api as om
 
 from ...numerics.progress import Progress, shown
+from .case_history import FEASIBLE
 from .kept_design import KeptDesign
 from .nlopt_problem import Point, Statement
 from .nlopt_rules import SearchRecord, Substitute, uphill, worst
@@ -23,9 +24,6 @@ RECOVERIES = {
 }
 """What optimizers are given where an analysis fails. Those that are not here were seen to end elsewhere than at the
 optimum with any of it (BFGS, CG, trust-constr), or do not call the driver as they should: failures pass through."""
-
-LARGEST_VIOLATION = 1e-6
-"""Scaled violation up to which constraints count as satisfied, as `NLoptDriver` has it by default."""
 
 
 class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
@@ -54,6 +52,8 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         Number of analyses that failed in the last run.
     best : Point or None
         The best point of the last run so far, see `bspline_mdao.om.drivers.kept_design`.
+    is_interrupted : bool
+        Whether the last run was interrupted from the keyboard.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
     @property
     def largest_violation(self) -> float:
         """Scaled violation up to which constraints count as satisfied."""
-        return LARGEST_VIOLATION
+        return FEASIBLE
 
     def run(self) -> bool:
         """Optimise.
@@ -181,7 +181,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         """Take the first run, which the driver has done already, for the first point."""
         self._model = ScaledModel(self)
         limits = self._model.design_limits(), self._model.constraint_limits()
-        self._statement = Statement.of(*limits, LARGEST_VIOLATION)
+        self._statement = Statement.of(*limits, FEASIBLE)
         self.best = self._statement.point(*self._model.present())
         if not (np.isfinite(self.best.objective) and np.isfinite(self.best.constraints).all()):
             self.best = None
@@ -199,7 +199,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
         assert self.best is not None
         point = self._statement.point(*self._model.present())
         is_number = np.isfinite(point.objective) and np.isfinite(point.constraints).all()
-        if is_number and point.is_better(self.best, LARGEST_VIOLATION):
+        if is_number and point.is_better(self.best, FEASIBLE):
             self.best = point
 
     def _place_at_best(self) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from openmdao.recorders.case_recorder import CaseRecorder
+from openmdao.utils.om_warnings import CaseRecorderWarning, issue_warning
 
 from ...errors import InputError
 from ...io.disk import replaced_file
@@ -30,7 +32,8 @@ class SeriesRecorder(CaseRecorder):
     A major iteration is one at which the driver asks for derivatives, where an algorithm takes a new direction; of
     drivers without derivatives, each run of the model. To be told of these, the recorder sets the recording option
     ``record_derivatives`` of the driver. The last run of the model is written in ``Problem.cleanup``, which OpenMDAO
-    calls at the end of the program at the latest. Of several processes, the first writes what all of them have.
+    calls at the end of the program at the latest. Of several processes, the first writes what all of them have. What
+    cannot be written, since the disk is full for example, is a warning and not the end of the run.
 
     Parameters
     ----------
@@ -64,7 +67,7 @@ class SeriesRecorder(CaseRecorder):
         self._lines: list[str] = []
         self._last: tuple[int, Snapshot] | None = None
         self._n_written = -1
-        self._is_major_known = False
+        self._is_major_known = self._is_failing = False
 
     def startup(self, recording_requester, comm=None):
         """Begin the series anew; called by OpenMDAO."""
@@ -96,13 +99,26 @@ class SeriesRecorder(CaseRecorder):
     def shutdown(self):
         """Write the last run of the model, where that has not been done; called by ``Problem.cleanup``."""
         if self._last is not None and self._record_on_proc is not False:
-            self._write_files()
+            self._try(self._write_files)
 
     def _write(self, comm) -> None:
         """Write the last run of the model, once; of several processes the first one does."""
         if self._last is not None and self._last[0] != self._n_written:
-            on_first(comm, self._write_files)
+            self._try(lambda: on_first(comm, self._write_files))
             self._n_written = self._last[0]
+
+    def _try(self, write: Callable[[], None]) -> None:
+        """Write something; the first of some that cannot be written is a warning."""
+        try:
+            write()
+            self._is_failing = False
+        except (InputError, OSError) as error:
+            if not self._is_failing:
+                issue_warning(
+                    f"{self.path}: an iteration is missing ({error}); the run goes on, and tries again",
+                    category=CaseRecorderWarning,
+                )
+            self._is_failing = True
 
     def _write_files(self) -> None:
         """Write the files of an iteration, and the series with them."""
