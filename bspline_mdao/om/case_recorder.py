@@ -91,6 +91,12 @@ class CaseRecorder(om.SqliteRecorder):
                     self._n_cases, self._n_iterations = take_over(self.connection, self._earlier)
         self._counter = self._n_cases
 
+    def _initialize_database(self, comm):
+        """Make the file, in whose place the earlier one is not; called by OpenMDAO, which removes what is there."""
+        if self._earlier is not None and os.path.realpath(self._earlier) == os.path.realpath(self._filepath):
+            raise InputError(f"{self._filepath}: is the file of the earlier run; record into another one")
+        super()._initialize_database(comm)
+
     def record_viewer_data(self, model_viewer_data, key="Driver"):
         """Record the diagram of the model."""
         self._begin(super().record_viewer_data, model_viewer_data, key)

@@ -12,6 +12,7 @@ import openmdao.api as om
 
 from ..errors import InputError
 from ..flow.euler.error_estimate import ErrorEstimate
+from ..io.disk import replaced_file
 from ..shown import OneLine
 from .flow.error_estimate import FUNCTIONALS, error_estimate
 from .flow.euler_flow import EulerFlow
@@ -137,13 +138,10 @@ class DesignSummary(OneLine):
         """
         heads = ("role", "name", *self._heads(before, "finer", "remaining"))
         rows = self._rows(before, None)
-        try:
-            with open(path, "w", newline="", encoding="utf-8") as file:
-                writer = csv.writer(file)
-                writer.writerow(heads)
-                writer.writerows([role, label, *map(_exact, columns)] for role, label, columns in rows)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another place") from error
+        with replaced_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(heads)
+            writer.writerows([role, label, *map(_exact, columns)] for role, label, columns in rows)
 
     def numbers(self) -> dict[str, dict]:
         """Values and bounds by name, as lists, for JSON; ``finer`` and ``remaining`` where errors are estimated."""

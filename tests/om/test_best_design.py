@@ -145,6 +145,14 @@ def damaged(data, random):
     return bytes(data)
 
 
+def test_a_recorder_does_not_write_where_it_goes_on_from(cases, tmp_path, monkeypatch):
+    data = cases.read_bytes()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="is the file of the earlier run; record into another one"):
+        recorded(ball(), cases, earlier="a.sql").final_setup()
+    assert cases.read_bytes() == data
+
+
 def refusal(act):
     """What is said where something is refused; empty where it is not."""
     try:

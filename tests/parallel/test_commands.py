@@ -1,6 +1,7 @@
 """Commands on several ranks give what they give on one, and one rank prints."""
 
 import json
+import os
 
 import numpy as np
 import openmdao.api as om
@@ -10,6 +11,7 @@ from parallel_cases import run_ranks
 from bspline_mdao import read_grid
 from bspline_mdao.io.run_folder import MANIFEST
 from bspline_mdao.model.fitted_model import FittedModel
+from bspline_mdao.om.drivers.case_file import count_cases
 
 pytestmark = pytest.mark.slow
 
@@ -133,3 +135,30 @@ def test_a_report_of_a_missing_file_is_refused_on_all_ranks(tmp_path):
     )
     assert first.endswith("2\n")
     assert others == ["2\n"]
+
+
+def test_a_run_of_one_rank_goes_on_with_two_in_one_history(tmp_path):
+    (tmp_path / "two.toml").write_text(TWO_CONDITIONS)
+    command = ("optimize", tmp_path / "two.toml", "-o", tmp_path / "out")
+    numbers_of(1, tmp_path / "1.json", *command)
+    n = count_cases(tmp_path / "out" / "cases.sql")
+    assert numbers_of(2, tmp_path / "2.json", *command, "--restart")["evaluations_before"] == n
+    reader = om.CaseReader(str(tmp_path / "out" / "cases.sql"))
+    cases = [reader.get_case(name) for name in reader.list_cases("driver", out_stream=None)]
+    assert len(cases) > n
+    twists = [case["twist"].item() for case in cases]
+    assert min(abs(twists[n] - twist) for twist in twists[:n]) < 1e-12
+
+
+def test_several_ranks_without_petsc_say_so_once(tmp_path, monkeypatch):
+    (tmp_path / "petsc4py").mkdir()
+    (tmp_path / "petsc4py" / "__init__.py").write_text("raise ImportError('libpetsc.so: no such file')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    (tmp_path / "two.toml").write_text(TWO_CONDITIONS)
+    command = ("optimize", str(tmp_path / "two.toml"), "-o", str(tmp_path / "out"))
+    first, second = run_ranks("cases/command.py", 2, *command)
+    words = (
+        "bspline-mdao: a study on several processes needs petsc4py, which is installed but cannot be imported"
+    )
+    assert [first.startswith(words), first.endswith("\n2\n"), second] == [True, True, "2\n"]
+    assert not (tmp_path / "out").exists()
