@@ -84,9 +84,8 @@ def optimize_study(
     folder = RunFolder(output)
     with lasting_stdout():
         run = on_first(comm, lambda: _prepared(found, folder, json, overwrite, restart))
-        print_title(f"{study}: {output / SCRIPT} runs{run.words()}" + f" on {comm.size} processes" * (comm.size > 1))
         start = time.perf_counter()
-        problem, names = _run(run, folder, comm)
+        problem, names = _run(run, folder, comm, f"{study}: {output / SCRIPT} runs")
         numbers, seconds = _numbers(problem, names["before"], names["after"]), time.perf_counter() - start
         numbers |= {"evaluations_before": run.n_earlier, "seconds": seconds}
         with written_json(json, {"study": str(study), "folder": str(output), **numbers}, comm):
@@ -102,9 +101,10 @@ class _Run:
     private: Path
     n_earlier: int
 
-    def words(self) -> str:
+    def words(self, comm: Any) -> str:
         """What is said of it."""
-        return f" from the best of {self.n_earlier} recorded designs" if self.n_earlier else ""
+        start = f" from the best of {self.n_earlier} recorded designs" if self.n_earlier else ""
+        return start + (f" on {comm.size} processes" if comm.size > 1 else "")
 
 
 def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: bool, restart: bool) -> _Run:
@@ -148,11 +148,12 @@ def _generator(study: Study) -> str:
     return f"bm.{place.rpartition('.')[2]}({shape})"
 
 
-def _run(run: _Run, folder: RunFolder, comm: Any) -> tuple[om.Problem, dict[str, Any]]:
+def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:
     """Run a script, and swap its results in; return the problem, and all names that it gives."""
     script, failure = run.private / SCRIPT, None
     names: dict[str, Any] = {"__name__": "__main__", "__file__": str(script)}
     try:
+        print_title(title + run.words(comm))
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: print_warnings([_as_seen(str(message), run, folder)])
             # the script counts linear solves of the flow, where OpenMDAO counts variables
@@ -172,7 +173,7 @@ def _kept(run: _Run, folder: RunFolder) -> str:
     """Swap the results of a run in, and name them; nothing where it ended before it had anything to replace others."""
     with deferred_interrupts():
         has_cases = count_cases(run.private / CASES) > run.n_earlier
-        has_more = any(path.name != SCRIPT for path in run.private.iterdir())
+        has_more = any(path.name not in (SCRIPT, CASES) for path in run.private.iterdir())
         if has_cases or (has_more and not folder.names and not folder.left_behind()):
             folder.keep()
             return f"{folder.path} keeps {_listed(folder)}"

@@ -11,6 +11,7 @@ import pytest
 from component_cases import two_blocks
 
 from bspline_mdao import FittedModel, fit_grid, read_grid, write_grid
+from bspline_mdao.cli.termination import interrupt_when_terminated
 from bspline_mdao.io.disk import deferred_interrupts
 from bspline_mdao.numerics.threads import run_tasks
 
@@ -106,3 +107,42 @@ def test_other_threads_stop_when_the_first_is_interrupted():
     with pytest.raises(KeyboardInterrupt):
         run_tasks(task, 100_000, 3)
     assert len(done) < 1000
+
+
+@pytest.fixture
+def terminations():
+    """Signals that end a process, as they are by default, until the test is over."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGHUP)}
+    yield list(before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("handler", [signal.default_int_handler, signal.SIG_IGN])
+def test_a_signal_that_ends_a_process_is_an_interrupt_also_where_those_are_ignored(terminations, handler):
+    interrupt_when_terminated()
+    signal.signal(signal.SIGINT, handler)
+    for number in terminations:
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+
+
+def test_a_termination_waits_where_an_interrupt_would_be_lost(terminations):
+    reached = []
+
+    def work():
+        with deferred_interrupts():
+            signal.raise_signal(signal.SIGTERM)
+            reached.append(True)
+
+    interrupt_when_terminated()
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert reached
+
+
+def test_signals_that_are_ignored_stay_ignored(terminations):
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as under nohup
+    interrupt_when_terminated()
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    signal.raise_signal(signal.SIGHUP)
