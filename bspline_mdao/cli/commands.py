@@ -297,7 +297,7 @@ def init(**options) -> None:
     required=True,
     help="Folder for the results, which is made.",
 )
-@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty; results of another run are replaced.")
+@click.option("--overwrite", is_flag=True, help="Use a folder that is not empty: what the last run wrote is replaced.")
 @click.option(
     "--restart", is_flag=True, help="Go on from the best design recorded there, by a run that ended or was killed."
 )

@@ -175,7 +175,10 @@ def _kept(run: _Run, folder: RunFolder) -> str:
         has_cases = count_cases(run.private / CASES) > run.n_earlier
         has_more = any(path.name not in (SCRIPT, CASES) for path in run.private.iterdir())
         if has_cases or (has_more and not folder.names and not folder.left_behind()):
-            folder.keep()
+            try:
+                folder.keep()
+            except (InputError, OSError) as error:
+                raise InputError(f"{error}; results stay in {run.private}, and --restart goes on from them") from error
             return f"{folder.path} keeps {_listed(folder)}"
         folder.discard()
     return ""

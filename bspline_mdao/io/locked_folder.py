@@ -57,8 +57,8 @@ def is_of_this_user(folder: Path) -> bool:
     return not folder.is_symlink() and (fcntl is None or folder.stat().st_uid == os.geteuid())
 
 
-def is_left_behind(folder: Path) -> bool:
-    """Whether a folder of this user is locked by no process; where there are no locks, none is known to have it."""
+def is_left_behind(folder: Path, is_certain: bool = False) -> bool:
+    """Whether a folder of this user is locked by no process, as far as is known or, with locks, for certain."""
     if not is_of_this_user(folder):
         return False
     try:
@@ -66,6 +66,7 @@ def is_left_behind(folder: Path) -> bool:
     except FileNotFoundError:
         return True
     try:
-        return take(lock) is not False
+        is_free = take(lock)
+        return is_free is True or (is_free is None and not is_certain)
     finally:
         os.close(lock)

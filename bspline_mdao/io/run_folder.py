@@ -58,9 +58,9 @@ class RunFolder:
         """Names of the files that the last run wrote."""
         return sorted(_files_of(self.path))
 
-    def left_behind(self) -> list[Path]:
-        """Private folders of runs that were killed."""
-        return [folder for folder in self.path.glob(f"{PREFIX}*") if is_left_behind(folder)]
+    def left_behind(self, is_certain: bool = False) -> list[Path]:
+        """Private folders of runs that were killed, as far as is known or for certain."""
+        return [folder for folder in self.path.glob(f"{PREFIX}*") if is_left_behind(folder, is_certain)]
 
     def check(self, wanted: Iterable[str]) -> None:
         """Refuse the folder where a run is at work, or where files are in the way that no run wrote.
@@ -101,10 +101,14 @@ class RunFolder:
             The folder in it to write to. It is locked until the run ends.
         """
         self._made = [place for place in (self.path, *self.path.parents) if not place.exists()]
-        self.path.mkdir(parents=True, exist_ok=True)
-        self._private, self._lock = locked_folder(Path(os.path.realpath(self.path)), PREFIX)
-        _write_manifest(self._private, {}, about)
-        (self._private / RESULTS).mkdir()
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._private, self._lock = locked_folder(Path(os.path.realpath(self.path)), PREFIX)
+            _write_manifest(self._private, {}, about)
+            (self._private / RESULTS).mkdir()
+        except BaseException:
+            self.discard()
+            raise
         return self._private / RESULTS
 
     def keep(self) -> None:
@@ -120,7 +124,7 @@ class RunFolder:
                 with suppress(OSError):  # other files may be in it
                     (self.path / name).parent.rmdir()
         _write_manifest(self.path, new, about)
-        for folder in self.left_behind():
+        for folder in self.left_behind(is_certain=True):
             shutil.rmtree(folder, ignore_errors=True)
         self._end()
 
