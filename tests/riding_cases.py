@@ -1,5 +1,7 @@
 """Meshes that ride along, which the tests share."""
 
+import re
+import shutil
 from functools import cache
 
 import h5py
@@ -13,14 +15,18 @@ from bspline_mdao import (
     moving_mesh,
     naca_section,
     onera_m6_grid,
+    read_mesh,
     section_o_grid,
 )
 from bspline_mdao.design.named_deformations import parse_deformation
 from bspline_mdao.io.cgns import write_base
 from bspline_mdao.io.cgns_nodes import add_node
+from bspline_mdao.io.meshes.foam_lists import FoamFile
 from bspline_mdao.riding.wall_faces import GridBoundary
 
 SPACING = Spacing(off_wall=1e-4)
+
+BOX = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 5], [2, 0, 5], [2, 3, 5], [0, 3, 5]], dtype=float)
 
 HALVES = np.array([[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]])
 """Two wedges of a hexahedron."""
@@ -171,3 +177,49 @@ def write_plane_cgns(path, axes, n_axes):
         airfoil = add_node(add_node(zone, "ZoneBC", "ZoneBC_t"), "airfoil", "BC_t", "BCWall")
         add_node(airfoil, "PointRange", "IndexRange_t", np.array([[ends[1] + 1, ends[2]]], np.int32))
         add_node(airfoil, "GridLocation", "GridLocation_t", "EdgeCenter")
+
+
+def binary_folder(folder, arch):
+    """The same mesh in binary, as OpenFOAM writes it: faces are two lists, and an empty list has no brackets."""
+    made, order = folder.parent / "binary" / "polyMesh", "<" if arch.startswith("LSB") else ">"
+    label, scalar = (
+        f"{order}{k}{int(re.search(rf'{n}=(..)', arch)[1]) // 8}" for k, n in (("i", "label"), ("f", "scalar"))
+    )
+    shutil.copytree(folder, made)
+    read = read_mesh(folder)
+    lists = {"points": [(read.mesh.n_points, read.mesh.points.astype(scalar))]}
+    corners, sizes = FoamFile.read(folder, "faces").faces()
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    lists["faces"] = [(len(starts), starts.astype(label)), (len(corners), corners.astype(label))]
+    for name in ("owner", "neighbour"):
+        values = FoamFile.read(folder, name).labels()
+        lists[name] = [(len(values), values.astype(label))]
+    for name, parts in lists.items():
+        head = (folder / name).read_text().partition("}")[0].replace("format ascii", f'format binary; arch "{arch}"')
+        head = head.replace("faceList", "faceCompactList") + "}\n// * * * (1) * * * //\n\n"
+        bodies = [f"\n{n}\n".encode() + (b"(" + values.tobytes() + b")" if n else b"") for n, values in parts]
+        (made / name).write_bytes(head.encode() + b"".join(bodies) + b"\n\n// end ) //\n")
+    return made
+
+
+def write_boxes_cgns(path):
+    """Write two zones side by side: two wedges in mixed elements, and a hexahedron; single precision in y."""
+    with h5py.File(path, "w", track_order=True) as file:
+        base = write_base(file, 3)
+        wedges = np.concatenate([[14, *row] for row in HALVES + 1])
+        for name, shift, kind, cells in (("left", 0.0, 20, wedges), ("right", 2.0, 17, np.arange(8) + 1)):
+            n = 2 if kind == 20 else 1
+            zone = add_node(base, name, "Zone_t", np.array([[8], [n], [0]], np.int32))
+            add_node(zone, "ZoneType", "ZoneType_t", "Unstructured")
+            coordinates = add_node(zone, "GridCoordinates", "GridCoordinates_t")
+            for axis, values in zip("XYZ", (BOX + [shift, 0.0, 0.0]).T):
+                kept = values.astype(np.float32 if axis == "Y" else np.float64)
+                add_node(coordinates, f"Coordinate{axis}", "DataArray_t", np.ascontiguousarray(kept))
+            add_elements(zone, "cells", kind, (1, n), cells)
+            add_elements(zone, "faces", 7, (n + 1, n + 1), np.array([1, 2, 3, 4]))
+            conditions = add_node(zone, "ZoneBC", "ZoneBC_t")
+            floor = add_node(conditions, f"bc {name}", "BC_t", "BCWall")
+            add_node(floor, "FamilyName", "FamilyName_t", "floor")
+            add_node(floor, "PointRange", "IndexRange_t", np.array([[n + 1, n + 1]], np.int32))
+            solution = add_node(zone, "FlowSolution", "FlowSolution_t")
+            add_node(solution, "Pressure", "DataArray_t", np.arange(8.0))

@@ -1,14 +1,13 @@
 """Damaged files: each is read rightly or refused in one line, in bounded time and memory."""
 
 import gzip
-import os
-import struct
 import time
 import tracemalloc
 import warnings
 
 import numpy as np
 import pytest
+from fuzz_cases import N_MUTATIONS, mutate
 from grid_cases import smooth_grid
 
 from bspline_mdao.errors import InputError
@@ -22,9 +21,6 @@ from bspline_mdao.topology.grid import Grid, Patch
 from bspline_mdao.topology.index_space import Window
 
 pytestmark = pytest.mark.slow
-
-N_MUTATIONS = int(os.environ.get("BSPLINE_MDAO_FUZZ", "250"))
-"""Mutations of every kind of file; in all about ten times as many."""
 
 SECONDS = 5.0
 PEAK_BYTES = 200e6
@@ -46,60 +42,6 @@ NMF = b"""2
 SYMMETRY-Y  1 5  1 6  1 4
 ONE-TO-ONE  1 1  1 4  1 5  1 1  1 4  1 5  FALSE
 """
-
-NUMBERS = [
-    ("i", -1),
-    ("i", 0),
-    ("i", 2**31 - 1),
-    ("i", 2**24),
-    ("q", 2**62),
-    ("f", np.nan),
-    ("d", np.nan),
-    ("d", 1e300),
-]
-SPECIAL = [struct.pack(order + code, value) for order in "<>" for code, value in NUMBERS]
-WORDS = [
-    b"*",
-    b"99999*",
-    b"1e999",
-    b"NaN",
-    b"-1",
-    b",,",
-    b"\0",
-    b"99999999999",
-    b"[[",
-    b'"',
-    b"\n",
-    b"{",
-    b"}",
-    b"=",
-    b"\xff",
-]
-
-
-def overwrite(data, at, word):
-    return data[:at] + word + data[at + len(word) :]
-
-
-MUTATIONS = [
-    lambda data, at, random: data[:at],
-    lambda data, at, random: data[:at] + data[at + random.integers(1, 40) :],
-    lambda data, at, random: data[:at] + random.bytes(random.integers(1, 40)) + data[at:],
-    lambda data, at, random: overwrite(data, at, random.bytes(1)),
-    lambda data, at, random: overwrite(data, at & ~3, SPECIAL[random.integers(len(SPECIAL))]),
-    lambda data, at, random: data[:at] + WORDS[random.integers(len(WORDS))] + data[at:],
-    lambda data, at, random: overwrite(data, at, WORDS[random.integers(len(WORDS))]),
-    lambda data, at, random: data[:at] + data[max(0, at - random.integers(1, 40)) :],
-    lambda data, at, random: data + data[:at],
-]
-
-
-def mutate(data, random):
-    """Damage data in one or two places, every other time near its beginning."""
-    for _ in range(random.integers(1, 3)):
-        reach = len(data) if random.integers(2) else min(64, len(data))
-        data = MUTATIONS[random.integers(len(MUTATIONS))](data, int(random.integers(reach + 1)), random)
-    return data
 
 
 def assert_read_or_refused(read, path):

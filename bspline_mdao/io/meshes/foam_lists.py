@@ -88,7 +88,9 @@ class FoamFile:
         InputError
             If it is damaged.
         """
-        return self._labels(self._start)[0]
+        values, end = self._labels(self._start)
+        self._require_end(end)
+        return values
 
     def faces(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of all faces one after the other, and how many each has.
@@ -100,7 +102,8 @@ class FoamFile:
         """
         if self.head.get("class") == COMPACT:
             starts, end = self._labels(self._start)
-            corners, _ = self._labels(end)
+            corners, end = self._labels(end)
+            self._require_end(end)
             sizes = np.diff(starts)
             if not len(starts) or starts[0] != 0 or starts[-1] != len(corners) or (sizes < 0).any():
                 raise InputError(f"{self.path}: its faces do not end with their corners; write it again")
@@ -112,7 +115,7 @@ class FoamFile:
             )
         n, start, _ = self._list(self._start)
         body = blanked(self.data[start:], _COMMENTS)
-        _, ends, _ = words_of(body)
+        _, ends, _ = words_of(body, str(self.path))
         numbers = integers(body.translate(_BRACKETS), len(ends), str(self.path))
         opened, closed = (np.flatnonzero(np.frombuffer(body, np.uint8) == ord(bracket)) for bracket in "()")
         firsts, lasts = (np.searchsorted(ends, at, side="right") - 1 for at in (opened, closed))
@@ -137,10 +140,11 @@ class FoamFile:
         n, start, _ = self._list(self._start)
         if self.is_binary:
             kind = self._kind("scalar")
-            self._end_of_binary(start, 3 * n * kind.itemsize)
+            self._require_end(self._end_of_binary(start, 3 * n * kind.itemsize))
             return _BinaryPoints(self.data, start, n, kind)
         end = blanked(self.data[start:], _COMMENTS).rfind(b")")
         points = TextPoints.of(self.data, (start, start + max(end, 0)), 3, str(self.path), comments=_COMMENTS)
+        self._require_end(start + end + 1)
         if end < 0 or len(points.values) != n:
             raise InputError(
                 f"{self.path}: announces {n:,} points and holds {len(points.values):,}, one a line; write it again"
@@ -150,7 +154,7 @@ class FoamFile:
     def dictionaries(self) -> tuple[str, int]:
         """What is behind the bracket of a list of dictionaries, without comments, in ASCII always, and their number."""
         n, start, _ = self._list(self._start)
-        return _COMMENTS.sub(b"", self.data[start:]).decode(errors="replace"), n
+        return _COMMENTS.sub(b"", self.data[start:]).decode(errors="backslashreplace"), n
 
     @property
     def _start(self) -> int:
@@ -163,6 +167,11 @@ class FoamFile:
         while gap := _GAP.match(self.data, at):
             at = gap.end()
         return at
+
+    def _require_end(self, at: int) -> None:
+        """Refuse text at a place, behind a list."""
+        if self._behind_gaps(at) < len(self.data):
+            raise InputError(f"{self.path}: has other text behind its list; write it again")
 
     def _list(self, at: int) -> tuple[int, int, bool]:
         """Length of the list at a place, the byte behind its opening bracket, and whether it has one."""

@@ -80,7 +80,7 @@ def find_gmsh_elements(file: GmshFile) -> list[Block]:
         return _by_entity(file)
     n, start = file.counted("Elements")
     span = start, file.sections["Elements"][1]
-    blocks = _old_binary(BinaryNumbers(file.data, *span), n) if file.is_binary else _old_text(file, span)
+    blocks = _old_binary(BinaryNumbers(file, *span), n) if file.is_binary else _old_text(file, span)
     n_found = sum(len(block.corners) for block in blocks)
     if n_found != n:
         raise ValueError(f"it announces {n} elements and holds {n_found}")
@@ -92,12 +92,12 @@ def physical_names(file: GmshFile) -> dict[tuple[int, int], str]:
     if "PhysicalNames" not in file.sections:
         return {}
     (n, at), stop = file.counted("PhysicalNames"), file.sections["PhysicalNames"][1]
-    names = {}
+    names, n_found = {}, 0
     while found := _NAME.match(file.data, at, stop):
-        names[int(found[1]), int(found[2])] = found[3].decode(errors="replace")
-        at = found.end()
-    if len(names) != n or file.data[at:stop].strip():
-        raise ValueError(f"it announces {n} physical names and holds {len(names)}")
+        names[int(found[1]), int(found[2])] = found[3].decode(errors="backslashreplace")
+        at, n_found = found.end(), n_found + 1
+    if not len(names) == n_found == n or file.data[at:stop].strip():
+        raise ValueError(f"it announces {n} physical names and holds {n_found}")
     return names
 
 

@@ -76,7 +76,7 @@ def find_gmsh_nodes(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
 def _old_binary(file: GmshFile) -> tuple[StoredPoints, np.ndarray]:
     """Nodes of version 2.2: a number and three reals each."""
     n, start = file.counted("Nodes")
-    numbers = BinaryNumbers(file.data, start, file.sections["Nodes"][1])
+    numbers = BinaryNumbers(file, start, file.sections["Nodes"][1])
     numbers.skip(n, 28)
     numbers.require_end()
     tags = np.ndarray((n,), dtype="<i4", buffer=file.data, offset=start, strides=(28,))

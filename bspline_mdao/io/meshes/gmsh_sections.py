@@ -15,7 +15,7 @@ from .text_numbers import LONGEST, words_of
 
 __all__ = ["BinaryNumbers", "GmshFile", "TextNumbers"]
 
-_HEAD = re.compile(rb"\s*(\d+(?:\.\d+)?)\s+([01])\s+(\d+)[^\n]*\n")
+_HEAD = re.compile(rb"\s*(\d+(?:\.\d+)?)\s+([01])\s+(\d+)[ \t\r]*\n")
 _BEGIN = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 
 KINDS = {"int": "<i4", "size": "<u8", "real": "<f8"}
@@ -27,16 +27,14 @@ class BinaryNumbers:
 
     Parameters
     ----------
-    data : bytes
+    file : GmshFile
         The file.
     at, stop : int
         First byte of the section and the one behind it.
     """
 
-    is_binary = True
-
-    def __init__(self, data: bytes, at: int, stop: int) -> None:
-        self.data, self.at, self.stop = data, at, stop
+    def __init__(self, file: GmshFile, at: int, stop: int) -> None:
+        self.data, self.at, self.stop = file.data, at, stop
 
     def take(self, kind: str, n: int) -> np.ndarray:
         """Take ``n`` numbers; ValueError if there are fewer."""
@@ -64,17 +62,15 @@ class TextNumbers:
 
     Parameters
     ----------
-    data : bytes
+    file : GmshFile
         The file.
     start, stop : int
         First byte of the section and the one behind it.
     """
 
-    is_binary = False
-
-    def __init__(self, data: bytes, start: int, stop: int) -> None:
-        self.data, self.at = data, 0
-        starts, ends, _ = words_of(data[start:stop])
+    def __init__(self, file: GmshFile, start: int, stop: int) -> None:
+        self.data, self.at = file.data, 0
+        starts, ends, _ = words_of(file.data[start:stop], file.source)
         self.spans = start + np.stack([starts, ends], axis=1)
         if len(starts) and (ends - starts).max() > LONGEST:
             raise ValueError("a number is too long")
@@ -159,7 +155,7 @@ class GmshFile:
 
     def numbers(self, name: str) -> BinaryNumbers | TextNumbers:
         """Numbers of a section."""
-        return (BinaryNumbers if self.is_binary else TextNumbers)(self.data, *self.sections[name])
+        return (BinaryNumbers if self.is_binary else TextNumbers)(self, *self.sections[name])
 
     def counted(self, name: str) -> tuple[int, int]:
         """Number in the first line of a section, and the byte behind that; ValueError if there is none."""

@@ -114,6 +114,8 @@ def _patches(file: FoamFile, n_faces: int) -> list[tuple[str, int, int]]:
         first, n = (int(size[1]) for size in sizes if size)
         found.append((match[1], first, n))
     names = {name for name, _, _ in found}
+    if _PATCH.sub("", text).split() != [")"]:
+        raise InputError(f"{file.path}: has other text beside its patches; write it again")
     if not len(names) == len(found) == n_patches:
         raise InputError(f"{file.path}: announces {n_patches:,} patches and holds {len(names):,}; write it again")
     return found

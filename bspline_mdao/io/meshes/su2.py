@@ -54,7 +54,8 @@ def read_su2(path: str | os.PathLike, span: SectionSpan | None = None) -> Stored
         If the file is damaged, has several zones or elements of another kind, or two dimensions and there is no span.
     """
     text, source = read_raw(path), str(path)
-    found = [(m[1].decode(), m[2].decode(errors="replace"), m.start(), m.end()) for m in _KEYWORD.finditer(text)]
+    matches = list(_KEYWORD.finditer(text))
+    found = [(m[1].decode(), m[2].decode(errors="backslashreplace"), m.start(), m.end()) for m in matches]
     ends = [start for _, _, start, _ in found[1:]] + [len(text)]
     sections: dict[str, tuple[str, int, int]] = {}
     marked: dict[str, tuple[str, int, int]] = {}

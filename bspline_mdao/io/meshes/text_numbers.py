@@ -16,12 +16,13 @@ LONGEST = 100
 """Characters of a coordinate, at most: four times as many as tell a number of 8 bytes from the next."""
 
 _BLANKS = np.zeros(256, dtype=bool)
-_BLANKS[:33] = True
-_BLANKS[[ord("("), ord(")")]] = True
+_BLANKS[list(b" \t\n\v\f\r()")] = True
 
 
-def words_of(text: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def words_of(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First bytes of words, between blanks and brackets, the bytes behind them, and their lines, counted from 0."""
+    if b"\0" in text:  # at the end of a word NumPy leaves it out
+        raise InputError(f"{what}: has a byte that is zero, and is no text; write the file again")
     data = np.frombuffer(text, dtype=np.uint8)
     edges = np.diff(_BLANKS[data].astype(np.int8), prepend=1, append=1)
     starts = np.flatnonzero(edges == -1)
@@ -71,7 +72,7 @@ def integers_by_line(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray]:
     InputError
         If a word is no whole number.
     """
-    starts, _, lines = words_of(text)
+    starts, _, lines = words_of(text, what)
     numbers = integers(text, len(starts), what)
     firsts = np.flatnonzero(np.diff(lines, prepend=-1))
     return numbers, np.append(firsts, len(starts))
@@ -129,7 +130,7 @@ class TextPoints:
             If a line has too few words or too many, or coordinates are no numbers.
         """
         part = text[slice(*span)] if comments is None else blanked(text[slice(*span)], comments)
-        starts, ends, lines = words_of(part)
+        starts, ends, lines = words_of(part, what)
         firsts = np.flatnonzero(np.diff(lines, prepend=-1))
         counts, n_words = np.diff(np.append(firsts, len(starts))), before + n_axes + behind
         is_wrong = counts != n_words
@@ -146,7 +147,7 @@ class TextPoints:
     @classmethod
     def of_words(cls, text: bytes, start: int, stop: int, n_axes: int, what: str) -> TextPoints:
         """Find points in a part of a text whose words are nothing but their coordinates, on whatever lines."""
-        starts, ends, _ = words_of(text[start:stop])
+        starts, ends, _ = words_of(text[start:stop], what)
         if len(starts) % n_axes:
             raise InputError(f"{what}: {len(starts):,} coordinates are not {n_axes} of each node; write it again")
         return cls.at(text, start + np.stack([starts, ends], axis=-1).reshape(-1, n_axes, 2), what)

@@ -100,6 +100,8 @@ class VtuFile:
             raise InputError(f"{source}: is no unstructured grid of VTK (found {kind[:40]}); write it again")
         if len(scan.pieces) != 1:
             raise InputError(f"{source}: has {len(scan.pieces)} pieces; merge them into one")
+        if scan.head.get("byte_order", "LittleEndian") not in ("LittleEndian", "BigEndian"):
+            raise InputError(f"{source}: is of an unknown byte order; write it again")
         if missing := {"Points", "connectivity", "offsets", "types"} - scan.arrays.keys():
             raise InputError(f"{source}: has no array {min(missing)} in its piece; write it again")
         return cls(data, source, scan.head, scan.pieces[0], scan.arrays, scan.appended)
@@ -145,7 +147,10 @@ class VtuFile:
             if array.attributes.get("format") == "ascii":
                 values = self._of_text(self.data[slice(*self.text(name))], kind)
             else:
-                raw = _decoded(self._stream(name), n * int(kind[1]), np.dtype(self.header), self.is_compressed)
+                stream = self._stream(name)
+                raw = _decoded(stream, n * int(kind[1]), np.dtype(self.header), self.is_compressed)
+                if array.attributes["format"] == "binary" and n and stream.at < len(stream.data):
+                    raise ValueError("there is more than it announces")
                 values = np.frombuffer(raw, f"<{kind}")
         except (ValueError, OverflowError, zlib.error) as error:
             raise InputError(f"{self.source}: array {name} is damaged ({reason_of(error)}); write it again") from error
