@@ -120,6 +120,7 @@ def test_comments_are_no_nodes_and_a_face_is_of_all_its_groups(path, text):
         (OLD, "1 4 2 1 1", "1 140 2 1 1", "elements of type 140, which is not known"),
         (OLD, "$Elements\n4", "$Elements\n3", "announces 3 elements and holds 4"),
         (OLD, "$EndElements", "", r"section \$Elements does not end"),
+        (OLD, "$EndMeshFormat", "9$EndMeshFormat", r"section \$MeshFormat does not end"),
         (OLD, "$PhysicalNames", "$Nodes\n$EndNodes\n$PhysicalNames", r"has \$Nodes twice"),
         (OLD, "$PhysicalNames", "7\n$PhysicalNames", "there is other text after"),
         (OLD, "$PhysicalNames\n2", "$PhysicalNames\n3", "announces 3 physical names and holds 2"),

@@ -77,7 +77,10 @@ class TextNumbers:
 
     def take(self, kind: str, n: int) -> np.ndarray:
         """Take ``n`` numbers; ValueError if there are fewer, or other words."""
-        words = [self.data[a:b] for a, b in self.places(n).tolist()]
+        places = self.places(n)
+        words = self.data[places[0, 0] : places[-1, 1]].split() if n else []
+        if len(words) != n:
+            raise ValueError("brackets are no numbers")
         return np.array(words).astype(float) if kind == "real" else np.array(words, dtype=np.int64)
 
     def places(self, n: int) -> np.ndarray:
@@ -130,8 +133,8 @@ class GmshFile:
         at = 0
         while begin := _BEGIN.match(data, at):
             name = begin[1].decode()
-            stop = data.find(b"$End" + begin[1], begin.end())
-            if stop < 0:
+            stop = data.find(b"\n$End" + begin[1], begin.end() - 1) + 1
+            if not stop:
                 raise InputError(f"{source}: section ${name[:40]} does not end; save it again")
             if name in sections and name in ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements"):
                 raise InputError(f"{source}: has ${name} twice; save it again")
