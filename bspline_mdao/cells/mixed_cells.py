@@ -140,11 +140,8 @@ class MixedMesh(OneLine):
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh, whoever reads it."""
-        points = as_finite_points(self.points, len(self.points), f"{self.source}: nodes")
-        if points.dtype.kind == "c":
-            raise InputError(f"{self.source}: nodes are complex; give real ones")
-        object.__setattr__(self, "points", points)
-        n, copies = len(points), self.n_copies
+        object.__setattr__(self, "points", self.as_nodes(self.points))
+        n, copies = len(self.points), self.n_copies
         for kind, corners in self.cells.items():
             if kind not in FACES:
                 raise InputError(f"{self.source}: has cells '{kind}'; known are {', '.join(FACES)}")
@@ -153,6 +150,19 @@ class MixedMesh(OneLine):
             require_corners(faces, 4, n, f"{self.source}: faces of marker '{name}'", copies)
         if self.polyhedra is not None:
             require_cells(*self.polyhedra, n, self.source)
+
+    def as_nodes(self, points: np.ndarray) -> np.ndarray:
+        """Return other nodes of the mesh, shape (n, 3), as 8-byte reals.
+
+        Raises
+        ------
+        InputError
+            If they are of another shape, not finite, or complex.
+        """
+        nodes = as_finite_points(points, len(self.points), f"{self.source}: nodes")
+        if nodes.dtype.kind == "c":
+            raise InputError(f"{self.source}: nodes are complex; give real ones")
+        return nodes
 
     @property
     def n_points(self) -> int:

@@ -6,7 +6,7 @@ import re
 import h5py
 import numpy as np
 import pytest
-from riding_cases import BOX, binary_folder, corners_of, write_boxes_cgns
+from riding_cases import BOX, binary_folder, corners_of, mesh, su2_text, write_boxes_cgns
 
 from bspline_mdao import (
     InputError,
@@ -346,6 +346,24 @@ def test_curved_elements_of_cgns_move_whole_and_count_by_their_corners(tmp_path,
     assert read.mesh.markers["body"].shape == (6 * 4**2, 4)
     read.write(tmp_path / "moved.cgns", 2.0 * read.mesh.points)
     np.testing.assert_array_equal(read_mesh(tmp_path / "moved.cgns").mesh.points, 2.0 * read.mesh.points)
+
+
+@pytest.mark.parametrize("name", ["polyMesh", "boxes.cgns", "wing.su2"])
+def test_nodes_that_are_none_are_not_written(folder, cgns, tmp_path, name):
+    (tmp_path / "wing.su2").write_text(su2_text(mesh()))
+    read = read_mesh(tmp_path / name)
+    points, moved = read.mesh.points, tmp_path / "moved" / name
+    wrong = points.copy()
+    wrong[5, 1] = np.inf
+    for values, words in (
+        (wrong, r"nodes: number 6 of [\d,]+ is .*inf.*, not finite"),
+        (points[:-1], "nodes of shape"),
+        (points[0], "nodes of shape"),
+        (points + 1j, "nodes are complex"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read.write(moved, values)
+        assert not moved.exists()
 
 
 def test_physical_names_in_cgns_of_gmsh_are_the_markers(tmp_path):

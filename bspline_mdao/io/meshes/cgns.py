@@ -90,6 +90,7 @@ class CgnsMeshFile(OneLine):
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write a copy of the file with other nodes, shape (n, 3), at the precision of the file."""
+        points = self.mesh.as_nodes(points)
         if self.layer is not None:
             points = self.layer.in_file(points)
         with replaced_file(path) as temporary:

@@ -49,7 +49,7 @@ class PolyMeshFolder(OneLine):
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write the folder with other nodes, shape (n, 3), in the format of its file; all else in it is copied."""
-        own, data = self.file.path, self.stored.replaced(points)
+        own, data = self.file.path, self.stored.replaced(self.mesh.as_nodes(points))
         stays, twin = data == self.file.data, {"points": "points.gz", "points.gz": "points"}[own.name]
         if (Path(path) / twin).is_file():
             raise InputError(f"{Path(path) / twin}: is there beside what would be {own.name}; remove it")

@@ -47,5 +47,6 @@ class StoredMesh(OneLine):
 
     def write(self, path: str | os.PathLike, points: np.ndarray) -> None:
         """Write the file with other nodes, shape (n, 3); all else stays, to the last byte."""
+        points = self.mesh.as_nodes(points)
         with replaced_file(path) as temporary:
             Path(temporary).write_bytes(self.stored.replaced(points))
