@@ -126,6 +126,7 @@ def test_comments_are_no_nodes_and_a_face_is_of_all_its_groups(path, text):
         (OLD, "$PhysicalNames\n2", "$PhysicalNames\n3", "announces 3 physical names and holds 2"),
         (OLD, "2.2 0 8", "2.1 0 8", "of Gmsh of version 2.1; save it as version 4.1 or 2.2"),
         (NEW, "3 1 0 3\n", "3 1 0 -1\n", "announces -1 numbers and ends before"),
+        (NEW.replace("3 5 7", "900000000000 5 7"), "3 1 0 3\n", "3 1 0 -1\n", "announces -1 numbers and ends before"),
         (NEW, "3 1 0 3\n", "3 1 0 60000000000\n", "announces 60000000000 numbers and ends before"),
         (NEW, "3 5 7 47", "9000000000000 5 7 47", "announces .* numbers and ends before"),
         (NEW, "3 5 7 47", "2 5 7 47", "there is more than it announces"),
