@@ -446,6 +446,28 @@ def test_names_that_nlopt_does_not_know_are_refused_at_once():
         NLoptDriver(optimizer="SLSQP")
 
 
+@pytest.mark.parametrize(
+    ("option", "wrong", "right"),
+    [
+        ("population", 10**9, 10**6),
+        ("vector_storage", 10**9, 100),
+        ("seed", -1, 2**31 - 1),
+        ("maxeval", 2**31, 2**31 - 1),
+        ("local_maxeval", 2**40, 5),
+        ("xtol_abs", -1.0, np.array([1.0, 0.0])),
+        ("initial_step", 0.0, np.array([1.0, 2.0])),
+        ("initial_step", np.array([1.0, -1.0]), None),
+        ("parameters", {"inner_maxeval": "a"}, {"inner_maxeval": 3}),
+        ("parameters", {3: 1.0}, {}),
+    ],
+)
+def test_values_that_nlopt_cannot_take_are_refused_where_they_are_given(option, wrong, right):
+    options = NLoptDriver().options
+    options[option] = right
+    with pytest.raises(ValueError, match=f"'{option}' (is|exceeds) "):
+        options[option] = wrong
+
+
 def test_a_problem_without_design_variables_is_refused():
     problem = om.Problem(reports=None)
     problem.model.add_subsystem("f", om.ExecComp("f = x**2"), promotes=["*"])

@@ -151,6 +151,17 @@ def test_an_analysis_that_fails_at_the_start_comes_out_as_it_is():
         walled("LD_SLSQP", start=np.full(5, 2.0), says_nan=True)
 
 
+@pytest.mark.parametrize("says_nan", [False, True])
+def test_a_start_that_bounds_bring_to_where_analyses_fail_comes_out_as_one_too(says_nan):
+    problem = om.Problem(driver=nlopt_driver("LD_SLSQP"), reports=None)
+    problem.model.add_subsystem("walled", Walled(says_nan=says_nan), promotes=["*"])
+    problem.model.add_design_var("x", lower=2.0, upper=8.0)
+    problem.model.add_objective("f")
+    problem.setup()
+    with pytest.raises(om.AnalysisError, match="at the start, which was brought within its bounds: "):
+        problem.run_driver()
+
+
 class Stiff(om.ImplicitComponent):
     """y = x^3 by Newton's method from where it is, which a failure leaves at infinity."""
 

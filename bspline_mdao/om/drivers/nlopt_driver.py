@@ -6,9 +6,9 @@ Theory: ``docs/theory/drivers.rst``.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from numbers import Integral, Real
 
 import numpy as np
+import openmdao.api as om
 from openmdao.core.driver import Driver
 
 from ...errors import InputError
@@ -20,12 +20,13 @@ from .led_model import LedModel, led
 from .nlopt_algorithms import ALGORITHMS, Algorithm, Needs, find_algorithm
 from .nlopt_functions import Functions
 from .nlopt_optimizer import ENDS, Criteria, Outcome, Settings, minimise
-from .nlopt_problem import Limits, Point, Statement
+from .nlopt_options import declare_options
+from .nlopt_problem import AnalysisFailed, Limits, Point, Statement
 from .nlopt_rules import RECOVERIES, AlgorithmRules, ConservativeRules, LineSearchRules, NoRules
 from .scaled_model import ScaledModel
 from .short_records import ShortRecords
 
-__all__ = ["NLoptDriver", "declare_options", "make_settings"]
+__all__ = ["NLoptDriver", "make_settings"]
 
 
 CITATION = """
@@ -183,9 +184,11 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
         self, model: ScaledModel | LedModel, statement: Statement, settings: Settings, tell: Progress
     ) -> Functions:
         """The functions for NLopt, after the first run of the model."""
-        x, *responses = model.start()
+        x, objective, constraints = model.start()
         within = np.clip(x, statement.lower, statement.upper)
-        start = statement.point(within, *(responses if np.array_equal(x, within) else model.run(within)))
+        if not np.array_equal(x, within):
+            objective, constraints = _responses_within(model, within)
+        start = statement.point(within, objective, constraints)
         recover, make_rules = RECOVERIES[settings.algorithm.recovery], partial(_rules_of, settings, statement.tolerance)
         log = IterationLog(settings.uses_gradients, self.options["disp"])
         log.add(start, start, None)
@@ -241,6 +244,14 @@ class NLoptDriver(KeptDesign, ShortRecords, Driver):
             print(f"    {self.get_exit_status()}")
             print(f"    objective {best.objective:.10g} (scaled), {self.result.model_evals} model runs, ", end="")
             print(f"{self.result.deriv_evals} total derivatives")
+
+
+def _responses_within(model: ScaledModel | LedModel, x: np.ndarray) -> tuple[float, np.ndarray]:
+    """Objective and constraints at the start that bounds leave, at which no optimisation begins where it fails."""
+    try:
+        return model.run(x)
+    except AnalysisFailed as error:
+        raise om.AnalysisError(f"at the start, which was brought within its bounds: {error}") from error
 
 
 def _needs(model: ScaledModel, designs: tuple[Limits, ...], constraints: tuple[Limits, ...]) -> Needs:
@@ -302,101 +313,6 @@ class IterationLog:
         shown = "" if residual is None else f"{residual():10.3e}"
         line = f"{self._n_lines:9d} {self._n_runs:6d} {last.objective:18.10e} {last.violation:10.3e} {shown}"
         print(line.rstrip(), flush=True)
-
-
-LOCAL_NAMES = tuple(a.name for a in ALGORITHMS.values() if not a.is_global and a.local_optimizer == "none")
-
-
-def declare_options(options) -> None:
-    """Declare all options of the driver.
-
-    Parameters
-    ----------
-    options : openmdao.utils.options_dictionary.OptionsDictionary
-        Where to declare them.
-    """
-    options.declare("optimizer", "LD_SLSQP", values=tuple(ALGORITHMS), desc="Name of the algorithm in NLopt.")
-    options.declare(
-        "local_optimizer", None, values=(*LOCAL_NAMES, None), desc="Algorithm that AUGLAG and MLSL run inside."
-    )
-    _declare_criteria(options)
-    _declare_local_criteria(options)
-    _declare_search(options)
-    options.declare("disp", True, types=bool, desc="Print the iterations and how the run ended.")
-    options.declare(
-        "singular_jac_behavior",
-        "warn",
-        values=("error", "warn", "ignore"),
-        desc="What to do about rows and columns of zeros in the first total derivatives.",
-    )
-    options.declare("singular_jac_tol", 1e-16, lower=0.0, desc="What counts as zero there.")
-
-
-def _declare_criteria(options) -> None:
-    """Declare the stopping criteria."""
-    options.declare("ftol_rel", 1e-9, types=Real, lower=0.0, desc="Stop at this relative change of the objective.")
-    options.declare("ftol_abs", 0.0, types=Real, lower=0.0, desc="Stop at this change of the objective.")
-    options.declare(
-        "xtol_rel", 0.0, types=Real, lower=0.0, desc="Stop at this relative change of the design variables."
-    )
-    options.declare("xtol_abs", 0.0, types=(Real, np.ndarray), desc="Stop at this change of all (or of each) variable.")
-    options.declare("stopval", None, types=Real, allow_none=True, desc="Stop at a feasible point below this objective.")
-    options.declare(
-        "tol",
-        None,
-        types=Real,
-        lower=0.0,
-        allow_none=True,
-        desc="Stop at this change of the objective, as ScipyOptimizeDriver: ftol_abs without ftol_rel.",
-    )
-    options.declare(
-        "maxiter",
-        None,
-        types=Integral,
-        lower=1,
-        allow_none=True,
-        desc="Stop after so many iterations: points at which gradients were computed, after the first one.",
-    )
-    options.declare("maxeval", 1000, types=Integral, lower=0, desc="Stop after so many evaluations; 0 for no limit.")
-    options.declare("maxtime", 0.0, types=Real, lower=0.0, desc="Stop after so many seconds; 0 for no limit.")
-    options.declare(
-        "constraint_tolerance",
-        1e-6,
-        types=Real,
-        lower=0.0,
-        desc="Scaled violation up to which a constraint is satisfied.",
-    )
-
-
-def _declare_local_criteria(options) -> None:
-    """Declare the stopping criteria of the local optimizer."""
-    for name in ("ftol_rel", "xtol_rel"):
-        options.declare(f"local_{name}", 1e-9, types=Real, lower=0.0, desc=f"{name} of the local optimizer.")
-    for name in ("ftol_abs", "xtol_abs"):
-        options.declare(f"local_{name}", 0.0, types=Real, lower=0.0, desc=f"{name} of the local optimizer.")
-    options.declare("local_maxeval", 0, types=Integral, lower=0, desc="maxeval of each run of the local optimizer.")
-
-
-def _declare_search(options) -> None:
-    """Declare what steers the search."""
-    options.declare(
-        "initial_step",
-        None,
-        types=(Real, np.ndarray),
-        allow_none=True,
-        desc="First step of algorithms without gradients, scaled; None for NLopt's choice.",
-    )
-    options.declare("population", 0, types=Integral, lower=0, desc="Initial population; 0 for NLopt's choice.")
-    options.declare(
-        "vector_storage", 0, types=Integral, lower=0, desc="Number of stored gradients; 0 for NLopt's choice."
-    )
-    options.declare(
-        "seed", 0, types=Integral, allow_none=True, desc="Seed of random numbers; None for another one every time."
-    )
-    options.declare("parameters", {}, types=dict, desc="Parameters that one algorithm alone knows, by name.")
-    options.declare(
-        "restarts", 5, types=Integral, lower=0, desc="How often at most to start again after analyses failed."
-    )
 
 
 def make_settings(options, needs: Needs) -> Settings:
