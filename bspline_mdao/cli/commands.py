@@ -16,11 +16,11 @@ import click
 
 from .. import __version__
 from ..fit.options import EXPONENTS, METHODS
+from ..generators.built_in import BUILT_IN
 from ..io.formats import curved_names, read_names, written_names
 from ..io.meshes.files import mesh_names
 from .counts import n_control_option
 from .movers import MoverOptions, moving_options
-from .sources import BUILT_IN
 from .words import DEFINITIONS, PROGRAM
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}

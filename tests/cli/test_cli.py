@@ -18,8 +18,9 @@ from bspline_mdao.cells.aggregates import AGGREGATES
 from bspline_mdao.cli.commands import bspline_mdao as program
 from bspline_mdao.cli.main import run
 from bspline_mdao.cli.output import written_json
-from bspline_mdao.cli.sources import BUILT_IN, load_grid
+from bspline_mdao.cli.sources import load_grid
 from bspline_mdao.fit.options import EXPONENTS, METHODS
+from bspline_mdao.generators.built_in import BUILT_IN
 from bspline_mdao.topology.grid import Block
 
 COMMANDS = ("inspect", "fit", "refine", "ride", "quality")
