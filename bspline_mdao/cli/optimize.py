@@ -27,7 +27,6 @@ from ..study.study import CASES, Study, read_study
 from .earlier_run import earlier_cases, killed_cases
 from .lasting_stdout import lasting_stdout
 from .output import check_outputs, print_lines, print_title, print_warnings, written_json
-from .sources import generator_of
 
 STOPPED = "all bounds hold but for 1e-4, and this may be no optimum: see max_iterations and tolerance in [driver]"
 """What is said of a feasible design at which the driver did not converge."""
@@ -113,7 +112,6 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
     if folder.path.exists() and not folder.path.is_dir():
         raise InputError(f"{folder.path}: is a file; name a folder for the results")
     check_outputs([*(folder.path / name for name in names), json], [study.source, *study.inputs.values()])
-    generator = _generator(study)
     if not (folder.is_empty or overwrite or restart):
         n_killed = killed_cases(folder)
         advice = f"--restart to go on from {n_killed} cases of a run that was killed, " if n_killed else ""
@@ -122,8 +120,8 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
     earlier = earlier_cases(folder, study) if restart else None
     private = folder.begin(problem_of(study))
     try:
-        (private / SCRIPT).write_text(study_script(study, folder.path, generator), encoding="utf-8")
-        script = study_script(study, private, generator, earlier and earlier.resolve())
+        (private / SCRIPT).write_text(study_script(study, folder.path), encoding="utf-8")
+        script = study_script(study, private, earlier and earlier.resolve())
     except BaseException:
         folder.discard()
         raise
@@ -138,14 +136,6 @@ def _is_reported(study: Study) -> bool:
     if missing and study.output["report"] is None:
         print_lines([f"no report will be written: {REPORT_ADVICE} for one"])
     return not missing if study.output["report"] is None else study.output["report"]
-
-
-def _generator(study: Study) -> str:
-    """Call that makes the grid of a study, where it is a built-in one."""
-    if not study.is_built_in:
-        return ""
-    place, shape = generator_of(study.grid["file"])
-    return f"bm.{place.rpartition('.')[2]}({shape})"
 
 
 def _run(run: _Run, folder: RunFolder, comm: Any, title: str) -> tuple[om.Problem, dict[str, Any]]:

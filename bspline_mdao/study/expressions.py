@@ -1,17 +1,64 @@
-"""Expressions of responses: names, those of conditions with a dot, numbers and arithmetic."""
+"""Expressions of responses: names, those of conditions with a dot, numbers and arithmetic.
+
+Nothing else is made a tree, so that what is written into a script and evaluated there calls nothing and ends soon.
+"""
 
 from __future__ import annotations
 
 import ast
+import re
+import warnings
 from collections.abc import Callable
 
-__all__ = ["is_arithmetic", "is_name", "names_in", "renamed"]
+__all__ = ["fault_of", "is_name", "names_in", "renamed"]
+
+MOST_LETTERS, MOST_OPERATIONS = 2000, 100
+"""Letters and operations of an expression at most."""
+
+DEEPEST = 50
+"""Brackets in brackets at most."""
+
+LARGEST = 1e15
+"""Size of the numbers in an expression, and of what is made of numbers alone."""
+
+_OPERATORS = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+    ast.Pow: lambda a, b: a**b,
+}
+_SIGNS = {ast.USub: lambda a: -a, ast.UAdd: lambda a: a}
+_LETTERS = re.compile(r"[A-Za-z0-9_.+*/() -]+")
+_NUMBER = re.compile(r"[0-9.]+([eE][+-]?[0-9]+)?")
+_ADVICE = "give a name, or names and numbers with + - * / ** ( )"
 
 
 def is_name(text: str) -> bool:
     """Whether a text is one name, such as ``CL`` or ``cruise.CL``."""
     first, _, rest = text.partition(".")
     return first.isidentifier() and (rest.isidentifier() if "." in text else True)
+
+
+def fault_of(of: str) -> str:
+    """Say why a text is no expression, or one that cannot be evaluated; empty where it is one.
+
+    Examples
+    --------
+    >>> fault_of("cruise.CD + 2 * volume"), fault_of("CD / (1 - 1)")
+    ('', 'divides by (1 - 1), which is 0')
+    """
+    if len(of) > MOST_LETTERS:
+        return f"has {len(of):,} letters; give {MOST_LETTERS:,} at most"
+    if _depth(of) > DEEPEST:
+        return f"has {_depth(of)} brackets in one another; give {DEEPEST} at most"
+    if len(re.findall(r"\*\*|[-+*/]", of)) > MOST_OPERATIONS:
+        return f"has more than {MOST_OPERATIONS} operations; write fewer"
+    try:
+        _parsed(of)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def names_in(of: str) -> list[str]:
@@ -22,59 +69,107 @@ def names_in(of: str) -> list[str]:
     >>> names_in("cruise.CD + 2 * volume")
     ['cruise.CD', 'volume']
     """
-    tree = _parsed(of)
-    if tree is None:
+    try:
+        return list(dict.fromkeys(of[node.col_offset : node.end_col_offset] for node in _name_nodes(_parsed(of))))
+    except ValueError:
         return [of]
-    inner = {node.value for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Name | ast.Attribute) and node not in inner]
-    nodes.sort(key=lambda node: (node.lineno, node.col_offset))
-    return list(dict.fromkeys(map(ast.unparse, nodes)))
-
-
-def is_arithmetic(of: str) -> bool:
-    """Whether a text is an expression of names, numbers and the four operations and powers."""
-    tree = _parsed(of)
-    allowed = (
-        *(ast.Expression, ast.BinOp, ast.UnaryOp, ast.Attribute, ast.Name, ast.Constant),
-        *(ast.operator, ast.unaryop, ast.Load),
-    )
-    operators = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.USub, ast.UAdd)
-    return tree is not None and all(
-        isinstance(node, allowed)
-        and (not isinstance(node, ast.operator | ast.unaryop) or isinstance(node, operators))
-        and (not isinstance(node, ast.Attribute) or isinstance(node.value, ast.Name))
-        and (not isinstance(node, ast.Constant) or type(node.value) in (int, float))
-        for node in ast.walk(tree)
-    )
 
 
 def renamed(of: str, name_of: Callable[[str], str]) -> str:
     """Write an expression with other names.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
 
     Examples
     --------
     >>> renamed("cruise.CD + 2 * volume", lambda name: name.replace(".", "_"))
     'cruise_CD + 2 * volume'
     """
-    return ast.unparse(_Renaming(name_of).visit(ast.parse(of, mode="eval")))
+    text = of
+    for node in reversed(_name_nodes(_parsed(of))):
+        name = of[node.col_offset : node.end_col_offset]
+        text = text[: node.col_offset] + name_of(name) + text[node.end_col_offset :]
+    return text
 
 
-class _Renaming(ast.NodeTransformer):
-    """Puts other names into an expression."""
-
-    def __init__(self, name_of: Callable[[str], str]):
-        self.name_of = name_of
-
-    def visit_Name(self, node: ast.Name) -> ast.Name:
-        return ast.Name(self.name_of(node.id))
-
-    def visit_Attribute(self, node: ast.Attribute) -> ast.Name:
-        return ast.Name(self.name_of(ast.unparse(node)))
+def _name_nodes(tree: ast.expr) -> list[ast.expr]:
+    """Names in a tree, from left to right."""
+    inner = {node.value for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Name | ast.Attribute) and node not in inner]
+    return sorted(nodes, key=lambda node: node.col_offset)
 
 
-def _parsed(of: str) -> ast.Expression | None:
-    """Tree of an expression; None where the text is none."""
+def _parsed(of: str) -> ast.expr:
+    """Tree of an expression.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or has numbers in it that are none.
+    """
+    if not _LETTERS.fullmatch(of):
+        raise ValueError(_ADVICE)
     try:
-        return ast.parse(of, mode="eval")
-    except (SyntaxError, ValueError):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numbers that touch a word, which is refused below
+            tree = ast.parse(of, mode="eval").body
+    except (SyntaxError, RecursionError, MemoryError):
+        raise ValueError(_ADVICE) from None
+    _value(tree, of)
+    return tree
+
+
+def _depth(of: str) -> int:
+    """How many brackets are in one another."""
+    depth = deepest = 0
+    for letter in of:
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        deepest = max(deepest, depth)
+    return deepest
+
+
+def _value(node: ast.expr, of: str) -> float | None:
+    """Value of a tree of numbers alone; None where there are names in it.
+
+    Raises
+    ------
+    ValueError
+        If something in it is no arithmetic, or not a number of moderate size.
+    """
+    if isinstance(node, ast.Name) or (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)):
         return None
+    if isinstance(node, ast.Constant) and _NUMBER.fullmatch(text := of[node.col_offset : node.end_col_offset]):
+        return _checked(node, of, lambda: float(text))
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+        value = _value(node.operand, of)
+        return None if value is None else _SIGNS[type(node.op)](value)
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        left, right = _value(node.left, of), _value(node.right, of)
+        if isinstance(node.op, ast.Div) and right == 0.0:
+            raise ValueError(f"divides by {_part(node.right, of)}, which is 0")
+        if left is None or right is None:
+            return None
+        return _checked(node, of, lambda: _OPERATORS[type(node.op)](left, right))
+    raise ValueError(_ADVICE)
+
+
+def _checked(node: ast.expr, of: str, made: Callable[[], float]) -> float:
+    """Value that is a number, and no larger than it may be."""
+    try:
+        value = made()
+    except (ArithmeticError, ValueError):
+        value = float("nan")
+    if isinstance(value, complex) or not abs(value) <= LARGEST:
+        raise ValueError(f"has {_part(node, of)} in it, which is no number up to {LARGEST:g}")
+    return value
+
+
+def _part(node: ast.expr, of: str) -> str:
+    """What a tree is in its text, with its brackets."""
+    start, end = node.col_offset, node.end_col_offset or node.col_offset
+    while start > 0 and end < len(of) and of[start - 1] == "(" and of[end] == ")":
+        start, end = start - 1, end + 1
+    return of[start:end]

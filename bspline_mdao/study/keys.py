@@ -6,13 +6,35 @@ Whoever reads, explains or documents a study reads these tables. To add a key, a
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 from ..cells.aggregates import AGGREGATES
+from .kinds import (
+    AXES,
+    BOUND,
+    COORDINATES,
+    DIRECTION,
+    FLAG,
+    FRACTIONS,
+    LATTICE,
+    NAMES,
+    NUMBER,
+    NUMBERS,
+    OPTIONS,
+    PARTS,
+    POINT,
+    POSITIVE,
+    SLICES,
+    STATIONS,
+    TEXT,
+    TRIPLE,
+    WEIGHT,
+    Kind,
+    number,
+    one_of,
+    whole,
+)
 
 __all__ = [
     "CONDITIONS",
@@ -29,26 +51,9 @@ __all__ = [
     "VARIABLES",
     "Flow",
     "Key",
-    "Kind",
     "MeasureKind",
     "VariableKind",
 ]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of value.
-
-    Parameters
-    ----------
-    words : str
-        What it is, for messages and tables: "a positive number".
-    accepts : callable
-        Whether a value of TOML is one.
-    """
-
-    words: str
-    accepts: Callable[[Any], bool]
 
 
 @dataclass(frozen=True)
@@ -76,80 +81,14 @@ class Key:
     is_required: bool = False
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_whole(value: Any, least: int = 1) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= least
-
-
-def _is_list(value: Any, accepts: Callable[[Any], bool], n: int | None = None) -> bool:
-    return isinstance(value, list) and bool(value) and all(map(accepts, value)) and n in (None, len(value))
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and bool(value.strip())
-
-
-def _is_part(value: Any) -> bool:
-    return _is_number(value) and 0.0 <= value <= 1.0
-
-
-def _one_of(*names: Any) -> Kind:
-    return Kind("one of " + ", ".join(map(str, names)), lambda value: not isinstance(value, bool) and value in names)
-
-
-def _is_slice(text: str) -> bool:
-    parts = text.split(",")
-    return len(parts) == 3 and all(set(part.strip()) <= set("0123456789:-") and part.strip() for part in parts)
-
-
-NUMBER = Kind("a number", _is_number)
-POSITIVE = Kind("a positive number", lambda value: _is_number(value) and value > 0.0)
-PART = Kind("a number from 0 to 1", _is_part)
-NOT_NEGATIVE = Kind("0 or a positive number", lambda value: _is_number(value) and value >= 0.0)
-WHOLE = Kind("a whole number from 1 on", _is_whole)
-SEVERAL = Kind("a whole number from 2 on", lambda value: _is_whole(value, 2))
-COUNT = Kind("a whole number from 0 on", lambda value: _is_whole(value, 0))
-FLAG = Kind("true or false", lambda value: isinstance(value, bool))
-TEXT = Kind("a text", _is_text)
-MOVER = Kind("one of rotations, elasticity", lambda value: value in ("rotations", "elasticity"))
-BOUND = Kind("a number, or a list of one for each value", lambda v: _is_number(v) or _is_list(v, _is_number))
-POINT = Kind("a list of three numbers", lambda value: _is_list(value, _is_number, 3))
-TRIPLE = Kind("a list of three whole numbers", lambda value: _is_list(value, _is_whole, 3))
-LATTICE = Kind("a list of three whole numbers from 2 on", lambda value: _is_list(value, lambda n: _is_whole(n, 2), 3))
-PARTS = Kind("a list of two rising numbers from 0 to 1", lambda v: _is_list(v, _is_part, 2) and v[0] < v[1])
-NAMES = Kind("a name or pattern such as 'wing*', or a list of them", lambda v: _is_text(v) or _is_list(v, _is_text))
-NUMBERS = Kind("a list of whole numbers from 1 on", lambda value: _is_list(value, _is_whole))
-FRACTIONS = Kind("a list of numbers from 0 to 1", lambda value: _is_list(value, _is_part))
-STATIONS = Kind(
-    "how many, or a list of rising places from 0 (root) to 1 (tip)",
-    lambda v: _is_whole(v) or (_is_list(v, _is_part) and all(a < b for a, b in zip(v, v[1:]))),
-)
-SLICES = Kind("three slices such as ':, :, 1:'", lambda value: _is_text(value) and _is_slice(value))
-OPTIONS = Kind("a table of options", lambda value: isinstance(value, dict))
-AXES = Kind(
-    "x, y and z in the order downstream, along the span, up, such as 'xzy'",
-    lambda value: _is_text(value) and sorted(value) == ["x", "y", "z"],
-)
-DIRECTION = Kind(
-    "'normal', or one or more of x, y and z such as 'y' or 'xy'",
-    lambda v: _is_text(v) and (v == "normal" or (set(v) <= set("xyz") and len(set(v)) == len(v))),
-)
-COORDINATES = Kind(
-    "one or more of x, y and z such as 'y' or 'xy'",
-    lambda v: _is_text(v) and set(v) <= set("xyz") and len(set(v)) == len(v),
-)
-
 GRID = {
     "file": Key(
         TEXT, "PLOT3D or CGNS file, fitted model MODEL.h5, or built-in grid such as @onera_m6", is_required=True
     ),
     "patches": Key(TEXT, "patches of the grid: a TOML or NMF file", otherwise="those of the grid file"),
     "n_control": Key(TRIPLE, "control points per direction in every block", otherwise="chosen from the grid"),
-    "order": Key(SEVERAL, "order of the B-splines, degree plus one", otherwise="4, or 3 in short directions"),
-    "corrections": Key(COUNT, "cycles of parameter correction of the fit", 0),
+    "order": Key(whole(2, 16), "order of the B-splines, degree plus one", otherwise="4, or 3 in short directions"),
+    "corrections": Key(whole(0, 100), "cycles of parameter correction of the fit", 0),
     "design": Key(NAMES, "patches that are designed", otherwise="all walls"),
     "fixed": Key(NAMES, "patches that stay where they are", otherwise="see moving_mesh"),
     "released": Key(NAMES, "patches that move freely with the grid", otherwise="none"),
@@ -164,11 +103,17 @@ _BOUNDS = {
     "ref": Key(POSITIVE, "change that the driver sees as 1", otherwise="half the distance of the bounds"),
 }
 _KIND = {"kind": Key(TEXT, "one of the kinds below", otherwise="the name of the table")}
-_AT = {"at": Key(NUMBER, "part of the chord where the axis is, 0 leading and 1 trailing edge", 0.25)}
+_AT = {
+    "at": Key(
+        number("a number from -10 to 10", -10.0, 10.0),
+        "part of the chord where the axis is, 0 leading and 1 trailing edge",
+        0.25,
+    )
+}
 _STATIONS = {
     **_AT,
     "stations": Key(STATIONS, "stations along the axis with a value each", 1),
-    "order": Key(_one_of(2, 4), "order of the spline between them: 2 straight lines, 4 cubics", 4),
+    "order": Key(one_of(2, 4), "order of the spline between them: 2 straight lines, 4 cubics", 4),
     "values": Key(NUMBERS, "which stations are variables, from 1 at the root; others stay", otherwise="all"),
 }
 
@@ -234,7 +179,11 @@ VARIABLES = {
             "n": Key(LATTICE, "points of the lattice in x, y and z", [4, 3, 3]),
             "direction": Key(COORDINATES, "direction of the displacements", "xyz"),
             "where": Key(SLICES, "which points move, as slices in x, y and z from 0 on", otherwise="all"),
-            "margin": Key(NUMBER, "part of each extent by which the box is larger at both ends", 0.05),
+            "margin": Key(
+                number("a number from 0 to 10", 0.0, 10.0),
+                "part of each extent by which the box is larger at both ends",
+                0.05,
+            ),
         },
         "FreeForm",
         "m",
@@ -281,8 +230,8 @@ MEASURES = {
     "thickness": MeasureKind(
         "thickness on a grid of lines between the edges",
         {
-            "n_chord": Key(SEVERAL, "lines along the chord", 5),
-            "n_span": Key(SEVERAL, "lines along the span", 5),
+            "n_chord": Key(whole(2, 200), "lines along the chord", 5),
+            "n_span": Key(whole(2, 200), "lines along the span", 5),
             "chord": Key(PARTS, "parts of the chord between which they are", [0.05, 0.95]),
             "span": Key(PARTS, "parts of the span between which they are", [0.02, 0.98]),
             **_RELATIVE,
@@ -299,7 +248,7 @@ MEASURES = {
     "leading_edge_radius": MeasureKind(
         "radius of the leading edge at stations",
         _MEASURE_STATIONS
-        | {"relative_to": Key(_one_of("metre", "chord", "baseline"), "what the radius is divided by", "baseline")},
+        | {"relative_to": Key(one_of("metre", "chord", "baseline"), "what the radius is divided by", "baseline")},
         "LeadingEdgeRadius.at",
         is_number=False,
     ),
@@ -313,15 +262,17 @@ MEASURES = {
 QUALITIES = {name: aggregate.meaning for name, aggregate in AGGREGATES.items()}
 """What objectives and constraints may say of the cells of the grid."""
 
+_DEGREES = number("a number from -90 to 90", -90.0, 90.0)
+_SUBSONIC, _MACH = number("a number from 0.001 to 0.99", 1e-3, 0.99), number("a number from 0.001 to 10", 1e-3, 10.0)
+_FREE_STREAM = "Mach number of the free stream"
 _STREAM = {
-    "Mach_number": Key(POSITIVE, "Mach number of the free stream", 0.3),
     "reference_area": Key(POSITIVE, "of what the grid shows, of the half wing if it shows one half (m^2)",
                           otherwise="planform area of the design surface"),
     "reference_chord": Key(POSITIVE, "for moments (m)", 1.0),
     "moment_reference": Key(POINT, "point that moments are about, in the axes of the grid (m)", [0.0, 0.0, 0.0]),
     "axes": Key(AXES, "axes of the grid downstream, along the span, up", "xzy"),
 }  # fmt: skip
-_ALPHA = {"alpha": Key(NUMBER, "angle of attack (deg)", 2.0)}
+_ALPHA = {"alpha": Key(_DEGREES, "angle of attack (deg)", 2.0)}
 
 
 @dataclass(frozen=True)
@@ -351,11 +302,12 @@ FLOWS = {
         "vortex lattice of the half wing",
         "LatticeFlow",
         {
-            "kind": Key(_one_of("lattice", "euler"), "flow model", is_required=True),
+            "kind": Key(one_of("lattice", "euler"), "flow model", is_required=True),
             **_ALPHA,
+            "Mach_number": Key(_SUBSONIC, _FREE_STREAM, 0.3),
             **_STREAM,
-            "n_chord": Key(SEVERAL, "nodes of the lattice along the chord", 5),
-            "n_span": Key(Kind("a whole number from 3 on", lambda v: _is_whole(v, 3)), "and along the span", 17),
+            "n_chord": Key(whole(2, 30), "nodes of the lattice along the chord", 5),
+            "n_span": Key(whole(3, 150), "and along the span", 17),
         },
         ("CL", "CD", "CD_induced", "CM_bending"),
     ),
@@ -363,8 +315,9 @@ FLOWS = {
         "Euler equations on all blocks of the grid",
         "EulerFlow",
         {
-            "kind": Key(_one_of("lattice", "euler"), "flow model", is_required=True),
+            "kind": Key(one_of("lattice", "euler"), "flow model", is_required=True),
             **_ALPHA,
+            "Mach_number": Key(_MACH, _FREE_STREAM, 0.3),
             **_STREAM,
             "trim": Key(FLAG, "whether the angle of attack is solved for at the lift CL_target", False),
             "CL_target": Key(NUMBER, "lift coefficient of the trim", otherwise="needed with trim"),
@@ -376,12 +329,14 @@ FLOWS = {
 """Table ``[flow]`` by its key ``kind``."""
 
 _POINT = {
-    "Mach_number": Key(POSITIVE, "Mach number of the free stream", otherwise="that of [flow]"),
-    "alpha": Key(NUMBER, "angle of attack (deg)", otherwise="that of [flow]"),
-    "weight": Key(NOT_NEGATIVE, "weight in the mean that the objective is; 0 for constraints alone", 1.0),
+    "alpha": Key(_DEGREES, "angle of attack (deg)", otherwise="that of [flow]"),
+    "weight": Key(WEIGHT, "weight in the mean that the objective is; 0 for constraints alone", 1.0),
 }
 _LIFT = {"CL_target": Key(NUMBER, "lift coefficient at which alpha is solved for", otherwise="see [flow]")}
-CONDITIONS = {"lattice": _POINT, "euler": _POINT | _LIFT}
+CONDITIONS = {
+    "lattice": {"Mach_number": Key(_SUBSONIC, _FREE_STREAM, otherwise="that of [flow]"), **_POINT},
+    "euler": {"Mach_number": Key(_MACH, _FREE_STREAM, otherwise="that of [flow]"), **_POINT, **_LIFT},
+}
 """Tables ``[conditions.NAME]`` by the kind of the flow."""
 
 _OF = Key(
@@ -406,9 +361,11 @@ CONSTRAINT = {
 """Tables ``[constraints.NAME]``."""
 
 MOVEMENT = {
-    "mover": Key(MOVER, "what carries the control mesh along", "rotations"),
+    "mover": Key(one_of("rotations", "elasticity"), "what carries the control mesh along", "rotations"),
     "comoving": Key(FLAG, "whether the far field goes along with the rigid part of the motion", False),
-    "increments": Key(WHOLE, "increments of elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"),
+    "increments": Key(
+        whole(1, 1000), "increments of elasticity", otherwise="the least of 1, 2, 5, 10 that bounds need"
+    ),
     "poisson_ratio": Key(NUMBER, "Poisson's ratio of elasticity", -0.2),
 }
 """Table ``[movement]``."""
@@ -425,14 +382,14 @@ SCIPY = {
 DRIVER = {
     "optimizer": Key(TEXT, "of NLopt, such as LD_SLSQP, or of SciPy: " + ", ".join(SCIPY), "LD_SLSQP"),
     "tolerance": Key(POSITIVE, "change of the objective at which it ends: relative (NLopt), or SciPy's tol", 1e-6),
-    "max_iterations": Key(WHOLE, "at most so many evaluations (NLopt) or iterations (SciPy)", 100),
+    "max_iterations": Key(whole(1, 10**9), "at most so many evaluations (NLopt) or iterations (SciPy)", 100),
     "options": Key(OPTIONS, "other options of NLoptDriver or ScipyDriver by their names", otherwise="none"),
 }
 """Table ``[driver]``."""
 
 OUTPUT = {
     "grid": Key(
-        _one_of("xyz", "fmt", "cgns", "vtm"),
+        one_of("xyz", "fmt", "cgns", "vtm"),
         "suffix of the grids before and after",
         otherwise="cgns for CGNS, else xyz",
     ),

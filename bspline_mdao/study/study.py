@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
-
-import tomlkit
-from tomlkit.exceptions import TOMLKitError
 
 from ..errors import InputError
-from ..names import ALL_NAMES
+from ..generators.built_in import generator_of
 from ..om.drivers.nlopt_algorithms import ALGORITHMS
 from .conditions import bare_outputs, of_conditions, resolved_conditions, weights_of
-from .expressions import is_arithmetic, names_in, renamed
+from .expressions import fault_of, is_name, names_in, renamed
 from .keys import (
     CONDITIONS,
     CONSTRAINT,
@@ -29,22 +25,19 @@ from .keys import (
     QUALITIES,
     SCIPY,
     VARIABLES,
-    Key,
 )
-from .toml_lines import key_lines, line_of
+from .kinds import slices_of
+from .names import choices, fault_of_name, shortened
+from .options import fault_of_option, fault_of_options, options_of
+from .responses import constraint_responses, objective_response
+from .tables import Table, Tables
 
 __all__ = ["CASES", "Study", "read_study"]
-
-Table = dict[str, Any]
-"""Values by key; what was left out is there with its default, or None."""
 
 _TABLES = (
     *("grid", "variables", "measures", "flow", "conditions", "objective", "constraints"),
     *("movement", "driver", "output"),
 )
-_TAKEN = ("CM", "Cp", "states", "Mach_number", "CL_target", "flow", "grid_movement")
-"""Other inputs, outputs and subsystems of the problem."""
-
 _MAX_BYTES = 2**20
 
 CASES = "cases.sql"
@@ -119,6 +112,11 @@ class Study:
         return [f"grid_{when}.{self.suffix}" for when in ("before", "after")]
 
     @property
+    def n_values(self) -> float:
+        """Number of the values of all variables; infinite where it takes the grid to know."""
+        return sum(_n_values(table) for table in self.variables.values())
+
+    @property
     def responses(self) -> list[str]:
         """What objective and constraints are of, each once."""
         asked = [self.objective["of"], *(table["of"] for table in self.constraints.values())]
@@ -156,101 +154,43 @@ def read_study(path: Path | str) -> Study:
     return _Reader(path, text).study()
 
 
-class _Reader:
+class _Reader(Tables):
     """Checks the tables of a study one after the other."""
 
-    def __init__(self, path: Path, text: str):
-        self.path = path
-        try:
-            self.document = tomlkit.parse(text).unwrap()
-        except (TOMLKitError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
-            line = getattr(error, "line", None)
-            at = f"line {line}: " if line else ""
-            raise InputError(f"{path}: {at}is not TOML ({' '.join(str(error).split())[:160]})") from error
-        self.lines = key_lines(text)
-
     def study(self) -> Study:
-        self._known(self.document, _TABLES, (), "table")
-        grid = self._table("grid", GRID)
+        self.known(self.document, _TABLES, (), "table")
+        grid = self.table("grid", GRID)
         self._check_grid(grid)
         flow = self._flow()
         conditions = self._conditions(flow)
         self.outputs = (*_outputs(flow), *of_conditions(conditions, _outputs(flow)))
         variables = self._variables(flow, conditions)
         declared = self._measures()
-        objective = self._table("objective", OBJECTIVE)
+        objective = self.table("objective", OBJECTIVE)
+        objective["of"] = self._expression(("objective", "of"), objective["of"])
         paths = self._constraint_paths(conditions)
         constraints = {".".join(path): self._constraint(*path) for path in paths}
         asked: dict[tuple[str, ...], str] = {("objective", "of"): objective["of"]}
         asked |= {("constraints", *path, "of"): constraints[".".join(path)]["of"] for path in paths}
         measures = self._all_measures(declared, asked, flow, conditions)
         self._names(variables, measures, conditions)
-        self._responses(asked, measures)
+        self._numbers(asked, measures)
         if conditions and bare_outputs(names_in(objective["of"])) and not weights_of(conditions):
             raise self.refuse(("conditions",), "have no weight above 0, and the objective is a mean of theirs")
-        driver = self._driver(constraints)
-        movement, output = self._movement(), self._table("output", OUTPUT)
+        self._check_responses(objective, constraints, conditions)
+        driver = self._driver(constraints, sum(map(_n_values, variables.values())))
+        movement, output = self._movement(), self.table("output", OUTPUT)
         return Study(
             self.path, grid, variables, measures, flow, conditions, objective, constraints, movement, driver, output
         )  # fmt: skip
 
     def _movement(self) -> Table:
         """Read what moves the control mesh."""
-        movement = self._table("movement", MOVEMENT)
+        movement = self.table("movement", MOVEMENT)
         for name in ("increments", "poisson_ratio") if movement["mover"] != "elasticity" else ():
             if name in self.document.get("movement", {}):
                 raise self.refuse(("movement", name), 'is of elasticity; add mover = "elasticity", or leave it out')
         return movement
-
-    def refuse(self, path: Sequence[str], complaint: str) -> InputError:
-        """Make the error that names file, line and key."""
-        line = line_of(self.lines, tuple(path))
-        what = "".join(f"[{'.'.join(path[:-1])}] " if len(path) > 1 else "") + (f"'{path[-1]}' " if path else "")
-        return InputError(f"{self.path}: {f'line {line}: ' if line else ''}{what}{complaint}")
-
-    def _known(self, table: Mapping, allowed: Iterable[str], path: tuple[str, ...], what: str = "key") -> None:
-        """Refuse a misspelt key."""
-        for name in table:
-            if name not in allowed:
-                raise self.refuse((*path, name), f"is no {what}; {_choices(name, allowed, f'the {what}s are')}")
-
-    def _table(self, name: str, keys: Mapping[str, Key], *sub: str) -> Table:
-        """Read one table: values by key, defaults where they are left out."""
-        path, found = (name, *sub), self.document
-        for part in path:
-            found = found.get(part, {})
-        if not isinstance(found, Mapping):
-            raise self.refuse(path, f"is no table; write [{'.'.join(path)}] and its keys below")
-        self._known(found, keys, path)
-        for key, spec in keys.items():
-            if key not in found and spec.is_required:
-                raise self.refuse((*path,), f"has no key '{key}' ({spec.meaning}); give {spec.kind.words}")
-            if key in found and not spec.kind.accepts(found[key]):
-                raise self.refuse((*path, key), f"is {found[key]!r}; give {spec.kind.words}")
-        return {key: found.get(key, spec.default) for key, spec in keys.items()}
-
-    def _named(self, name: str) -> list[str]:
-        """Names of the tables in a table."""
-        tables = self.document.get(name, {})
-        if not isinstance(tables, Mapping):
-            raise self.refuse((name,), f"is no table; write [{name}.NAME] for each of them")
-        for sub, table in tables.items():
-            if not isinstance(table, Mapping):
-                raise self.refuse((name, sub), f"is no table; write [{name}.{sub}] and its keys below")
-            if not sub.isidentifier():
-                raise self.refuse(
-                    (name, sub), "is no name; give one of letters, digits and _ that starts with a letter"
-                )
-        return list(tables)
-
-    def _kind(self, name: str, sub: str, kinds: Iterable[str]) -> str:
-        """Kind of a table: what its key says, or its name."""
-        kind = self.document[name][sub].get("kind", sub)
-        if kind not in kinds:
-            path = (name, sub, "kind") if "kind" in self.document[name][sub] else (name, sub)
-            said = f"is '{kind}', which is no kind" if len(path) == 3 else "is no kind, and has no key 'kind'"
-            raise self.refuse(path, f"{said}; {_choices(str(kind), kinds, 'the kinds are')}")
-        return str(kind)
 
     def _check_grid(self, grid: Table) -> None:
         """Refuse what a fitted model has already, and files that are not there."""
@@ -260,17 +200,25 @@ class _Reader:
                     raise self.refuse(("grid", key), "does not go with a fitted model, which has it; leave it out")
         for key in ("file", "patches"):
             name = grid[key]
-            if name and not name.startswith("@") and not (self.path.parent / name).is_file():
-                raise self.refuse(("grid", key), f"names '{name}', and there is no such file beside {self.path.name}")
+            if key == "file" and name.startswith("@"):
+                try:
+                    generator_of(name)
+                except InputError as error:
+                    said = f"is '{shortened(name)}', which {str(error).partition(': ')[2]}"
+                    raise self.refuse(("grid", key), said) from None
+            elif name and not _is_file(self.path.parent / name):
+                complaint = f"names '{shortened(name)}', and there is no such file beside {self.path.name}"
+                raise self.refuse(("grid", key), complaint)
 
     def _flow(self) -> Table | None:
         if "flow" not in self.document:
             return None
         flow = self.document["flow"]
         kind = flow.get("kind", "lattice") if isinstance(flow, Mapping) else "lattice"
-        if kind not in FLOWS:
-            raise self.refuse(("flow", "kind"), f"is {kind!r}; {_choices(str(kind), FLOWS, 'the flows are')}")
-        table = self._table("flow", FLOWS[kind].keys)
+        if not isinstance(kind, str) or kind not in FLOWS:
+            said = shortened(repr(kind))
+            raise self.refuse(("flow", "kind"), f"is {said}; {choices(str(kind), FLOWS, 'the flows are')}")
+        table = self.table("flow", FLOWS[kind].keys)
         if table.get("trim") and table["CL_target"] is None and "conditions" not in self.document:
             raise self.refuse(("flow", "trim"), "needs the lift that is wanted; give CL_target")
         if table.get("trim") is False and table["CL_target"] is not None:
@@ -281,7 +229,7 @@ class _Reader:
 
     def _conditions(self, flow: Table | None) -> dict[str, Table]:
         """Flight conditions, with what they leave out filled in."""
-        names = self._named("conditions")
+        names = self.named("conditions")
         if flow is None:
             if "conditions" in self.document:
                 raise self.refuse(("conditions",), "are those of a flow, and there is none; add [flow]")
@@ -293,13 +241,13 @@ class _Reader:
                     ("conditions", name, "CL_target"), "is for euler, which solves for alpha; with a lattice constrain "
                     f"{name}.CL and make alpha a variable by [variables.alpha]"
                 )  # fmt: skip
-        given = {name: self._table("conditions", CONDITIONS[kind], name) for name in names}
+        given = {name: self.table("conditions", CONDITIONS[kind], name) for name in names}
         return resolved_conditions(given, flow, self.refuse)
 
     def _constraint_paths(self, conditions: Iterable[str]) -> list[tuple[str, ...]]:
         """Paths of the tables of constraints, those of conditions below [constraints]."""
         found: list[tuple[str, ...]] = []
-        for name in self._named("constraints"):
+        for name in self.named("constraints"):
             table = self.document["constraints"][name]
             inner = [key for key, value in table.items() if isinstance(value, Mapping)]
             if name in conditions:
@@ -310,8 +258,8 @@ class _Reader:
                         f"for a constraint of the condition {name}"
                     )  # fmt: skip
                 for key in inner:
-                    if not key.isidentifier():
-                        raise self.refuse(("constraints", name, key), "is no name; give one of letters, digits and _")
+                    if fault := fault_of_name("constraints", key):
+                        raise self.refuse(("constraints", name, key), fault)
                 found += [(name, key) for key in inner]
             elif inner and inner[0] not in CONSTRAINT:
                 raise self.refuse(("constraints", name), self._no_condition(name, conditions))
@@ -321,16 +269,18 @@ class _Reader:
 
     def _no_condition(self, name: str, conditions: Iterable[str]) -> str:
         known = list(conditions)
-        choices = _choices(name, known, "the conditions are") if known else f"add [conditions.{name}]"
-        return f"is no condition; {choices}"
+        advice = choices(name, known, "the conditions are") if known else f"add [conditions.{shortened(name)}]"
+        return f"is no condition; {advice}"
 
     def _variables(self, flow: Table | None, conditions: Mapping[str, Table]) -> dict[str, Table]:
         found = {}
-        for name in self._named("variables"):
-            kind = self._kind("variables", name, VARIABLES)
-            table = self._table("variables", VARIABLES[kind].all_keys, name) | {"kind": kind}
+        for name in self.named("variables"):
+            kind = self.kind("variables", name, VARIABLES)
+            table = self.table("variables", VARIABLES[kind].all_keys, name) | {"kind": kind}
             free = [condition for condition, values in conditions.items() if not values["trim"]]
             self._check_bounds(name, table, len(free) if conditions else 1)
+            if table.get("where"):
+                self._check_where(name, table)
             if kind == "alpha" and name != "alpha":
                 raise self.refuse(("variables", name), "is the angle of attack; call it [variables.alpha]")
             if kind == "alpha" and conditions and not free:
@@ -342,6 +292,13 @@ class _Reader:
         if not found:
             raise self.refuse(("variables",), "is empty; give a table such as [variables.twist] with lower and upper")
         return found
+
+    def _check_where(self, name: str, table: Table) -> None:
+        """Refuse slices that choose no point of a lattice."""
+        for part, n in zip(slices_of(table["where"]) or (), table["n"]):
+            if part not in range(-n, n) if isinstance(part, int) else not range(n)[part]:
+                said = f"is '{table['where']}', which is no point of a lattice of {table['n']}"
+                raise self.refuse(("variables", name, "where"), said)
 
     def _check_bounds(self, name: str, table: Table, n_alpha: int) -> None:
         """Refuse lists of other lengths than there are values, and bounds that leave nothing between them."""
@@ -362,14 +319,21 @@ class _Reader:
 
     def _measures(self) -> dict[str, Table]:
         found = {}
-        for name in self._named("measures"):
-            kind = self._kind("measures", name, MEASURES)
-            found[name] = self._table("measures", MEASURES[kind].all_keys, name) | {"kind": kind}
+        for name in self.named("measures"):
+            kind = self.kind("measures", name, MEASURES)
+            found[name] = self.table("measures", MEASURES[kind].all_keys, name) | {"kind": kind}
         return found
 
+    def _expression(self, path: tuple[str, ...], of: str) -> str:
+        """Expression of a key, in one line."""
+        of = " ".join(of.split())
+        if not is_name(of) and (fault := fault_of(of)):
+            raise self.refuse(self._written(path), f"is '{shortened(of)}'; {fault}")
+        return of
+
     def _constraint(self, *path: str) -> Table:
-        table, name = self._table("constraints", CONSTRAINT, *path), ".".join(path)
-        of = table["of"] or path[-1]
+        table, name = self.table("constraints", CONSTRAINT, *path), ".".join(path)
+        of = self._expression(("constraints", *path, "of"), table["of"] or path[-1])
         in_condition = len(path) == 2 and bare_outputs(names_in(of))
         table["of"] = renamed(of, lambda n: f"{path[0]}.{n}" if n in in_condition else n) if in_condition else of
         given = [key for key in ("lower", "upper", "equals") if table[key] is not None]
@@ -403,20 +367,16 @@ class _Reader:
         if output in FLOWS["euler"].outputs:
             lack = "add [flow]" if flow is None else 'take kind = "euler" in [flow]'
             return f"{said} without another flow; {lack}"
-        return f"{said}; {_choices(name, [*self.outputs, *MEASURES, *measures, *QUALITIES], 'there are')}"
+        return f"{said}; {choices(name, [*self.outputs, *MEASURES, *measures, *QUALITIES], 'there are')}"
 
     def _written(self, path: tuple[str, ...]) -> tuple[str, ...]:
         """Path of a key, or of its table where the key is left out."""
         return path if path in self.lines else path[:-1]
 
-    def _responses(self, asked: Mapping, measures: dict[str, Table]) -> None:
+    def _numbers(self, asked: Mapping, measures: dict[str, Table]) -> None:
         """Refuse expressions and objectives of what is not one number."""
         for path, of in asked.items():
             is_expression = of not in (*measures, *QUALITIES, *self.outputs)
-            if is_expression and not is_arithmetic(of):
-                raise self.refuse(
-                    self._written(path), f"is '{of}'; give a name, or names and numbers with + - * / ** ( )"
-                )
             if is_expression and not names_in(of):
                 raise self.refuse(self._written(path), f"is '{of}', which depends on nothing")
             if path[0] == "objective" or is_expression:
@@ -426,14 +386,6 @@ class _Reader:
 
     def _names(self, variables: Iterable[str], measures: Iterable[str], conditions: Iterable[str]) -> None:
         """Refuse names that are taken."""
-        taken = {*ALL_NAMES, *QUALITIES, *FLOWS["euler"].outputs, *_TAKEN}
-        groups = (("variables", variables), ("measures", measures), ("conditions", conditions))
-        for group, names in groups:
-            for name in names:
-                if name in taken and (group, name) in self.lines:
-                    raise self.refuse(
-                        (group, name), "is a name that something else has; choose another one and give kind"
-                    )
         for name in conditions:
             if name in variables or name in measures:
                 raise self.refuse(
@@ -446,22 +398,41 @@ class _Reader:
                     'is the name of a measure as well; call the variable otherwise, with kind = "' + name + '"',
                 )
 
-    def _driver(self, constraints: Mapping[str, Table]) -> Table:
-        driver = self._table("driver", DRIVER)
+    def _check_responses(
+        self,
+        objective: Table,
+        constraints: Mapping[str, Table],
+        conditions: Mapping[str, Table],
+    ) -> None:
+        """Refuse two responses that are one output, and expressions whose names something else has."""
+        first = objective_response(objective["of"], conditions)
+        seen, made = {first.output: "[objective]"}, {first.component, *([first.output] if first.formula else [])}
+        for name, table in constraints.items():
+            path = ("constraints", *name.split("."))
+            for response in constraint_responses(name, table["of"], conditions):
+                if response.output in seen:
+                    raise self.refuse(path, f"is of '{response.output}', as {seen[response.output]} is; leave one out")
+                if response.component in made:
+                    raise self.refuse(path, "is a name that something else has; choose another one and give of")
+                seen[response.output] = f"[constraints.{name}]"
+                made |= {response.component, *([response.output] if response.formula else [])}
+        for group in ("measures", "variables", "conditions"):
+            for name in self.document.get(group, {}):
+                if name in made:
+                    raise self.refuse((group, name), "is the name of an expression as well; choose another one")
+
+    def _driver(self, constraints: Mapping[str, Table], n_variables: float) -> Table:
+        driver = self.table("driver", DRIVER)
         name = driver["optimizer"]
         if name not in ALGORITHMS and name not in SCIPY:
-            choices = _choices(name, [*SCIPY, *ALGORITHMS], "those of SciPy are", shown=list(SCIPY))
-            raise self.refuse(
-                ("driver", "optimizer"), f"is '{name}', which is none; {choices}, of NLopt LD_SLSQP, LD_MMA, ..."
-            )
+            advice = choices(name, [*SCIPY, *ALGORITHMS], "those of SciPy are", shown=list(SCIPY))
+            said = f"is '{shortened(name)}', which is none; {advice}, of NLopt LD_SLSQP, LD_MMA, ..."
+            raise self.refuse(("driver", "optimizer"), said)
         driver["options"] = driver["options"] or {}
-        for option in driver["options"]:
-            if option in _own_options(name):
-                key = "tolerance" if option in ("tol", "ftol_rel") else "max_iterations"
-                key = "optimizer" if option == "optimizer" else key
-                raise self.refuse(
-                    ("driver", "options"), f"has '{option}', which is the key {key} of [driver]; give that"
-                )
+        options = options_of(driver)
+        for option, value in driver["options"].items():
+            if fault := fault_of_option(driver, options, option, value):
+                raise self.refuse(("driver", "options", option), fault)
         if name in SCIPY:
             takes_inequality, takes_equality = SCIPY[name]
             for constraint, table in constraints.items():
@@ -471,12 +442,25 @@ class _Reader:
                         ("constraints", *constraint.split(".")),
                         f"does not go with the optimizer {name}, which takes no {what}; take SLSQP or LD_SLSQP",
                     )
+        elif fault := fault_of_options(options, constraints, n_variables):
+            raise self.refuse(("driver",), fault)
         return driver
 
 
-def _own_options(optimizer: str) -> tuple[str, ...]:
-    """Options of a driver that keys of ``[driver]`` set."""
-    return ("optimizer", "tol", "maxiter") if optimizer in SCIPY else ("optimizer", "ftol_rel", "maxeval")
+def _is_file(path: Path) -> bool:
+    """Whether a file is there; names that no file can have are of none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _n_values(table: Table) -> float:
+    """Number of the values of a variable; infinite where it takes the grid to know."""
+    if table["kind"] in ("taper", "alpha"):
+        return 1
+    stations = table.get("values") or table.get("stations", math.inf)
+    return len(stations) if isinstance(stations, list) else stations
 
 
 def _outputs(flow: Table | None) -> tuple[str, ...]:
@@ -486,13 +470,3 @@ def _outputs(flow: Table | None) -> tuple[str, ...]:
 
 def _as_list(value: float | list[float], n: int) -> list[float]:
     return list(value) if isinstance(value, list) else [value] * n
-
-
-def _choices(name: str, allowed: Iterable[str], words: str, shown: list[str] | None = None) -> str:
-    """Say what was probably meant, and what is allowed."""
-    names = list(dict.fromkeys(map(str, allowed)))
-    by_letters = {known.lower(): known for known in names}
-    near = [known for known in by_letters if known.startswith(name.lower())]
-    near = get_close_matches(name.lower(), by_letters, n=1) or near
-    meant = f"did you mean '{by_letters[near[0]]}'? " if near else ""
-    return f"{meant}{words} {', '.join(names if shown is None else shown)}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import tomlkit
+
 __all__ = ["key_lines", "line_of"]
 
 _TOKEN = re.compile(
@@ -50,10 +52,15 @@ def key_lines(text: str) -> dict[Path, int]:
         elif token == "=":
             is_value = True
         elif token not in ("]", ".") and not token.startswith("#"):
-            parts.append(token.strip("\"'"))
+            parts.append(_key(token))
             path = tuple(parts) if is_header else (*table, *parts)
             found.setdefault(path, text.count("\n", 0, match.start()) + 1)
     return found
+
+
+def _key(token: str) -> str:
+    """Key as the parser has it, without quotes and escapes."""
+    return next(iter(tomlkit.parse(f"{token} = 0").unwrap())) if token[0] in "\"'" else token
 
 
 def line_of(lines: dict[Path, int], path: Path) -> int | None:

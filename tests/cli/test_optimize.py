@@ -158,7 +158,7 @@ def test_a_wrong_study_or_grid_leaves_nothing(workplace, capsys):
     assert "wrong.toml: line 6: [variables.chord] 'statoins' is no key" in capsys.readouterr().err
     Path("built.toml").write_text(LEAST_AREA.format(grid="@m6", more=""))
     assert run(["optimize", "built.toml", "-o", "out"]) == 2
-    assert "@m6: is no built-in grid" in capsys.readouterr().err
+    assert "built.toml: line 2: [grid] 'file' is '@m6', which is no built-in grid" in capsys.readouterr().err
     assert not Path("out").exists()
 
 

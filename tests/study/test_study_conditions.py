@@ -4,7 +4,7 @@ import pytest
 from study_cases import STUDY, study_of
 
 from bspline_mdao.errors import InputError
-from bspline_mdao.study.expressions import is_arithmetic, names_in, renamed
+from bspline_mdao.study.expressions import fault_of, names_in, renamed
 from bspline_mdao.study.script import study_script
 
 CONDITIONS = (
@@ -112,4 +112,4 @@ def test_expressions_keep_their_value_under_other_names():
     values = {"cruise_CD": 0.7, "volume": 1.3, "climb_CL": 0.4}
     assert eval(other, values) == 2 * 0.7 + (1.3 - 0.7) ** 2 / -0.4
     for wrong in ("a.b.c", "f(a).b", "a if b else c", "'text'.b"):
-        assert not is_arithmetic(wrong)
+        assert fault_of(wrong)

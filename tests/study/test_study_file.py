@@ -60,13 +60,13 @@ WRONG = {
     "[variables.twist] -> [variables.tvist]": "line 4: [variables] 'tvist' is no kind, and has no key 'kind'; "
     "did you mean 'twist'? the kinds are twist, sweep",
     "[variables.twist] -> [variable.twist]": "line 4: 'variable' is no table; did you mean 'variables'? the tables are",
-    "stations = 3 -> stations = 3.5": "line 5: [variables.twist] 'stations' is 3.5; give how many, or a list of rising",
+    "stations = 3 -> stations = 3.5": "line 5: [variables.twist] 'stations' is 3.5; give how many, up to 1,000, or a",
     "stations = 3 -> order = 3": "line 5: [variables.twist] 'order' is 3; give one of 2, 4",
     "stations = 3 -> kind = 'lift'": "line 5: [variables.twist] 'kind' is 'lift', which is no kind; ",
     "upper = 6.0 -> upper = -7.0": "line 7: [variables.twist] 'upper' is -7.0, not above lower = -6.0",
     "upper = 6.0 -> upper = [1.0, 2.0]": "line 7: [variables.twist] 'upper' has 2 numbers; give one number, or 3",
     "upper = 6.0 -> upper = 6.0\nvalues = [4]": "line 8: [variables.twist] 'values' is [4]; there are 3 stations",
-    "upper = 6.0 -> ": "line 4: [variables] 'twist' has no key 'upper' (upper bound); give a number, or a list",
+    "upper = 6.0 -> ": "line 4: [variables] 'twist' has no key 'upper' (upper bound); give a number up to 1e20",
     'file = "@onera_m6" -> file = "m6.xyz"': "line 2: [grid] 'file' names 'm6.xyz', and there is no such file beside",
     'file = "@onera_m6" -> order = 4': "line 1: 'grid' has no key 'file' (PLOT3D or CGNS file,",
     'kind = "lattice" -> kind = "rans"': "line 10: [flow] 'kind' is 'rans'; the flows are lattice, euler",
@@ -85,7 +85,7 @@ WRONG = {
     "mean 'SLSQP'? those of SciPy are SLSQP, trust-constr",
     'max_iterations = 20 -> optimizer = "COBYLA"': "line 15: [constraints] 'CL' does not go with the optimizer COBYLA, "
     "which takes no equals; take SLSQP",
-    "max_iterations = 20 -> options = { maxeval = 3 }": "line 19: [driver] 'options' has 'maxeval', which is the key",
+    "max_iterations = 20 -> options = { maxeval = 3 }": "line 19: [driver.options] 'maxeval' is the key max_iter",
     "max_iterations = 20 -> max_iterations = = 20": "line 19: is not TOML",
 }
 

@@ -1,0 +1,116 @@
+"""The part of a study's script that makes variables, measures, mover and the movement of the grid."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .keys import MEASURES, MOVEMENT, QUALITIES, VARIABLES, Key
+from .kinds import slices_of
+from .study import Study
+from .syntax import call, expression, statement
+from .tables import Table
+
+__all__ = ["changed", "shape_part"]
+
+QUARTER = 0.25
+"""Part of the chord where the reference axis of a wing is."""
+
+
+def shape_part(study: Study) -> Iterator[ast.stmt | str]:
+    """Statements that make ``variables``, ``measures``, ``mover`` and ``shape`` of ``model`` and ``wing``."""
+    places = sorted({table["at"] for table in study.variables.values() if table.get("at", QUARTER) != QUARTER})
+    if places:
+        yield statement("axes = made", made={place: call("wing.axis_at", place) for place in places})
+    yield statement("variables = made", made=[_variable(name, table) for name, table in _moving(study)])
+    if study.measures:
+        yield statement("measures = made", made=[_measure(*item) for item in study.measures.items()])
+    yield from _mover(study)
+    settings: dict[str, Any] = {"measures": expression("measures")} if study.measures else {}
+    settings["mover"] = expression("mover")
+    settings |= {"comoving": True} if study.movement["comoving"] else {}
+    asked = [name for name in QUALITIES if any(name in of for of in study.responses)]
+    settings |= {"quality": asked or False, "fit": False}
+    yield statement("shape = made", made=call("wing.grid_movement", expression("variables"), **settings))
+
+
+def _moving(study: Study) -> list[tuple[str, Table]]:
+    """Variables that move the grid."""
+    return [(name, table) for name, table in study.variables.items() if VARIABLES[table["kind"]].made_by]
+
+
+def _variable(name: str, table: Table) -> ast.expr:
+    kind = VARIABLES[table["kind"]]
+    made_by = f"bm.{kind.made_by}"
+    if table["kind"] == "control_points":
+        where: list[ast.expr] = [call("bm.OnPatch", expression("model"), table["patches"])] if table["patches"] else []
+        return call(made_by, name, *where, direction=table["direction"])
+    if table["kind"] == "lattice":
+        settings = changed(table, kind.keys, ("margin",))
+        box = call("bm.Lattice.box", expression("wing.mesh"), tuple(table["n"]), **settings)
+        where = [expression("np.s_[slices]", slices=_slices(table["where"]))] if table["where"] else []
+        return call(made_by, name, box, *where, direction=table["direction"])
+    axis = "wing.axis" if table["at"] == QUARTER else "axes[place]"
+    settings = {"stations": table["stations"]} if "stations" in table else {}
+    settings |= changed(table, kind.keys, ("order", "scales_thickness"))
+    return call(made_by, name, expression(axis, place=table["at"]), **settings)
+
+
+def _slices(where: str) -> ast.Tuple:
+    """Tree of what stands between the brackets of an index."""
+    parts: list[ast.expr] = []
+    for part in slices_of(where) or ():
+        if isinstance(part, int):
+            parts.append(expression("index", index=part))
+        else:
+            ends = {name: None if (end := getattr(part, name)) is None else expression("end", end=end)
+                    for name in ("start", "stop", "step")}  # fmt: skip
+            parts.append(ast.Slice(ends["start"], ends["stop"], ends["step"]))
+    return ast.Tuple(parts, ast.Load())
+
+
+def _measure(name: str, table: Table) -> ast.expr:
+    kind = MEASURES[table["kind"]]
+    always = ("n_chord", "n_span", "stations", "relative", "relative_to")
+    chosen = [key for key, spec in kind.keys.items() if key in always or table[key] != spec.default]
+    chosen.sort(key=lambda key: key == "relative_to")
+    settings = {key: tuple(table[key]) if key in ("chord", "span") else table[key] for key in chosen}
+    return call(f"bm.{kind.made_by}", expression("wing.surface"), **settings, name=name)
+
+
+def _mover(study: Study) -> Iterator[ast.stmt | str]:
+    """The mover; of elasticity without a number of increments, as many as the bounds of the variables need."""
+    movement = study.movement
+    if movement["mover"] == "rotations":
+        yield statement("mover = bm.Rotations(wing.mesh)")
+        return
+    settings = changed(movement, MOVEMENT, ("poisson_ratio",))
+    increments: Any = movement["increments"]
+    mesh = expression("wing.mesh")
+    if increments is None:
+        bounds = {name: (_at_bound(table, "lower"), _at_bound(table, "upper")) for name, table in _moving(study)}
+        yield statement("bounds = made", made=bounds)
+        yield statement("designs = wing.parametrization(variables).extremes(bounds)")
+        yield "# the least increments with which the control mesh stays good there: the same in every design"
+        whole = call("bm.LinearElasticity", mesh, **settings)
+        yield statement("n_increments = bm.increments_for(whole, designs)", whole=whole)
+        increments = expression("n_increments")
+    yield statement("mover = made", made=call("bm.LinearElasticity", mesh, n_increments=increments, **settings))
+
+
+def _at_bound(table: Table, side: str) -> Any:
+    """Bound of all values of a variable; those that are none of the driver's stay as they are."""
+    bound, chosen = table[side], table.get("values")
+    if not chosen:
+        return bound
+    stations = table["stations"]
+    found = [VARIABLES[table["kind"]].neutral] * (len(stations) if isinstance(stations, list) else stations)
+    for value, each in zip(chosen, bound if isinstance(bound, list) else [bound] * len(chosen)):
+        found[value - 1] = each
+    return found
+
+
+def changed(table: Mapping[str, Any], keys: Mapping[str, Key], names: tuple[str, ...]) -> dict[str, Any]:
+    """Keys whose value is not the default."""
+    return {key: table[key] for key in names if key in keys and table[key] not in (None, keys[key].default)}
