@@ -111,12 +111,21 @@ def describe(error: Exception) -> str:
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'a file'}: {error.strerror or error}; check the file, its folder and the free space"
-    if isinstance(error, MemoryError):
+    if _is_of_memory(error):
         return "out of memory; use fewer control points (fit --n-control), or a smaller grid"
     return (
         f"unexpected {type(error).__name__}: {error}; please report it with what "
         f"BSPLINE_MDAO_TRACEBACK=1 prints before this line"
     )
+
+
+def _is_of_memory(error: BaseException | None) -> bool:
+    """Whether memory ran out, also where what reported it failed in turn: OpenMDAO does, of NumPy's errors."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _say(message: str) -> None:

@@ -43,6 +43,7 @@ __all__ = [
     "FLOWS",
     "GRID",
     "MEASURES",
+    "MOST_NODES",
     "MOVEMENT",
     "OBJECTIVE",
     "OUTPUT",
@@ -297,6 +298,9 @@ class Flow:
     outputs: tuple[str, ...]
 
 
+MOST_NODES = 1000
+"""Nodes of a vortex lattice at most: its matrices are dense, 1.6 GB for 900 nodes with a gradient."""
+
 FLOWS = {
     "lattice": Flow(
         "vortex lattice of the half wing",
@@ -306,8 +310,8 @@ FLOWS = {
             **_ALPHA,
             "Mach_number": Key(_SUBSONIC, _FREE_STREAM, 0.3),
             **_STREAM,
-            "n_chord": Key(whole(2, 30), "nodes of the lattice along the chord", 5),
-            "n_span": Key(whole(3, 150), "and along the span", 17),
+            "n_chord": Key(whole(2, 100), "nodes of the lattice along the chord", 5),
+            "n_span": Key(whole(3, 400), "and along the span", 17),
         },
         ("CL", "CD", "CD_induced", "CM_bending"),
     ),

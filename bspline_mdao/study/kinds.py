@@ -112,7 +112,7 @@ BOUND = Kind(
     "a number up to 1e20 in size, or a list of one for each value",
     lambda value: NUMBER.accepts(value) or list_of(NUMBER, "").accepts(value),
 )
-POINT = list_of(NUMBER, "a list of three numbers", 3)
+POINT = list_of(number("", -1e9, 1e9), "a list of three numbers up to 1e9 in size", 3)
 TRIPLE = list_of(whole(1, 10_000), "a list of three whole numbers", 3)
 _COUNTS = list_of(whole(2, MOST_POINTS), "", 3)
 LATTICE = Kind(

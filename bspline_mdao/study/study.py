@@ -19,6 +19,7 @@ from .keys import (
     FLOWS,
     GRID,
     MEASURES,
+    MOST_NODES,
     MOVEMENT,
     OBJECTIVE,
     OUTPUT,
@@ -219,6 +220,11 @@ class _Reader(Tables):
             said = shortened(repr(kind))
             raise self.refuse(("flow", "kind"), f"is {said}; {choices(str(kind), FLOWS, 'the flows are')}")
         table = self.table("flow", FLOWS[kind].keys)
+        if kind == "lattice" and table["n_chord"] * table["n_span"] > MOST_NODES:
+            said = (
+                f"makes {table['n_chord'] * table['n_span']:,} nodes of n_chord x n_span; give {MOST_NODES:,} at most"
+            )
+            raise self.refuse(("flow", "n_span"), said)
         if table.get("trim") and table["CL_target"] is None and "conditions" not in self.document:
             raise self.refuse(("flow", "trim"), "needs the lift that is wanted; give CL_target")
         if table.get("trim") is False and table["CL_target"] is not None:
@@ -443,7 +449,7 @@ class _Reader(Tables):
                         f"does not go with the optimizer {name}, which takes no {what}; take SLSQP or LD_SLSQP",
                     )
         elif fault := fault_of_options(options, constraints, n_variables):
-            raise self.refuse(("driver",), fault)
+            raise self.refuse(("driver",), f"has what does not go together: {fault}")
         return driver
 
 
