@@ -107,6 +107,26 @@ def test_two_runs_make_one_history(cases, tmp_path, make):
     assert problem.get_val("r").item() == pytest.approx(1.5, abs=1e-5)
 
 
+def test_clocks_and_counts_of_the_earlier_run_do_not_matter(tmp_path):
+    """It ran on another machine, and recorded the model as well."""
+    recorder = CaseRecorder(tmp_path / "a.sql", record_viewer_data=False)
+    earlier = ball()
+    earlier.driver = NLoptDriver(maxeval=4, **NLOPT)
+    for requester in (earlier.driver, earlier.model):
+        requester.add_recorder(recorder)
+    run(earlier.setup())
+    before = read_history(tmp_path / "a.sql")
+    with closing(sqlite3.connect(tmp_path / "a.sql")) as connection, connection:
+        connection.execute("UPDATE driver_iterations SET timestamp = timestamp + 1e6")
+    run(recorded(ball(), tmp_path / "b.sql", NLoptDriver(maxeval=3, **NLOPT), earlier=tmp_path / "a.sql"))
+    found, reader = read_history(tmp_path / "b.sql"), om.CaseReader(tmp_path / "b.sql")
+    np.testing.assert_allclose(found.seconds[: before.n_evaluations], before.seconds, atol=1e-6)
+    assert (np.diff(found.seconds) >= 0.0).all()
+    names = reader.list_cases("driver", out_stream=None)
+    assert names == reader.list_cases("driver", recurse=False, out_stream=None)
+    assert [reader.get_case(name).counter for name in names] == [n + 1 for n in range(len(names))]
+
+
 def test_a_history_of_three_runs_goes_on_too(cases, tmp_path):
     for old, new in (("a.sql", "b.sql"), ("b.sql", "c.sql")):
         problem = recorded(ball(), tmp_path / new, NLoptDriver(maxeval=2, **NLOPT), earlier=tmp_path / old)
