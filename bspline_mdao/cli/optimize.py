@@ -116,8 +116,9 @@ def _prepared(study: Study, folder: RunFolder, json: Path | None, overwrite: boo
         n_killed = killed_cases(folder)
         advice = f"--restart to go on from {n_killed} cases of a run that was killed, " if n_killed else ""
         raise InputError(f"{folder.path}: is not empty; give {advice}--overwrite, or another folder")
-    folder.check([name for name in (*names, *study.folders) if not (restart and name == CASES)])  # it is taken over
     earlier = earlier_cases(folder, study) if restart else None
+    taken_over = CASES if earlier == folder.path / CASES else ""  # may be those of the script, run by itself
+    folder.check([name for name in (*names, *study.folders) if name != taken_over])
     private = folder.begin(problem_of(study))
     try:
         (private / SCRIPT).write_text(study_script(study, folder.path), encoding="utf-8")

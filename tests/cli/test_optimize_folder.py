@@ -352,6 +352,18 @@ def test_a_grid_that_has_changed_is_another_problem(workplace, capsys):
     assert "w.toml: [grid] file is another one than in the run" in fails(capsys, "w.toml", "-o", "out", "--restart")
 
 
+def test_cases_of_the_script_that_was_run_by_itself_go_on_and_are_not_dropped(workplace, capsys):
+    assert run(["optimize", "area.toml", "-o", "out", "--max-iterations", "4"]) == 0
+    subprocess.run([sys.executable, "out/optimize.py"], check=True, capture_output=True, timeout=200)
+    Path("new").mkdir()
+    os.rename("out/cases.sql", "new/cases.sql")
+    n = count_cases("new/cases.sql")
+    capsys.readouterr()
+    assert fails(capsys, "area.toml", "-o", "new", "--overwrite").startswith("new: cases.sql would be replaced")
+    assert run(["optimize", "area.toml", "-o", "new", "--restart", *SHORT]) == 0
+    assert count_cases("new/cases.sql") > n
+
+
 def test_damaged_cases_are_named_and_nothing_is_touched(workplace, capsys):
     assert run(["optimize", "area.toml", "-o", "out", *SHORT]) == 0
     capsys.readouterr()

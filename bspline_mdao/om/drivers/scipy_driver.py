@@ -115,6 +115,7 @@ class ScipyDriver(KeptDesign, ShortRecords, om.ScipyOptimizeDriver):
                 if self.best is None:
                     raise
                 self.fail = self.is_interrupted = True
+                self._last = np.zeros(0)  # a run that was cut short leaves half of its states
                 self._go_to_best()
             except Exception as error:
                 if self.best is not None:
